@@ -73,7 +73,9 @@ def read_bitcode(folder: Path, manifest: Mapping[str, Any]) -> bytes | None:
         code = lzma.decompress((folder / BITCODE).read_bytes())
     except (OSError, lzma.LZMAError):
         return None
-    return code if hashlib.sha256(code).hexdigest() == manifest["sha256"] else None
+    if hashlib.sha256(code).hexdigest() == manifest["sha256"]:
+        return code
+    return None
 
 
 def is_readable_here(manifest: Mapping[str, Any]) -> bool:

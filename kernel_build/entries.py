@@ -21,8 +21,12 @@ from kernel_build.linking import Target
 from minihuman.worlds.kernels import API_OBJECTS, KernelSource
 from minihuman.worlds.library_manifest import API_FUNCTIONS, KINDS
 
-_OBJECT, _WORD, _INT, _DOUBLE = cgutils.voidptr_t, ir.IntType(64), ir.IntType(32), ir.DoubleType()
-_NOTHING, _MANY = ir.VoidType(), _OBJECT.as_pointer()
+_OBJECT = cgutils.voidptr_t
+_WORD = ir.IntType(64)
+_INT = ir.IntType(32)
+_DOUBLE = ir.DoubleType()
+_NOTHING = ir.VoidType()
+_MANY = _OBJECT.as_pointer()
 _SIGNATURES: dict[str, tuple[Any, ...]] = {  # result and arguments
     "PyLong_AsLongLong": (_WORD, _OBJECT),
     "PyLong_FromLongLong": (_OBJECT, _WORD),
@@ -44,8 +48,15 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {  # result and arguments
     "PyEval_RestoreThread": (_NOTHING, _OBJECT),
 }
 _NONE, _TRUE, _FALSE, _ARRAY, _MAKE_ARRAY, _FIRST_KIND = range(len(API_FUNCTIONS), len(API_FUNCTIONS) + 6)
-_TYPE, _TUPLE = 8, 1 << 26  # where an object says its type, in bytes from its start; a type's flag of tuples
-_DATA, _DIMENSIONS, _EXTENTS, _KIND, _FLAGS = 16, 24, 32, 56, 64  # of arrays
+# where an object says its type, in bytes from its start; a type's flag of tuples
+_TYPE = 8
+_TUPLE = 1 << 26
+# of arrays
+_DATA = 16
+_DIMENSIONS = 24
+_EXTENTS = 32
+_KIND = 56
+_FLAGS = 64
 _USABLE = 0x501  # contiguous, aligned and writeable
 _RESHAPE = """
 define internal i32 @numba_attempt_nocopy_reshape(
@@ -106,9 +117,9 @@ class Overload:
     result: Any
 
 
-def compile_for(dispatcher: Any, written: KernelSource, text: str) -> Overload:
+def compile_for(dispatcher: Any, source: KernelSource, text: str) -> Overload:
     """Compile a kernel for a signature, in Numba's words, which may name classes of the kernel's module."""
-    arguments = sigutils.normalize_signature(eval(text, {**written.function.__globals__, **vars(types)}))[0]
+    arguments = sigutils.normalize_signature(eval(text, {**source.function.__globals__, **vars(types)}))[0]
     if arguments not in dispatcher.overloads:
         dispatcher.compile(arguments)
     compiled = dispatcher.overloads[arguments]
@@ -131,84 +142,96 @@ class _Function:
     """A function that calls a kernel, as it is being written."""
 
     def __init__(self, module: Any, name: str, result: Any, *arguments: Any) -> None:
-        self.context, self.module = cpu_target.target_context, module
+        self.context = cpu_target.target_context
+        self.module = module
         self.function = ir.Function(module, ir.FunctionType(result, arguments), name)
         self.builder: Any = ir.IRBuilder(self.function.append_basic_block("entry"))
 
     def place(self, start: Any, offset: int, kind: Any) -> Any:
-        """What lies so many bytes further."""
+        """Return the place so many bytes further."""
         return self.builder.bitcast(
             self.builder.gep(self.builder.bitcast(start, _OBJECT), [_WORD(offset)]), kind.as_pointer()
         )
 
     def load(self, start: Any, offset: int, kind: Any) -> Any:
-        """What is written there."""
+        """Load what is stored there."""
         return self.builder.load(self.place(start, offset, kind))
 
     def array(self, kind: Any, data: Any, shape: Sequence[Any]) -> Any:
-        """A contiguous array."""
-        made = self.context.make_array(kind)(self.context, self.builder)
+        """Make a contiguous array."""
+        struct = self.context.make_array(kind)(self.context, self.builder)
         strides = [self.context.get_constant(types.intp, np.dtype(str(kind.dtype)).itemsize)]
         for extent in shape[:0:-1]:
             strides.insert(0, self.builder.mul(strides[0], extent))
-        data = self.builder.bitcast(data, made.data.type)
-        populate_array(made, data=data, shape=shape, strides=strides, itemsize=strides[-1], meminfo=None)
-        return made._getvalue()
+        data = self.builder.bitcast(data, struct.data.type)
+        populate_array(struct, data=data, shape=shape, strides=strides, itemsize=strides[-1], meminfo=None)
+        return struct._getvalue()
 
     def call(self, overload: Overload, values: Sequence[Any]) -> Any:
-        """What a kernel returns; none of them raises."""
+        """Call a kernel, none of which raises, and return its result."""
         code = self.context.declare_function(self.module, overload.description)
         kinds = overload.result, overload.arguments
         return self.context.call_conv.call_function(self.builder, code, *kinds, values, attrs=("noinline",))[1]
 
 
-def write_table_entry(name: str, overload: Overload, beside: Sequence[bool]) -> str:
-    """LLVM code of ``int32 name(table, number)``, as `minihuman.worlds.build.exports` says it.
+def write_table_entry(name: str, overload: Overload, takes_number: Sequence[bool]) -> str:
+    """Write the LLVM code of ``int32 name(table, number)``, which `minihuman.worlds.build.exports` describes.
 
     Args:
         name: of the function.
         overload: what it calls.
-        beside: for each argument, whether it is the number beside the table.
+        takes_number: for each argument, whether it is the number beside the table.
     """
     module = _new_module()
-    made = _Function(module, name, _INT, _OBJECT, _INT)
-    builder, (table, number) = made.builder, made.function.args
-    values, at = [], 0
-    for kind, apart in zip(overload.arguments, beside, strict=True):
+    table_entry = _Function(module, name, _INT, _OBJECT, _INT)
+    builder = table_entry.builder
+    table, number = table_entry.function.args
+    values = []
+    at = 0
+    for kind, apart in zip(overload.arguments, takes_number, strict=True):
         if apart:
             values.append(builder.sext(number, _WORD))
             continue
-        extents = kind.ndim if isinstance(kind, types.Array) else 0
-        if extents:
-            shape = [made.load(table, at + 8 * nth, _WORD) for nth in range(1, 1 + extents)]
-            values.append(made.array(kind, builder.inttoptr(made.load(table, at, _WORD), _OBJECT), shape))
-        elif isinstance(kind, types.Float):
-            values.append(made.load(table, at, _DOUBLE))
-        else:
-            word = made.load(table, at, _WORD)
-            values.append(builder.icmp_signed("!=", word, _WORD(0)) if isinstance(kind, types.Boolean) else word)
-        at += 8 * (1 + extents)
-    found = made.call(overload, values)
+        values.append(_load_argument(table_entry, table, at, kind))
+        at += 8 * (1 + (kind.ndim if isinstance(kind, types.Array) else 0))
+    returned = table_entry.call(overload, values)
     first = _INT(0)
     for nth, kind in enumerate(results_of(overload)):
-        value = builder.extract_value(found, nth) if isinstance(overload.result, types.BaseTuple) else found
+        if isinstance(overload.result, types.BaseTuple):
+            value = builder.extract_value(returned, nth)
+        else:
+            value = returned
         if not isinstance(kind, types.Float):
             value = (builder.sext if kind in types.signed_domain else builder.zext)(value, _WORD)
             first = builder.trunc(value, _INT) if nth == 0 else first
-        builder.store(value, made.place(table, at + 8 * nth, value.type))
+        builder.store(value, table_entry.place(table, at + 8 * nth, value.type))
     builder.ret(first)
     return str(module)
 
 
+def _load_argument(table_entry: _Function, table: Any, at: int, kind: Any) -> Any:
+    """Load an argument, of a kind of Numba's, from so many bytes into the table: an array, or a number."""
+    if isinstance(kind, types.Array) and kind.ndim:
+        shape = [table_entry.load(table, at + 8 * nth, _WORD) for nth in range(1, 1 + kind.ndim)]
+        start = table_entry.builder.inttoptr(table_entry.load(table, at, _WORD), _OBJECT)
+        return table_entry.array(kind, start, shape)
+    if isinstance(kind, types.Float):
+        return table_entry.load(table, at, _DOUBLE)
+    word = table_entry.load(table, at, _WORD)
+    if isinstance(kind, types.Boolean):
+        return table_entry.builder.icmp_signed("!=", word, _WORD(0))
+    return word
+
+
 def results_of(overload: Overload) -> tuple[Any, ...]:
-    """Numba's types of what a kernel returns; none where it returns nothing."""
-    several = isinstance(overload.result, types.BaseTuple)
-    results = tuple(overload.result) if several else (overload.result,)
-    return tuple(each for each in results if not isinstance(each, types.NoneType))
+    """Return Numba's types of what a kernel returns; none where it returns nothing."""
+    is_tuple = isinstance(overload.result, types.BaseTuple)
+    results = tuple(overload.result) if is_tuple else (overload.result,)
+    return tuple(kind for kind in results if not isinstance(kind, types.NoneType))
 
 
 def write_python_entries(kernels: Sequence[tuple[Sequence[Overload], bool]]) -> str:
-    """LLVM code of a function for each kernel: ``kernel_0`` and so on; of each, whether it lets other threads run."""
+    """Write the LLVM code of a function for each kernel, ``kernel_0`` and so on; each may let other threads run."""
     module = _new_module()
     table = ir.ArrayType(_OBJECT, len(API_FUNCTIONS) + len(API_OBJECTS))
     for name, kind in (("api", table), ("refusals", ir.ArrayType(_OBJECT, len(kernels)))):
@@ -230,12 +253,12 @@ class _PythonEntry(_Function):
     """A function that Python calls."""
 
     def write(self, number: int, overloads: Sequence[Overload], *, nogil: bool) -> None:
-        """What fits the first signature is called by it, and so on; what fits none goes to Python."""
-        _, given, count = self.function.args
+        """Call the first signature that fits the arguments; arguments that fit none go to Python."""
+        _, argument_array, count = self.function.args
         for overload in overloads:
             self._mismatch = self.function.append_basic_block("mismatch")
             self._require(self._is(count, len(overload.arguments)))
-            things = (self.load(given, 8 * nth, _OBJECT) for nth in range(len(overload.arguments)))
+            things = (self.load(argument_array, 8 * nth, _OBJECT) for nth in range(len(overload.arguments)))
             values = [self._read(kind, thing) for kind, thing in zip(overload.arguments, things, strict=True)]
             thread = self._api("PyEval_SaveThread") if nogil else None
             result = self.call(overload, values)
@@ -244,7 +267,7 @@ class _PythonEntry(_Function):
             self.builder.ret(self._object(overload.result, result))
             self.builder.position_at_end(self._mismatch)
         refuse = self.load(self.module.get_global("refusals"), 8 * number, _OBJECT)
-        self.builder.ret(self._api("PyObject_Vectorcall", refuse, given, count, _OBJECT(None)))
+        self.builder.ret(self._api("PyObject_Vectorcall", refuse, argument_array, count, _OBJECT(None)))
 
     def _require(self, condition: Any) -> None:
         """Go on only if it holds."""
@@ -256,7 +279,7 @@ class _PythonEntry(_Function):
         return self.builder.icmp_unsigned("==", value, value.type(other) if isinstance(other, int) else other)
 
     def _thing(self, number: int) -> Any:
-        """What is in Python's table."""
+        """Return what is in Python's table."""
         return self.load(self.module.get_global("api"), 8 * number, _OBJECT)
 
     def _api(self, name: str, *arguments: Any) -> Any:
@@ -265,7 +288,7 @@ class _PythonEntry(_Function):
         return self.builder.call(self.builder.bitcast(function, ir.FunctionType(result, kinds).as_pointer()), arguments)
 
     def _read(self, kind: Any, thing: Any) -> Any:
-        """An argument's value."""
+        """Read an argument's value."""
         if isinstance(kind, types.Array):
             return self._array(kind, thing)
         if isinstance(kind, types.BaseTuple):  # a named one has its items in the same places
@@ -273,7 +296,7 @@ class _PythonEntry(_Function):
             self._require(self._is(self.builder.and_(flags, _WORD(_TUPLE)), _TUPLE))
             self._require(self._is(self._api("PyTuple_Size", thing), len(kind)))
             things = (self._api("PyTuple_GetItem", thing, _WORD(nth)) for nth in range(len(kind)))
-            items = [self._read(*each) for each in zip(_items(kind), things, strict=True)]
+            items = [self._read(*pair) for pair in zip(_items(kind), things, strict=True)]
             return self.context.make_tuple(self.builder, kind, items)
         if isinstance(kind, types.Boolean):
             true = self._is(thing, self._thing(_TRUE))
@@ -282,7 +305,10 @@ class _PythonEntry(_Function):
         is_float = isinstance(kind, types.Float)
         value = self._api("PyFloat_AsDouble" if is_float else "PyLong_AsLongLong", thing)
         suspect, failed, sure = (self.function.append_basic_block() for _ in range(3))
-        compare = self.builder.fcmp_ordered if is_float else self.builder.icmp_signed
+        if is_float:
+            compare = self.builder.fcmp_ordered
+        else:
+            compare = self.builder.icmp_signed
         self.builder.cbranch(compare("==", value, value.type(-1)), suspect, sure)
         self.builder.position_at_end(suspect)  # it may be a -1, or no number
         self.builder.cbranch(self._is(self._api("PyErr_Occurred"), _OBJECT(None)), sure, failed)
@@ -304,41 +330,46 @@ class _PythonEntry(_Function):
         return self.array(kind, self.load(thing, _DATA, _OBJECT), shape)
 
     def _object(self, kind: Any, value: Any) -> Any:
-        """A result as Python's object."""
+        """Convert a result to a Python object."""
         if isinstance(kind, types.Array):
             return self._array_object(kind, value)
         if isinstance(kind, types.BaseTuple):
-            made = self._api("PyTuple_New", _WORD(len(kind)))
-            for nth, each in enumerate(_items(kind)):
+            tuple_object = self._api("PyTuple_New", _WORD(len(kind)))
+            for nth, inner_kind in enumerate(_items(kind)):
                 self._api(
-                    "PyTuple_SetItem", made, _WORD(nth), self._object(each, self.builder.extract_value(value, nth))
+                    "PyTuple_SetItem",
+                    tuple_object,
+                    _WORD(nth),
+                    self._object(inner_kind, self.builder.extract_value(value, nth)),
                 )
-            return made
+            return tuple_object
         if isinstance(kind, types.Float):
             return self._api("PyFloat_FromDouble", value)
         if isinstance(kind, types.Integer):
             signed = kind in types.signed_domain
             wide = self.context.cast(self.builder, value, kind, types.int64 if signed else types.uint64)
             return self._api("PyLong_FromLongLong" if signed else "PyLong_FromUnsignedLongLong", wide)
-        found = self._thing(_NONE)
+        singleton = self._thing(_NONE)
         if isinstance(kind, types.Boolean):
-            found = self.builder.select(value, self._thing(_TRUE), self._thing(_FALSE))
-        self._api("Py_IncRef", found)
-        return found
+            singleton = self.builder.select(value, self._thing(_TRUE), self._thing(_FALSE))
+        self._api("Py_IncRef", singleton)
+        return singleton
 
     def _array_object(self, kind: Any, value: Any) -> Any:
-        """A copy, in memory of Python's."""
+        """Copy an array into memory of Python's."""
         array = self.context.make_array(kind)(self.context, self.builder, value)
         size = self.builder.mul(array.nitems, array.itemsize)
         shape = cgutils.unpack_tuple(self.builder, array.shape, kind.ndim)
-        numbers = [self._api("PyLong_FromLongLong", each) for each in (_WORD(KINDS.index(str(kind.dtype))), *shape)]
+        numbers = [self._api("PyLong_FromLongLong", number) for number in (_WORD(KINDS.index(str(kind.dtype))), *shape)]
         items = [self._api("PyByteArray_FromStringAndSize", self.builder.bitcast(array.data, _OBJECT), size), *numbers]
-        given = cgutils.alloca_once(self.builder, _OBJECT, len(items))
+        argument_array = cgutils.alloca_once(self.builder, _OBJECT, len(items))
         for nth, item in enumerate(items):
-            self.builder.store(item, self.place(given, 8 * nth, _OBJECT))
-        made = self._api("PyObject_Vectorcall", self._thing(_MAKE_ARRAY), given, _WORD(len(items)), _OBJECT(None))
+            self.builder.store(item, self.place(argument_array, 8 * nth, _OBJECT))
+        array_object = self._api(
+            "PyObject_Vectorcall", self._thing(_MAKE_ARRAY), argument_array, _WORD(len(items)), _OBJECT(None)
+        )
         for item in items:
             self._api("Py_DecRef", item)
         release = cgutils.get_or_insert_function(self.module, ir.FunctionType(_NOTHING, [_OBJECT]), "NRT_decref")
         self.builder.call(release, [self.builder.bitcast(array.meminfo, _OBJECT)])
-        return made
+        return array_object

@@ -169,7 +169,8 @@ def build_library(folder: Path, *, only_stale: bool = False) -> None:
     committed = bitcode.read_committed_manifest()
     if only_stale and is_fresh(folder, platform, committed):
         return
-    cache, key = LibraryCache.of_user(), _cache_key(platform, committed)
+    cache = LibraryCache.of_user()
+    key = _cache_key(platform, committed)
     library = cache.read(key)
     if library is None or not bitcode.has_every_kernel(library.manifest):
         bitcode_manifest, code = bitcode.read_or_lower(committed)
@@ -227,7 +228,9 @@ def list_requirements(folder: Path) -> list[str]:
     if cached is not None and bitcode.has_every_kernel(cached.manifest):
         return []
     linker = [] if find_linker(platform.target) else [LINKER_REQUIREMENT]
-    return linker if committed is not None else [*linker, *LOWERING_REQUIREMENTS]
+    if committed is not None:
+        return linker
+    return [*linker, *LOWERING_REQUIREMENTS]
 
 
 def _describe(bitcode_manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -241,7 +244,10 @@ def _cache_key(platform: Platform, committed: Mapping[str, Any] | None) -> dict[
     package = library_manifest.PACKAGE
     paths = sorted(path.relative_to(package).as_posix() for path in (package / "worlds").rglob("*.py"))
     sources = "\n".join(f"{path} {library_manifest.source_digest(path)}" for path in paths)
-    lowered_by = f"numba {version('numba')}" if find_spec("numba") is not None else ""
+    if find_spec("numba") is not None:
+        lowered_by = f"numba {version('numba')}"
+    else:
+        lowered_by = ""
     return {
         "sources": hashlib.sha256(sources.encode()).hexdigest(),
         "compiler": compiler_digest(),

@@ -105,11 +105,16 @@ def find_cache_folder() -> Path | None:
 def _find_system_folder() -> Path:
     if sys.platform == "win32":
         local = os.environ.get("LOCALAPPDATA")
-        return Path(local) if local else Path.home() / "AppData" / "Local"
+        if local:
+            return Path(local)
+        return Path.home() / "AppData" / "Local"
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches"
     named = os.environ.get("XDG_CACHE_HOME", "")
-    return Path(named) if Path(named).is_absolute() else Path.home() / ".cache"  # a relative one is to be ignored
+    # a relative one is to be ignored
+    if Path(named).is_absolute():
+        return Path(named)
+    return Path.home() / ".cache"
 
 
 def _name(key: Mapping[str, Any]) -> str:

@@ -71,7 +71,10 @@ def link_objects(objects: Sequence[bytes], names: Sequence[str], target: Target)
             path.write_bytes(code)
         out = Path(folder, "out")
         exported = [f"{_EXPORT[target.linker]}{name}" for name in names if target.linker in _EXPORT]
-        output = [f"/out:{out}"] if target.linker == "lld-link" else ["-o", str(out)]
+        if target.linker == "lld-link":
+            output = [f"/out:{out}"]
+        else:
+            output = ["-o", str(out)]
         completed = subprocess.run([*command, *exported, *output, *map(str, paths)], capture_output=True, text=True)
         if completed.returncode:
             raise BuildError(f"{target.linker} refused: {(completed.stderr or completed.stdout).strip()[:2000]}")
@@ -100,4 +103,6 @@ def find_linker(target: Target) -> tuple[str, ...] | None:
     if find_spec("ziglang") is not None and target.linker != "ld64.lld":
         return sys.executable, "-m", "ziglang", target.linker, *target.options
     first, *options = _INSTEAD.get(target.linker, ("",))
-    return (path, *options) if (path := shutil.which(first)) else None
+    if path := shutil.which(first):
+        return (path, *options)
+    return None

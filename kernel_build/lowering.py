@@ -108,8 +108,11 @@ def lower_kernels() -> tuple[list[str], list[str]]:
     cpu_target.target_context.get_executable = _link_only
     kernels = import_kernels()
     compiled = [
-        ([entries.compile_for(found, written, text) for text in written.signatures], bool(written.options.get("nogil")))
-        for found, written in kernels.values()
+        (
+            [entries.compile_for(dispatcher, source, text) for text in source.signatures],
+            bool(source.options.get("nogil")),
+        )
+        for dispatcher, source in kernels.values()
     ]
     codes = [overload.code for overloads, _ in compiled for overload in overloads]
     return list(kernels), [entries.write_python_entries(compiled), *codes]
@@ -122,9 +125,9 @@ def link_codes(codes: Sequence[str], kernel_count: int) -> bytes:
     runtime = _RUNTIME
     for name, function in (("MALLOC", "PyMem_RawMalloc"), ("FREE", "PyMem_RawFree")):
         runtime = runtime.replace(name, str(API_FUNCTIONS.index(function)))
-    first, *others = (entries.retarget(code, target, machine) for code in codes)
+    first, *other_codes = (entries.retarget(code, target, machine) for code in codes)
     module = llvm.parse_assembly(first)
-    for code in (*others, runtime):
+    for code in (*other_codes, runtime):
         module.link_in(llvm.parse_assembly(code))
     exported = {"api", "refusals", *(f"kernel_{number}" for number in range(kernel_count))}
     for symbol in (*module.functions, *module.global_variables):

@@ -25,7 +25,8 @@ WHITE: Rgb = (1.0, 1.0, 1.0)  # to be tinted: balls and keys come in colours
 def circle(quarter: int) -> F64:
     """Return points once around the unit circle, ``quarter`` of them in each quarter, (4 * quarter, 2)."""
     t = np.arange(quarter) / quarter
-    x, y = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
+    x = (1 - t * t) / (1 + t * t)
+    y = 2 * t / (1 + t * t)
     return np.concatenate([np.column_stack(pair) for pair in ((x, y), (-y, x), (-x, -y), (y, -x))])
 
 
@@ -37,15 +38,19 @@ def turned(profile: Sequence[tuple[float, float]], colour: Rgb, *, quarter: int 
     steps = np.diff(points, axis=0)
     slopes = np.column_stack([steps[:, 1], -steps[:, 0]])
     slopes /= np.sqrt(np.sum(slopes * slopes, axis=1, keepdims=True))
-    corners, normals = [], []
+    corners = []
+    normals = []
     for band in range(len(slopes)):
-        first, last = slopes[band], slopes[band]
+        first = slopes[band]
+        last = slopes[band]
         if smooth:
             first = _unit(slopes[max(band - 1, 0)] + slopes[band])
             last = _unit(slopes[min(band + 1, len(slopes) - 1)] + slopes[band])
         for i in range(count):
-            a, b = around[i], around[(i + 1) % count]
-            low, high = points[band], points[band + 1]
+            a = around[i]
+            b = around[(i + 1) % count]
+            low = points[band]
+            high = points[band + 1]
             quad = [_turn(low, a), _turn(high, a), _turn(high, b), _turn(low, b)]
             facing = [_turn(first, a), _turn(last, a), _turn(last, b), _turn(first, b)]
             if high[0] > 0:
@@ -73,7 +78,8 @@ def block(low: Point, high: Point, colour: Rgb) -> Part:
     """Make a box between two corners."""
     size = np.array(high) - np.array(low)
     base = np.array([(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2])
-    corners, normals = [], []
+    corners = []
+    normals = []
     for side in unit_cube():
         square = side * size + base
         normal = np.cross(square[1] - square[0], square[2] - square[0])
@@ -85,8 +91,10 @@ def block(low: Point, high: Point, colour: Rgb) -> Part:
 
 def assemble(parts: Sequence[Part], half_width: float, height: float, half_depth: float) -> MeshData:
     """Assemble parts into one mesh, stretched to a size and set on the floor."""
-    corners, normals = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    corners = np.concatenate([part[0] for part in parts])
+    normals = np.concatenate([part[1] for part in parts])
+    low = corners.min(axis=(0, 1))
+    high = corners.max(axis=(0, 1))
     stretch = np.array([2 * half_width, height, 2 * half_depth]) / (high - low)
     middle = np.array([(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2])
     normals = normals / stretch
@@ -117,7 +125,8 @@ def _key() -> list[Part]:
     ring: list[Part] = []
     around = circle(4)
     for i in range(len(around)):
-        a, b = around[i], around[(i + 1) % len(around)]
+        a = around[i]
+        b = around[(i + 1) % len(around)]
         square = (a, b, b * 0.55, a * 0.55)
         ring += _slab([(float(p[0]) - 1.9, float(p[1]) + 1.0) for p in square], 0.2, WHITE)
     shaft = block((-0.2, 0.82, -0.95), (0.2, 1.18, 2.4), WHITE)
@@ -131,19 +140,22 @@ def _slab(outline: list[tuple[float, float]], half: float, colour: Rgb) -> list[
     back = front * np.array([-1.0, 1.0, 1.0])
     quads = [front, back[::-1]]
     quads += [np.array([front[i], back[i], back[(i + 1) % 4], front[(i + 1) % 4]]) for i in (0, 2)]
-    corners, normals = [], []
+    corners = []
+    normals = []
     middle = (front.mean(axis=0) + back.mean(axis=0)) / 2
     for quad in quads:
         normal = _unit(np.cross(quad[1] - quad[0], quad[2] - quad[0]))
         if np.dot(normal, quad.mean(axis=0) - middle) < 0:
-            quad, normal = quad[::-1], -normal
+            quad = quad[::-1]
+            normal = -normal
         corners += [quad[[0, 1, 2]], quad[[0, 2, 3]]]
         normals += [np.tile(normal, (3, 1))] * 2
     return [(np.array(corners), np.array(normals), colour)]
 
 
 def _barrel() -> list[Part]:
-    wood, hoop = (0.52, 0.34, 0.18), (0.30, 0.31, 0.33)
+    wood = (0.52, 0.34, 0.18)
+    hoop = (0.30, 0.31, 0.33)
     staves = turned(
         [(0.0, 0.0), (0.24, 0.0), (0.29, 0.25), (0.305, 0.44), (0.29, 0.63), (0.24, 0.88), (0.0, 0.86)], wood
     )
@@ -155,7 +167,9 @@ def _barrel() -> list[Part]:
 
 
 def _barrier() -> list[Part]:
-    orange, white, steel = (0.93, 0.42, 0.10), (0.94, 0.94, 0.92), (0.35, 0.36, 0.38)
+    orange = (0.93, 0.42, 0.10)
+    white = (0.94, 0.94, 0.92)
+    steel = (0.35, 0.36, 0.38)
     boards = [
         block((x, y, -0.06), (x + 0.5, y + 0.26, 0.06), orange if i % 2 else white)
         for y in (0.85, 0.45)
@@ -168,7 +182,9 @@ def _barrier() -> list[Part]:
 
 
 def _building() -> list[Part]:
-    stone, pane, roof = (0.72, 0.69, 0.63), (0.26, 0.33, 0.42), (0.42, 0.36, 0.33)
+    stone = (0.72, 0.69, 0.63)
+    pane = (0.26, 0.33, 0.42)
+    roof = (0.42, 0.36, 0.33)
     parts = [block((-1.8, 0.0, -1.18), (1.8, 3.3, 1.18), stone), block((-1.84, 3.25, -1.22), (1.84, 3.45, 1.22), roof)]
     for floor in range(7):
         y = 0.25 + 0.43 * floor
@@ -178,7 +194,8 @@ def _building() -> list[Part]:
 
 
 def _cone() -> list[Part]:
-    orange, white = (0.95, 0.36, 0.08), (0.95, 0.95, 0.93)
+    orange = (0.95, 0.36, 0.08)
+    white = (0.95, 0.95, 0.93)
     rings = ((7.0, 1.5), (5.2, 9.5), (4.3, 14.0), (3.2, 19.0), (2.3, 23.5), (1.0, 31.5))
     bands = [
         turned([low, high], white if index in (1, 3) else orange) for index, (low, high) in enumerate(pairwise(rings))
@@ -187,13 +204,16 @@ def _cone() -> list[Part]:
 
 
 def _doom_door() -> list[Part]:
-    steel, dark = (0.46, 0.44, 0.42), (0.28, 0.27, 0.27)
+    steel = (0.46, 0.44, 0.42)
+    dark = (0.28, 0.27, 0.27)
     panels = [block((-0.05, y, -0.42), (0.05, y + 0.2, 0.42), dark) for y in (0.08, 0.4, 0.7)]
     return [block((-0.04, 0.0, -0.5), (0.04, 1.0, 0.5), steel), *panels]
 
 
 def _duckie() -> list[Part]:
-    yellow, orange, black = (0.98, 0.82, 0.10), (0.95, 0.45, 0.08), (0.05, 0.05, 0.06)
+    yellow = (0.98, 0.82, 0.10)
+    orange = (0.95, 0.45, 0.08)
+    black = (0.05, 0.05, 0.06)
     return [
         ball((-0.1, 0.48, 0.0), (0.72, 0.48, 0.55), yellow, quarter=5),
         ball((-0.72, 0.72, 0.0), (0.22, 0.18, 0.26), yellow),
@@ -205,7 +225,9 @@ def _duckie() -> list[Part]:
 
 
 def _keycard() -> list[Part]:
-    card, stripe, chip = (0.85, 0.13, 0.12), (0.10, 0.10, 0.12), (0.92, 0.80, 0.35)
+    card = (0.85, 0.13, 0.12)
+    stripe = (0.10, 0.10, 0.12)
+    chip = (0.92, 0.80, 0.35)
     return [
         block((-0.06, 0.0, -0.9), (0.06, 2.3, 0.9), card),
         block((-0.085, 1.7, -0.9), (0.085, 2.05, 0.9), stripe),
@@ -214,7 +236,9 @@ def _keycard() -> list[Part]:
 
 
 def _medkit() -> list[Part]:
-    white, red, grey = (0.95, 0.95, 0.95), (0.86, 0.10, 0.12), (0.35, 0.35, 0.38)
+    white = (0.95, 0.95, 0.95)
+    red = (0.86, 0.10, 0.12)
+    grey = (0.35, 0.35, 0.38)
     return [
         block((-28.0, 0.0, -14.5), (28.0, 43.0, 14.5), red),
         block((-5.0, 8.0, -15.6), (5.0, 36.0, 15.6), white),
@@ -226,7 +250,8 @@ def _medkit() -> list[Part]:
 
 
 def _office_chair() -> list[Part]:
-    cloth, plastic = (0.16, 0.22, 0.34), (0.14, 0.14, 0.15)
+    cloth = (0.16, 0.22, 0.34)
+    plastic = (0.14, 0.14, 0.15)
     feet = [block((-12.0, 0.0, -1.2), (12.0, 3.0, 1.2), plastic), block((-1.2, 0.0, -12.0), (1.2, 3.0, 12.0), plastic)]
     column = turned([(1.6, 2.0), (1.6, 19.0)], plastic, quarter=3)
     seat = block((-11.0, 19.0, -11.0), (11.0, 23.0, 11.0), cloth)
@@ -238,7 +263,9 @@ def _office_chair() -> list[Part]:
 
 
 def _office_desk() -> list[Part]:
-    top, side, screen = (0.66, 0.50, 0.33), (0.42, 0.43, 0.45), (0.08, 0.09, 0.10)
+    top = (0.66, 0.50, 0.33)
+    side = (0.42, 0.43, 0.45)
+    screen = (0.08, 0.09, 0.10)
     return [
         block((-33.0, 36.0, -16.0), (33.0, 39.0, 16.0), top),
         *(block((x - 1.0, 0.0, -15.0), (x + 1.0, 36.0, 15.0), side) for x in (-30.0, 30.0)),
@@ -251,7 +278,9 @@ def _office_desk() -> list[Part]:
 
 
 def _potion() -> list[Part]:
-    glass, cork, juice = (0.72, 0.80, 0.86), (0.60, 0.42, 0.24), (0.75, 0.10, 0.62)
+    glass = (0.72, 0.80, 0.86)
+    cork = (0.60, 0.42, 0.24)
+    juice = (0.75, 0.10, 0.62)
     bottle = turned([(0.0, 0.0), (0.42, 0.0), (0.62, 0.35), (0.64, 0.7), (0.52, 1.1)], juice, smooth=True)
     shoulder = turned([(0.52, 1.1), (0.34, 1.45), (0.22, 1.7), (0.22, 2.1)], glass, smooth=True)
     rim = turned([(0.22, 2.1), (0.28, 2.1), (0.28, 2.2), (0.16, 2.2)], glass)
@@ -259,7 +288,9 @@ def _potion() -> list[Part]:
 
 
 def _tree() -> list[Part]:
-    bark, leaf, light = (0.38, 0.27, 0.17), (0.20, 0.44, 0.14), (0.30, 0.55, 0.20)
+    bark = (0.38, 0.27, 0.17)
+    leaf = (0.20, 0.44, 0.14)
+    light = (0.30, 0.55, 0.20)
     trunk = turned([(1.9, 0.0), (1.2, 2.5), (1.0, 12.0), (0.6, 17.0)], bark)
     crowns = (
         ((0.0, 19.0, 0.0), (8.0, 7.0, 7.5), leaf),
@@ -272,7 +303,8 @@ def _tree() -> list[Part]:
 
 
 def _tree_pine() -> list[Part]:
-    bark, needles = (0.36, 0.25, 0.16), (0.12, 0.34, 0.18)
+    bark = (0.36, 0.25, 0.16)
+    needles = (0.12, 0.34, 0.18)
     tiers = [
         turned([(0.0, y), (r, y), (0.0, y + h)], needles)
         for r, y, h in ((2.1, 1.2, 3.0), (1.7, 2.9, 2.7), (1.2, 4.6, 2.9))

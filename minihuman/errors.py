@@ -68,7 +68,10 @@ class ProtocolError(MinihumanError, ValueError):
     @classmethod
     def of(cls, mistakes: Sequence[str], source: str) -> "ProtocolError":
         """The error of one mistake or more: it says the first, and where the others are said."""
-        more = f" (and {len(mistakes) - 1} more: minihuman check {source} says all)" if len(mistakes) > 1 else ""
+        if len(mistakes) > 1:
+            more = f" (and {len(mistakes) - 1} more: minihuman check {source} says all)"
+        else:
+            more = ""
         error = cls(mistakes[0] + more)
         error.mistakes = tuple(mistakes)
         return error

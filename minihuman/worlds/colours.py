@@ -46,11 +46,11 @@ def check_colour(name: str) -> str:
 
 
 def rgb_of(name: str, palette: Palette = "classic") -> Rgb:
-    """What a colour looks like."""
+    """Return a colour's red, green and blue."""
     return (RGB_BY_COLOUR if palette == "classic" else _COLOUR_SAFE)[name]
 
 
 def hex_colour(colour: Rgb) -> str:
-    """The colour as "#rrggbb"."""
+    """Return the colour as "#rrggbb"."""
     red, green, blue = (round(255 * part) for part in colour)
     return f"#{red:02x}{green:02x}{blue:02x}"

@@ -72,7 +72,9 @@ class ReadOnlyName:
         self.__doc__ = read.__doc__
 
     def __get__(self, world: Any, owner: Any = None) -> Any:
-        return self if world is None else self._read(world)
+        if world is None:
+            return self
+        return self._read(world)
 
 
 class NativeWorld(abc.ABC):
@@ -104,39 +106,39 @@ class NativeWorld(abc.ABC):
 
     @property
     def is_compiled(self) -> bool:
-        """Whether compiled kernels alone step and draw it, on flat arrays."""
+        """Return whether compiled kernels alone step and draw it, on flat arrays."""
         return False
 
     @abc.abstractmethod
     def pose(self) -> Pose:
-        """The agent's pose now."""
+        """Return the agent's pose now."""
 
     @abc.abstractmethod
     def map(self) -> Map:
-        """The floor plan with the things where they stand now."""
+        """Return the floor plan with the things where they stand now."""
 
     @abc.abstractmethod
     def state_hash(self) -> int:
-        """A uint64 over everything that decides the future: equal states, equal hashes, on every machine."""
+        """Hash everything that decides the future to a uint64: equal states, equal hashes, on every machine."""
 
     @abc.abstractmethod
     def scene_hash(self) -> int:
-        """A uint64 over the same except the number of steps taken: equal where two paths meet."""
+        """Hash the same except the number of steps taken to a uint64: equal where two paths meet."""
 
     @abc.abstractmethod
     def advance(self, action: int) -> tuple[float, bool, bool]:
-        """A step without its observation: reward, terminated, truncated.
+        """Make a step without its observation: reward, terminated, truncated.
 
         Raises:
             WorldError: as ``step``.
         """
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
-        """What the episode's instruction says, clause by clause, each with the step that did it; 0 for none yet."""
+        """Return the clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
         return ()
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Actions that lead to success from here, turns counted; empty if there are none, None without a planner.
+        """Plan actions that lead to success from here, turns counted; empty if none, None without a planner.
 
         Raises:
             WorldError: if planning would take too long.
@@ -144,12 +146,12 @@ class NativeWorld(abc.ABC):
         return None
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Bounds on the steps that success takes from here."""
+        """Return bounds on the steps that success takes from here."""
         return PathLengthBounds(feasible=len(self.shortest_path() or ()) or None)
 
     @abc.abstractmethod
     def save(self) -> Any:
-        """An exact, picklable copy of the state in mid-episode, random streams included."""
+        """Copy the state exactly in mid-episode, random streams included; the copy can be pickled."""
 
     @abc.abstractmethod
     def restore(self, saved: Any) -> None:
@@ -159,7 +161,7 @@ class NativeWorld(abc.ABC):
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """The picture a person sees, uint8[H, W, 3], drawn natively at most ``size_px`` (width, height) large.
+        """Draw the picture a person sees, uint8[H, W, 3], natively at most ``size_px`` (width, height) large.
 
         ``partial`` is what the agent sees, ``full`` the whole world from above. The grid answers with the largest
         whole-numbered tile size that fits; 3D fills the size. Drawing changes no state.
@@ -170,7 +172,7 @@ answer_to_old_names(NativeWorld)
 
 
 def search_first_success(world: NativeWorld, actions: Sequence[int], *, most_scenes: int = 2_000) -> list[int] | None:
-    """The shortest list of these actions that earns something, found by trying them all; None if there is none.
+    """Find the shortest list of these actions that earns a reward, by trying them all; None if there is none.
 
     A scene that two paths lead to is tried once. The world is left as it was. Its step limit counts.
 
@@ -178,7 +180,9 @@ def search_first_success(world: NativeWorld, actions: Sequence[int], *, most_sce
         WorldError: if there are more scenes than ``most_scenes``.
     """
     before = world.save()
-    seen, waiting, parents = {world.scene_hash()}, [before], [(-1, -1)]
+    scenes = {world.scene_hash()}
+    waiting = [before]
+    parents = [(-1, -1)]
     try:
         for at, saved in enumerate(waiting):  # which grows meanwhile
             for action in actions:
@@ -187,10 +191,10 @@ def search_first_success(world: NativeWorld, actions: Sequence[int], *, most_sce
                 if reward > 0:
                     return actions_from_start(parents, at, action)
                 scene = world.scene_hash()
-                if terminated or truncated or scene in seen:
+                if terminated or truncated or scene in scenes:
                     continue
-                seen.add(scene)
-                if len(seen) > most_scenes:
+                scenes.add(scene)
+                if len(scenes) > most_scenes:
                     raise WorldError(
                         f"no path to success was found in the first {most_scenes} states searched; "
                         "there may still be one"
@@ -203,7 +207,7 @@ def search_first_success(world: NativeWorld, actions: Sequence[int], *, most_sce
 
 
 def actions_from_start(parents: list[tuple[int, int]], at: int, last: int) -> list[int]:
-    """The actions to a state, and one more; ``parents`` has the state before each and the action between."""
+    """Return the actions to a state, and one more; ``parents`` has each state's predecessor and the action between."""
     actions = [last]
     while at > 0:
         at, action = parents[at]

@@ -15,7 +15,7 @@ _FILES: dict[str, str] = {}  # URL-safe Base64 by its reference, of every plan t
 
 
 def refer_to_file(content: bytes) -> str:
-    """The value that stands for a file in a world's options."""
+    """Return the value that stands for a file in a world's options."""
     return f"sha256:{hashlib.sha256(content).hexdigest()}"
 
 
@@ -25,7 +25,7 @@ def keep_files(contents: Iterable[bytes]) -> None:
 
 
 def resolve_files(options: Mapping[str, Any]) -> dict[str, Any]:
-    """A world's options with the files that they refer to, in URL-safe Base64."""
+    """Return a world's options with the files that they refer to, in URL-safe Base64."""
     return {name: _FILES.get(value, value) if isinstance(value, str) else value for name, value in options.items()}
 
 

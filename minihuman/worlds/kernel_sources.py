@@ -25,7 +25,7 @@ class KernelSource:
 
     @property
     def name(self) -> str:
-        """With its module."""
+        """Return the name with its module."""
         return f"{self.function.__module__}.{self.function.__qualname__}"
 
 

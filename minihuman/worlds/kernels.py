@@ -76,7 +76,11 @@ def kernel(
     def register(function: F) -> F:
         source = KernelSource(function, options, variables, signatures, only)
         library = _library()
-        implementation = function if library is None else library.entry(source) or LateKernel(source)
+        implementation: Any
+        if library is None:
+            implementation = function
+        else:
+            implementation = library.entry(source) or LateKernel(source)
         compiled = _or_plain(implementation, partial(_compiled, source))
         KERNELS[source.name] = compiled, source
         return cast(F, compiled)
@@ -132,7 +136,9 @@ def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:
 def _or_plain(plain: Any, compile_it: Callable[[], Any]) -> Any:
     """Return the function itself where a library has the kernels; otherwise what Numba makes of it."""
     if _library() is None:
-        return compile_it() if _is_compiling() else plain
+        if _is_compiling():
+            return compile_it()
+        return plain
     COMPILERS[id(plain)] = plain, compile_it
     return plain
 
@@ -264,7 +270,10 @@ def _library() -> KernelLibrary | None:
 def load_library(folder: Path) -> KernelLibrary | None:
     """Return the library in a folder, with the kernels whose sources are as they were; None without any for here."""
     manifest = read_manifest(folder)
-    numbers = {} if manifest is None else number_fitting_kernels(manifest)
+    if manifest is None:
+        numbers = {}
+    else:
+        numbers = number_fitting_kernels(manifest)
     if manifest is None or not numbers:
         return None
     for file in manifest["files"]:

@@ -34,7 +34,9 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
         manifest = json.loads((folder / MANIFEST).read_bytes())
     except (OSError, ValueError):
         return None
-    return manifest if isinstance(manifest, dict) else None
+    if isinstance(manifest, dict):
+        return manifest
+    return None
 
 
 def number_fitting_kernels(manifest: Mapping[str, Any]) -> dict[str, int]:

@@ -108,7 +108,10 @@ def _find_bad_number(array: NDArray[Any], observation: Any, space: spaces.Box, n
     bad = np.argwhere(~((array >= low) & (array <= high)))
     if len(bad):
         at = tuple(bad[0].tolist())
-        place = f"{name}[{', '.join(map(str, at))}]" if at else name
+        if at:
+            place = f"{name}[{', '.join(map(str, at))}]"
+        else:
+            place = name
         return f"{place} is {array[at]:g}, and its space holds {low[at]:g} to {high[at]:g}"
     if array.dtype != space.dtype:
         return f"{name} is of type {array.dtype}, and its space is of {space.dtype}"

@@ -20,15 +20,17 @@ MAX_PIXELS = 4096  # along a side of an observation or a rendered picture
 
 
 def whole_number(value: Any) -> int | None:
-    """The value, if it is a whole number by its type; None for a bool, a float and everything else."""
+    """Return the value if it is a whole number by its type; None for a bool, a float and everything else."""
     try:
-        return None if isinstance(value, bool) else index(value)
+        if isinstance(value, bool):
+            return None
+        return index(value)
     except TypeError:
         return None
 
 
 def check_whole(name: str, value: Any, low: int, high: int, *, odd: bool = False) -> int:
-    """A whole number from ``low`` to ``high``. A float is refused, even where it is whole."""
+    """Check a whole number from ``low`` to ``high``. A float is refused, even where it is whole."""
     number = whole_number(value)
     if number is None or not low <= number <= high or (odd and number % 2 == 0):
         kind = "an odd number" if odd else "a whole number"
@@ -37,43 +39,44 @@ def check_whole(name: str, value: Any, low: int, high: int, *, odd: bool = False
 
 
 def check_number(name: str, value: Any, low: float, high: float) -> float:
-    """A number from ``low`` to ``high``, as it was given."""
+    """Check a number from ``low`` to ``high``, and return it as it was given."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise WorldError(f"{name} is {value!r}; it must be a number, {low:g} to {high:g}")
     return value
 
 
 def check_bool(name: str, value: Any) -> bool:
-    """True or false."""
+    """Check that it is true or false."""
     if not isinstance(value, bool):
         raise WorldError(f"{name} is {value!r}; it must be true or false")
     return value
 
 
 def check_one_of(name: str, value: T, known: Collection[T]) -> T:
-    """One of those that there are."""
-    if not any(type(value) is type(each) and value == each for each in known):
+    """Check that it is one of those that there are."""
+    if not any(type(value) is type(option) and value == option for option in known):
         raise WorldError(f"{name} is {value!r}; use one of {', '.join(map(repr, known))}")
     return value
 
 
 def check_cell(name: str, value: Any, width: int, height: int, *, wall: int = 0) -> tuple[int, int]:
-    """A column and a row of a grid, ``wall`` cells or more from its edge."""
+    """Check a column and a row of a grid, ``wall`` cells or more from its edge."""
     column, row = _as_many(name, value, 2, "a column and a row")
     check_whole(f"{name}[0]", column, wall, width - 1 - wall)
     return column, check_whole(f"{name}[1]", row, wall, height - 1 - wall)
 
 
 def check_pair(name: str, value: Any, low: int, high: int) -> tuple[int, int]:
-    """Two whole numbers."""
+    """Check two whole numbers."""
     first, second = _as_many(name, value, 2, "two whole numbers")
     return check_whole(f"{name}[0]", first, low, high), check_whole(f"{name}[1]", second, low, high)
 
 
 def check_point(name: str, value: Any) -> tuple[float, float, float]:
-    """A place in metres: x, y, z."""
+    """Check a place in metres: x, y, z."""
     x, y, z = _as_many(name, value, 3, "x, y and z in metres")
-    low, high = -MAX_METRES, MAX_METRES
+    low = -MAX_METRES
+    high = MAX_METRES
     return (
         check_number(f"{name}[0]", x, low, high),
         check_number(f"{name}[1]", y, low, high),
@@ -81,9 +84,9 @@ def check_point(name: str, value: Any) -> tuple[float, float, float]:
     )
 
 
-def _as_many(name: str, value: Any, count: int, what: str) -> Sequence[Any]:
+def _as_many(name: str, value: Any, count: int, description: str) -> Sequence[Any]:
     if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != count:
-        raise WorldError(f"{name} is {value!r}; it must be {what}")
+        raise WorldError(f"{name} is {value!r}; it must be {description}")
     return value
 
 
@@ -91,7 +94,7 @@ BatchSeeds = int | Sequence[int | None] | NDArray[np.integer] | None  # one for 
 
 
 def seeds_per_world(seed: BatchSeeds, count: int) -> list[int | None]:
-    """One seed per world: ``seed`` + i for a number, or those given; None goes on drawing.
+    """Return one seed per world: ``seed`` + i for a number, or those given; None goes on drawing.
 
     Raises:
         WorldError: if there are not as many as worlds, or one is not a whole number.
@@ -101,7 +104,7 @@ def seeds_per_world(seed: BatchSeeds, count: int) -> list[int | None]:
             return [None] * count
         if not isinstance(seed, Sequence | np.ndarray):
             return [index(seed) + i for i in range(count)]
-        seeds = [None if one is None else index(one) for one in seed]
+        seeds = [None if world_seed is None else index(world_seed) for world_seed in seed]
     except TypeError as error:
         raise WorldError(f"seed is {seed!r}; give a whole number, or one per world") from error
     if len(seeds) != count:

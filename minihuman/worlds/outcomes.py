@@ -133,7 +133,9 @@ class OutcomeJudge:
     def _name_outcome(self, otherwise: EpisodeOutcome) -> EpisodeOutcome:
         if self._was_reached or self._success:
             return "goal"
-        return "ended" if self._success is None else otherwise
+        if self._success is None:
+            return "ended"
+        return otherwise
 
 
 @cache
@@ -173,8 +175,13 @@ def normalize_outcome_rule(success: str, *, at_any_step: bool) -> str:
     if text == WORLD_RULE or not text:
         raise ProtocolError(f"is {success!r}; use {_EXAMPLES}, or leave it out")
     parse_outcome_rule(text)
-    text = LAST_REWARD if {*parts} == {*_LAST_REWARD_TEXT.split(" and ")} else text
-    return add_any_step(text) if at_any_step else text
+    if {*parts} == {*_LAST_REWARD_TEXT.split(" and ")}:
+        text = LAST_REWARD
+    else:
+        text = text
+    if at_any_step:
+        return add_any_step(text)
+    return text
 
 
 def add_any_step(rule: str) -> str:

@@ -47,7 +47,7 @@ class Map:
 
 
 def wall_outlines(is_wall: NDArray[np.bool_]) -> tuple[tuple[float, float, float, float], ...]:
-    """Where wall meets no wall, as the longest straight segments x0, z0, x1, z1.
+    """Outline where wall meets no wall, as the longest straight segments x0, z0, x1, z1.
 
     Args:
         is_wall: bool[width, height], indexed column, row; cell (c, r) is the unit square centred on (c, r).
@@ -61,8 +61,9 @@ def wall_outlines(is_wall: NDArray[np.bool_]) -> tuple[tuple[float, float, float
 
 
 def _runs(edges: NDArray[np.bool_]) -> list[tuple[float, float, float]]:
-    """Where a wall's face is, joined into longest runs: line, start, end, in cells."""
+    """Join a wall's faces into longest runs: line, start, end, in cells."""
     padded = np.pad(edges, ((0, 0), (1, 1))).astype(np.int8)
     turns = np.diff(padded, axis=1)
-    starts, ends = np.argwhere(turns == 1), np.argwhere(turns == -1)
+    starts = np.argwhere(turns == 1)
+    ends = np.argwhere(turns == -1)
     return [(line - 0.5, start - 0.5, end - 0.5) for (line, start), (_, end) in zip(starts, ends, strict=True)]

@@ -24,7 +24,10 @@ _58 = np.uint64(58)
 _63 = np.uint64(63)
 _64 = np.uint64(64)
 # the multiplier 0x2360ED051FC65DA44385DF649FCCF645 in 32-bit limbs, lowest first
-_M0, _M1, _M2, _M3 = np.uint64(0x9FCCF645), np.uint64(0x4385DF64), np.uint64(0x1FC65DA4), np.uint64(0x2360ED05)
+_M0 = np.uint64(0x9FCCF645)
+_M1 = np.uint64(0x4385DF64)
+_M2 = np.uint64(0x1FC65DA4)
+_M3 = np.uint64(0x2360ED05)
 _MASK64 = (1 << 64) - 1
 
 
@@ -39,10 +42,14 @@ def read_rng_state(generator: np.random.Generator, rng_state: RngState) -> None:
         raise WorldError(
             f"np_random is a {state['bit_generator']}; grid worlds need a PCG64, as from numpy.random.default_rng"
         )
-    value, increment = state["state"]["state"], state["state"]["inc"]
-    rng_state[0], rng_state[1] = value >> 64, value & _MASK64
-    rng_state[2], rng_state[3] = increment >> 64, increment & _MASK64
-    rng_state[4], rng_state[5] = state["has_uint32"], state["uinteger"]
+    value = state["state"]["state"]
+    increment = state["state"]["inc"]
+    rng_state[0] = value >> 64
+    rng_state[1] = value & _MASK64
+    rng_state[2] = increment >> 64
+    rng_state[3] = increment & _MASK64
+    rng_state[4] = state["has_uint32"]
+    rng_state[5] = state["uinteger"]
 
 
 def write_rng_state(rng_state: RngState, generator: np.random.Generator) -> None:
@@ -58,17 +65,22 @@ def write_rng_state(rng_state: RngState, generator: np.random.Generator) -> None
 
 @device_function()
 def next64(rng_state: RngState) -> np.uint64:
-    """The stream's next 64 bits."""
-    a0, a1 = rng_state[1] & _LOW, rng_state[1] >> _32
-    a2, a3 = rng_state[0] & _LOW, rng_state[0] >> _32
+    """Draw the stream's next 64 bits."""
+    a0 = rng_state[1] & _LOW
+    a1 = rng_state[1] >> _32
+    a2 = rng_state[0] & _LOW
+    a3 = rng_state[0] >> _32
     # state * multiplier + increment, limb by limb; each partial sum stays below 2**64
     t = a0 * _M0
     r0 = (t & _LOW) + (rng_state[3] & _LOW)
     carry = (t >> _32) + (r0 >> _32)
-    t, u = a1 * _M0, a0 * _M1
+    t = a1 * _M0
+    u = a0 * _M1
     r1 = (t & _LOW) + (u & _LOW) + (rng_state[3] >> _32) + carry
     carry = (t >> _32) + (u >> _32) + (r1 >> _32)
-    t, u, v = a2 * _M0, a1 * _M1, a0 * _M2
+    t = a2 * _M0
+    u = a1 * _M1
+    v = a0 * _M2
     r2 = (t & _LOW) + (u & _LOW) + (v & _LOW) + (rng_state[2] & _LOW) + carry
     carry = (t >> _32) + (u >> _32) + (v >> _32) + (r2 >> _32)
     r3 = (
@@ -76,7 +88,8 @@ def next64(rng_state: RngState) -> np.uint64:
     ) & _LOW
     low = r1 << _32 | r0 & _LOW
     high = r3 << _32 | r2 & _LOW
-    rng_state[0], rng_state[1] = high, low
+    rng_state[0] = high
+    rng_state[1] = low
     mixed = high ^ low
     turn = high >> _58
     return mixed >> turn | mixed << ((_64 - turn) & _63)
@@ -84,19 +97,19 @@ def next64(rng_state: RngState) -> np.uint64:
 
 @inline
 def next32(rng_state: RngState) -> np.uint64:
-    """The stream's next 32 bits; the other half of the 64 is kept for the next call."""
+    """Draw the stream's next 32 bits; keep the other half of the 64 for the next call."""
     if rng_state[4] != _0:
         rng_state[4] = _0
         return rng_state[5]
-    whole = next64(rng_state)
+    bits = next64(rng_state)
     rng_state[4] = _1
-    rng_state[5] = whole >> _32
-    return whole & _LOW
+    rng_state[5] = bits >> _32
+    return bits & _LOW
 
 
 @kernel("int64(uint64[::1], int64, int64)", only=True)
 def integer(rng_state: RngState, low: int, high: int) -> int:
-    """A whole number in [low, high), as ``Generator.integers(low, high)`` draws it. At most 2**32 - 1 apart."""
+    """Draw a whole number in [low, high), as ``Generator.integers(low, high)`` does. At most 2**32 - 1 apart."""
     if high - low <= 1:
         return low
     span = np.uint64(high - low)
@@ -109,7 +122,7 @@ def integer(rng_state: RngState, low: int, high: int) -> int:
 
 @device_function()
 def unit(rng_state: RngState) -> int:
-    """The numerator of what ``Generator.random`` draws, in 2**-53: 0 to 2**53 - 1. It leaves a kept half alone."""
+    """Draw the numerator of a ``Generator.random``, in 2**-53: 0 to 2**53 - 1. It leaves a kept half alone."""
     return int(next64(rng_state) >> _11)
 
 

@@ -18,13 +18,15 @@ from minihuman.worlds.kernels import int64, kernel, llvm_function
 
 Counters = NDArray[np.int64]
 # Counters, each in a cache line of its own: how many parts are done, and taken, of each thread's share if it has one.
-DONE, TAKEN, APART = 0, 8, 8
+DONE = 0
+TAKEN = 8
+APART = 8
 _PATIENCE = 20_000  # looks at a counter before a thread gives way, some tens of microseconds
 _plainly = threading.Lock()
 
 
-def _add(builder: Any, given: Any) -> Any:
-    counters, at, number = given
+def _add(builder: Any, arguments: Any) -> Any:
+    counters, at, number = arguments
     return builder.atomic_rmw("add", builder.gep(counters[1].start, [at[1]]), number[1], "acq_rel")
 
 
@@ -44,32 +46,32 @@ def count(counters: Counters, at: int, number: int) -> None:
     add_to_counter(counters, at, number)
 
 
-@kernel("(int64[::1], int64)", nogil=True, waited=int64)
+@kernel("(int64[::1], int64)", nogil=True, polls=int64)
 def finished(counters: Counters, parts: int) -> bool:
-    """Are all parts done, or soon?"""
-    waited = 0
-    while add_to_counter(counters, DONE, 0) < parts and waited < _PATIENCE:
-        waited += 1
+    """Return whether all parts are done, or will be soon."""
+    polls = 0
+    while add_to_counter(counters, DONE, 0) < parts and polls < _PATIENCE:
+        polls += 1
     return add_to_counter(counters, DONE, 0) >= parts
 
 
 @cache
 def helper_threads(process: int) -> ThreadPoolExecutor:
-    """The threads of this process that help; a forked one needs its own."""
+    """Return the threads of this process that help; a forked one needs its own."""
     return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix=f"worlds-{process}")
 
 
-def share_work(work: Callable[..., Any], given: tuple[Any, ...], parts: int, helpers: int) -> None:
+def share_work(work: Callable[..., Any], arguments: tuple[Any, ...], parts: int, helpers: int) -> None:
     """Do ``work`` in this thread and in so many others, until all parts are done.
 
-    It is called with counters, what is ``given``, and which of the threads it is in: 0 is this one.
+    It is called with counters, the ``arguments``, and which of the threads it is in: 0 is this one.
     """
     counters = np.zeros(TAKEN + APART * (1 + helpers), np.int64)
     threads = helper_threads(os.getpid())
-    helping = [threads.submit(work, counters, *given, 1 + nth) for nth in range(helpers)]
+    helping = [threads.submit(work, counters, *arguments, 1 + nth) for nth in range(helpers)]
     try:
-        work(counters, *given, 0)
+        work(counters, *arguments, 0)
     finally:
         if not finished(counters, parts):
-            for each in helping:
-                each.result()
+            for future in helping:
+                future.result()

@@ -10,8 +10,14 @@ from numpy.typing import NDArray
 from minihuman.worlds.kernels import inline, kernel
 
 _LOW = np.uint64(0xFFFFFFFF)
-_8, _13, _15, _16, _32 = np.uint64(8), np.uint64(13), np.uint64(15), np.uint64(16), np.uint64(32)
-_A, _B = np.uint64(0x9E3779B1), np.uint64(0x85EBCA77)  # odd, so that no two values meet in one step
+_8 = np.uint64(8)
+_13 = np.uint64(13)
+_15 = np.uint64(15)
+_16 = np.uint64(16)
+_32 = np.uint64(32)
+# odd, so that no two values meet in one step
+_A = np.uint64(0x9E3779B1)
+_B = np.uint64(0x85EBCA77)
 
 
 @inline
@@ -30,15 +36,19 @@ def digest_step(row: NDArray[np.int32], image: NDArray[np.uint8], outcome: NDArr
         image: What the agent sees then, uint8[size, size, 3].
         outcome: The reward's bits as a float64, and how the episode ended: 0 not at all, 1 terminated, 2 truncated.
     """
-    one, other = _A, _B
+    high_half = _A
+    low_half = _B
     for k in range(len(row)):
         value = np.uint64(row[k]) & _LOW
-        one, other = stir(one, value, _A, _15), stir(other, value, _B, _13)
+        high_half = stir(high_half, value, _A, _15)
+        low_half = stir(low_half, value, _B, _13)
     for i in range(image.shape[0]):
         for j in range(image.shape[1]):
             value = np.uint64(image[i, j, 0]) | np.uint64(image[i, j, 1]) << _8 | np.uint64(image[i, j, 2]) << _16
-            one, other = stir(one, value, _A, _15), stir(other, value, _B, _13)
+            high_half = stir(high_half, value, _A, _15)
+            low_half = stir(low_half, value, _B, _13)
     for k in range(len(outcome)):
         for value in (outcome[k] & _LOW, outcome[k] >> _32):
-            one, other = stir(one, value, _A, _15), stir(other, value, _B, _13)
-    return one << _32 | other
+            high_half = stir(high_half, value, _A, _15)
+            low_half = stir(low_half, value, _B, _13)
+    return high_half << _32 | low_half

@@ -22,7 +22,7 @@ LARGEST_STEP_LIMIT = 2**31 - 1  # what a grid's state holds
 
 
 def check_max_steps(max_steps: Any) -> int:
-    """An episode's step limit, if it is a whole number from 1 to `LARGEST_STEP_LIMIT`.
+    """Check an episode's step limit: a whole number from 1 to `LARGEST_STEP_LIMIT`.
 
     Raises:
         WorldError: if it is not.
@@ -34,15 +34,18 @@ def check_max_steps(max_steps: Any) -> int:
 
 
 def action_number(action: Any) -> int | None:
-    """The number of an action: a whole number of any type, or an array of one; None for everything else."""
-    scalar = action.item() if isinstance(action, np.ndarray) and action.size == 1 else action
+    """Return the number of an action: a whole number of any type, or an array of one; None for everything else."""
+    if isinstance(action, np.ndarray) and action.size == 1:
+        scalar = action.item()
+    else:
+        scalar = action
     if isinstance(scalar, float | np.floating) and scalar == scalar // 1:
         return int(scalar)
     return whole_number(scalar)
 
 
 def check_action(action: Any, count: int) -> int:
-    """The number of an action, if it is a whole number from 0 to ``count`` - 1.
+    """Check an action's number: a whole number from 0 to ``count`` - 1.
 
     Raises:
         WorldError: if it is not.
@@ -54,13 +57,13 @@ def check_action(action: Any, count: int) -> int:
 
 
 def step_limit_of(env: "gymnasium.Env[Any, Any]") -> int | None:
-    """The limit that a world or Gymnasium's registry sets, the lower of both; None where there is none."""
+    """Return the limit that a world or Gymnasium's registry sets, the lower of both; None where there is none."""
     limits = (getattr(env.unwrapped, "max_steps", None), env.spec.max_episode_steps if env.spec else None)
     return min((int(limit) for limit in limits if limit is not None), default=None)
 
 
 def elapsed_steps(env: "gymnasium.Env[Any, Any]") -> list[int]:
-    """The steps that each of Gymnasium's `TimeLimit` wrappers has counted, from outside in."""
+    """Return the steps that each of Gymnasium's `TimeLimit` wrappers has counted, from outside in."""
     return [wrapper._elapsed_steps for wrapper in _time_limits(env)]
 
 

@@ -19,7 +19,7 @@ _HALF_PI = Fraction(0xC90FDAA22168C234C4C6628B80DC1CD129024E088A67CC74020BBEA63B
 
 
 def _parts(number: Fraction, bits: int, count: int) -> tuple[float, ...]:
-    """A number between 1 and 2 as doubles of so many bits, and the rest as one."""
+    """Split a number between 1 and 2 into doubles of so many bits, and the rest into one."""
     parts = []
     for nth in range(1, count + 1):
         unit = Fraction(1, 1 << bits * nth - 1)
@@ -33,7 +33,7 @@ _QUARTERS_PER_RAD = float(1 / _HALF_PI)
 
 
 def _series(first: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The coefficients of a series in squares, last first, and what each double leaves out."""
+    """Return the coefficients of a series in squares, last first, and what each double leaves out."""
     exact = [Fraction((-1) ** k, factorial(2 * k + first)) for k in range(_TERMS)][::-1]
     return tuple(map(float, exact)), tuple(float(number - Fraction(float(number))) for number in exact)
 
@@ -44,7 +44,7 @@ _COSINE, _COSINE_REST = _series(0)
 
 @device_function()
 def add_exactly(a: float, b: float) -> tuple[float, float]:
-    """A sum, and its rounding error."""
+    """Return a sum and its rounding error."""
     total = a + b
     part = total - a
     return total, (a - (total - part)) + (b - part)
@@ -52,7 +52,7 @@ def add_exactly(a: float, b: float) -> tuple[float, float]:
 
 @device_function()
 def multiply_exactly(a: float, b: float) -> tuple[float, float]:
-    """A product, and its rounding error."""
+    """Return a product and its rounding error."""
     product = a * b
     wide = _SPLITTER * a
     a_high = wide - (wide - a)
@@ -65,23 +65,23 @@ def multiply_exactly(a: float, b: float) -> tuple[float, float]:
 
 @device_function()
 def multiply(a: float, a_rest: float, b: float, b_rest: float) -> tuple[float, float]:
-    """The product of two numbers of two doubles."""
+    """Multiply two numbers of two doubles."""
     product, error = multiply_exactly(a, b)
     return add_exactly(product, error + (a * b_rest + a_rest * b))
 
 
 @device_function()
 def add(a: float, a_rest: float, b: float, b_rest: float) -> tuple[float, float]:
-    """The sum of two numbers of two doubles."""
+    """Add two numbers of two doubles."""
     total, error = add_exactly(a, b)
-    rest, rest_error = add_exactly(a_rest, b_rest)
-    total, error = add_exactly(total, error + rest)
-    return add_exactly(total, error + rest_error)
+    low_sum, low_error = add_exactly(a_rest, b_rest)
+    total, error = add_exactly(total, error + low_sum)
+    return add_exactly(total, error + low_error)
 
 
 @device_function()
 def wave(angle_rad: float, quarters: int) -> float:
-    """The sine of an angle and so many quarter turns more."""
+    """Return the sine of an angle and so many quarter turns more."""
     if not -LARGEST_RAD <= angle_rad <= LARGEST_RAD:
         return angle_rad * 0.0 + float("nan")
     if angle_rad == 0.0 and quarters == 0:
@@ -95,26 +95,28 @@ def wave(angle_rad: float, quarters: int) -> float:
     square, square_rest = multiply(high, low, high, low)
     quarter = (int(turns) + quarters) & 3
     if quarter & 1:
-        total, rest = _COSINE[0], _COSINE_REST[0]
+        total = _COSINE[0]
+        total_rest = _COSINE_REST[0]
         for k in range(1, _TERMS):
-            total, rest = multiply(total, rest, square, square_rest)
-            total, rest = add(total, rest, _COSINE[k], _COSINE_REST[k])
+            total, total_rest = multiply(total, total_rest, square, square_rest)
+            total, total_rest = add(total, total_rest, _COSINE[k], _COSINE_REST[k])
     else:
-        total, rest = _SINE[0], _SINE_REST[0]
+        total = _SINE[0]
+        total_rest = _SINE_REST[0]
         for k in range(1, _TERMS):
-            total, rest = multiply(total, rest, square, square_rest)
-            total, rest = add(total, rest, _SINE[k], _SINE_REST[k])
-        total, rest = multiply(total, rest, high, low)
+            total, total_rest = multiply(total, total_rest, square, square_rest)
+            total, total_rest = add(total, total_rest, _SINE[k], _SINE_REST[k])
+        total, total_rest = multiply(total, total_rest, high, low)
     return -total if quarter & 2 else total
 
 
 @kernel("float64(float64)", only=True, hold_gil=True)
 def sine(angle_rad: float) -> float:
-    """The sine, correctly rounded; not a number beyond `LARGEST_RAD`."""
+    """Return the sine, correctly rounded; not a number beyond `LARGEST_RAD`."""
     return wave(angle_rad, 0)
 
 
 @kernel("float64(float64)", only=True, hold_gil=True)
 def cosine(angle_rad: float) -> float:
-    """The cosine, correctly rounded; not a number beyond `LARGEST_RAD`."""
+    """Return the cosine, correctly rounded; not a number beyond `LARGEST_RAD`."""
     return wave(angle_rad, 1)

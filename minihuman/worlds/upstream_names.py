@@ -49,7 +49,9 @@ class _UpstreamName(ReadOnlyName):
         if world._is_made:  # asked first: `vars` slows later reads of every attribute of the world
             return self._read(world)
         attributes = vars(world)
-        return attributes[self._name] if self._name in attributes else self._read(world)
+        if self._name in attributes:
+            return attributes[self._name]
+        return self._read(world)
 
     def __set__(self, world: Any, value: Any) -> None:
         if not is_catalogue_class(type(world)):
@@ -88,7 +90,9 @@ class _ReadName:
         if getattr(world, "_is_made", False):
             return self._read(world, self._name)
         attributes = vars(world)
-        return attributes[self._name] if self._name in attributes else self._read(world, self._name)
+        if self._name in attributes:
+            return attributes[self._name]
+        return self._read(world, self._name)
 
     def __set__(self, world: Any, value: Any) -> None:
         if getattr(world, "_is_made", False):

@@ -64,7 +64,10 @@ class VectorNames(abc.ABC):
         """
         if name not in self.settable:
             raise self._unknown_name(name, self.settable)
-        per_world = values if isinstance(values, list | tuple) else [values] * self.num_envs
+        if isinstance(values, list | tuple):
+            per_world = values
+        else:
+            per_world = [values] * self.num_envs
         if len(per_world) != self.num_envs:
             raise WorldError(f"{len(per_world)} values of {name} for {self.num_envs} worlds; give one per world")
         before = self.save()

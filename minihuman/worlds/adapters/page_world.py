@@ -112,7 +112,10 @@ def verify_actions(
         raise ValueError(f"{world} seed {seed} has {counts}; each action has one of both")
     if seed < 0:
         raise ValueError(f"seed is {seed}; a seed is 0 or more")
-    world_id = world if "/" in world or ":" in world else f"minihuman/{world}"
+    if "/" in world or ":" in world:
+        world_id = world
+    else:
+        world_id = f"minihuman/{world}"
     with closing(PageWorld(world_id, options)) as page_world:
         if not page_world.is_compiled:
             raise WorldError(

@@ -57,7 +57,10 @@ def read_step(returned: Any) -> tuple[Any, float, bool, bool, Mapping[str, Any]]
     """
     if not isinstance(returned, tuple | list) or len(returned) != 5:
         old = isinstance(returned, tuple | list) and len(returned) == 4
-        more = ", with done divided into terminated and truncated" if old else ""
+        if old:
+            more = ", with done divided into terminated and truncated"
+        else:
+            more = ""
         raise WorldError(f"step() returned {describe_value(returned)}; it must return {_STEP_VALUES}{more}")
     observation, reward, terminated, truncated, info = returned
     return (

@@ -86,7 +86,10 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.joint = None
         self.rewards = joint_step.rewards
         self.steps += 1
-        own = joint_step.infos[self.seat] if joint_step.infos else {}
+        if joint_step.infos:
+            own = joint_step.infos[self.seat]
+        else:
+            own = {}
         return joint_step.rewards[self.seat], joint_step.terminated, joint_step.truncated, {**joint_step.info, **own}
 
     def render(self) -> Any:

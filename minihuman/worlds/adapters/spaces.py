@@ -176,7 +176,10 @@ class VectorActions:
         """
         self.require_component(component)
         end = (self._high if share > 0 else self._low)[component]
-        reach = abs(end - self.rest[component]) if np.isfinite(end) else 1.0
+        if np.isfinite(end):
+            reach = abs(end - self.rest[component])
+        else:
+            reach = 1.0
         moved = [*vector]
         moved[component] += round(share * reach) if self._is_integral[component] else share * reach
         return tuple(np.clip(moved, self._low, self._high).tolist())
@@ -297,7 +300,10 @@ def find_chords(env: gymnasium.Env[Any, Any], count: int, first: int) -> dict[fr
         return {}
     known: dict[Any, int] = {}
     for keys, action in table().items():
-        number = int(action) - first if isinstance(action, int | np.integer) else -1
+        if isinstance(action, int | np.integer):
+            number = int(action) - first
+        else:
+            number = -1
         if 0 <= number < count:
             known[tuple(keys) if isinstance(keys, tuple | list | str) else (keys,)] = number
     by_key = {keys[0]: number for keys, number in known.items() if len(keys) == 1}

@@ -59,7 +59,9 @@ def convert_to_flag(content: Any) -> bool | None:
     if array.size != 1 or array.dtype.kind not in "biuf":
         return None
     number = float(array.reshape(()))
-    return bool(number) if number in (0.0, 1.0) else None
+    if number in (0.0, 1.0):
+        return bool(number)
+    return None
 
 
 def encode_info(info: Mapping[str, Any], keys: Sequence[str]) -> str:
@@ -90,7 +92,9 @@ def _to_plain(content: Any) -> Any:
         case list() | tuple():
             return [_to_plain(inner) for inner in content]
         case float():
-            return content if math.isfinite(content) else None
+            if math.isfinite(content):
+                return content
+            return None
         case bool() | int() | str():
             return content
         case _:

@@ -173,7 +173,10 @@ class MiniworldAdapter(_Adapter):
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
         """Return the environment's own drawing, of the size it was made with; only the classic palette."""
-        draw = self._env.render_obs if view == "partial" else self._env.render_top_view
+        if view == "partial":
+            draw = self._env.render_obs
+        else:
+            draw = self._env.render_top_view
         return np.asarray(draw(self._env.vis_fb), dtype=np.uint8)
 
 
@@ -185,6 +188,9 @@ def _state(entity: Any) -> list[Any]:
 def _thing(entity: Any) -> Thing:
     colour = getattr(entity, "color", "grey")
     kind = type(entity).__name__.lower()
-    name = f"{colour} {kind}" if hasattr(entity, "color") else kind
+    if hasattr(entity, "color"):
+        name = f"{colour} {kind}"
+    else:
+        name = kind
     x, _, z = entity.pos
     return Thing(name, float(x), float(z), float(entity.radius), _MINIWORLD_COLOURS.get(colour, "#636363"))

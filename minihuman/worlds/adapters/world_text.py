@@ -41,7 +41,10 @@ def describe_observation(observation: Any, kinds: Sequence[ObjectKind] = ()) -> 
     Raises:
         WorldError: if it is no grid observation.
     """
-    image = observation.get("image") if isinstance(observation, Mapping) else None
+    if isinstance(observation, Mapping):
+        image = observation.get("image")
+    else:
+        image = None
     if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3:
         raise WorldError(
             "the world has no grid observation to describe in words; use another view, or modality = 'picture'"
@@ -97,13 +100,19 @@ def describe_view(image: NDArray[np.integer[Any]]) -> Iterator[str]:
                 across = [_steps(abs(int(i) - x), "right" if i > x else "left")]
             else:
                 across = []
-            ahead = [_steps(y - int(j), "forward")] if j != y else []
+            if j != y:
+                ahead = [_steps(y - int(j), "forward")]
+            else:
+                ahead = []
             yield f"a {_name(image[i, j])} {' and '.join(across + ahead)}"
 
 
 def _name(cell: NDArray[np.integer[Any]]) -> str:
     kind, colour, state = map(int, cell)
-    thing = _KINDS[kind] if kind < len(_KINDS) else f"thing {kind}"
+    if kind < len(_KINDS):
+        thing = _KINDS[kind]
+    else:
+        thing = f"thing {kind}"
     named = f"{_COLOURS[colour] if colour < len(_COLOURS) else 'colourless'} {thing}"
     if kind == _DOOR:
         return f"{_DOORS[state]} {named}"

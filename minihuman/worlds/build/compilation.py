@@ -30,54 +30,63 @@ _FOR_NUMBA: dict[int, dict[str, Any]] = {}  # what a module's kernels find by na
 BUILDING = "MINIHUMAN_BUILDING"  # in the environment: Python calls no kernel of this process
 
 
-def compiled(written: KernelSource) -> Any:
-    """What Numba compiles: a dispatcher, for what it is called with or for its signatures alone."""
-    options = _OPTIONS | dict(written.options) | ({"no_cpython_wrapper": True} if BUILDING in os.environ else {})
-    variables = {name: numba.from_dtype(np.dtype(kind)) for name, kind in written.variables.items()}
-    function = written.function
+def compiled(source: KernelSource) -> Any:
+    """Compile a kernel with Numba, for any arguments or for its signatures alone; return the dispatcher."""
+    options = _OPTIONS | dict(source.options) | ({"no_cpython_wrapper": True} if BUILDING in os.environ else {})
+    variables = {name: numba.from_dtype(np.dtype(kind)) for name, kind in source.variables.items()}
+    function = source.function
     assert isinstance(function, FunctionType)
     if COMPILERS:
         names = function.__code__, _for_numba(function.__globals__), function.__name__, function.__defaults__
         function = FunctionType(*names)
-        function.__module__, function.__qualname__ = written.function.__module__, written.function.__qualname__
+        function.__module__ = source.function.__module__
+        function.__qualname__ = source.function.__qualname__
     dispatcher = numba.njit(locals=variables, **options)(function)
-    if written.only:
-        for each in written.signatures:
-            dispatcher.compile(each)
+    if source.only:
+        for signature in source.signatures:
+            dispatcher.compile(signature)
         dispatcher.disable_compile()
     return dispatcher
 
 
 def _for_numba(names: dict[str, Any]) -> dict[str, Any]:
-    """What a module's functions find by name, with what Numba makes of it instead of what Python calls."""
-    found = _FOR_NUMBA.get(id(names))
-    if found is None:
-        found = _FOR_NUMBA[id(names)] = dict(names)
+    """Return a module's names, each kernel replaced by what Numba compiles it to."""
+    replaced = _FOR_NUMBA.get(id(names))
+    if replaced is None:
+        replaced = _FOR_NUMBA[id(names)] = dict(names)
         for name, value in names.items():
             if id(value) in COMPILERS:
-                found[name] = COMPILERS[id(value)][1]()
-    return found
+                replaced[name] = COMPILERS[id(value)][1]()
+    return replaced
+
+
+def _passed_as(kind: Any) -> Any:
+    """Return Numba's type by which vector code is passed an argument: arrays as they are, numbers in 64 bits."""
+    if isinstance(kind, types.Array):
+        return kind
+    if isinstance(kind, types.Integer):
+        return int64
+    return float64
 
 
 def llvm_function(write: Callable[..., Any], plain: Callable[..., Any], *, counts: bool) -> Any:
-    """`minihuman.worlds.kernels.llvm_function`, compiled."""
+    """Compile `minihuman.worlds.kernels.llvm_function`."""
 
     def typed(context: Any, *arguments: Any) -> Any:
-        kinds = [
-            each if isinstance(each, types.Array) else int64 if isinstance(each, types.Integer) else float64
-            for each in arguments
-        ]
+        kinds = [_passed_as(argument) for argument in arguments]
 
         def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            given = []
+            typed_values = []
             for kind, value in zip(kinds, values, strict=True):
                 if isinstance(kind, types.Array):
                     start = context.make_array(kind)(context, builder, value).data
-                    given.append(("array", ArrayStart(start, str(kind.dtype))))
+                    typed_values.append(("array", ArrayStart(start, str(kind.dtype))))
                 else:
-                    given.append((str(kind), value))
-            found = write(builder, given)
-            return found if counts else context.get_dummy_value()
+                    typed_values.append((str(kind), value))
+            returned = write(builder, typed_values)
+            if counts:
+                return returned
+            return context.get_dummy_value()
 
         return (int64 if counts else numba.void)(*kinds), code
 
@@ -89,44 +98,51 @@ def llvm_function(write: Callable[..., Any], plain: Callable[..., Any], *, count
 
 
 def array_at(kind: type[np.generic]) -> Any:
-    """`minihuman.worlds.kernels.array_at`, compiled."""
-    size, array = np.dtype(kind).itemsize, types.Array(numba.from_dtype(np.dtype(kind)), 1, "C")
+    """Compile `minihuman.worlds.kernels.array_at`."""
+    size = np.dtype(kind).itemsize
+    array = types.Array(numba.from_dtype(np.dtype(kind)), 1, "C")
 
     def typed(context: Any, address: Any, count: Any) -> Any:
         def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            made = context.make_array(array)(context, builder)
-            start = builder.inttoptr(values[0], made.data.type)
+            struct = context.make_array(array)(context, builder)
+            start = builder.inttoptr(values[0], struct.data.type)
             step = context.get_constant(types.intp, size)
-            populate_array(made, data=start, shape=values[1:], strides=[step], itemsize=step, meminfo=None)
-            return made._getvalue()
+            populate_array(struct, data=start, shape=values[1:], strides=[step], itemsize=step, meminfo=None)
+            return struct._getvalue()
 
         return array(int64, int64), code
 
     return intrinsic(typed)
 
 
-F64, F32, I64, U32, U16, U8, BOOL = "float64", "float32", "int64", "uint32", "uint16", "uint8", "bool"
+F64 = "float64"
+F32 = "float32"
+I64 = "int64"
+U32 = "uint32"
+U16 = "uint16"
+U8 = "uint8"
+BOOL = "bool"
 _BITS = {F64: 64, F32: 32, I64: 64, U32: 32, U16: 16, U8: 8, BOOL: 1}
 _REAL = F64, F32
 _WHOLE = ir.IntType(64)
 
 
 def llvm_operations(builder: Any) -> "_Operations":
-    """What vector code finds its operations in."""
+    """Return the operations for vector code."""
     return _Operations(builder)
 
 
-def llvm_arguments(builder: Any, given: Sequence[tuple[str, Any]]) -> list[Any]:
-    """What vector code is given, as it takes it: numbers by kind and LLVM's value, arrays as they are."""
-    return [SimdVector(builder, value, kind) if kind in (F64, I64) else value for kind, value in given]
+def llvm_arguments(builder: Any, typed_values: Sequence[tuple[str, Any]]) -> list[Any]:
+    """Convert the arguments of vector code: numbers by kind and LLVM's value, arrays as they are."""
+    return [SimdVector(builder, value, kind) if kind in (F64, I64) else value for kind, value in typed_values]
 
 
-def _operator(whole: str, real: str, *, turned: bool = False) -> Any:
-    """A method that adds the instruction for whole numbers or for real ones; ``turned``: the other comes first."""
+def _operator(integer_instruction: str, real_instruction: str, *, turned: bool = False) -> Any:
+    """Make a method that adds the integer or the real instruction; with ``turned`` the other operand comes first."""
 
     def add(self: "SimdVector", other: Any) -> "SimdVector":
         a, b = (self._like(other), self.value) if turned else (self.value, self._like(other))
-        return self._with(getattr(self.builder, real if self.kind in _REAL else whole)(a, b))
+        return self._with(getattr(self.builder, real_instruction if self.kind in _REAL else integer_instruction)(a, b))
 
     return add
 
@@ -135,11 +151,13 @@ class SimdVector:
     """Numbers side by side in a kernel that is being compiled; operators add instructions."""
 
     def __init__(self, builder: Any, value: Any, kind: str) -> None:
-        self.builder, self.value, self.kind = builder, value, kind
+        self.builder = builder
+        self.value = value
+        self.kind = kind
 
     @property
     def count(self) -> int:
-        """How many lanes."""
+        """Return the number of lanes."""
         return int(self.value.type.count)
 
     def _with(self, value: Any, kind: str | None = None) -> "SimdVector":
@@ -148,18 +166,30 @@ class SimdVector:
     def _like(self, other: Any) -> Any:
         if isinstance(other, SimdVector):
             return other.value
-        number = float(other) if self.kind in _REAL else int(other)
-        one = not isinstance(self.value.type, ir.VectorType)
-        return ir.Constant(self.value.type, number if one else [number] * self.count)
+        if self.kind in _REAL:
+            number = float(other)
+        else:
+            number = int(other)
+        is_scalar = not isinstance(self.value.type, ir.VectorType)
+        return ir.Constant(self.value.type, number if is_scalar else [number] * self.count)
 
-    __add__, __mul__ = _operator("add", "fadd"), _operator("mul", "fmul")
-    __sub__, __rsub__ = _operator("sub", "fsub"), _operator("sub", "fsub", turned=True)
-    __truediv__, __rtruediv__ = _operator("", "fdiv"), _operator("", "fdiv", turned=True)
-    __and__, __or__, __xor__ = _operator("and_", ""), _operator("or_", ""), _operator("xor", "")
-    __lshift__, __rshift__ = _operator("shl", ""), _operator("lshr", "")
+    __add__ = _operator("add", "fadd")
+    __mul__ = _operator("mul", "fmul")
+    __sub__ = _operator("sub", "fsub")
+    __rsub__ = _operator("sub", "fsub", turned=True)
+    __truediv__ = _operator("", "fdiv")
+    __rtruediv__ = _operator("", "fdiv", turned=True)
+    __and__ = _operator("and_", "")
+    __or__ = _operator("or_", "")
+    __xor__ = _operator("xor", "")
+    __lshift__ = _operator("shl", "")
+    __rshift__ = _operator("lshr", "")
 
     def _compare(self, sign: str, other: Any) -> "SimdVector":
-        compare = self.builder.fcmp_ordered if self.kind in _REAL else self.builder.icmp_unsigned
+        if self.kind in _REAL:
+            compare = self.builder.fcmp_ordered
+        else:
+            compare = self.builder.icmp_unsigned
         return self._with(compare(sign, self.value, self._like(other)), BOOL)
 
     def __lt__(self, other: Any) -> "SimdVector":
@@ -184,7 +214,9 @@ class _Operations:
         self._builder = builder
 
     def _whole(self, value: Any) -> Any:
-        return ir.Constant(_WHOLE, value) if isinstance(value, int) else value.value
+        if isinstance(value, int):
+            return ir.Constant(_WHOLE, value)
+        return value.value
 
     def _place(self, array: Any, at: Any, kind: str, count: int) -> Any:
         place = self._builder.gep(array.start, [self._whole(at)])
@@ -208,7 +240,8 @@ class _Operations:
         self._builder.store(values.value, place, align=_BITS[values.kind] // 8)
 
     def pairs(self, array: Any, at: SimdVector) -> tuple[SimdVector, SimdVector]:
-        build, short = self._builder, ir.IntType(32)
+        build = self._builder
+        short = ir.IntType(32)
         return self._pairs(
             array, [build.extract_element(at.value, ir.Constant(short, lane)) for lane in range(at.count)]
         )
@@ -216,28 +249,32 @@ class _Operations:
     def pairs_at(self, array: Any, places: Any, first: Any, count: int) -> tuple[SimdVector, SimdVector]:
         build = self._builder
         start = build.gep(places.start, [self._whole(first)])
-        each = [build.load(build.gep(start, [ir.Constant(_WHOLE, lane)])) for lane in range(count)]
-        return self._pairs(array, each)
+        lanes = [build.load(build.gep(start, [ir.Constant(_WHOLE, lane)])) for lane in range(count)]
+        return self._pairs(array, lanes)
 
     def _pairs(self, array: Any, numbers: Sequence[Any]) -> tuple[SimdVector, SimdVector]:
-        build, count = self._builder, len(numbers)
+        build = self._builder
+        count = len(numbers)
         # two pixels in turn, so that what belongs together is one shuffle within each sixteen bytes; as float64, which
         # one instruction loads into the upper half
         parts = []
         for odd in (0, 2):
             lanes = [lane for lane in range(count) if lane & 2 == odd]
-            both = ir.Constant(_vector(F64, count // 2), ir.Undefined)
+            vector = ir.Constant(_vector(F64, count // 2), ir.Undefined)
             for at, lane in enumerate(lanes):
                 place = build.gep(array.start, [build.zext(numbers[lane], _WHOLE)])
-                found = build.load(build.bitcast(place, ir.DoubleType().as_pointer()), align=4)
-                both = build.insert_element(both, found, ir.Constant(ir.IntType(32), at))
-            parts.append(build.bitcast(both, _vector(U32, count)))
+                pixel_pair = build.load(build.bitcast(place, ir.DoubleType().as_pointer()), align=4)
+                vector = build.insert_element(vector, pixel_pair, ir.Constant(ir.IntType(32), at))
+            parts.append(build.bitcast(vector, _vector(U32, count)))
         order = [(lane & 2) // 2 * count + lane // 4 * 4 + lane % 2 * 2 for lane in range(count)]
-        here, beside = (_shuffle(build, parts[0], parts[1], [at + odd for at in order]) for odd in (0, 1))
-        return SimdVector(build, here, U32), SimdVector(build, beside, U32)
+        first_pixels, second_pixels = (
+            _shuffle(build, parts[0], parts[1], [at + odd for at in order]) for odd in (0, 1)
+        )
+        return SimdVector(build, first_pixels, U32), SimdVector(build, second_pixels, U32)
 
     def fetch(self, array: Any, at: SimdVector, by: Any) -> None:
-        build, short = self._builder, ir.IntType(32)
+        build = self._builder
+        short = ir.IntType(32)
         start = build.gep(array.start, [self._whole(by)])
         for lane in range(0, at.count, 4):
             number = build.extract_element(at.value, ir.Constant(short, lane))
@@ -247,9 +284,10 @@ class _Operations:
         self._prefetch(self._builder.gep(array.start, [self._whole(at)]), 3)
 
     def _prefetch(self, place: Any, level: int) -> None:
-        build, short = self._builder, ir.IntType(32)
-        how = [ir.Constant(short, each) for each in (0, level, 1)]  # to be read, how near, and it is data
-        self._call("llvm.prefetch.p0", ir.VoidType(), build.bitcast(place, ir.IntType(8).as_pointer()), *how)
+        build = self._builder
+        short = ir.IntType(32)
+        hints = [ir.Constant(short, hint) for hint in (0, level, 1)]  # to be read, how near, and it is data
+        self._call("llvm.prefetch.p0", ir.VoidType(), build.bitcast(place, ir.IntType(8).as_pointer()), *hints)
 
     def count_from(self, first: Any, count: int, by: int) -> SimdVector:
         build = self._builder
@@ -312,7 +350,8 @@ class _Operations:
         return SimdVector(self._builder, self._builder.bitcast(values.value, kinds), kind)
 
     def upper(self, a: SimdVector, b: SimdVector) -> SimdVector:
-        build, wide = self._builder, _vector(U32, a.count)
+        build = self._builder
+        wide = _vector(U32, a.count)
         product = build.mul(build.zext(a.value, wide), build.zext(b.value, wide))
         half = build.lshr(product, ir.Constant(wide, [16] * a.count))
         return SimdVector(build, build.trunc(half, a.value.type), U16)
@@ -344,8 +383,8 @@ class _Operations:
 
 def _splat(builder: Any, value: Any, count: int) -> Any:
     kind = ir.VectorType(value.type, count)
-    one = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), count), [0] * count))
+    single = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(single, single, ir.Constant(ir.VectorType(ir.IntType(32), count), [0] * count))
 
 
 def _shuffle(builder: Any, a: Any, b: Any, lanes: Sequence[int]) -> Any:

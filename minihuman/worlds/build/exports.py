@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.worlds.first_person.render.draw_buffers import size_of
 from minihuman.worlds.first_person.render.shading import colour
 from minihuman.worlds.first_person.render.texture import fill_sizes
-from minihuman.worlds.first_person.render.visibility import cover, size_of
+from minihuman.worlds.first_person.render.visibility import cover
 from minihuman.worlds.first_person.rules import digest_state, look, step
 from minihuman.worlds.grid.babyai.verifier import step_instructed
 from minihuman.worlds.grid.core.view import see

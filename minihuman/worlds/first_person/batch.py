@@ -24,7 +24,7 @@ from minihuman.worlds.first_person.render.drawing import RenderTarget, turn
 from minihuman.worlds.first_person.render.rasterisation import ROOM
 from minihuman.worlds.first_person.render.render_pool import RenderPool, addresses
 from minihuman.worlds.first_person.rules import MOVED, TERMINATED, TRUNCATED, TURN_LEFT, TURN_RIGHT
-from minihuman.worlds.first_person.state import FirstPersonSnapshot
+from minihuman.worlds.first_person.snapshot import FirstPersonSnapshot
 from minihuman.worlds.options import BatchSeeds, seeds_per_world
 from minihuman.worlds.shared_work import helper_threads
 from minihuman.worlds.vector_names import VectorNames
@@ -127,22 +127,10 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
             WorldError: if the actions are not one number per world in range, before ``reset``, and, where autoreset is
                 disabled, after an episode's end. No world has been changed then.
         """
-        action_array = np.asarray(actions)
-        if action_array.shape != (self.num_envs,) or action_array.dtype.kind not in "iu":
-            raise WorldError(
-                f"actions must be {self.num_envs} whole numbers, not {action_array.dtype}{action_array.shape}"
-            )
-        if self._joint is not None and self._joint.is_current():
-            joint = self._joint
-        else:
+        joint = self._joint
+        if joint is not None and not joint.is_current():
             joint = None
-        if joint is None or not 0 <= action_array.min() <= action_array.max() < len(self.worlds[0].action_names):
-            for world, action in zip(self.worlds, action_array.tolist(), strict=True):
-                world.check(action)
-        if self._autoreset is AutoresetMode.DISABLED and self._over.any():
-            raise WorldError(
-                f"the episode of world {int(np.argmax(self._over))} is over; reset it with options['reset_mask'] first"
-            )
+        action_array = self._check_actions(actions, one_by_one=joint is None)
         again = self._autoreset is AutoresetMode.SAME_STEP
         renewed = self._over & (self._autoreset is AutoresetMode.NEXT_STEP)
         rewards = np.zeros(self.num_envs)
@@ -168,6 +156,26 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         over = ends[0] | ends[1]
         self._over = np.zeros_like(over) if again else over
         return observations, rewards, *ends, infos | self._final(final)
+
+    def _check_actions(self, actions: ArrayLike, *, one_by_one: bool) -> NDArray[Any]:
+        """Return the actions as an array; ``one_by_one`` every world checks its own, as it does if any is out of range.
+
+        Raises:
+            WorldError: as `step` says.
+        """
+        action_array = np.asarray(actions)
+        if action_array.shape != (self.num_envs,) or action_array.dtype.kind not in "iu":
+            raise WorldError(
+                f"actions must be {self.num_envs} whole numbers, not {action_array.dtype}{action_array.shape}"
+            )
+        if one_by_one or not 0 <= action_array.min() <= action_array.max() < len(self.worlds[0].action_names):
+            for world, action in zip(self.worlds, action_array.tolist(), strict=True):
+                world.check(action)
+        if self._autoreset is AutoresetMode.DISABLED and self._over.any():
+            raise WorldError(
+                f"the episode of world {int(np.argmax(self._over))} is over; reset it with options['reset_mask'] first"
+            )
+        return action_array
 
     def render(self) -> tuple[NDArray[np.uint8] | None, ...] | None:  # type: ignore[override]
         """Return render each world; None without a render mode."""
@@ -284,7 +292,8 @@ class JointStep:
         for world, flat, agent, (x, y, z, heading), status in outcomes:
             if status >= 0:
                 vars(world)["step_count"] += 1
-                agent["pos"], agent["dir"] = (x, y, z), heading
+                agent["pos"] = (x, y, z)
+                agent["dir"] = heading
                 if scored or status & _MORE:
                     flat.take(world, status)
 
@@ -296,7 +305,10 @@ class JointStep:
             agent = world.agent
             target = world.aim_target()
             flat.count(world)
-            self._flats[i], self._targets[i], self._agents[i], self._trigs[i] = flat, target, vars(agent), agent.trig
+            self._flats[i] = flat
+            self._targets[i] = target
+            self._agents[i] = vars(agent)
+            self._trigs[i] = agent.trig
             self._arrays[i] = flat.things, flat.numbers, flat.walls, target.view
             self._rows[i] = *addresses(*self._arrays[i])[:-1], target.view[ROOM]
             self._own[i] = *agent.pos, agent.dir, *turn(agent.dir, agent.trig), 0.0, 0.0, 0.0, agent.cam_fwd_disp

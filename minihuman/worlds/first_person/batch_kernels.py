@@ -25,10 +25,20 @@ from minihuman.worlds.kernels import array_at, int64, kernel
 
 # The columns of a row: address and length of the arrays of `rules.act`; the address of the view that sees the world,
 # and how many spans of a row there is memory for.
-THINGS, NUMBERS, WALLS, VIEW, SPANS, ROW_SIZE = 0, 2, 4, 6, 7, 8
+THINGS = 0
+NUMBERS = 2
+WALLS = 4
+VIEW = 6
+SPANS = 7
+ROW_SIZE = 8
 # Of a world's own numbers: where its agent is and heads; cosine and sine of that, and of the heading after a turn; what
 # the step earned; and how far before the middle of the body its eye is, metres.
-HEADING, NOW, AFTER, EARNED, AHEAD, OWN_SIZE = 3, 4, 6, 8, 9, 10
+HEADING = 3
+NOW = 4
+AFTER = 6
+EARNED = 8
+AHEAD = 9
+OWN_SIZE = 10
 
 _floats_at = array_at(np.float64)
 
@@ -44,12 +54,16 @@ def act_together(rows: I64, actions: NDArray[np.int64], own: F64, statuses: NDAr
         if action < 0:
             statuses[nth] = -1
             continue
-        row, facts = rows[nth], own[nth]
+        row = rows[nth]
+        facts = own[nth]
         things = _floats_at(row[THINGS], row[THINGS + 1]).reshape(row[THINGS + 1] // COLUMNS, COLUMNS)
         numbers = _floats_at(row[NUMBERS], row[NUMBERS + 1])
         numbers[STEPS] += 1.0
         walls = _floats_at(row[WALLS], row[WALLS + 1]).reshape(row[WALLS + 1] // 4, 4)
-        after = AFTER if int(numbers[NAMED + action]) >> 3 <= TURN_RIGHT else NOW
+        if int(numbers[NAMED + action]) >> 3 <= TURN_RIGHT:
+            after = AFTER
+        else:
+            after = NOW
         status = act(
             *(things, numbers, walls),
             *(facts[NOW], facts[NOW + 1], facts[after], facts[after + 1]),
@@ -64,8 +78,12 @@ def act_together(rows: I64, actions: NDArray[np.int64], own: F64, statuses: NDAr
             facts[column] = things[agent, column]
         facts[EARNED] = numbers[REWARD]
         view = _floats_at(row[VIEW], VIEW_SIZE)
-        cos_yaw, sin_yaw, cos_pitch, sin_pitch = facts[NOW], facts[NOW + 1], view[7], view[10]
-        ahead_x, ahead_z = facts[AHEAD] * cos_yaw, facts[AHEAD] * sin_yaw
+        cos_yaw = facts[NOW]
+        sin_yaw = facts[NOW + 1]
+        cos_pitch = view[7]
+        sin_pitch = view[10]
+        ahead_x = facts[AHEAD] * cos_yaw
+        ahead_z = facts[AHEAD] * sin_yaw
         view[0], view[1], view[2] = facts[X] + ahead_x, facts[Y] + numbers[EYE], facts[Z] - ahead_z
         view[3], view[5] = sin_yaw, cos_yaw
         view[6], view[8] = -sin_pitch * cos_yaw, sin_pitch * sin_yaw

@@ -45,7 +45,7 @@ _CHARACTER_VARIANTS = 9
 
 
 def mesh_extents(mesh: str) -> tuple[np.float32, np.float32, np.float32] | None:
-    """Half the width, the height and half the depth of a mesh of ours, in single precision; None for another's."""
+    """Return half width, height and half depth of a mesh of ours, in single precision; None for another's."""
     stem = next((name for name in _COLOURED if mesh.startswith(f"{name}_") and mesh != "keycard"), mesh)
     if stem not in _EXTENTS:
         return None
@@ -54,8 +54,10 @@ def mesh_extents(mesh: str) -> tuple[np.float32, np.float32, np.float32] | None:
 
 
 def texture_variants(texture: str) -> int:
-    """How many pictures a texture name stands for when worlds are randomised."""
-    return _CHARACTER_VARIANTS if texture.startswith("chars/") else _SEVERAL.get(texture, 1)
+    """Count the pictures that a texture name stands for when worlds are randomised."""
+    if texture.startswith("chars/"):
+        return _CHARACTER_VARIANTS
+    return _SEVERAL.get(texture, 1)
 
 
 LATEST_CHANGE = [0]  # of any thing's attributes: whoever keeps a copy of them sees by it that they may be others
@@ -105,12 +107,12 @@ class Entity:
 
     @property
     def colour(self) -> str:
-        """The colour it has on a map, "#rrggbb"."""
+        """Return the colour it has on a map, "#rrggbb"."""
         return "#808080"
 
     @property
     def forward(self) -> tuple[float, float]:
-        """Where it heads, as a step of length 1 in (x, z)."""
+        """Return where it heads, as a step of length 1 in (x, z)."""
         if self.trig:
             return cosine(self.dir), -sine(self.dir)
         return math.cos(self.dir), -math.sin(self.dir)
@@ -119,23 +121,23 @@ class Entity:
 
     @property
     def dir_vec(self) -> NDArray[np.float64]:
-        """`forward` as Miniworld has it, float64[3]: x, 0, z."""
+        """Return `forward` as Miniworld has it, float64[3]: x, 0, z."""
         x, z = self.forward
         return np.array((x, 0.0, z))
 
     @property
     def right_vec(self) -> NDArray[np.float64]:
-        """A step of length 1 to its right, float64[3]: x, 0, z."""
+        """Return a step of length 1 to its right, float64[3]: x, 0, z."""
         x, z = self.forward
         return np.array((-z, 0.0, x))
 
     @property
     def is_static(self) -> bool:
-        """`static`."""
+        """Return `static`."""
         return self.static
 
     def state(self) -> tuple[object, ...]:
-        """Everything that tells this thing from another: its kind, place and looks."""
+        """Return everything that tells this thing from another: its kind, place and looks."""
         looks = tuple(getattr(self, name) for name in self.looks)
         return self.name, *self.pos, self.dir, float(self.radius), float(self.height), self.static, *looks
 
@@ -159,7 +161,10 @@ class Box(Entity):
         super().__init__()
         self.colour_name = check_colour(colour)
         self.name = f"{colour} box"
-        self.size = size if isinstance(size, tuple) else (size, size, size)
+        if isinstance(size, tuple):
+            self.size = size
+        else:
+            self.size = (size, size, size)
         if min(self.size) <= 0:
             raise WorldError(f"a box's size is {self.size} m; each side must be above 0")
         width, self.height, depth = self.size
@@ -176,12 +181,12 @@ class Box(Entity):
 
     @property
     def colour(self) -> str:
-        """The colour it has on a map, "#rrggbb"."""
+        """Return the colour it has on a map, "#rrggbb"."""
         return hex_colour(self.rgb)
 
     @property
     def color(self) -> str:
-        """The name of its colour."""
+        """Return the name of its colour."""
         return self.colour_name
 
     @color.setter
@@ -190,7 +195,7 @@ class Box(Entity):
 
     @property
     def color_vec(self) -> NDArray[np.float64]:
-        """Its red, green and blue, 0 to 1, float64[3]."""
+        """Return its red, green and blue, 0 to 1, float64[3]."""
         return np.array(self.rgb)
 
 
@@ -230,7 +235,7 @@ class ColouredMesh(Mesh):
 
     @property
     def colour(self) -> str:
-        """The colour it has on a map, "#rrggbb"."""
+        """Return the colour it has on a map, "#rrggbb"."""
         return hex_colour(RGB_BY_COLOUR[self.colour_name])
 
 
@@ -288,7 +293,7 @@ class TextFrame(Entity):
 
     @property
     def textures(self) -> list[str | None]:
-        """The texture of each character, None for a space."""
+        """Return the texture of each character, None for a space."""
         return [None if letter == " " else f"chars/ch_0x{ord(letter)}" for letter in self.text]
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
@@ -317,14 +322,14 @@ class Agent(Entity):
 
     @property
     def cam_pos(self) -> NDArray[np.float64]:
-        """Where its eye is, float64[3]: x, y, z."""
+        """Return where its eye is, float64[3]: x, y, z."""
         up = np.array((0.0, self.cam_height, 0.0))
         eye: NDArray[np.float64] = np.array(self.pos) + self.dir_vec * self.cam_fwd_disp + up
         return eye
 
     @property
     def cam_dir(self) -> NDArray[np.float64]:
-        """Where its eye looks, float64[3]: a step of length 1."""
+        """Return where its eye looks, float64[3]: a step of length 1."""
         pitch_rad = math.radians(self.cam_pitch)
         upwards = np.array((0.0, math.sin(pitch_rad), 0.0))
         ahead: NDArray[np.float64] = self.dir_vec * math.cos(pitch_rad) + upwards

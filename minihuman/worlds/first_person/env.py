@@ -29,56 +29,26 @@ from minihuman.worlds.first_person.rooms import (
     outline_of,
     rectangle,
 )
-from minihuman.worlds.first_person.rules import FACE, GOAL, HEALTH, PUT_NEXT, SIGN, TAKE_ALL
+from minihuman.worlds.first_person.snapshot import FirstPersonSnapshot, restore_state, save_state
 from minihuman.worlds.first_person.state import (
-    FirstPersonSnapshot,
     FlatState,
     TerminationRule as TerminationRule,
     WorldState,
     floor_map,
-    restore_state,
-    save_state,
     state_hash,
+)
+from minihuman.worlds.first_person.termination_rules import (
+    face as face,
+    near_goal as near_goal,
+    pick_up_all as pick_up_all,
+    put_next as put_next,
+    stay_alive as stay_alive,
+    touch_right_one as touch_right_one,
 )
 from minihuman.worlds.human_window import ShowsItself
 from minihuman.worlds.options import MAX_PIXELS, check_bool, check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.step_limit import check_action
-
-
-def near_goal(goal: Entity, *, forbidden: Room | None = None) -> TerminationRule:
-    """End near a thing, which earns 1 down to 0.8; or in a forbidden room, for nothing."""
-    edges = () if forbidden is None else forbidden.outline.edges
-    return TerminationRule(GOAL, (goal,), tuple(part for edge in edges for part in (*edge.start, *edge.normal)))
-
-
-def pick_up_all(count: int, *, score: str) -> TerminationRule:
-    """Earn 1 for each thing picked up, which is gone then; end after so many."""
-    return TerminationRule(TAKE_ALL, (), (float(count),), score)
-
-
-def put_next(one: Entity, other: Entity) -> TerminationRule:
-    """End when nothing is carried and two things are near each other, which earns 1 down to 0.8."""
-    return TerminationRule(PUT_NEXT, (one, other))
-
-
-def stay_alive(*, score: str, cost: float, full: float, reward: float, penalty: float) -> TerminationRule:
-    """Pay for each step with health, all of which a thing that is picked up gives back; end without any.
-
-    The thing turns up elsewhere. A step earns ``reward``, the last one ``penalty``.
-    """
-    return TerminationRule(HEALTH, (), (cost, full, reward, penalty), score)
-
-
-def touch_right_one(things: tuple[Entity, ...], right: int) -> TerminationRule:
-    """End near one of the things, the last of several counting: 1 for the right one, -1 for another; or by "done"."""
-    return TerminationRule(SIGN, things, (float(right),))
-
-
-def face(goal: Entity, *, reach_m: float, tolerance_m: float) -> TerminationRule:
-    """End where a point so far ahead is within a tolerance of a thing, which earns 1 down to 0.8."""
-    return TerminationRule(FACE, (goal,), (reach_m, tolerance_m))
-
 
 _NOT_STATE = frozenset(
     {"action_names", "action_space", "observation_space", "max_steps", "parameters", "domain_rand", "render_mode"}
@@ -156,7 +126,10 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         self.action_names = tuple(actions)
         self.action_space = gymnasium.spaces.Discrete(len(actions))
         self.observation_space = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
-        self.parameters = parameters if isinstance(parameters, Parameters) else DEFAULTS.fixed(**parameters)
+        if isinstance(parameters, Parameters):
+            self.parameters = parameters
+        else:
+            self.parameters = DEFAULTS.fixed(**parameters)
         self.domain_rand = domain_rand
         self.render_mode = render_mode
         self.view = view
@@ -178,45 +151,45 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         raise NotImplementedError(f"{type(self).__name__} has no build(); define it to lay out rooms and entities")
 
     def termination_rule(self) -> TerminationRule:
-        """By which rule a step earns and ends the episode; by default nothing does."""
+        """Return the rule by which a step earns and ends the episode; by default none does."""
         return TerminationRule()
 
     def reward_and_done(self, action: str) -> tuple[float, bool]:
-        """After each step: what it earned and whether it ended the episode; by default by ``termination_rule``."""
+        """Return what a step earned and whether it ended the episode; by default by ``termination_rule``."""
         flat = self.flat_state()
         flat.take_rule(self)
         status = flat.step(self, self.action_names.index(action), rules.JUDGE)
         return flat.reward, bool(status & rules.TERMINATED)
 
     def info(self) -> dict[str, Any]:
-        """What ``reset`` and ``step`` return as info."""
+        """Return what ``reset`` and ``step`` return as info."""
         return {}
 
     def targets(self) -> tuple[Entity, ...]:
-        """The things that must have been seen before a path is taken; a simulated person looks round for them.
+        """Return the things that must be seen before a path is taken; a simulated person looks round for them.
 
         Without any, it takes the world's shortest path at once.
         """
         return ()
 
     def off_limits(self) -> tuple[Room, ...]:
-        """The rooms that planned paths avoid."""
+        """Return the rooms that planned paths avoid."""
         return ()
 
     def observe(self) -> Any:
-        """What the agent observes: its view, uint8[obs_height, obs_width, 3]."""
+        """Return what the agent observes: its view, uint8[obs_height, obs_width, 3]."""
         return self.see()
 
     def see(self, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
-        """The agent's view, uint8[obs_height, obs_width, 3], drawn into ``out`` if there is one."""
+        """Draw the agent's view, uint8[obs_height, obs_width, 3], into ``out`` if there is one."""
         return self._pictures.observation(self.stage, out)
 
     def aim_target(self) -> RenderTarget:
-        """Where the agent's view is drawn, everything in its place: for drawing many worlds' views together."""
+        """Return where the agent's view is drawn, everything in its place, to draw many worlds' views together."""
         return self._pictures.aim_target(self.stage)
 
     def staged(self, palette: Palette, size_px: tuple[int, int]) -> tuple[Sequence[Entity], RenderTarget]:
-        """The things that the scene is made of, those that are gone too, and where the agent's view is drawn."""
+        """Return the things of the scene, those that are gone too, and where the agent's view is drawn."""
         return self._pictures.staged(self.stage, palette, size_px)
 
     # What ``build`` calls.
@@ -241,9 +214,10 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         Raises:
             WorldError: if the outline does not close, is not convex, or goes round the wrong way.
         """
-        shape = (
-            outline if isinstance(outline, RoomOutline) else outline_of(tuple((float(x), float(z)) for x, z in outline))
-        )
+        if isinstance(outline, RoomOutline):
+            shape = outline
+        else:
+            shape = outline_of(tuple((float(x), float(z)) for x, z in outline))
         return self.stage.add_room(Room(shape, wall_height, floor, wall, ceiling))
 
     def connect_rooms(
@@ -303,19 +277,19 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         self.stage.put(frame, frame.pos, frame.dir)
         return frame
 
-    def place_agent(self, **where: Any) -> Agent:
-        """Place the agent; ``where`` as in ``place_entity``."""
-        return self.place_entity(self.agent, **where)
+    def place_agent(self, **placement: Any) -> Agent:
+        """Place the agent; ``placement`` as in ``place_entity``."""
+        return self.place_entity(self.agent, **placement)
 
     def success_reward(self) -> float:
-        """1 at the start, falling to 0.8 at the last step; always 1 without a step limit."""
+        """Return the reward of success: 1 at the start, 0.8 at the last step; always 1 without a step limit."""
         if self.max_steps is None:
             return 1.0
         return 1.0 - 0.2 * (self.step_count / self.max_steps)
 
     @property
     def stage(self) -> WorldState:
-        """The episode's world.
+        """Return the episode's world.
 
         Raises:
             WorldError: before the first reset.
@@ -326,12 +300,12 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
 
     @property
     def agent(self) -> Agent:
-        """The agent."""
+        """Return the agent."""
         return self.stage.agent
 
     @property
     def entities(self) -> list[Entity]:
-        """Everything placed, in order, the agent included."""
+        """Return everything placed, in order, the agent included."""
         return self.stage.entities
 
     # Gymnasium.
@@ -353,7 +327,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         return self.observe(), reward, terminated, truncated, self.info()
 
     def begin(self, *, seed: int | None = None) -> None:
-        """A reset without its observation."""
+        """Begin an episode without its observation."""
         super().reset(seed=seed)
         self.step_count = 0
         self._over = False
@@ -371,7 +345,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         self._stage.randomise()
 
     def advance(self, action: Any) -> tuple[float, bool, bool]:
-        """A step without its observation: reward, terminated, truncated."""
+        """Make a step without its observation: reward, terminated, truncated."""
         number = self.check(action)
         if self._over:
             raise WorldError(f"no episode is running in {type(self).__name__}; call reset() first")
@@ -380,7 +354,9 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         flat = self.flat_state()
         if self.kernels_judge:
             status = flat.step(self, number, rules.ACT | rules.JUDGE)
-            reward, terminated, truncated = flat.reward, bool(status & rules.TERMINATED), bool(status & rules.TRUNCATED)
+            reward = flat.reward
+            terminated = bool(status & rules.TERMINATED)
+            truncated = bool(status & rules.TRUNCATED)
         else:
             flat.step(self, number, rules.ACT)
             reward, terminated = self.reward_and_done(self.action_names[number])
@@ -395,11 +371,13 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         return check_action(action, len(self.action_names))
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The view asked for at construction, uint8[window_height, window_width, 3]; None without a render mode."""
+        """Draw the view set at construction, uint8[window_height, window_width, 3]; None without a render mode."""
         if self.render_mode == "human":
             self.show_in_window(self._rendered)
             return None
-        return None if self.render_mode is None else self._rendered()
+        if self.render_mode is None:
+            return None
+        return self._rendered()
 
     def _show(self) -> None:
         if self.render_mode == "human":
@@ -412,18 +390,18 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
 
     @property
     def is_compiled(self) -> bool:
-        """Whether kernels alone step it and by our own sine: with no `reward_and_done` and no `advance` of its own."""
+        """Return whether kernels alone step it, by our own sine: without its own `reward_and_done` or `advance`."""
         own = type(self)
         plain = own.advance is FirstPersonEnv.advance and own.step is FirstPersonEnv.step
         return bool(self.trig) and plain and self.kernels_judge and len(self.action_names) <= rules.MOST_ACTIONS
 
     @property
     def kernels_judge(self) -> bool:
-        """Whether kernels say what a step earned: with no `reward_and_done` of its own."""
+        """Return whether kernels say what a step earned: the world has no `reward_and_done` of its own."""
         return type(self).reward_and_done is FirstPersonEnv.reward_and_done
 
     def flat_state(self) -> FlatState:
-        """The present state as kernels take it; its arrays are the next step's, too."""
+        """Return the present state as kernels take it; the next step uses the same arrays."""
         flat = self._flat
         if flat is None or flat.stage is not self._stage:
             flat = self._flat = FlatState(self)
@@ -432,50 +410,54 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         return flat
 
     def pose(self) -> Pose:
-        """Where the agent's feet are, metres, and where it heads; the heading is not wrapped to one turn."""
+        """Return where the agent's feet are, metres, and where it heads; the heading is not wrapped to one turn."""
         x, y, z = self.agent.pos
         return Pose(x, y, z, self.agent.dir)
 
     def map(self) -> Map:
-        """Walls that stop a body, and everything placed but the agent."""
+        """Return the walls that stop a body, and everything placed but the agent."""
         return floor_map(self.stage)
 
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """The agent's view or the world from above, uint8[H, W, 3] of exactly ``size_px`` (width, height)."""
+        """Draw the agent's view or the world from above, uint8[H, W, 3] of exactly ``size_px`` (width, height)."""
         return self._pictures.draw(self.stage, view=view, size_px=size_px, palette=palette)
 
     def picture_between(
         self, before: Pose, share: float, *, size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """The agent's view, a share (0..1) of the way from an earlier pose to where it is, which it stays."""
-        agent, carried, pose = self.agent, self.agent.carrying, self.pose()
+        """Draw the agent's view a share (0..1) of the way from an earlier pose to its own, without moving it."""
+        agent = self.agent
+        carried = self.agent.carrying
+        pose = self.pose()
         moved = [agent] if carried is None else [agent, carried]
-        placed = [(one, one.pos, one.dir) for one in moved]
-        starts, ends = ((one.x, one.y, one.z, one.yaw_rad) for one in (before, pose))
+        placed = [(thing, thing.pos, thing.dir) for thing in moved]
+        starts, ends = ((end_pose.x, end_pose.y, end_pose.z, end_pose.yaw_rad) for end_pose in (before, pose))
         x, y, z, agent.dir = (start + share * (end - start) for start, end in zip(starts, ends, strict=True))
         agent.pos = x, y, z
         if carried is not None:
-            carried.pos, carried.dir = self.stage.carrying_position(agent.pos, carried), agent.dir
+            carried.pos = self.stage.carrying_position(agent.pos, carried)
+            carried.dir = agent.dir
         try:
             return self.picture(size_px=size_px, palette=palette)
         finally:
-            for one, pos, heading in placed:
-                one.pos, one.dir = pos, heading
+            for thing, pos, heading in placed:
+                thing.pos = pos
+                thing.dir = heading
 
     def state_hash(self) -> int:
-        """A uint64 over floor plan, things, step count, random stream and the world's own attributes."""
+        """Hash floor plan, things, step count, random stream and the world's own attributes to a uint64."""
         return state_hash(type(self).__name__, self._state())
 
     def scene_hash(self) -> int:
-        """The same without the step count."""
+        """Return the same hash without the step count."""
         state = self._state()
         del state["step_count"]
         return state_hash(type(self).__name__, state)
 
     def save(self) -> FirstPersonSnapshot:
-        """An exact copy of the state; it may be pickled, and restored into any world of the same class."""
+        """Copy the state exactly; the copy may be pickled, and restored into any world of the same class."""
         _ = self.stage  # or there is nothing to save
         return save_state(type(self).__name__, self._over, self._state())
 
@@ -487,9 +469,9 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         """
         if not isinstance(saved, FirstPersonSnapshot) or saved.world != type(self).__name__:
             raise WorldError(f"{saved!r} was not saved by a {type(self).__name__}; pass what save() returned")
-        for name in self._state().keys() - saved.own.plain.keys() - saved.own.rest.keys():
+        for name in self._state().keys() - saved.own.plain.keys() - saved.own.copied.keys():
             delattr(self, name)
-        vars(self).update(restore_state(saved, here=self._stage is saved.stage))
+        vars(self).update(restore_state(saved, in_place=self._stage is saved.stage))
         self._over = saved.over
         note_change()
 

@@ -84,17 +84,20 @@ class MiniworldCompat:
 
     @property
     def max_steps(self) -> int | None:
-        """An episode is truncated after so many steps; None for never."""
+        """Return the number of steps after which an episode is truncated; None for never."""
         return self._max_steps
 
     @max_steps.setter
     def max_steps(self, steps: int | None) -> None:
-        self._max_steps = None if steps is None else check_max_steps(steps)
+        if steps is None:
+            self._max_steps = None
+        else:
+            self._max_steps = check_max_steps(steps)
         self.forget_flat_state()
 
     @property
     def domain_rand(self) -> bool:
-        """Whether parameters are drawn from their ranges."""
+        """Return whether parameters are drawn from their ranges."""
         return self._domain_rand
 
     @domain_rand.setter
@@ -106,56 +109,58 @@ class MiniworldCompat:
 
     @UpstreamName
     def obs_disp_height(self: Any) -> float:
-        """The height of the small picture in Miniworld's window."""
+        """Return the height of the small picture in Miniworld's window."""
         frame = self.obs_fb
         return float(frame.height * (self.obs_disp_width / frame.width))
 
     @UpstreamName
     def actions(self: Any) -> type[IntEnum]:
-        """The actions by name: Miniworld's eight where the world takes the first of them, otherwise the world's own."""
+        """Return the actions by name: Miniworld's eight where the world takes the first of them, or the world's own."""
         own = tuple(self.action_names)
         return _actions(ACTIONS if own == ACTIONS[: len(own)] else own)
 
     @set_instead("make the world with render_mode='human'")
     def window(self: Any) -> Any:
-        """The window of ``render_mode="human"``; None while there is none."""
+        """Return the window of ``render_mode="human"``; None while there is none."""
         return self._window
 
     @set_instead(_BUILD)
     def rooms(self: Any) -> list[Room]:
-        """The rooms in the order they were added, passages between them included."""
+        """Return the rooms in the order they were added, passages between them included."""
         return list(self.stage.rooms)
 
     @set_instead(_BUILD)
     def wall_segs(self: Any) -> NDArray[np.float64]:
-        """Walls that stop a body, float64[n, 2, 3]: where each starts and ends, x, 0, z."""
+        """Return the walls that stop a body, float64[n, 2, 3]: where each starts and ends, x, 0, z."""
         ends = self.stage.floor.walls.reshape(-1, 2, 2)
         return np.insert(ends, 1, 0.0, axis=2)
 
     @set_instead(_BUILD)
     def min_x(self: Any) -> float:
-        """Where the rooms begin along x, metres."""
+        """Return where the rooms begin along x, metres."""
         return float(self.stage.floor.bounds[0])
 
     @set_instead(_BUILD)
     def min_z(self: Any) -> float:
-        """Where the rooms begin along z, metres."""
+        """Return where the rooms begin along z, metres."""
         return float(self.stage.floor.bounds[1])
 
     @set_instead(_BUILD)
     def max_x(self: Any) -> float:
-        """Where the rooms end along x, metres."""
+        """Return where the rooms end along x, metres."""
         return float(self.stage.floor.bounds[2])
 
     @set_instead(_BUILD)
     def max_z(self: Any) -> float:
-        """Where the rooms end along z, metres."""
+        """Return where the rooms end along z, metres."""
         return float(self.stage.floor.bounds[3])
 
     @UpstreamName
     def max_episode_steps(self: Any) -> float:
-        """Steps after which an episode is truncated; infinity for never."""
-        return math.inf if self.max_steps is None else float(self.max_steps)
+        """Return the steps after which an episode is truncated; infinity for never."""
+        if self.max_steps is None:
+            return math.inf
+        return float(self.max_steps)
 
     @max_episode_steps.setter
     def max_episode_steps(self: Any, steps: float) -> None:
@@ -163,7 +168,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def max_forward_step(self: Any) -> float:
-        """The longest step, metres."""
+        """Return the longest step, metres."""
         return float(self.stage.reach)
 
     @max_forward_step.setter
@@ -173,7 +178,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def params(self: Any) -> ParameterNames:
-        """The world's parameters; setting one counts from the next step on."""
+        """Return the world's parameters; setting one counts from the next step on."""
         return ParameterNames(self.parameters, self._take_parameters)
 
     @params.setter
@@ -182,7 +187,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def sky_color(self: Any) -> NDArray[np.float64]:
-        """The colour of the sky in this episode, float64[3], 0 to 1."""
+        """Return the colour of the sky in this episode, float64[3], 0 to 1."""
         return np.array(self.stage.sky_colour)
 
     @sky_color.setter
@@ -192,7 +197,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def light_pos(self: Any) -> NDArray[np.float64]:
-        """Where the light of this episode comes from, float64[3], metres."""
+        """Return where the light of this episode comes from, float64[3], metres."""
         return np.array(self.stage.light_pos)
 
     @light_pos.setter
@@ -202,7 +207,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def light_color(self: Any) -> NDArray[np.float64]:
-        """The colour of the light in this episode, float64[3], 0 to 1."""
+        """Return the colour of the light in this episode, float64[3], 0 to 1."""
         return np.array(self.stage.light_colour)
 
     @light_color.setter
@@ -212,7 +217,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def light_ambient(self: Any) -> NDArray[np.float64]:
-        """The colour of the light that is everywhere, float64[3], 0 to 1."""
+        """Return the colour of the light that is everywhere, float64[3], 0 to 1."""
         return np.array(self.stage.light_ambient)
 
     @light_ambient.setter
@@ -222,12 +227,12 @@ class MiniworldCompat:
 
     @set_instead("give obs_width and obs_height when the world is made")
     def obs_fb(self: Any) -> FrameSize:
-        """How large an observation is."""
+        """Return the size of an observation."""
         return FrameSize(*self._pictures.size_px)
 
     @set_instead("give window_width and window_height when the world is made")
     def vis_fb(self: Any) -> FrameSize:
-        """How large the pictures are that `render` draws."""
+        """Return the size of the pictures that `render` draws."""
         return FrameSize(*self.window_px)
 
     def move_agent(self: Any, fwd_dist: float, fwd_drift: float) -> bool:
@@ -248,7 +253,8 @@ class MiniworldCompat:
 
     def turn_agent(self: Any, turn_angle: float) -> bool:
         """Turn the agent, and what it carries, so many degrees to the left; whether nothing was in the way."""
-        agent, heading = self.agent, self.agent.dir
+        agent = self.agent
+        heading = self.agent.dir
         carried = agent.carrying
         agent.dir = heading + turn_angle * (math.pi / 180)
         if carried is None:
@@ -257,34 +263,35 @@ class MiniworldCompat:
         if self.intersect(carried, place, carried.radius) is not None:
             agent.dir = heading
             return False
-        carried.pos, carried.dir = place, agent.dir
+        carried.pos = place
+        carried.dir = agent.dir
         return True
 
     def intersect(self: Any, ent: Entity, pos: Sequence[float], radius: Length) -> Entity | Literal[True] | None:
-        """What a thing of this radius would touch at a place (x, y, z): True for a wall, another thing, or None."""
+        """Return what a thing of this radius would touch at (x, y, z): True for a wall, another thing, or None."""
         touched: Entity | str | None = self.stage.blocker(ent, float(pos[0]), float(pos[2]), radius)
         if isinstance(touched, Entity):
             return touched
         return True if touched == WALL else None
 
     def near(self: Any, a: Entity, b: Entity | None = None) -> bool:
-        """Is a thing within a step of touching another, or the agent?"""
+        """Return whether a thing is within a step of touching another, or the agent."""
         return bool(self.stage.near(a, b or self.agent))
 
     def depth(self: Any, *, size_px: tuple[int, int] = (80, 60)) -> NDArray[np.float32]:
-        """How far away what the agent sees is, metres along its view, float32[H, W]."""
+        """Return the depth of the agent's view, metres along its axis, float32[H, W]."""
         return np.asarray(self._pictures.depth(self.stage, size_px=size_px))
 
     def visible_entities(self: Any) -> list[Entity]:
-        """The things of which some part is in the agent's view, in the order they were placed."""
+        """Return the things of which some part is in the agent's view, in the order they were placed."""
         return list(self._pictures.visible(self.stage))
 
     def own_attributes(self: Any) -> frozenset[str]:
-        """The names of what the world's build() sets on itself."""
+        """Return the names of what the world's build() sets on itself."""
         return frozenset(name for name in self._state() if not name.startswith("_"))
 
     def render_obs(self: Any, frame_buffer: FrameSize | None = None) -> NDArray[np.uint8]:
-        """What the agent sees: `see`, or a picture as large as `vis_fb` or another frame."""
+        """Draw what the agent sees: `see`, or a picture as large as `vis_fb` or another frame."""
         if frame_buffer is None:
             return np.asarray(self.see())
         return np.asarray(self.picture(size_px=(frame_buffer.width, frame_buffer.height)))
@@ -292,31 +299,37 @@ class MiniworldCompat:
     def render_top_view(
         self: Any, frame_buffer: FrameSize | None = None, render_agent: bool = True, return_scale: bool = False
     ) -> NDArray[np.uint8]:
-        """The world from above, as large as an observation, or as `vis_fb` or another frame.
+        """Draw the world from above, as large as an observation, or as `vis_fb` or another frame.
 
         Raises:
             WorldError: if the agent is not to be drawn, or Miniworld's scale is asked for.
         """
         if not render_agent or return_scale:
             raise WorldError("render_top_view draws the agent and returns the picture alone; map() has the coordinates")
-        frame = self.obs_fb if frame_buffer is None else frame_buffer
+        if frame_buffer is None:
+            frame = self.obs_fb
+        else:
+            frame = frame_buffer
         return np.asarray(self.picture(view="full", size_px=(frame.width, frame.height)))
 
     def render_depth(self: Any, frame_buffer: FrameSize | None = None) -> NDArray[np.float32]:
-        """How far away what the agent sees is, metres, float32[height, width, 1]: `depth`."""
-        frame = self.obs_fb if frame_buffer is None else frame_buffer
+        """Return the depth of the agent's view, metres, float32[height, width, 1]: `depth`."""
+        if frame_buffer is None:
+            frame = self.obs_fb
+        else:
+            frame = frame_buffer
         return np.asarray(self.depth(size_px=(frame.width, frame.height)))[..., None]
 
     def get_visible_ents(self: Any) -> set[Entity]:
-        """The things of which some part is in the agent's view: `visible_entities`."""
+        """Return the things of which some part is in the agent's view: `visible_entities`."""
         return set(self.visible_entities())
 
     def _get_carry_pos(self: Any, agent_pos: Position, ent: Entity) -> NDArray[np.float64]:
-        """Where a carried thing floats when the agent stands at a place."""
+        """Return where a carried thing floats when the agent stands at a place."""
         return np.array(self.stage.carrying_position(agent_pos, ent))
 
     def _reward(self: Any) -> float:
-        """What success would earn now."""
+        """Return what success would earn now."""
         return float(self.success_reward())
 
     def _take_parameters(self: Any, parameters: Parameters) -> None:

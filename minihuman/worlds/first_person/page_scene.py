@@ -11,11 +11,11 @@ from minihuman.worlds.contract import Palette
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.entities import Entity
 from minihuman.worlds.first_person.render.assets import join, pack, size_table
+from minihuman.worlds.first_person.render.draw_buffers import packed_faces
 from minihuman.worlds.first_person.render.drawing import half_view, turn
 from minihuman.worlds.first_person.render.kernel_tables import F64, FIRST, I32, LAST, FaceTable, TextureTable
 from minihuman.worlds.first_person.render.scene import SceneTables
 from minihuman.worlds.first_person.render.texture import MOST_SIZES
-from minihuman.worlds.first_person.render.visibility import packed_faces
 from minihuman.worlds.rng import RngState, read_rng_state
 
 if TYPE_CHECKING:

@@ -38,7 +38,7 @@ class ParameterNames:
 
     @property
     def params(self) -> dict[str, ParameterRange]:
-        """Every parameter by name; a copy."""
+        """Return every parameter by name; a copy."""
         return {name: _shown(self.table[name]) for name in PARAMETER_NAMES}
 
     def copy(self) -> "ParameterNames":
@@ -64,7 +64,8 @@ class ParameterNames:
         """
         if type != "float":
             raise WorldError(f"the type of {name} is {type!r}; every parameter is a 'float'")
-        low, high = default if min is None else min, default if max is None else max
+        low = default if min is None else min
+        high = default if max is None else max
         self.table = self.table.varied(**{name: Parameter(_value(default), _value(low), _value(high))})
         if self._change is not None:
             self._change(self.table)
@@ -76,7 +77,9 @@ class ParameterNames:
     def sample(self, rng: np.random.Generator | None, name: str) -> Any:
         """Return a value of the range, drawn as Miniworld draws it, or the default without a stream."""
         value = self.table[name].sample(rng)
-        return np.array(value) if isinstance(value, tuple) else value
+        if isinstance(value, tuple):
+            return np.array(value)
+        return value
 
     def sample_many(self, rng: np.random.Generator | None, target_obj: Any, param_names: list[str]) -> None:
         """Set attributes of an object to values of parameters of the same names."""

@@ -18,17 +18,17 @@ from minihuman.worlds.options import MAX_METRES, check_number
 
 
 def uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """One number in [low, high)."""
+    """Draw one number in [low, high)."""
     return low + (high - low) * rng.random()
 
 
 def weighted(rng: np.random.Generator, cumulative: Sequence[float]) -> int:
-    """An index, drawn by weights given as their running sum; the last is 1."""
+    """Draw an index by weights given as their running sum; the last is 1."""
     return bisect_right(cumulative, rng.random())
 
 
 def running_sum(weights: Sequence[float]) -> tuple[float, ...]:
-    """The running sum of weights, scaled to end at 1, rounded as ``Generator.choice`` rounds it."""
+    """Return the running sum of weights, scaled to end at 1, rounded as ``Generator.choice`` rounds it."""
     shares = np.array(weights, dtype=float)
     sums = np.cumsum(shares / np.sum(shares))
     return tuple((sums / sums[-1]).tolist())
@@ -51,7 +51,7 @@ class Parameter:
             raise WorldError(f"{self!r} must have low <= default <= high, all of the same length")
 
     def sample(self, rng: np.random.Generator | None) -> Value:
-        """A value from the range, or the default where there is no stream to draw from."""
+        """Draw a value from the range, or return the default where there is no stream to draw from."""
         if rng is None:
             return self.default
         match self.low, self.high:
@@ -72,8 +72,8 @@ class Parameters:
         self._table = dict(table)
         for name, parameter in self._table.items():
             for value in (parameter.low, parameter.default, parameter.high):
-                for each in value if isinstance(value, tuple) else (value,):
-                    check_number(f"parameters.{name}", each, *LIMITS[name])
+                for component in value if isinstance(value, tuple) else (value,):
+                    check_number(f"parameters.{name}", component, *LIMITS[name])
 
     def __getitem__(self, name: str) -> Parameter:
         try:
@@ -85,14 +85,14 @@ class Parameters:
         return self
 
     def fixed(self, **defaults: Value) -> "Parameters":
-        """A copy in which nothing varies, with some defaults replaced: ``DEFAULTS.fixed(forward_step=0.7)``."""
+        """Return a copy in which nothing varies, with some defaults replaced: ``DEFAULTS.fixed(forward_step=0.7)``."""
         table = {name: Parameter(p.default, p.default, p.default) for name, p in self._table.items()}
-        given = {name: tuple(value) if isinstance(value, list) else value for name, value in defaults.items()}
-        table |= {name: Parameter(value, value, value) for name, value in given.items() if self[name]}
+        fixed_values = {name: tuple(value) if isinstance(value, list) else value for name, value in defaults.items()}
+        table |= {name: Parameter(value, value, value) for name, value in fixed_values.items() if self[name]}
         return Parameters(table)
 
     def varied(self, **ranges: Parameter) -> "Parameters":
-        """A copy with some parameters replaced: ``DEFAULTS.varied(turn_step=Parameter(30, 20, 40))``."""
+        """Return a copy with some parameters replaced: ``DEFAULTS.varied(turn_step=Parameter(30, 20, 40))``."""
         return Parameters(self._table | {name: value for name, value in ranges.items() if self[name]})
 
     def number(self, name: str, rng: np.random.Generator | None) -> float:
@@ -108,7 +108,7 @@ class Parameters:
         return value
 
     def largest(self, name: str) -> float:
-        """The upper end of a number's range."""
+        """Return the upper end of a number's range."""
         value = self[name].high
         assert not isinstance(value, tuple), name
         return value

@@ -42,38 +42,44 @@ GONE = (np.nan,) * 4
 
 
 def light(stage: WorldState) -> Light:
-    """The light of an episode."""
+    """Return the light of an episode."""
     x, y, z = stage.light_pos
     return Light((x + 1, y + 1, z + 1), stage.light_colour, stage.light_ambient)
 
 
 def places(stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
-    """Where the things are now, (n, 4) x, y, z, yaw_rad; not a number for one that left the stage."""
+    """Return where the things are now, (n, 4) x, y, z, yaw_rad; not a number for one that left the stage."""
     present = set(map(id, stage.entities))
     rows = [(*thing.pos, thing.dir) if id(thing) in present else GONE for thing in things]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
 def shaded(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the shadows of things are: below them; not a number where a thing is not on the ground."""
+    """Return where the shadows of things are: below them; not a number where a thing is not on the ground."""
     return np.where(places[:, 1:2] == 0.0, places, np.nan)
 
 
 def shadow(thing: Entity) -> ShadowLook:
-    """The shadow of a thing: of a box round its corners, of others narrower than what collides; of frames none."""
+    """Return a thing's shadow: of a box round its corners, of others narrower than what collides; none of frames."""
     part = {Box: 1.1, ImageFrame: 0.0, TextFrame: 0.0}.get(type(thing), 0.7)
     return ShadowLook(part * float(thing.radius))
 
 
 def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) -> tuple[FaceTable, RoomTable]:
-    """The rooms of a floor plan as the renderer's tables: floor, ceiling and pieces of wall, and the openings."""
-    edges, first = floor.edges, floor.first_edge
+    """Build the renderer's tables of a floor plan's rooms: floor, ceiling, pieces of wall, and the openings."""
+    edges = floor.edges
+    first = floor.first_edge
     heights = np.array([room.wall_height for room in floor.rooms])
     textures, sizes_m = _coverings(floor, library)
     faces, first_face = room_faces(first, edges, heights, floor.pieces, textures, sizes_m)
-    shades = room_occluders(first, edges, heights, floor.pieces, textures, sizes_m, JOINT_M) if display else ()
+    shades: tuple[NDArray[Any], ...]
+    if display:
+        shades = room_occluders(first, edges, heights, floor.pieces, textures, sizes_m, JOINT_M)
+    else:
+        shades = ()
     doors = floor.portals[floor.portals[:, 5] >= 0]
-    (x, z), (a, b) = edges[:, :2].T, edges[:, 5:].T
+    x, z = edges[:, :2].T
+    a, b = edges[:, 5:].T
     bounds = [extent.reduceat(at, first[:-1]) for extent in (np.minimum, np.maximum) for at in (x, z)]
     return faces, RoomTable(
         first_face,
@@ -89,7 +95,7 @@ def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) ->
 
 
 def _coverings(floor: FloorPlan, library: Library) -> tuple[I64, F64]:
-    """Of each room's floor, wall and ceiling the row of the texture, and how many metres it covers, right and up."""
+    """Return for each room's floor, wall and ceiling the texture's row, and the metres it covers, right and up."""
     numbers: dict[tuple[str | None, ...], int] = {}  # rooms covered alike share one
     which = [numbers.setdefault(_covering(room), len(numbers)) for room in floor.rooms]
     rows = [[-1 if name is None else library.texture_row(name) for name in names] for names in numbers]
@@ -98,19 +104,22 @@ def _coverings(floor: FloorPlan, library: Library) -> tuple[I64, F64]:
 
 
 def _covering(room: RoomPlan) -> tuple[str | None, ...]:
-    """The textures of floor, wall and ceiling, None for no ceiling."""
+    """Return the textures of floor, wall and ceiling, None for no ceiling."""
     wall, floor, ceiling = room.pictures
-    above = None if room.ceiling is None else variant(room.ceiling, ceiling)
+    if room.ceiling is None:
+        above = None
+    else:
+        above = variant(room.ceiling, ceiling)
     return variant(room.floor, floor), variant(room.wall, wall), above
 
 
 def variant(texture: str, number: int) -> str:
-    """The name of one picture of a texture, counted from 0."""
+    """Return the name of one picture of a texture, counted from 0."""
     return f"{texture}_{number + 1}"
 
 
 def look(thing: Entity, palette: Palette, library: Library) -> Look:
-    """What a thing looks like; only our own balls and keys come in the colours of every palette.
+    """Return what a thing looks like; only our own balls and keys come in the colours of every palette.
 
     Raises:
         WorldError: if it is of a kind that cannot be drawn.
@@ -171,13 +180,13 @@ class WorldRenderer:
                 entity.measure(*asset_library(self.assets).mesh_extents(entity.mesh))
 
     def observation(self, stage: WorldState, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
-        """What the agent sees, in the size of an observation; drawn into ``out`` if there is one."""
+        """Draw what the agent sees, in the size of an observation, into ``out`` if there is one."""
         return self.aim_target(stage).draw(out)
 
     def aim_target(
         self, stage: WorldState, palette: Palette = "classic", size_px: tuple[int, int] | None = None
     ) -> RenderTarget:
-        """Where what the agent sees is drawn next, all in its place; in the size of an observation if none is given."""
+        """Return where the agent's view is drawn next, all in its place; of an observation's size if none is given."""
         key = palette, size_px or self.size_px
         observed = self._easels.get(key)
         if observed is None or observed.stage is not stage or observed.entities != stage.entities:
@@ -190,7 +199,7 @@ class WorldRenderer:
         return observed.aim_target()
 
     def draw(self, stage: WorldState, *, view: View, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
-        """What the agent sees, or the world from above with the agent in it."""
+        """Draw what the agent sees, or the world from above with the agent in it."""
         if min(size_px) < 1:
             raise WorldError(f"a picture cannot be {size_px[0]} x {size_px[1]} pixels; each side must be 1 or more")
         if view == "partial":
@@ -198,34 +207,39 @@ class WorldRenderer:
         return render_top(self.scene(stage, palette), *size_px, agent=Pose(*stage.agent.pos, stage.agent.dir))
 
     def depth(self, stage: WorldState, *, size_px: tuple[int, int]) -> NDArray[np.float32]:
-        """How far away what the agent sees is, metres along its view."""
+        """Return the depth of the agent's view, metres along its axis."""
         return render_depth(self.scene(stage), camera(stage), *size_px)
 
     def staged(
         self, stage: WorldState, palette: Palette, size_px: tuple[int, int]
     ) -> tuple[Sequence[Entity], RenderTarget]:
-        """The things that the scene is made of, those that are gone too, and where what the agent sees is drawn."""
+        """Return the things of the scene, those that are gone too, and where what the agent sees is drawn."""
         target = self.aim_target(stage, palette, size_px)
         return self._staged[palette][1], target
 
     def visible(self, stage: WorldState) -> list[Entity]:
-        """The things in the agent's view, in the order they were placed."""
+        """Return the things in the agent's view, in the order they were placed."""
         scene = self.scene(stage)
         things = self._staged["classic"][1]
         numbers = visible_things(scene, camera(stage), *self.size_px)
-        seen = {id(things[number]) for number in numbers if number < len(things)}  # after them come their shadows
-        return [entity for entity in stage.entities if id(entity) in seen]
+        visible_ids = {
+            id(things[number]) for number in numbers if number < len(things)
+        }  # after them come their shadows
+        return [entity for entity in stage.entities if id(entity) in visible_ids]
 
     def scene(self, stage: WorldState, palette: Palette = "classic") -> Scene:
-        """The scene now: laid out anew for a new stage or a new thing, otherwise with its things moved."""
+        """Build the scene: anew for a new stage or a new thing, otherwise with its things moved."""
         if self._floor is not stage.floor:
             with library_lock:
                 rooms = room_tables(stage.floor, asset_library(self.assets), display=self.display)
-            self._floor, self._rooms, self._staged = stage.floor, rooms, {}
-        kept = self._staged.get(palette)
+            self._floor = stage.floor
+            self._rooms = rooms
+            self._staged = {}
+        staged = self._staged.get(palette)
         things = [entity for entity in stage.entities if entity is not stage.agent]
-        if kept is not None and kept[0] is stage and set(map(id, things)) <= set(map(id, kept[1])):
-            things, scene = kept[1], kept[2].at(self._places(stage, kept[1]))
+        if staged is not None and staged[0] is stage and set(map(id, things)) <= set(map(id, staged[1])):
+            things = staged[1]
+            scene = staged[2].at(self._places(stage, staged[1]))
         else:
             looks = [look(thing, palette, asset_library(self.assets)) for thing in things]
             looks += map(shadow, things) if self.shadows else ()
@@ -243,8 +257,10 @@ class WorldRenderer:
         return scene
 
     def _places(self, stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
-        where = places(stage, things)
-        return np.concatenate([where, shaded(where)]) if self.shadows else where
+        table = places(stage, things)
+        if self.shadows:
+            return np.concatenate([table, shaded(table)])
+        return table
 
 
 class _Observed:
@@ -269,7 +285,8 @@ class _Observed:
                     self._easel.move(number + self._shadows, (x, y, z), yaw)
         agent = self.stage.agent
         x, y, z = agent.pos
-        yaw_rad, ahead = agent.dir, agent.cam_fwd_disp
+        yaw_rad = agent.dir
+        ahead = agent.cam_fwd_disp
         cos_yaw, sin_yaw = turn(yaw_rad, agent.trig)
         eye = x + ahead * cos_yaw, y + agent.cam_height, z - ahead * sin_yaw
         pitch_rad = agent.cam_pitch * (math.pi / 180)
@@ -278,7 +295,7 @@ class _Observed:
 
 
 def camera(stage: WorldState, pos: Position | None = None, yaw_rad: float | None = None) -> Camera:
-    """The agent's eye, where the agent stands or as if it stood elsewhere."""
+    """Return the agent's eye, where the agent stands or as if it stood elsewhere."""
     agent = stage.agent
     x, y, z = agent.pos if pos is None else pos
     yaw = agent.dir if yaw_rad is None else yaw_rad

@@ -28,64 +28,67 @@ class RoomNames:
 
     @property
     def mid_x(self) -> float:
-        """The middle of the room along x."""
+        """Return the middle of the room along x."""
         return float(self.outline.max_x + self.outline.min_x) / 2
 
     @property
     def mid_z(self) -> float:
-        """The middle of the room along z."""
+        """Return the middle of the room along z."""
         return float(self.outline.max_z + self.outline.min_z) / 2
 
     @property
     def area(self) -> float:
-        """The area of the rectangle around the room, m²."""
+        """Return the area of the rectangle around the room, m²."""
         return float(self.outline.area)
 
     @property
     def num_walls(self) -> int:
-        """How many walls the room has."""
+        """Return how many walls the room has."""
         return len(self.outline.edges)
 
     @property
     def edge_dirs(self) -> NDArray[np.float64]:
-        """Where each wall leads, float64[n, 3]: a step of length 1."""
+        """Return where each wall leads, float64[n, 3]: a step of length 1."""
         return np.insert(np.array([edge.direction for edge in self.outline.edges]), 1, 0.0, axis=1)
 
     @property
     def edge_norms(self) -> NDArray[np.float64]:
-        """Where each wall faces, float64[n, 3]: a step of length 1 into the room."""
+        """Return where each wall faces, float64[n, 3]: a step of length 1 into the room."""
         return np.insert(np.array([edge.normal for edge in self.outline.edges]), 1, 0.0, axis=1)
 
     @property
     def neighbors(self) -> list[Any]:
-        """An empty list, as in Miniworld, which fills none; ``portals`` say where the room leads."""
+        """Return an empty list, as in Miniworld, which fills none; ``portals`` say where the room leads."""
         return []
 
     @property
     def wall_tex_name(self) -> str:
-        """The texture of the walls."""
+        """Return the texture of the walls."""
         return self.wall
 
     @property
     def floor_tex_name(self) -> str:
-        """The texture of the floor."""
+        """Return the texture of the floor."""
         return self.floor
 
     @property
     def ceil_tex_name(self) -> str | None:
-        """The texture of the ceiling; None without one."""
+        """Return the texture of the ceiling; None without one."""
         return self.ceiling
 
     @property
     def no_ceiling(self) -> bool:
-        """Whether the room is open to the sky."""
+        """Return whether the room is open to the sky."""
         return self.ceiling is None
 
     def point_inside(self, p: ArrayLike) -> bool:
-        """Whether a point (x, y, z) is in the room, not on a wall."""
+        """Return whether a point (x, y, z) is in the room, not on a wall."""
         x, _, z = np.asarray(p, np.float64).tolist()
         return bool(self.outline.contains(x, z))
 
     def __getattr__(self, name: str) -> Any:
-        advice = f"; {_INSTEAD[name]}" if name in _INSTEAD else ""
+        if name in _INSTEAD:
+            advice = f"; {_INSTEAD[name]}"
+        else:
+            advice = ""
         raise WorldAttributeError(f"a room has no attribute {name!r}{advice}")

@@ -36,7 +36,7 @@ class OutlineEdge(NamedTuple):
     normal: Point
 
     def at(self, distance: float) -> Point:
-        """The point so far along the edge."""
+        """Return the point so far along the edge."""
         return self.start[0] + distance * self.direction[0], self.start[1] + distance * self.direction[1]
 
 
@@ -54,11 +54,11 @@ class RoomOutline:
 
     @property
     def area(self) -> float:
-        """The area of the bounding rectangle, m²: what a room weighs when one is drawn by chance."""
+        """Return the area of the bounding rectangle, m²: what a room weighs when one is drawn by chance."""
         return (self.max_x - self.min_x) * (self.max_z - self.min_z)
 
     def contains(self, x: float, z: float) -> bool:
-        """Is the point inside, not on an edge?"""
+        """Return whether the point is inside, not on an edge."""
         return all(nx * (x - ax) + nz * (z - az) > 0 for (ax, az), _, _, _, (nx, nz) in self.edges)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -67,7 +67,7 @@ class RoomOutline:
 
 @lru_cache(maxsize=KEPT)
 def outline_of(corners: tuple[Point, ...]) -> RoomOutline:
-    """The shape with these corners (x, z).
+    """Make the shape with these corners (x, z).
 
     Raises:
         WorldError: if it does not close.
@@ -84,7 +84,7 @@ def outline_of(corners: tuple[Point, ...]) -> RoomOutline:
 
 @lru_cache(maxsize=KEPT)
 def rectangle(min_x: float, max_x: float, min_z: float, max_z: float) -> RoomOutline:
-    """A rectangle; its edges are east (0), north (1), west (2) and south (3).
+    """Make a rectangle; its edges are east (0), north (1), west (2) and south (3).
 
     Raises:
         WorldError: if it has no width or no depth.
@@ -106,7 +106,8 @@ def check_convex(shape: RoomOutline) -> None:
     """
     turned = 0.0
     for before, after in zip(shape.edges, shape.edges[1:] + shape.edges[:1], strict=True):
-        (ax, az), (bx, bz) = before.direction, after.direction
+        ax, az = before.direction
+        bx, bz = after.direction
         turn = az * bx - ax * bz
         turned += math.atan2(turn, ax * bx + az * bz)
         if turn < -1e-9:
@@ -122,8 +123,9 @@ def check_convex(shape: RoomOutline) -> None:
 
 
 def distance(a: Point, b: Point) -> float:
-    """How far apart two points are."""
-    dx, dz = b[0] - a[0], b[1] - a[1]
+    """Measure the distance of two points."""
+    dx = b[0] - a[0]
+    dz = b[1] - a[1]
     return math.sqrt(dx * dx + dz * dz)
 
 
@@ -135,7 +137,8 @@ def _edge(start: Point, end: Point) -> OutlineEdge:
         raise WorldError(
             f"the wall {start} to {end} has no finite length; give each corner as finite x and z in metres"
         )
-    x, z = (end[0] - start[0]) / length, (end[1] - start[1]) / length
+    x = (end[0] - start[0]) / length
+    z = (end[1] - start[1]) / length
     norm = math.sqrt(z * z + x * x)
     return OutlineEdge(start, end, length, (x, z), (z / norm, -x / norm))
 
@@ -177,26 +180,26 @@ class Room(RoomNames):
 
     @property
     def min_x(self) -> float:
-        """Where the room begins along x."""
+        """Return where the room begins along x."""
         return self.outline.min_x
 
     @property
     def max_x(self) -> float:
-        """Where the room ends along x."""
+        """Return where the room ends along x."""
         return self.outline.max_x
 
     @property
     def min_z(self) -> float:
-        """Where the room begins along z."""
+        """Return where the room begins along z."""
         return self.outline.min_z
 
     @property
     def max_z(self) -> float:
-        """Where the room ends along z."""
+        """Return where the room ends along z."""
         return self.outline.max_z
 
     def contains(self, x: float, z: float) -> bool:
-        """Is the point inside the room, not on a wall?"""
+        """Return whether the point is inside the room, not on a wall."""
         return self.outline.contains(x, z)
 
     def open(self, edge: int, start: float, end: float, *, top: float | None = None, into: int | None = None) -> None:
@@ -284,28 +287,30 @@ def find_passage(a: Room, b: Room, *, limits: OpeningLimits, top: float | None, 
 
 @lru_cache(maxsize=KEPT)
 def find_joint(a: RoomOutline, b: RoomOutline, limits: OpeningLimits) -> Joint:
-    """Where two shapes open to each other within limits.
+    """Find where two shapes open to each other within limits.
 
     Raises:
         WorldError: if they do not face each other or the limits do not fit an edge.
     """
     index_a, index_b = _facing_edges(a, b)
-    edge_a, edge_b = a.edges[index_a], b.edges[index_b]
-    stretch_a, stretch_b = (
-        FacingSpan(index_a, *_stretch(edge_a, limits)),
-        FacingSpan(index_b, *_stretch(edge_b, limits)),
-    )
-    a_start, a_end = edge_a.at(stretch_a.start), edge_a.at(stretch_a.end)
-    b_start, b_end = edge_b.at(stretch_b.start), edge_b.at(stretch_b.end)
+    edge_a = a.edges[index_a]
+    edge_b = b.edges[index_b]
+    stretch_a = FacingSpan(index_a, *_stretch(edge_a, limits))
+    stretch_b = FacingSpan(index_b, *_stretch(edge_b, limits))
+    a_start = edge_a.at(stretch_a.start)
+    a_end = edge_a.at(stretch_a.end)
+    b_start = edge_b.at(stretch_b.start)
+    b_end = edge_b.at(stretch_b.end)
     if distance(a_start, b_end) < _TOUCHING:
         return Joint(stretch_a, stretch_b, None)
     return Joint(stretch_a, stretch_b, outline_of((b_start, a_end, a_start, b_end)))
 
 
 def _facing_edges(a: RoomOutline, b: RoomOutline) -> tuple[int, int]:
-    """The first pair of edges that look at each other."""
+    """Find the first pair of edges that face each other."""
     for index_a, edge_a in enumerate(a.edges):
-        (nx, nz), (ax, az) = edge_a.normal, edge_a.start
+        nx, nz = edge_a.normal
+        ax, az = edge_a.start
         for index_b, edge_b in enumerate(b.edges):
             if nx * edge_b.normal[0] + nz * edge_b.normal[1] > -0.9:
                 continue
@@ -318,7 +323,7 @@ def _facing_edges(a: RoomOutline, b: RoomOutline) -> tuple[int, int]:
 
 
 def _stretch(edge: OutlineEdge, limits: OpeningLimits) -> tuple[float, float]:
-    """From where to where along an edge the limits reach."""
+    """Return from where to where along an edge the limits reach."""
     match limits:
         case (float() | int() as low, float() | int() as high, None, None):
             axis = 0
@@ -326,7 +331,8 @@ def _stretch(edge: OutlineEdge, limits: OpeningLimits) -> tuple[float, float]:
             axis = 1
         case _:
             raise WorldError(f"an opening cannot have the limits {limits}; give min_x and max_x, or min_z and max_z")
-    origin, slope = edge.start[axis], edge.direction[axis]
+    origin = edge.start[axis]
+    slope = edge.direction[axis]
     if slope == 0:
         raise WorldError(
             f"the wall {edge.start} to {edge.end} has a single {'xz'[axis]}; give limits in {'zx'[axis]} instead"
@@ -381,7 +387,7 @@ class FloorPlan:
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
-        """The smallest rectangle around all rooms: x0, z0, x1, z1."""
+        """Return the smallest rectangle around all rooms: x0, z0, x1, z1."""
         shapes = [room.outline for room in self.rooms]
         return (
             min(shape.min_x for shape in shapes),
@@ -392,7 +398,7 @@ class FloorPlan:
 
     @cached_property
     def fingerprint(self) -> int:
-        """A uint64 over the whole plan."""
+        """Hash the whole plan to a uint64."""
         return hash64([(room.outline.table, *room[1:]) for room in self.rooms])
 
 
@@ -421,7 +427,8 @@ def _check_overlap(rooms: list[Room]) -> None:
     down = np.minimum(high_z[:, None], high_z) - np.maximum(low_z[:, None], low_z)
     near = np.triu((across > _OVERLAPPING) & (down > _OVERLAPPING), 1)  # what contains each overlaps
     for first, second in np.argwhere(near).tolist():
-        a, b = rooms[first], rooms[second]
+        a = rooms[first]
+        b = rooms[second]
         if _overlap(a.outline, b.outline):
             raise WorldError(
                 f"{_describe_room(first, a)} and {_describe_room(second, b)} overlap; move them apart, or make them "
@@ -445,7 +452,7 @@ def _describe_room(number: int, room: Room) -> str:
 
 @lru_cache(maxsize=_PLANS_KEPT)
 def floor_plan(rooms: tuple[RoomPlan, ...]) -> FloorPlan:
-    """The plan of these rooms; of the same rooms, the same plan."""
+    """Return the plan of these rooms; the same plan for the same rooms."""
     tables = [room.outline.table for room in rooms]
     first_edge = np.cumsum([0, *map(len, tables)])
     edges = np.concatenate(tables)
@@ -466,12 +473,15 @@ def floor_plan(rooms: tuple[RoomPlan, ...]) -> FloorPlan:
 
 def _finished(room: Room, rng: np.random.Generator | None) -> RoomPlan:
     textures = room.wall, room.floor, room.ceiling
-    pictures = (
-        (0, 0, 0) if rng is None else (_drawn(room.wall, rng), _drawn(room.floor, rng), _drawn(room.ceiling, rng))
-    )
+    if rng is None:
+        pictures = (0, 0, 0)
+    else:
+        pictures = (_drawn(room.wall, rng), _drawn(room.floor, rng), _drawn(room.ceiling, rng))
     portals = tuple(sorted(room.portals, key=itemgetter(0, 1)))
     return RoomPlan(room.outline, float(room.wall_height), *textures, pictures, portals)
 
 
 def _drawn(texture: str | None, rng: np.random.Generator) -> int:
-    return 0 if texture is None else int(rng.integers(texture_variants(texture)))
+    if texture is None:
+        return 0
+    return int(rng.integers(texture_variants(texture)))

@@ -7,7 +7,6 @@ world itself, and where the random stream is. Restored into the world it came fr
 elsewhere they are made anew.
 """
 
-import copy
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol, cast
@@ -54,17 +53,17 @@ class WorldState:
 
     @property
     def rooms(self) -> tuple[Room, ...]:
-        """The rooms so far, passages included."""
+        """Return the rooms so far, passages included."""
         return tuple(self._rooms)
 
     @property
     def varying(self) -> np.random.Generator | None:
-        """The stream that parameters are drawn from; None where nothing varies."""
+        """Return the stream that parameters are drawn from; None where nothing varies."""
         return self.rng if self.randomised else None
 
     @property
     def floor(self) -> FloorPlan:
-        """The floor plan; asking for it closes it."""
+        """Return the floor plan; asking for it closes it."""
         if self._floor is None:
             self._floor = finish_floor_plan(self._rooms, self.varying)
         return self._floor
@@ -122,25 +121,29 @@ class WorldState:
     def put(self, entity: Entity, pos: Position, dir: float | None) -> None:
         """Put a thing at an exact place, whatever it touches; without a heading, one is drawn."""
         self._floor = self.floor  # the plan closes before the heading is drawn
-        entity.dir = uniform(self.rng, -math.pi, math.pi) if dir is None else dir
+        if dir is None:
+            entity.dir = uniform(self.rng, -math.pi, math.pi)
+        else:
+            entity.dir = dir
         entity.pos = pos
         if entity not in self.entities:  # placed again, it is moved
             self.entities.append(entity)
 
     def blocker(self, entity: Entity, x: float, z: float, radius: Length) -> Entity | str | None:
-        """What a thing of this radius would touch at this place: WALL, another thing, or nothing (None)."""
+        """Return what a thing of this radius would touch at this place: WALL, another thing, or nothing (None)."""
         if touches_wall(self.floor.walls, x, z, float(radius)):
             return WALL
         for other in self.entities:
             if other is entity:
                 continue
-            dx, dz = other.pos[0] - x, other.pos[2] - z
+            dx = other.pos[0] - x
+            dz = other.pos[2] - z
             if math.sqrt(dx * dx + dz * dz) < float(radius + other.radius):
                 return other
         return None
 
     def carrying_position(self, pos: Position, carried: Entity) -> Position:
-        """Where a carried thing floats when the agent stands at ``pos``: in front, below the middle of the picture."""
+        """Return where a carried thing floats when the agent stands at ``pos``: ahead, below the picture's middle."""
         agent = self.agent
         distance = float(agent.radius + carried.radius + self.reach)
         ahead_x, ahead_z = agent.forward
@@ -148,8 +151,9 @@ class WorldState:
         return pos[0] + ahead_x * 1.05 * distance, pos[1] + rise, pos[2] + ahead_z * 1.05 * distance
 
     def near(self, a: Entity, b: Entity) -> bool:
-        """Are two things within a step of touching?"""
-        (ax, ay, az), (bx, by, bz) = a.pos, b.pos
+        """Return whether two things are within a step of touching."""
+        ax, ay, az = a.pos
+        bx, by, bz = b.pos
         distance = math.sqrt((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2)
         return distance < float(a.radius + b.radius + 1.1 * self.reach)
 
@@ -207,28 +211,30 @@ def _stream(rng: np.random.Generator) -> tuple[Any, ...]:
     return inner["state"], inner["inc"], state["has_uint32"], state["uinteger"]
 
 
-def _plain(value: Any, places: dict[int, int], where: str) -> Any:
+def _plain(value: Any, places: dict[int, int], name: str) -> Any:
     match value:
         case Entity():
             place = places.get(id(value))
-            return ("gone", value.state()) if place is None else ("placed", place)
+            if place is None:
+                return ("gone", value.state())
+            return ("placed", place)
         case Room():
             return "room", value.number
         case None | bool() | int() | float() | str() | bytes() | np.ndarray() | np.generic():
             return value
         case dict():
-            return {str(key): _plain(inner, places, where) for key, inner in value.items()}
+            return {str(key): _plain(inner, places, name) for key, inner in value.items()}
         case tuple() | list():
-            return [_plain(inner, places, where) for inner in value]
+            return [_plain(inner, places, name) for inner in value]
         case _:
             raise WorldError(
-                f"{where} is a {type(value).__name__}; a world's state may hold numbers, text, entities, arrays, "
+                f"{name} is a {type(value).__name__}; a world's state may hold numbers, text, entities, arrays, "
                 "and tuples, lists and dicts of them"
             )
 
 
 def floor_map(stage: WorldState) -> Map:
-    """Walls that stop a body, and everything placed but the agent, where it stands now. Metres."""
+    """Return the walls that stop a body, and everything placed but the agent, where it stands now. Metres."""
     return Map(
         unit="m",
         bounds=stage.floor.bounds,
@@ -239,97 +245,6 @@ def floor_map(stage: WorldState) -> Map:
             if entity is not stage.agent
         ),
     )
-
-
-_UNCHANGING = frozenset(
-    {int, float, bool, str, bytes, type(None), np.float32, np.float64, np.int64, np.bool_, FloorPlan, Room, Parameters}
-)
-
-
-class _Held(NamedTuple):
-    """What a thing, the stage or the world held: what can be given back as it is, and what has to be copied."""
-
-    plain: dict[str, Any]
-    rest: dict[str, Any]
-
-
-class FirstPersonSnapshot(NamedTuple):
-    """A state of one world in mid-episode; made by ``save`` and read by ``restore`` only."""
-
-    world: str
-    over: bool
-    stage: WorldState  # the one it was saved from, to be known again: what it held then is on the shelf
-    own: _Held
-    shelf: tuple[tuple[Any, _Held], ...]  # the stage and each thing
-    streams: tuple[tuple[np.random.Generator, Any], ...]
-
-
-def save_state(world: str, over: bool, state: dict[str, Any]) -> FirstPersonSnapshot:
-    """Copy a world's state, the attributes that make it up."""
-    shelf: dict[int, tuple[Any, _Held]] = {}
-    streams: dict[int, tuple[np.random.Generator, Any]] = {}
-
-    def held(attributes: dict[str, Any], into: _Held) -> _Held:
-        plain, rest = into
-        for name, value in attributes.items():
-            kind = type(value)
-            if kind in _UNCHANGING or (kind is tuple and _UNCHANGING.issuperset(map(type, value))):
-                plain[name] = value
-            else:
-                rest[name] = taken(value)
-        return into
-
-    def taken(value: Any) -> Any:
-        kind = type(value)
-        if kind in _UNCHANGING:
-            return value
-        if kind is tuple or kind is list:
-            return kind(map(taken, value))
-        if isinstance(value, Entity | WorldState):
-            if id(value) not in shelf:
-                shelf[id(value)] = value, (empty := _Held({}, {}))  # first, as what it holds may lead back to it
-                held(vars(value), empty)
-            return value
-        if isinstance(value, np.random.Generator):
-            if id(value) not in streams:
-                streams[id(value)] = value, value.bit_generator.state
-            return value
-        return {name: taken(each) for name, each in value.items()} if kind is dict else copy.deepcopy(value)
-
-    own = held(state, _Held({}, {}))
-    return FirstPersonSnapshot(world, over, state["_stage"], own, tuple(shelf.values()), tuple(streams.values()))
-
-
-def restore_state(saved: FirstPersonSnapshot, *, here: bool) -> dict[str, Any]:
-    """The attributes of a saved state, to be given to a world; the copy is not consumed.
-
-    With ``here``, the things that were there get back what they held; otherwise things like them are made.
-    """
-    instead: dict[int, Any] = {}
-    if not here:
-        instead = {id(thing): object.__new__(type(thing)) for thing, _ in saved.shelf}
-        instead |= {id(each): np.random.Generator(type(each.bit_generator)()) for each, _ in saved.streams}
-
-    def given(value: Any) -> Any:
-        kind = type(value)
-        if kind in _UNCHANGING:
-            return value
-        if kind is tuple or kind is list:
-            return kind(map(given, value))
-        if isinstance(value, Entity | WorldState | np.random.Generator):
-            return instead.get(id(value), value)
-        return {name: given(each) for name, each in value.items()} if kind is dict else copy.deepcopy(value)
-
-    def give(held: _Held) -> dict[str, Any]:
-        return held.plain | {name: given(value) for name, value in held.rest.items()}
-
-    for stream, state in saved.streams:
-        instead.get(id(stream), stream).bit_generator.state = state
-    for thing, held in saved.shelf:
-        attributes = vars(instead.get(id(thing), thing))
-        attributes.clear()
-        attributes.update(give(held))
-    return give(saved.own)
 
 
 _DRAWN = ("forward_step", "forward_drift", "turn_step")
@@ -375,15 +290,15 @@ class FlatState:
         stage = self.stage = world.stage
         ranges = [stage.parameters[name] for name in _DRAWN]
         self.reward = 0.0  # of the last step
-        self.seen = 0  # the latest change that is in the arrays
+        self.latest_change = 0  # the latest change that is in the arrays
         self.walls = stage.floor.walls
         self._varies = ranges if stage.randomised else None
         self.motions = [rules.ACTIONS.index(world.motions.get(name, name)) for name in world.action_names]
         self._head = np.zeros(rules.ARGUMENTS)
         self._head[rules.STEP_LIMIT] = -1.0 if world.max_steps is None else world.max_steps
         self._head[rules.REACH] = stage.reach
-        for k, each in enumerate(ranges):
-            bounds = (each.default, each.low, each.high)
+        for k, parameter in enumerate(ranges):
+            bounds = (parameter.default, parameter.low, parameter.high)
             for start, value in zip((rules.AHEAD, rules.LOW, rules.HIGH), bounds, strict=True):
                 self._head[start + k] = value
         self._head[rules.VARIES] = stage.randomised
@@ -394,7 +309,7 @@ class FlatState:
 
     @property
     def score(self) -> str:
-        """The world's attribute that the rule counts in; "" for none."""
+        """Return the world's attribute that the rule counts in; "" for none."""
         return self._rule.score
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -409,15 +324,15 @@ class FlatState:
     def refresh(self) -> None:
         """Put the things into the arrays, if they may have changed."""
         stage = self.stage
-        if self._entities == stage.entities and self.seen == LATEST_CHANGE[0]:
+        if self._entities == stage.entities and self.latest_change == LATEST_CHANGE[0]:
             return
         carried = stage.agent.carrying
         if self._entities != stage.entities or (carried is not None and id(carried) not in self._rows):
             self._lay_out()
-        self.seen = LATEST_CHANGE[0]
+        self.latest_change = LATEST_CHANGE[0]
         self.things[:, : rules.LOOK] = [
-            (*one.pos, one.dir, one.radius, one.height, one.static, isinstance(one.radius, np.float32))
-            for one in self.listed
+            (*thing.pos, thing.dir, thing.radius, thing.height, thing.static, isinstance(thing.radius, np.float32))
+            for thing in self.listed
         ]
         self._numbers[rules.CARRIED] = -1.0 if carried is None else self._rows[id(carried)]
         self._numbers[rules.EYE] = stage.agent.cam_height
@@ -425,20 +340,22 @@ class FlatState:
     def _lay_out(self) -> None:
         """Make arrays for the things on the stage, and those that are carried or the rule's."""
         note_change()
-        stage, rule = self.stage, self._rule
+        stage = self.stage
+        rule = self._rule
         carrying = () if stage.agent.carrying is None else (stage.agent.carrying,)
         self._entities = list(stage.entities)
         self.listed = list(dict.fromkeys((*stage.entities, stage.agent, *rule.things, *carrying)))
         rows = self._rows = {id(thing): row for row, thing in enumerate(self.listed)}
         self.things = np.full((len(rows), rules.COLUMNS), -1.0)
         self.numbers = np.concatenate([self._head, [rows[id(thing)] for thing in rule.things], rule.numbers])
-        self.numbers[rules.COUNT], self.numbers[rules.AGENT] = len(self._entities), rows[id(stage.agent)]
+        self.numbers[rules.COUNT] = len(self._entities)
+        self.numbers[rules.AGENT] = rows[id(stage.agent)]
         self.numbers[rules.RULE : rules.RULE_NUMBERS + 1] = rule.kind, len(rule.things), len(rule.numbers)
         self.numbers[rules.DRAWS] = stage.randomised or rule.kind == rules.HEALTH
         # quicker by item
         self._numbers, self._facts = (
-            memoryview(each).cast("B").cast("d")  # type: ignore[arg-type]
-            for each in (self.numbers, self.things)
+            memoryview(array).cast("B").cast("d")  # type: ignore[arg-type]
+            for array in (self.numbers, self.things)
         )
 
     def count(self, world: SteppedWorld) -> None:
@@ -449,18 +366,22 @@ class FlatState:
 
     def step(self, world: SteppedWorld, action: int, parts: int) -> int:
         """Do parts of a step, as `rules.act`; its reward is in ``reward`` then. After `refresh`."""
-        agent, numbers = self.stage.agent, self._numbers
+        agent = self.stage.agent
+        numbers = self._numbers
         self.count(world)
-        turn_rad, motion, heading = self.turn_rad, self.motions[action], agent.dir
+        turn_rad = self.turn_rad
+        motion = self.motions[action]
+        heading = agent.dir
         if self._varies is not None and parts & rules.ACT:
-            for k, each in enumerate(self._varies, rules.AHEAD):
-                numbers[k] = cast("float", each.sample(self.stage.rng))
+            for k, parameter in enumerate(self._varies, rules.AHEAD):
+                numbers[k] = cast("float", parameter.sample(self.stage.rng))
             turn_rad = numbers[rules.TURN_DEG] * _RADIANS
         cos, sin = (cosine, sine) if agent.trig else (math.cos, math.sin)
         cos_after, sin_after = cos_now, sin_now = cos(heading), sin(heading)
         if motion <= rules.TURN_RIGHT:
             after = heading + (turn_rad if motion == rules.TURN_LEFT else -turn_rad)
-            cos_after, sin_after = cos(after), sin(after)
+            cos_after = cos(after)
+            sin_after = sin(after)
         status: int = rules.act(
             self.things, self.numbers, self.walls, cos_now, sin_now, cos_after, sin_after, action, parts
         )
@@ -480,14 +401,18 @@ class FlatState:
 
     def _give_back(self, status: int) -> None:
         """Give the things what a step changed, without a word of it: it is in the arrays."""
-        agent, numbers = self.stage.agent, self._numbers
+        agent = self.stage.agent
+        numbers = self._numbers
         if status & rules.MOVED:
             self._take(agent, int(numbers[rules.AGENT]))
         if status & rules.LOAD and agent.carrying is not None:
             self._take(agent.carrying, self._rows[id(agent.carrying)])
         if status & rules.HANDS:
             row = int(numbers[rules.CARRIED])
-            agent.carrying = self.listed[row] if row >= 0 else None
+            if row >= 0:
+                agent.carrying = self.listed[row]
+            else:
+                agent.carrying = None
             if agent.carrying is not None:
                 self._take(agent.carrying, row)
         if status & rules.GONE:
@@ -497,6 +422,8 @@ class FlatState:
             self._entities = []  # lay out anew, even if it is placed where it was in the list
 
     def _take(self, thing: Entity, row: int) -> None:
-        facts, at, attributes = self._facts, row * rules.COLUMNS, vars(thing)
+        facts = self._facts
+        at = row * rules.COLUMNS
+        attributes = vars(thing)
         attributes["pos"] = facts[at], facts[at + 1], facts[at + 2]
         attributes["dir"] = facts[at + 3]

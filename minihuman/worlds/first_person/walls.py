@@ -18,55 +18,71 @@ SLIVER_M = 0.05  # a piece of wall no wider than that is what two rooms that mee
 
 @kernel("(float64[:, ::1], float64, float64, float64)")
 def touches_wall(walls: NDArray[np.float64], x: float, z: float, radius: float) -> bool:
-    """Does a circle reach a wall? ``walls`` is (n, 4): x0, z0, x1, z1; all metres. Just touching does not count."""
+    """Return whether a circle overlaps a wall; touching is not enough. ``walls``: (n, 4) x0, z0, x1, z1; all metres."""
     for index in range(walls.shape[0]):
-        ax, az = walls[index, 0], walls[index, 1]
-        ab_x, ab_z = walls[index, 2] - ax, walls[index, 3] - az
+        ax = walls[index, 0]
+        az = walls[index, 1]
+        ab_x = walls[index, 2] - ax
+        ab_z = walls[index, 3] - az
         share = ((x - ax) * ab_x + (z - az) * ab_z) / (ab_x * ab_x + ab_z * ab_z)
         share = min(max(share, 0.0), 1.0)
-        dx, dz = ax + share * ab_x - x, az + share * ab_z - z
+        dx = ax + share * ab_x - x
+        dz = az + share * ab_z - z
         if math.sqrt(dx * dx + dz * dz) < radius:
             return True
     return False
 
 
-FLOOR, WALL, CEILING = 0, 1, 2  # what of a room is covered
+# what of a room is covered
+FLOOR = 0
+WALL = 1
+CEILING = 2
 
 
 def wall_pieces(first_edge: I64, edges: F64, heights: F64, portals: F64) -> F64:
-    """The pieces of wall beside and above the portals; ``heights`` are the rooms'."""
+    """Cut the pieces of wall beside and above the portals; ``heights`` are the rooms'."""
     pieces = np.zeros((len(edges) + 2 * len(portals), 5))
     return pieces[: _cut(first_edge, edges, heights, portals, pieces)].copy()
 
 
 @kernel("(int64[::1], float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1])", nogil=True)
 def _cut(first_edge: I64, edges: F64, heights: F64, portals: F64, pieces: F64) -> int:
-    """Into ``pieces``, all 0 before; how many there are."""
-    count, portal = 0, 0
+    """Write the pieces of wall into ``pieces``, all 0 before; return how many there are."""
+    count = 0
+    portal = 0
     for room in range(len(heights)):
         for edge in range(first_edge[room], first_edge[room + 1]):
             reached = 0.0
             while portal < len(portals) and portals[portal, 0] == edge:
-                start, end, top = portals[portal, 1], portals[portal, 2], portals[portal, 4]
+                start = portals[portal, 1]
+                end = portals[portal, 2]
+                top = portals[portal, 4]
                 if start != reached:
-                    pieces[count, 0], pieces[count, 1], pieces[count, 2] = edge, reached, start
+                    pieces[count, 0] = edge
+                    pieces[count, 1] = reached
+                    pieces[count, 2] = start
                     pieces[count, 4] = heights[room]
                     count += 1
                 if top != heights[room]:
-                    pieces[count, 0], pieces[count, 1], pieces[count, 2] = edge, start, end
-                    pieces[count, 3], pieces[count, 4] = top, heights[room]
+                    pieces[count, 0] = edge
+                    pieces[count, 1] = start
+                    pieces[count, 2] = end
+                    pieces[count, 3] = top
+                    pieces[count, 4] = heights[room]
                     count += 1
                 reached = end
                 portal += 1
             if reached != edges[edge, 2]:
-                pieces[count, 0], pieces[count, 1], pieces[count, 2] = edge, reached, edges[edge, 2]
+                pieces[count, 0] = edge
+                pieces[count, 1] = reached
+                pieces[count, 2] = edges[edge, 2]
                 pieces[count, 4] = heights[room]
                 count += 1
     return count
 
 
 def corners_of(edges: F64, parts: F64) -> F64:
-    """The corners (n, 4, 3) of parts of walls, pieces or portals, counter-clockwise as seen from inside the room."""
+    """Return the corners (n, 4, 3) of pieces or portals, counter-clockwise as seen from inside the room."""
     corners = np.empty((len(parts), 4, 3))
     _turn(edges, parts, corners)
     return corners
@@ -79,14 +95,15 @@ def _turn(edges: F64, parts: F64, corners: F64) -> None:
         for nth in range(4):
             along = parts[part, 1 + nth // 2]
             corner = corners[part, nth]
-            corner[0], corner[2] = edges[edge, 0] + along * edges[edge, 3], edges[edge, 1] + along * edges[edge, 4]
+            corner[0] = edges[edge, 0] + along * edges[edge, 3]
+            corner[2] = edges[edge, 1] + along * edges[edge, 4]
             corner[1] = parts[part, 4 if nth == 1 or nth == 2 else 3]
 
 
 def room_faces(
     first_edge: I64, edges: F64, heights: F64, pieces: F64, textures: I64, sizes_m: F64
 ) -> tuple[FaceTable, I32]:
-    """Room by room its floor, its ceiling and its pieces of wall, all white, and the first face of each room.
+    """Build each room's floor, ceiling and pieces of wall, all white, and return the first face of each room.
 
     ``textures`` is (rooms, 3), of floor, wall and ceiling, -1 for no ceiling; ``sizes_m`` (rooms, 3, 2) is how much of
     each one covers, metres right and up.
@@ -121,26 +138,38 @@ def _fill(
     faces: I32,
     first_face: I32,
 ) -> None:
-    """Into ``table``, a row a corner: place, right and up on the texture, normal. ``faces``: first corner, texture."""
-    face, row, piece = 0, 0, 0
+    """Fill ``table`` (per corner: place, right and up on its texture, normal) and ``faces`` (first corner, texture)."""
+    face = 0
+    row = 0
+    piece = 0
     for room in range(len(heights)):
-        first, last = first_edge[room], first_edge[room + 1]
+        first = first_edge[room]
+        last = first_edge[room + 1]
         first_face[room] = face
         for covering in (FLOOR, CEILING):
             if textures[room, covering] < 0:
                 continue
-            faces[face, 0], faces[face, 1] = row, textures[room, covering]
+            faces[face, 0] = row
+            faces[face, 1] = textures[room, covering]
             face += 1
             for nth in range(last - first):
-                edge = first + nth if covering == FLOOR else last - 1 - nth
+                if covering == FLOOR:
+                    edge = first + nth
+                else:
+                    edge = last - 1 - nth
                 y, up = (0.0, 1.0) if covering == FLOOR else (heights[room], -1.0)
-                table[row, 0], table[row, 1], table[row, 2] = edges[edge, 0], y, edges[edge, 1]
+                table[row, 0] = edges[edge, 0]
+                table[row, 1] = y
+                table[row, 2] = edges[edge, 1]
                 table[row, 3] = edges[edge, 0] / sizes_m[room, covering, 0]
                 table[row, 4] = edges[edge, 1] / sizes_m[room, covering, 1]
-                table[row, 5], table[row, 6], table[row, 7] = 0.0, up, 0.0
+                table[row, 5] = 0.0
+                table[row, 6] = up
+                table[row, 7] = 0.0
                 row += 1
         while piece < len(pieces) and pieces[piece, 0] < last:
-            faces[face, 0], faces[face, 1] = row, textures[room, WALL]
+            faces[face, 0] = row
+            faces[face, 1] = textures[room, WALL]
             face += 1
             edge = int(pieces[piece, 0])
             for nth in range(4):
@@ -148,34 +177,45 @@ def _fill(
                     table[row, axis] = uprights[piece, nth, axis]
                 table[row, 3] = pieces[piece, 1 + nth // 2] / sizes_m[room, WALL, 0]
                 table[row, 4] = uprights[piece, nth, 1] / sizes_m[room, WALL, 1]
-                table[row, 5], table[row, 6], table[row, 7] = edges[edge, 5], 0.0, edges[edge, 6]
+                table[row, 5] = edges[edge, 5]
+                table[row, 6] = 0.0
+                table[row, 7] = edges[edge, 6]
                 row += 1
             piece += 1
     first_face[len(heights)] = face
-    faces[face, 0], faces[face, 1] = row, -1
+    faces[face, 0] = row
+    faces[face, 1] = -1
 
 
 def room_occluders(
     first_edge: I64, edges: F64, heights: F64, pieces: F64, textures: I64, sizes_m: F64, reach_m: float
 ) -> tuple[I32, F64]:
-    """What darkens each of `room_faces` where it meets another: ``first_occluder`` and ``occluder`` of a `RoomTable`.
+    """Find what darkens each of `room_faces` at its joints: ``first_occluder`` and ``occluder`` of a `RoomTable`.
 
     A floor or a ceiling is darkened by all walls within ``reach_m`` of its room, whosever they are; a piece of wall by
     its own sides, where something is beside it that is wider than a sliver, as rooms that meet at an angle leave them.
     """
-    edge, (start, end, bottom, top) = pieces[:, 0].astype(np.int64), pieces[:, 1:].T
-    at, along = edges[edge, :2], edges[edge, 3:5]
-    lying, there = np.column_stack((at + start[:, None] * along, along, end - start)), at + end[:, None] * along
-    low, high = np.minimum(lying[:, :2], there) - reach_m, np.maximum(lying[:, :2], there) + reach_m
+    edge = pieces[:, 0].astype(np.int64)
+    start, end, bottom, top = pieces[:, 1:].T
+    at = edges[edge, :2]
+    along = edges[edge, 3:5]
+    lying = np.column_stack((at + start[:, None] * along, along, end - start))
+    far_ends = at + end[:, None] * along
+    low = np.minimum(lying[:, :2], far_ends) - reach_m
+    high = np.maximum(lying[:, :2], far_ends) + reach_m
     room_of = np.searchsorted(first_edge, edge, side="right") - 1
     # of each edge, whether a wall is at its start and its end; and which edges come before and after it
     met = np.zeros((2, len(edges)), np.bool_)
     standing = (bottom == 0.0) & (end - start > SLIVER_M)
     met[0, edge[(start == 0.0) & standing]] = met[1, edge[(end == edges[edge, 2]) & standing]] = True
-    before, after = np.arange(len(edges)) - 1, np.arange(len(edges)) + 1
-    before[first_edge[:-1]], after[first_edge[1:] - 1] = first_edge[1:] - 1, first_edge[:-1]
-    roofed, nought = (textures[room_of, CEILING] >= 0) & (top == heights[room_of]), np.zeros(len(pieces))
-    level, upright = (nought + 1.0, nought, end - start), (nought, nought + 1.0, top - bottom)
+    before = np.arange(len(edges)) - 1
+    after = np.arange(len(edges)) + 1
+    before[first_edge[:-1]] = first_edge[1:] - 1
+    after[first_edge[1:] - 1] = first_edge[:-1]
+    roofed = (textures[room_of, CEILING] >= 0) & (top == heights[room_of])
+    nought = np.zeros(len(pieces))
+    level = (nought + 1.0, nought, end - start)
+    upright = (nought, nought + 1.0, top - bottom)
     sides = np.array(
         [(start, bottom, *level), (start, top, *level), (start, bottom, *upright), (end, bottom, *upright)]
     )
@@ -194,5 +234,6 @@ def room_occluders(
 
 
 def _sized(segments: F64, size_m: F64, floor: bool = False) -> F64:
-    segments = segments if len(segments) else np.array([(1e6, 1e6, 1.0, 0.0, 0.0)])  # of a face that nothing is near
+    if len(segments) == 0:
+        segments = np.array([(1e6, 1e6, 1.0, 0.0, 0.0)])  # of a face that nothing is near
     return np.column_stack((segments, np.tile((*size_m, float(floor)), (len(segments), 1))))

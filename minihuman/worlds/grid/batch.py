@@ -65,9 +65,13 @@ from minihuman.worlds.simd import simd_function
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
 
-MANY, LEAD = 256, 8  # worlds: when to prefetch, and how far ahead
+# worlds: when to prefetch, and how far ahead
+MANY = 256
+LEAD = 8
 LINE = 32  # numbers that a cache line holds
-PART, MIN_SHARE = 64, 2048  # worlds: what a thread takes; with a smaller share for each, waking one saves little
+# worlds: what a thread takes; with a smaller share for each, waking one saves little
+PART = 64
+MIN_SHARE = 2048
 
 Observation = dict[str, Any]  # image uint8[n, size, size, 3], direction int64[n], mission: n strings
 
@@ -120,12 +124,12 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
     @property
     def states(self) -> list[State]:
-        """A copy of the state of each world, readable by name."""
+        """Copy the state of each world, readable by name."""
         return [State(row.astype(np.int32)) for row in self._rows]
 
     @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one per world too
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """Each world's random stream as it is now, to look at; drawing from it draws nothing from the world."""
+        """Return each world's random stream as it is now, to look at; drawing from it draws nothing from the world."""
         generators = tuple(np.random.default_rng(0) for _ in self._rng_states)
         for rng_state, generator in zip(self._rng_states, generators, strict=True):
             if rng_state.any():
@@ -134,7 +138,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """The seed each world was last given, or drew; -1 before its first reset."""
+        """Return the seed each world was last given, or drew; -1 before its first reset."""
         return tuple(self._seeds)
 
     def reset(
@@ -148,7 +152,10 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         """
         seeds = seeds_per_world(seed, self.num_envs)
         mission = (options or {}).get("mission")
-        recipe = self._world.recipe if mission is None else self._world.recipe.about(mission)
+        if mission is None:
+            recipe = self._world.recipe
+        else:
+            recipe = self._world.recipe.about(mission)
         mask = np.ones(self.num_envs, np.bool_)
         if options is not None and "reset_mask" in options:
             mask = np.asarray(options["reset_mask"])
@@ -177,18 +184,23 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
             WorldError: if the actions are not one number per world in range, before `reset`, and, where autoreset is
                 disabled, after an episode's end. No world has been changed then.
         """
-        given = np.asarray(actions)
-        if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
-            raise WorldError(f"actions must be {self.num_envs} whole numbers, not {given.dtype}{given.shape}")
+        action_array = np.asarray(actions)
+        if action_array.shape != (self.num_envs,) or action_array.dtype.kind not in "iu":
+            raise WorldError(
+                f"actions must be {self.num_envs} whole numbers, not {action_array.dtype}{action_array.shape}"
+            )
         n = self.num_envs
-        images, directions = np.empty(self._images, np.uint8), np.empty(n, np.int64)
-        rewards, terminated, truncated = np.empty(n), np.empty(n, np.bool_), np.empty(n, np.bool_)
-        numbers = np.ascontiguousarray(given, np.int64)
+        images = np.empty(self._images, np.uint8)
+        directions = np.empty(n, np.int64)
+        rewards = np.empty(n)
+        terminated = np.empty(n, np.bool_)
+        truncated = np.empty(n, np.bool_)
+        numbers = np.ascontiguousarray(action_array, np.int64)
         results = images, directions, rewards, terminated, truncated
         step: Callable[..., int] = self._step_together if self._helpers else step_many
         count = step(self._rows, numbers, self._rng_states, *results, self._over, self._mode, 0, n, self._instructed)
         if count < 0:
-            raise self._refusal(~count, given)
+            raise self._refusal(~count, action_array)
         info: dict[str, Any] = {}
         if count > 0:
             if self._mode == SAME_STEP:
@@ -203,30 +215,32 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         )
 
     def render(self) -> tuple[NDArray[np.uint8] | str | None, ...] | None:  # type: ignore[override]
-        """What each world renders; None without a render mode."""
+        """Render each world; None without a render mode."""
         if self.render_mode is None:
             return None
         return self.call("render")
 
     def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
-        phase, count = self._rows[world, PHASE], self._rows[world, ACTIONS]
+        phase = self._rows[world, PHASE]
+        count = self._rows[world, ACTIONS]
         if phase == NEW or (phase == OVER and self._mode != NEXT_STEP):
             return WorldError(f"world {world} is not in an episode; call reset() before step()")
         return WorldError(f"action {int(actions[world])} does not exist in world {world}; actions are 0 to {count - 1}")
 
-    def _step_together(self, *given: Any) -> int:
-        """`step_many`, in parts that threads take in turn."""
-        if (refusing := first_refusal(given[0], given[1], self._mode, 0, self.num_envs)) < 0:
+    def _step_together(self, *arguments: Any) -> int:
+        """Run `step_many`, in parts that threads take in turn."""
+        if (refusing := first_refusal(arguments[0], arguments[1], self._mode, 0, self.num_envs)) < 0:
             return refusing
         counts = np.zeros(-(-self.num_envs // PART), np.int64)
-        share_work(step_parts, (counts, *given[:-3], self._instructed), len(counts), self._helpers)
-        found = [self._over[part * PART :][:count] for part, count in enumerate(counts.tolist()) if count]
-        self._over[: counts.sum()] = np.concatenate(found) if found else 0
+        share_work(step_parts, (counts, *arguments[:-3], self._instructed), len(counts), self._helpers)
+        ended = [self._over[part * PART :][:count] for part, count in enumerate(counts.tolist()) if count]
+        self._over[: counts.sum()] = np.concatenate(ended) if ended else 0
         return int(counts.sum())
 
     def _lay_out(self, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> None:
         """Lay out new episodes of some worlds and observe them."""
-        layout, space = self._layout, self._world.mission_space
+        layout = self._layout
+        space = self._world.mission_space
         missions = list(self._missions) if space.varies else []
         for i in worlds.tolist():
             clear(layout)
@@ -296,7 +310,8 @@ def step_many(
             fetch(rows, i)
             if instructed:
                 fetch_instruction(rows, i)
-            status, rewards[i] = 0, 0.0
+            status = 0
+            rewards[i] = 0.0
             stepped = rows[i, PHASE] != OVER
             if stepped:
                 status, rewards[i] = (
@@ -343,17 +358,19 @@ def step_parts(
     instructed: bool,
     nth: int,
 ) -> None:
-    """`step_many` for parts of the worlds, taken in turn with other threads; ``counts`` is what it returns for each.
+    """Run `step_many` for parts of the worlds, taken in turn with other threads; ``counts`` is its result for each.
 
     A thread begins with its own share, the ``nth``: step after step, the same worlds are in its core's nearest caches.
     """
     threads = len(counters) // APART - 1
     for turn in range(nth, nth + threads):
         share = turn % threads
-        start, end = len(counts) * share // threads, len(counts) * (share + 1) // threads
+        start = len(counts) * share // threads
+        end = len(counts) * (share + 1) // threads
         part = start + add_to_counter(counters, TAKEN + APART * share, 1)
         while part < end:
-            first, last = part * PART, min(part * PART + PART, len(rows))
+            first = part * PART
+            last = min(part * PART + PART, len(rows))
             counts[part] = step_many(
                 rows,
                 actions,
@@ -403,7 +420,7 @@ def fetch_numbers(ops: Any, row: Row, first: Any, second: Any, third: Any) -> No
     hold_gil=True,
 )
 def first_refusal(rows: RowMatrix, actions: NDArray[np.int64], mode: int, first: int, last: int) -> int:
-    """The complement (~) of the first world that refuses its action or is not to be stepped now; 0 for none."""
+    """Return the complement (~) of the first world that refuses its action or may not be stepped now; 0 for none."""
     for i in range(first, last):
         phase = rows[i, PHASE]
         ready = phase == PLAYING or (mode == NEXT_STEP and phase == OVER)
@@ -439,10 +456,10 @@ def begin(layout: Row, rows: RowMatrix, i: int, images: NDArray[np.uint8], direc
     nogil=True,
 )
 def observe_many(
-    rows: RowMatrix, seen: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]
+    rows: RowMatrix, selected: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]
 ) -> None:
     """Observe the worlds that are to be seen."""
     for i in range(len(rows)):
-        if seen[i]:
+        if selected[i]:
             see(rows[i], images[i])
             directions[i] = rows[i, DIRECTION]

@@ -68,7 +68,7 @@ class GridBatchNames(VectorNames):
             self._take_back(i)
 
     def save(self) -> GridBatchSnapshot:
-        """An exact copy of every world in mid-episode; it may be pickled, and restored into a batch as large."""
+        """Copy every world exactly, in mid-episode; the copy may be pickled, and restored into a batch as large."""
         settings = {field: numbers.copy() for field, numbers in self._settings.items()}
         return GridBatchSnapshot(
             self._rows.copy(), self._rng_states.copy(), self._missions, [*self._seeds], [*self._recipes], settings

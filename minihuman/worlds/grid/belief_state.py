@@ -56,21 +56,23 @@ BACK = 0.4  # cells that the eye stands behind the middle of its own
 
 
 @device_function()
-def look_into(row: Row, image: NDArray[np.uint8], seen: SeenCells) -> int:
+def look_into(row: Row, image: NDArray[np.uint8], explored: SeenCells) -> int:
     """Mark the cells that the image shows; how many of them are new."""
     size = image.shape[0]
-    width, height = row[WIDTH], row[HEIGHT]
+    width = row[WIDTH]
+    height = row[HEIGHT]
     direction = row[DIRECTION]
     forward_x, forward_y = ahead(0, 0, direction)
     new = 0
     for i in range(size):
         for j in range(size):
             if image[i, j, 0] != 0:
-                far, aside = size - 1 - j, i - size // 2
+                far = size - 1 - j
+                aside = i - size // 2
                 x = row[X] + forward_x * far - forward_y * aside
                 y = row[Y] + forward_y * far + forward_x * aside
-                if x >= 0 and y >= 0 and x < width and y < height and not seen[x * height + y]:
-                    seen[x * height + y] = True
+                if x >= 0 and y >= 0 and x < width and y < height and not explored[x * height + y]:
+                    explored[x * height + y] = True
                     new += 1
     return new
 
@@ -82,7 +84,8 @@ def as_from_inside(image: NDArray[np.uint8]) -> None:
     half = size // 2
     for i in range(size):
         for j in range(size):
-            far, aside = size - 1 - j, i - half
+            far = size - 1 - j
+            aside = i - half
             if image[i, j, 0] == 0 or (far == 0 and aside == 0):
                 continue
             if abs(aside) > HALF_VIEW * (far + BACK):
@@ -92,10 +95,12 @@ def as_from_inside(image: NDArray[np.uint8]) -> None:
             for k in range(parts):
                 across = half + aside * k / parts
                 along = size - 1 + BACK - (far + BACK) * k / parts
-                c, r = math.floor(across + 0.5), math.floor(along + 0.5)
+                c = math.floor(across + 0.5)
+                r = math.floor(along + 0.5)
                 if r > size - 1 or (c == i and r == j) or (c == half and r == size - 1):
                     continue
-                kind, state = image[c, r, 0], image[c, r, 2]
+                kind = image[c, r, 0]
+                state = image[c, r, 2]
                 if kind == 0 or not (
                     kind == EMPTY or kind == FLOOR or kind == GOAL or kind == LAVA or (kind == DOOR and state == OPEN)
                 ):
@@ -108,7 +113,7 @@ def as_from_inside(image: NDArray[np.uint8]) -> None:
 
 
 @kernel("(int32[::1], uint8[:, :, ::1], boolean[::1], boolean)")
-def remember(row: Row, image: NDArray[np.uint8], seen: SeenCells, inside: bool) -> int:
+def remember(row: Row, image: NDArray[np.uint8], explored: SeenCells, inside: bool) -> int:
     """Add what the agent sees now to what it has seen; how many cells are new. ``image`` is filled.
 
     From ``inside`` it sees less than Minigrid's view shows.
@@ -116,29 +121,49 @@ def remember(row: Row, image: NDArray[np.uint8], seen: SeenCells, inside: bool) 
     see(row, image)
     if inside:
         as_from_inside(image)
-    return look_into(row, image, seen)
+    return look_into(row, image, explored)
 
 
 @kernel("(int32[::1], boolean[::1], int64)")
-def believe(row: Row, seen: SeenCells, hidden: int) -> Row:
-    """The state as far as it was seen; cells not seen hold the code ``hidden``."""
+def believe(row: Row, explored: SeenCells, hidden: int) -> Row:
+    """Return the state as far as it was seen; cells not seen hold the code ``hidden``."""
     known = row.copy()
     cells = row[WIDTH] * row[HEIGHT]
     for identity in range(1, row[OBJECTS] + 1):
         cell = where_is(row, identity)
-        if cell != NOWHERE and not seen[cell]:
+        if cell != NOWHERE and not explored[cell]:
             known[place_index(row, identity)] = NOWHERE
         known[contents_index(row, identity)] = 0
     for cell in range(cells):
-        if not seen[cell]:
+        if not explored[cell]:
             known[HEADER + cell] = hidden
     return known
+
+
+@device_function()
+def value_of_new_cells(row: Row, explored: SeenCells, image: NDArray[np.uint8], floor: float, wall: float) -> float:
+    """Sum up what the image shows for the first time: ``floor`` for a cell, ``wall`` where one is expected."""
+    size = image.shape[0]
+    width = row[WIDTH]
+    height = row[HEIGHT]
+    forward_x, forward_y = ahead(0, 0, row[DIRECTION])
+    gain = 0.0
+    for across in range(size):
+        for down in range(size):
+            if image[across, down, 0] != 0:
+                far = size - 1 - down
+                aside = across - size // 2
+                x = row[X] + forward_x * far - forward_y * aside
+                y = row[Y] + forward_y * far + forward_x * aside
+                if x >= 0 and y >= 0 and x < width and y < height and not explored[x * height + y]:
+                    gain += wall if kind_of(row[HEADER + x * height + y]) == WALL else floor
+    return gain
 
 
 @kernel("(int32[::1], boolean[::1], int32[:, :, ::1], uint8[:, :, ::1], boolean, int64, float64, float64)")
 def prospects(
     row: Row,
-    seen: SeenCells,
+    explored: SeenCells,
     steps: NDArray[np.int32],
     image: NDArray[np.uint8],
     inside: bool,
@@ -146,25 +171,28 @@ def prospects(
     floor: float,
     wall: float,
 ) -> NDArray[np.float64]:
-    """For each pose that can be reached how much would be seen for the first time, (width, height, 4).
+    """Measure for each reachable pose how much would be seen for the first time, (width, height, 4).
 
     What is not known hides nothing; a closed door ahead is opened first. After ``straight`` cells of wall in a line
     the wall is expected to go on; with 0 none is. A cell counts ``floor``, and ``wall`` where one is expected.
     """
-    world = believe(row, seen, EMPTY)
+    world = believe(row, explored, EMPTY)
     if straight > 0:
-        expect_walls(world, seen, straight)
-    width, height = row[WIDTH], row[HEIGHT]
-    size = image.shape[0]
+        expect_walls(world, explored, straight)
+    width = row[WIDTH]
+    height = row[HEIGHT]
     gains = np.zeros((width, height, 4))
     for x in range(width):
         for y in range(height):
             for direction in range(4):
-                if steps[x, y, direction] >= FAR or not seen[x * height + y]:
+                if steps[x, y, direction] >= FAR or not explored[x * height + y]:
                     continue
-                world[X], world[Y], world[DIRECTION] = x, y, direction
+                world[X] = x
+                world[Y] = y
+                world[DIRECTION] = direction
                 forward_x, forward_y = ahead(0, 0, direction)
-                i, j = x + forward_x, y + forward_y
+                i = x + forward_x
+                j = y + forward_y
                 faced = -1
                 code = 0
                 if i >= 0 and j >= 0 and i < width and j < height:
@@ -175,24 +203,17 @@ def prospects(
                 see(world, image)
                 if inside:
                     as_from_inside(image)
-                for across in range(size):
-                    for down in range(size):
-                        if image[across, down, 0] != 0:
-                            far, aside = size - 1 - down, across - size // 2
-                            i = x + forward_x * far - forward_y * aside
-                            j = y + forward_y * far + forward_x * aside
-                            if i >= 0 and j >= 0 and i < width and j < height and not seen[i * height + j]:
-                                expected = kind_of(world[HEADER + i * height + j])
-                                gains[x, y, direction] += wall if expected == WALL else floor
+                gains[x, y, direction] = value_of_new_cells(world, explored, image, floor, wall)
                 if faced >= 0:
                     world[faced] = code
     return gains
 
 
 @device_function()
-def expect_walls(row: Row, seen: SeenCells, straight: int) -> None:
+def expect_walls(row: Row, explored: SeenCells, straight: int) -> None:
     """Put walls where they are expected and nothing was seen: around the grid, and where a line of them would go on."""
-    width, height = row[WIDTH], row[HEIGHT]
+    width = row[WIDTH]
+    height = row[HEIGHT]
     for line in range(2 * (width + height)):  # each column and each line, there and back
         upright = line < 2 * width
         number = (line if upright else line - 2 * width) // 2
@@ -200,9 +221,12 @@ def expect_walls(row: Row, seen: SeenCells, straight: int) -> None:
         walls = 0
         for k in range(length):
             along = k if line % 2 == 0 else length - 1 - k
-            cell = number * height + along if upright else along * height + number
+            if upright:
+                cell = number * height + along
+            else:
+                cell = along * height + number
             kind = kind_of(row[HEADER + cell])
-            if not seen[cell]:
+            if not explored[cell]:
                 if walls >= straight or k == 0 or k == length - 1:
                     row[HEADER + cell] = GREY_WALL
                 if walls < straight:
@@ -215,11 +239,12 @@ def expect_walls(row: Row, seen: SeenCells, straight: int) -> None:
 
 @kernel("(int32[::1], int64)")
 def walk(row: Row, passing: int) -> NDArray[np.int32]:
-    """Actions from the agent's pose to every other, (width, height, 4), closed doors opened on the way.
+    """Count the actions from the agent's pose to every other, (width, height, 4), closed doors opened on the way.
 
     Objects cost ``passing`` more actions to pass; with 0 they block.
     """
-    width, height = np.int64(row[WIDTH]), np.int64(row[HEIGHT])
+    width = np.int64(row[WIDTH])
+    height = np.int64(row[HEIGHT])
     steps = np.full(width * height * 4, FAR, np.int32)
     start = (row[X] * height + row[Y]) * 4 + row[DIRECTION]
     steps[start] = 0
@@ -228,7 +253,8 @@ def walk(row: Row, passing: int) -> NDArray[np.int32]:
     waiting = np.zeros(span, np.int64)
     queue[0, 0] = start
     waiting[0] = 1
-    last, distance = 0, 0
+    last = 0
+    distance = 0
     while distance <= last:
         place = distance % span
         while waiting[place] > 0:
@@ -237,9 +263,11 @@ def walk(row: Row, passing: int) -> NDArray[np.int32]:
             if steps[pose] != distance:
                 continue
             direction = pose & 3
-            x, y = (pose >> 2) // height, (pose >> 2) % height
+            x = (pose >> 2) // height
+            y = (pose >> 2) % height
             for move in range(3):
-                after, cost = -1, 1
+                after = -1
+                cost = 1
                 if move < 2:
                     after = (pose >> 2) * 4 + ((direction + 1 + 2 * move) & 3)
                 else:
@@ -247,7 +275,10 @@ def walk(row: Row, passing: int) -> NDArray[np.int32]:
                     if i >= 0 and j >= 0 and i < width and j < height:
                         code = row[HEADER + i * height + j]
                         cost = _entering(code, passing)
-                        after = (i * height + j) * 4 + direction if cost > 0 else -1
+                        if cost > 0:
+                            after = (i * height + j) * 4 + direction
+                        else:
+                            after = -1
                 if after >= 0 and distance + cost < steps[after]:
                     steps[after] = distance + cost
                     slot = (distance + cost) % span
@@ -265,7 +296,11 @@ def _entering(code: int, passing: int) -> int:
     if kind == EMPTY or kind == FLOOR or kind == GOAL:
         return 1
     if kind == DOOR:
-        return 1 if state_of(code) == OPEN else 2 if state_of(code) == CLOSED else 0
+        if state_of(code) == OPEN:
+            return 1
+        if state_of(code) == CLOSED:
+            return 2
+        return 0
     if identity_of(code) > 0 and passing > 0:
         return 1 + passing
     return 0
@@ -311,7 +346,7 @@ PEOPLE_WEIGHTS = FrontierWeights(0.3)
 
 
 def no_noise(count: int) -> NDArray[np.float64]:
-    """No noise: everything is judged as it is."""
+    """Add no noise: everything is judged as it is."""
     return np.zeros(count)
 
 
@@ -329,7 +364,10 @@ class ExploredGrid:
         state = State(row)
         self.seen = np.zeros(state.width * state.height, np.bool_)  # by cell, x * height + y
         cells = len(self.seen)
-        self._enough = ENOUGH if cells >= SMALL else max(8, cells // 16)
+        if cells >= SMALL:
+            self._enough = ENOUGH
+        else:
+            self._enough = max(8, cells // 16)
         self._image = np.zeros((view_size, view_size, 3), np.uint8)
         self.look(row)
 
@@ -338,24 +376,24 @@ class ExploredGrid:
         return int(remember(row, self._image, self.seen, self._inside))
 
     def in_view(self, row: Row) -> NDArray[np.bool_]:
-        """The cells that are seen now, by cell."""
+        """Return the cells that are seen now, by cell."""
         now = np.zeros_like(self.seen)
         remember(row, self._image, now, self._inside)
         return now
 
     def forget(self, chance: float, rng: np.random.Generator) -> None:
-        """Each cell is forgotten with this chance; what is in view is remembered at the next look."""
+        """Forget each cell with this chance; what is in view is remembered at the next look."""
         self.seen &= rng.random(len(self.seen)) >= chance
 
     def known(self, row: Row) -> Row:
-        """The state as far as it was seen; the rest is wall, and boxes hold nothing."""
+        """Return the state as far as it was seen; the rest is wall, and boxes hold nothing."""
         known: Row = believe(row, self.seen, GREY_WALL)
         return known
 
     def frontier(
         self, known: Row, *, passing: int = 0, judgement: FrontierWeights = EXPERT_WEIGHTS, noise: Noise = no_noise
     ) -> tuple[list[int], list[int], float] | None:
-        """How to see more: the actions, the cells on the path, its cost; None if nothing more can be seen.
+        """Plan how to see more: the actions, the cells on the path, its cost; None if nothing more can be seen.
 
         Args:
             known: What `known` gave.
@@ -369,7 +407,10 @@ class ExploredGrid:
         )
         opening = _faces_closed(State(known))
         possible = (gains > 0) & (steps < FAR) & ((steps > 0) | opening)
-        enough = self._enough if judgement.enough is None else judgement.enough
+        if judgement.enough is None:
+            enough = self._enough
+        else:
+            enough = judgement.enough
         enough = min(enough, int(judgement.share * len(self.seen)))
         value = judgement.worth * np.minimum(gains, enough) + judgement.beyond * gains
         worth = np.where(possible, steps - value, np.inf)
@@ -386,7 +427,7 @@ class ExploredGrid:
 
 
 def _faces_closed(state: State) -> NDArray[np.bool_]:
-    """Poses with a closed door ahead."""
+    """Return the poses with a closed door ahead."""
     closed = (state.kinds == DOOR) & (state.states == CLOSED)
     faces = np.zeros((*closed.shape, 4), bool)
     for direction, (dx, dy) in enumerate(STEPS):
@@ -399,17 +440,17 @@ def _faces_closed(state: State) -> NDArray[np.bool_]:
 def _path(
     known: Row, steps: NDArray[np.int32], pose: tuple[int, int, int], passing: int
 ) -> tuple[list[int], list[int]]:
-    """The actions to a pose and the cells entered, walked back from it."""
+    """Return the actions to a pose and the cells entered, walked back from it."""
     state = State(known)
     actions: list[int] = []
     way: list[int] = []
     x, y, direction = pose
     while steps[x, y, direction] > 0:
-        here = int(steps[x, y, direction])
-        if steps[x, y, (direction + 1) % 4] == here - 1:
+        steps_left = int(steps[x, y, direction])
+        if steps[x, y, (direction + 1) % 4] == steps_left - 1:
             direction = (direction + 1) % 4
             actions.append(LEFT)
-        elif steps[x, y, (direction + 3) % 4] == here - 1:
+        elif steps[x, y, (direction + 3) % 4] == steps_left - 1:
             direction = (direction + 3) % 4
             actions.append(RIGHT)
         else:
@@ -418,5 +459,6 @@ def _path(
             actions.append(FORWARD)
             if kinds_of(code) == DOOR and states_of(code) == CLOSED:
                 actions.append(TOGGLE)
-            x, y = x - STEPS[direction][0], y - STEPS[direction][1]
+            x = x - STEPS[direction][0]
+            y = y - STEPS[direction][1]
     return actions[::-1], way[::-1]

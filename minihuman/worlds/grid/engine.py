@@ -43,16 +43,23 @@ from minihuman.worlds.pose import Map, Pose, Thing, wall_outlines
 from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.step_limit import action_number, check_max_steps
 
+# past the check that `GridEnv.__setattr__` makes, for what each episode sets anew: a short one is mostly its reset
+set_attribute = object.__setattr__
+
 
 def floor_plan(state: State, palette: GridPalette = "classic", kinds: Sequence[ObjectKind] = ()) -> Map:
-    """The map of a state: wall outlines, and every thing that lies in a cell now."""
+    """Map a state: wall outlines, and every thing that lies in a cell now."""
     lying = state.kinds
     walls = wall_outlines(lying == WALL)
     things = []
     for x, y in np.argwhere((lying != WALL) & (lying != EMPTY)).tolist():
         code = int(state.cells[x, y])
-        kind, colour = kind_name(kind_of(code), kinds), COLOURS[colour_of(code)]
-        name = kind if kind_of(code) == LAVA else f"{colour} {kind}"
+        kind = kind_name(kind_of(code), kinds)
+        colour = COLOURS[colour_of(code)]
+        if kind_of(code) == LAVA:
+            name = kind
+        else:
+            name = f"{colour} {kind}"
         things.append(Thing(name, float(x), float(y), 0.5, hex_colour(code, palette)))
     bounds = (-0.5, -0.5, state.width - 0.5, state.height - 0.5)
     return Map("cell", bounds, walls, tuple(things))
@@ -148,7 +155,8 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         self.tile_size = tile_size
         self.screen_size = screen_size
         self.palette: GridPalette = palette
-        self.highlight, self.agent_pov = check_bool("highlight", highlight), check_bool("agent_pov", agent_pov)
+        self.highlight = check_bool("highlight", highlight)
+        self.agent_pov = check_bool("agent_pov", agent_pov)
         self._instructed = isinstance(self.mission_space, InstructionSpace)
         self._row = np.zeros((instructed_length if self._instructed else row_length)(width, height), np.int32)
         self._row[[fields.WIDTH, fields.HEIGHT, fields.MAX_STEPS, fields.SEE_THROUGH, fields.ACTIONS]] = (
@@ -165,7 +173,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         clear(self._row)
 
     def _name_actions(self, actions: int) -> tuple[str, ...]:
-        """The grid's own names, and one with its number for each further action.
+        """Return the grid's own names, and one with its number for each further action.
 
         Raises:
             WorldError: if there are further actions, and no rules of its own that give them a meaning.
@@ -178,7 +186,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return (*ACTION_NAMES[:actions], *(f"action_{number}" for number in range(len(ACTION_NAMES), actions)))
 
     def _has_own_rules(self) -> bool:
-        """Whether a step has rules that the grid does not know."""
+        """Return whether a step has rules that the grid does not know."""
         return any(getattr(type(self), name) is not getattr(GridEngine, name) for name in ("step", "advance"))
 
     @abc.abstractmethod
@@ -187,12 +195,12 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
 
     @property
     def state(self) -> State:
-        """The state, readable by name."""
+        """Return the state, readable by name."""
         return State(self._row)
 
     @property
     def max_steps(self) -> int:
-        """An episode is truncated after so many steps."""
+        """Return the number of steps after which an episode is truncated."""
         return self.state.max_steps
 
     @max_steps.setter
@@ -201,7 +209,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
 
     @property
     def np_random(self) -> np.random.Generator:
-        """The world's random stream. Ask for it each time: a generator kept from before a step may be behind."""
+        """Return the world's random stream. Ask for it each time: a generator kept from before a step may be behind."""
         generator = super().np_random
         if self._stream_is_ahead:
             write_rng_state(self._rng_state, generator)
@@ -214,7 +222,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         self._stream_is_held = self._stream_is_ahead = False
 
     def _stream(self) -> RngState:
-        """The random stream, for kernels to draw from."""
+        """Return the random stream, for kernels to draw from."""
         if not self._stream_is_held:
             read_rng_state(self.np_random, self._rng_state)
         if not self._stream_is_ahead:  # asked first, as setting an attribute of a world of the catalogue is checked
@@ -222,7 +230,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return self._rng_state
 
     def _check_agent(self) -> None:
-        """There is an agent, in the grid, looking somewhere."""
+        """Check that there is an agent, in the grid, looking somewhere."""
         width, height, x, y, direction = self._row[: fields.DIRECTION + 1].tolist()  # the first numbers of every row
         if x < 0:
             raise WorldError(f"{self} placed no agent; place one in its layout")
@@ -233,7 +241,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
             )
 
     def _now(self) -> RngState:
-        """The random stream, to be read only."""
+        """Return the random stream, to be read only."""
         if not self._stream_is_held:
             read_rng_state(self.np_random, self._rng_state)
             self._stream_is_held = True
@@ -246,8 +254,9 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         if seed is not None:
             self._stream_is_held = self._stream_is_ahead = False
         super().reset(seed=seed)
-        self.cell_marks = {}
-        self._close_object_views()
+        set_attribute(self, "cell_marks", {})
+        if self._views is not None:
+            self._close_object_views()
         clear(self._row)
         self._lay_out()
         if self._row[fields.FAILED]:
@@ -257,19 +266,22 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
             )
         self._check_agent()
         self._row[fields.PHASE] = fields.PLAYING
-        self._draws = bool(self._row[fields.TASK] == DODGE)
+        set_attribute(self, "_draws", bool(self._row[fields.TASK] == DODGE))
         observation = self.observation()
         if self._row[fields.TASK] == INSTRUCTED:
             hand_over(self._row)
         return observation, {}
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
-        """A step without its observation: reward, terminated, truncated."""
+        """Make a step without its observation: reward, terminated, truncated."""
         try:
             number = index(action)
         except TypeError:
             number = self._number_of(action)
-        rng_state = self._stream() if self._draws else self._rng_state
+        if self._draws:
+            rng_state = self._stream()
+        else:
+            rng_state = self._rng_state
         status, reward = (act_instructed if self._instructed else act)(self._row, number, rng_state)
         if status < 0:
             raise self._refusal(status, action)
@@ -282,7 +294,10 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         except TypeError:
             number = self._number_of(action)
         image = np.empty(self.image_shape, np.uint8)
-        rng_state = self._stream() if self._draws else self._rng_state
+        if self._draws:
+            rng_state = self._stream()
+        else:
+            rng_state = self._rng_state
         status, direction, reward = (step_instructed if self._instructed else step)(self._row, number, rng_state, image)
         observation = {"image": image, "direction": direction, "mission": self.mission}
         if status == 0:
@@ -292,7 +307,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return observation, reward, status & TERMINATED != 0, status & TRUNCATED != 0, {}
 
     def _number_of(self, action: Any) -> int:
-        """The number of an action that is no integer by its type, as `action_number` reads it."""
+        """Return the number of an action that is no integer by its type, as `action_number` reads it."""
         number = action_number(action)
         if number is None:
             raise self._refusal(NO_SUCH_ACTION, action)
@@ -310,7 +325,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         )
 
     def _in_world(self) -> State:
-        """The state, once there is one to look at."""
+        """Return the state, once there is one to look at."""
         self._check_laid_out()
         return State(self._row)
 
@@ -319,19 +334,19 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
             raise WorldError(f"{self} has not been reset; call reset() first")
 
     def observation(self) -> dict[str, Any]:
-        """What the agent observes now."""
+        """Return what the agent observes now."""
         image = self.look(self.image_shape[0])
         return {"image": image, "direction": int(self._row[fields.DIRECTION]), "mission": self.mission}
 
     def look(self, size: int) -> NDArray[np.uint8]:
-        """The agent's view with ``size`` cells on a side, uint8[size, size, 3]."""
+        """Return the agent's view with ``size`` cells on a side, uint8[size, size, 3]."""
         self._check_laid_out()
         image = np.empty((size, size, 3), np.uint8)
         see(self._row, image)
         return image
 
     def render(self) -> NDArray[np.uint8] | str | None:
-        """The whole world from above, ``tile_size`` pixels a cell, or in characters; None without a render mode."""
+        """Draw the world from above, ``tile_size`` pixels a cell, or in characters; None without a render mode."""
         if self.render_mode is None:
             return None
         if self.render_mode == "ansi":
@@ -346,11 +361,12 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return self.frame(view=view, tile_px=self.tile_size, lit=self.highlight)
 
     def frame(self, *, view: View = "full", tile_px: int = 32, lit: bool = True) -> NDArray[np.uint8]:
-        """A picture with tiles of this size: of the whole world, or of what the agent sees."""
+        """Draw a picture with tiles of this size: of the whole world, or of what the agent sees."""
         return self._draw(view, tile_px, self.palette, lit=lit)
 
     def _draw(self, view: View, tile_px: int, palette: GridPalette, *, lit: bool = True) -> NDArray[np.uint8]:
-        row, size = self._in_world().row, self.image_shape[0]
+        row = self._in_world().row
+        size = self.image_shape[0]
         looks: dict[str, Any] = {"tile_px": tile_px, "palette": palette, "kinds": self.kinds}
         picture = draw_grid(row, view=view, view_size=size, lit=lit, **looks)
         for place, (colour, opacity) in self.cell_marks.items():
@@ -363,55 +379,61 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
             at = place if view == "full" else self.relative_coords(*place)
             if at is None or (view == "partial" and self.look(size)[at][0] == UNSEEN):
                 continue
-            left, top = at[0] * tile_px, at[1] * tile_px
+            left = at[0] * tile_px
+            top = at[1] * tile_px
             cell = picture[top : top + tile_px, left : left + tile_px]
             rgb = np.array(OBJECT_COLOURS[palette][COLOURS.index(colour)])
             cell[:] = (cell + (rgb - cell) * opacity).round()
         return picture
 
     def pose(self) -> Pose:
-        """The agent's cell (column, 0, row) and direction."""
+        """Return the agent's cell (column, 0, row) and direction."""
         state = self._in_world()
         x, y = state.position
         return Pose(float(x), 0.0, float(y), YAWS_RAD[state.direction])
 
     def map(self) -> Map:
-        """The floor plan with doors, objects and goal where they are now."""
+        """Return the floor plan with doors, objects and goal where they are now."""
         return floor_plan(self._in_world(), self.palette, self.kinds)
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
-        """What the episode's instruction says, clause by clause, each with the step that did it; 0 for none yet."""
-        return clauses_done(self._row) if self._row[fields.TASK] == INSTRUCTED else ()
+        """Return the clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
+        if self._row[fields.TASK] == INSTRUCTED:
+            return clauses_done(self._row)
+        return ()
 
     def shortest_path(self) -> Sequence[int] | None:
-        """A list of actions to success, the shortest unless that takes too long to find; empty if there is none."""
+        """Plan actions to success, the fewest unless that takes too long to find; empty if there are none."""
         return shortest_path(self._in_world(), self._now()) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """The length of the shortest list, twice, or what it cannot be shorter than and the length of a longer one."""
+        """Return the length of the shortest plan, twice, or a lower bound and the length of a longer plan."""
         return path_length_bounds(self._in_world(), self._now())
 
     def state_hash(self) -> int:
-        """A uint64 over layout, agent, task, mission and random stream."""
+        """Hash layout, agent, task, mission and random stream to a uint64."""
         return _hashed(self._shared())
 
     def scene_hash(self) -> int:
-        """The same without the number of steps taken."""
+        """Return the same hash without the number of steps taken."""
         saved = self.save()
         saved.row[fields.STEP] = 0
         return _hashed(saved)
 
     def save(self) -> GridSnapshot:
-        """An exact copy of the state in mid-episode."""
-        row, rng_state, mission, kept = self._shared()
-        return GridSnapshot(row.copy(), rng_state.copy(), mission, deepcopy(kept) if kept else kept)
+        """Copy the state exactly, in mid-episode."""
+        row, rng_state, mission, attributes = self._shared()
+        return GridSnapshot(row.copy(), rng_state.copy(), mission, deepcopy(attributes) if attributes else attributes)
 
     def _shared(self) -> GridSnapshot:
-        """What `save` copies."""
-        kept = {name: getattr(self, name) for name in self.kept} if self.kept else {}
+        """Return what `save` copies."""
+        if self.kept:
+            attributes = {name: getattr(self, name) for name in self.kept}
+        else:
+            attributes = {}
         if self.cell_marks:
-            kept["cell_marks"] = [[*place, *mark] for place, mark in self.cell_marks.items()]
-        return GridSnapshot(self._row, self._now(), self.mission, kept)
+            attributes["cell_marks"] = [[*place, *mark] for place, mark in self.cell_marks.items()]
+        return GridSnapshot(self._row, self._now(), self.mission, attributes)
 
     def restore(self, saved: GridSnapshot) -> None:
         """Go back to a saved state; it may be restored again, here or in another world of the same size."""
@@ -433,12 +455,12 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """The largest picture with whole-numbered tiles that fits, uint8[H, W, 3]."""
+        """Draw the largest picture with whole-numbered tiles that fits, uint8[H, W, 3]."""
         tile_px, palette_ = self.tiles(view, size_px, palette)
         return self._draw(view, tile_px, palette_)
 
     def tiles(self, view: View, size_px: tuple[int, int], palette: Palette) -> tuple[int, GridPalette]:
-        """The size of the tiles that `picture` is drawn of, in pixels, and their palette."""
+        """Return the size of the tiles that `picture` is drawn of, in pixels, and their palette."""
         size = self.image_shape[0]
         columns, rows = (size, size) if view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
@@ -446,11 +468,11 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
 
     @property
     def is_compiled(self) -> bool:
-        """Whether kernels alone step and draw it, on its row."""
+        """Return whether kernels alone step and draw it, on its row."""
         return self._is_plain(GridEngine)
 
     def _is_plain(self, base: type) -> bool:
-        """Whether it steps, looks and is drawn as a base class is, and keeps nothing beside its row."""
+        """Return whether it steps, looks and is drawn as a base class is, and keeps nothing beside its row."""
         return (
             not self.kept
             and not self.cell_marks
@@ -458,15 +480,17 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         )
 
     def is_kind(self, code: int, kind: ObjectKind) -> bool:
-        """Whether a cell's code, or that of what is carried, is of a kind of this world's own."""
+        """Return whether a cell's code, or that of what is carried, is of a kind of this world's own."""
         return (
             kind_of(int(code)) >= fields.FIRST_OWN_KIND
             and self.kinds[kind_of(int(code)) - fields.FIRST_OWN_KIND] == kind
         )
 
     def text(self) -> str:
-        """A diagram of the grid in characters; see `layout`."""
+        """Draw a diagram of the grid in characters; see `layout`."""
         return to_text(self._in_world(), self.kinds)
 
     def __str__(self) -> str:
-        return type(self).__name__ if self.spec is None else self.spec.id
+        if self.spec is None:
+            return type(self).__name__
+        return self.spec.id

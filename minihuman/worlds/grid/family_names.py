@@ -54,7 +54,8 @@ def _target(world: Any, first: int) -> Place:
 
 
 def _obstacles(world: Any) -> list[ObjectView]:
-    views, count = world.object_views(), int(world.state.row[TARGET])
+    views = world.object_views()
+    count = int(world.state.row[TARGET])
     return [views.of_identity(number) for number in range(1, count + 1)]
 
 
@@ -113,7 +114,9 @@ def _instruction(world: Any) -> InstructionView:
 
 
 def _kinds_of_things(world: Any) -> list[str]:
-    return ["key", "ball"] if world.state.row[TASK] == rewards.FETCH else ["key", "ball", "box"]
+    if world.state.row[TASK] == rewards.FETCH:
+        return ["key", "ball"]
+    return ["key", "ball", "box"]
 
 
 def _mission(world: Any) -> str:

@@ -11,15 +11,7 @@ from typing import Any
 import numpy as np
 
 from minihuman.worlds.grid.babyai.encoding import described_objects, instruction_of
-from minihuman.worlds.grid.babyai.language import (
-    After,
-    And,
-    Before,
-    Clause,
-    Instruction,
-    ObjectDescription,
-    PutNext,
-)
+from minihuman.worlds.grid.babyai.language import After, And, Before, Clause, Instruction, ObjectDescription, PutNext
 from minihuman.worlds.grid.object_views import ObjectView, ObjectViews
 from minihuman.worlds.upstream_names import WorldAttributeError
 
@@ -44,7 +36,10 @@ class _View:
         return getattr(sys.modules.get(_OF_MINIGRID), self._class_name, builtins.type(self))
 
     def __getattr__(self, name: str) -> Any:
-        advice = f"; {_INSTEAD[name]}" if name in _INSTEAD else ""
+        if name in _INSTEAD:
+            advice = f"; {_INSTEAD[name]}"
+        else:
+            advice = ""
         raise WorldAttributeError(f"a view of an instruction has no attribute {name!r}{advice}")
 
 
@@ -64,7 +59,7 @@ class DescriptionView(_View):
 
     @property
     def obj_poss(self) -> list[Place]:
-        """Where the things lie, column by column, as they were last put down; what is carried stays in the list."""
+        """Return where the things lie, column by column, as they were last put down; what is carried stays listed."""
         now = [thing.cur_pos for thing in self.obj_set]
         if any(place is not None and place != noted for place, noted in zip(now, self._noted, strict=True)):
             self._noted = now
@@ -139,11 +134,14 @@ def _view(instruction: Instruction, things: _Things) -> InstructionView:
             "strict": getattr(instruction, "strict", False),
         }
         return InstructionView(f"{type(instruction).__name__}Instr", sentence, attributes)
-    meant, others = things.clause(instruction)
+    meant, fixed_things = things.clause(instruction)
     description = DescriptionView(instruction.thing, meant)
-    strict = {"strict": instruction.strict} if hasattr(instruction, "strict") else {}
+    if hasattr(instruction, "strict"):
+        strict = {"strict": instruction.strict}
+    else:
+        strict = {}
     if isinstance(instruction, PutNext):
-        fixed = DescriptionView(instruction.other, others)
+        fixed = DescriptionView(instruction.other, fixed_things)
         return InstructionView("PutNextInstr", sentence, {"desc_move": description, "desc_fixed": fixed, **strict})
     name = {"GoTo": "GoToInstr", "Open": "OpenInstr", "Pickup": "PickupInstr"}[type(instruction).__name__]
     return InstructionView(name, sentence, {"desc": description, **strict})

@@ -466,5 +466,8 @@ def _mission(layout: KitchenLayout, old: bool) -> str:
         start = "it cooks by itself once it is full"
     else:
         start = "interact with the pot to start it"
-    dish = "any soup" if not layout.orders else "soups of " + " or of ".join(orders)
+    if not layout.orders:
+        dish = "any soup"
+    else:
+        dish = "soups of " + " or of ".join(orders)
     return f"cook {dish}: fill a pot, {start}, then take the soup with a plate to the serving hatch"

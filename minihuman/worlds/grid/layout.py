@@ -60,11 +60,11 @@ class Recipe:
         self.layout(row, rng_state, *self.numbers)
 
     def limited(self, max_steps: int) -> "Recipe":
-        """The recipe of the same world with this step limit in every episode."""
+        """Return the recipe of the same world with this step limit in every episode."""
         return replace(self, max_steps=max_steps)
 
     def about(self, mission: str) -> "Recipe":
-        """The recipe of the same world with a mission set by hand.
+        """Return the recipe of the same world with a mission set by hand.
 
         Raises:
             WorldError: because only worlds with instructions can have one set.
@@ -98,7 +98,8 @@ class Layout:
         kinds: Sequence[ObjectKind] = (),
         bodies: int = 1,
     ) -> None:
-        self.width, self.height = int(row[fields.WIDTH]), int(row[fields.HEIGHT])
+        self.width = int(row[fields.WIDTH])
+        self.height = int(row[fields.HEIGHT])
         self.mission = mission  # set it to give this episode another
         self.instruction: Instruction | None = None  # set it where the mission is an `InstructionSpace`
         self.kinds = tuple(kinds)  # of the world's own
@@ -108,7 +109,7 @@ class Layout:
         self._rng_state: RngState = np.zeros(6, np.uint64)
 
     def wall_rect(self, x: int = 0, y: int = 0, width: int | None = None, height: int | None = None) -> None:
-        """The four walls of a room, walls included in its size; the whole grid without arguments."""
+        """Put the four walls of a room, walls included in its size; of the whole grid without arguments."""
         width = self.width - x if width is None else width
         height = self.height - y if height is None else height
         self._check(x, y)
@@ -116,12 +117,12 @@ class Layout:
         placement.wall_rect(self._row, x, y, width, height)
 
     def across(self, x: int, y: int, length: int | None = None, item: Item | None = None) -> None:
-        """A horizontal line of an item (walls) from (x, y), to the right edge without a length."""
+        """Put a horizontal line of an item (walls) from (x, y), to the right edge without a length."""
         for i in range(self.width - x if length is None else length):
             self.put(item or wall(), x + i, y)
 
     def down(self, x: int, y: int, length: int | None = None, item: Item | None = None) -> None:
-        """A vertical line of an item (walls) from (x, y), to the bottom edge without a length."""
+        """Put a vertical line of an item (walls) from (x, y), to the bottom edge without a length."""
         for j in range(self.height - y if length is None else length):
             self.put(item or wall(), x, y + j)
 
@@ -200,7 +201,9 @@ class Layout:
         self._row[fields.TARGET : fields.TARGET + len(target)] = target
 
     def _make(self, item: Item) -> int:
-        kind, colour, state = self._number(item), COLOURS.index(item.colour), DOOR_STATES.index(item.state)
+        kind = self._number(item)
+        colour = COLOURS.index(item.colour)
+        state = DOOR_STATES.index(item.state)
         if not item.has_identity:
             return pack(kind, colour, 0, 0)
         code = make(self._row, kind, colour, state)
@@ -216,7 +219,7 @@ class Layout:
         return fields.FIRST_OWN_KIND + self.kinds.index(item.own)
 
     def _draw(
-        self, what: str, top: Place, size: Place | None, reject: Callable[[int, int], bool] | None, tries: int
+        self, noun: str, top: Place, size: Place | None, reject: Callable[[int, int], bool] | None, tries: int
     ) -> Place:
         size = size or (self.width, self.height)
         read_rng_state(self._np_random, self._rng_state)
@@ -230,12 +233,12 @@ class Layout:
         if x < 0:
             self._row[fields.FAILED] = 0
             raise WorldError(
-                f"no free cell for the {what} in the {size[0]} x {size[1]} cells from {top}; give it a larger rectangle"
+                f"no free cell for the {noun} in the {size[0]} x {size[1]} cells from {top}; give it a larger rectangle"
             )
         return x, y
 
     def _is_taken(self, x: int, y: int) -> bool:
-        """Whether a body after the first stands in a cell; drawing leaves out the first by itself."""
+        """Return whether a body after the first stands in a cell; drawing leaves out the first by itself."""
         starts = (body_index(self._row, body) for body in range(1, self.bodies))
         return any(self._row[at] == x and self._row[at + 1] == y for at in starts)
 
@@ -251,7 +254,7 @@ DOOR_LETTERS = {"open": "O", "closed": "D", "locked": "L"}
 
 
 def to_text(state: State, kinds: Sequence[ObjectKind] = ()) -> str:
-    """A diagram of the grid."""
+    """Draw a diagram of the grid."""
     lines = []
     for y in range(state.height):
         cells = [_cell(int(state.cells[x, y]), kinds) for x in range(state.width)]
@@ -264,7 +267,7 @@ def to_text(state: State, kinds: Sequence[ObjectKind] = ()) -> str:
 def observation_to_text(
     observation: Mapping[str, Any] | NDArray[np.integer[Any]], kinds: Sequence[ObjectKind] = ()
 ) -> str:
-    """A diagram of what an agent of a grid world observes, in the characters of `to_text`.
+    """Draw a diagram of what an agent of a grid world observes, in the characters of `to_text`.
 
     Two dots are a cell that the agent does not see. It stands at the bottom's middle and looks up (``^^``); what it
     carries is a last line, "carries Ky". An image of the whole grid (`wrappers.FullyObserved`) has the agent in it.
@@ -288,14 +291,17 @@ def observation_to_text(
     ]
     if (numbers == KINDS.index("agent")).any():
         return "\n".join(map("".join, cells))
-    carried, cells[-1][len(cells[-1]) // 2] = cells[-1][len(cells[-1]) // 2], AGENT[3]
+    carried = cells[-1][len(cells[-1]) // 2]
+    cells[-1][len(cells[-1]) // 2] = AGENT[3]
     return "\n".join([*map("".join, cells), *([f"carries {carried}"] if carried.strip() else [])])
 
 
 def _observed(kind: int, colour: int, state: int, kinds: Sequence[ObjectKind]) -> str:
     if kind == UNSEEN:
         return ".."
-    return AGENT[state] if KINDS[kind : kind + 1] == ("agent",) else _cell(pack(kind, colour, state, 0), kinds)
+    if KINDS[kind : kind + 1] == ("agent",):
+        return AGENT[state]
+    return _cell(pack(kind, colour, state, 0), kinds)
 
 
 def from_text(diagram: str, grid: Layout) -> None:
@@ -323,14 +329,18 @@ def _cell(code: int, kinds: Sequence[ObjectKind]) -> str:
         own = kinds[kind_of(code) - fields.FIRST_OWN_KIND]
         return (own.letter.lower() if own.opens and state_of(code) == OPEN else own.letter) + colour
     kind = KINDS[kind_of(code)]
-    letter = DOOR_LETTERS[DOOR_STATES[state_of(code)]] if kind == "door" else KIND_LETTERS[kind]
+    if kind == "door":
+        letter = DOOR_LETTERS[DOOR_STATES[state_of(code)]]
+    else:
+        letter = KIND_LETTERS[kind]
     return letter + colour
 
 
 def _item(cell: str, x: int, y: int, kinds: Sequence[ObjectKind]) -> Item:
     if cell == "WW":
         return Item("wall", "grey")
-    letter, colour = cell[0], cell[1]
+    letter = cell[0]
+    colour = cell[1]
     if colour in COLOUR_LETTERS:
         name = COLOURS[COLOUR_LETTERS.index(colour)]
         for state, door in DOOR_LETTERS.items():

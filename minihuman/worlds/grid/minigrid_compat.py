@@ -42,7 +42,7 @@ class MinigridCompat(abc.ABC):
     if TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """What every grid world has beside these names."""
+            """Return what every grid world has beside these names."""
 
     _is_made = False  # a world of the catalogue is: from then on no attribute is added
     _views: ObjectViews | None = None  # of the episode's things, once one was asked for
@@ -50,11 +50,11 @@ class MinigridCompat(abc.ABC):
     @property
     @abc.abstractmethod
     def state(self) -> State:
-        """The state, readable by name: the world's own."""
+        """Return the state, readable by name: the world's own."""
 
     @property
     def agent_pos(self) -> Place:
-        """The agent's column and row."""
+        """Return the agent's column and row."""
         return self.state.position
 
     @agent_pos.setter
@@ -68,7 +68,7 @@ class MinigridCompat(abc.ABC):
 
     @property
     def agent_dir(self) -> int:
-        """Where the agent looks: 0 right, 1 down, 2 left, 3 up."""
+        """Return where the agent looks: 0 right, 1 down, 2 left, 3 up."""
         return self.state.direction
 
     @agent_dir.setter
@@ -79,7 +79,7 @@ class MinigridCompat(abc.ABC):
 
     @property
     def carrying(self) -> ObjectView | None:
-        """What is in the agent's hand; None for nothing."""
+        """Return what is in the agent's hand; None for nothing."""
         return self.object_views().of(self.state.carrying, None)
 
     @carrying.setter
@@ -88,48 +88,52 @@ class MinigridCompat(abc.ABC):
 
     @UpstreamName
     def actions(self) -> type[IntEnum]:
-        """The seven actions by name; a world may take fewer."""
+        """Return the seven actions by name; a world may take fewer."""
         return Actions
 
     @set_instead("set agent_pos or agent_dir")
     def dir_vec(self) -> NDArray[np.int64]:
-        """One step ahead, as (columns, rows)."""
+        """Return one step ahead, as (columns, rows)."""
         return np.array(STEPS[self.state.direction])
 
     @set_instead("set agent_pos or agent_dir")
     def front_pos(self) -> NDArray[np.int64]:
-        """The cell in front of the agent."""
+        """Return the cell in front of the agent."""
         return np.add(self.state.position, STEPS[self.state.direction])
 
     @set_instead("set agent_pos or agent_dir")
     def right_vec(self) -> NDArray[np.int64]:
-        """One step to the right, as (columns, rows)."""
+        """Return one step to the right, as (columns, rows)."""
         right, down = STEPS[self.state.direction]
         return np.array((-down, right))
 
     @UpstreamName
     def see_through_walls(self) -> bool:
-        """Whether walls hide nothing."""
+        """Return whether walls hide nothing."""
         return bool(self.state.row[SEE_THROUGH] & 1)
 
     @see_through_walls.setter
-    def see_through_walls(self, seen: bool) -> None:
-        self.state.row[SEE_THROUGH] = int(self.state.row[SEE_THROUGH]) & ~1 | check_bool("see_through_walls", seen)
+    def see_through_walls(self, see_through: bool) -> None:
+        self.state.row[SEE_THROUGH] = int(self.state.row[SEE_THROUGH]) & ~1 | check_bool(
+            "see_through_walls", see_through
+        )
 
     @set_instead("put a Goal into a cell with put_obj()")
     def goal_pos(self) -> Place | None:
-        """The first goal's column and row, counted row by row; None without one."""
+        """Return the first goal's column and row, counted row by row; None without one."""
         goals = np.argwhere(self.state.kinds.T == GOAL)
-        return (int(goals[0, 1]), int(goals[0, 0])) if len(goals) else None
+        if len(goals):
+            return (int(goals[0, 1]), int(goals[0, 0]))
+        return None
 
     @set_instead("put a Goal into a cell with put_obj()")
     def goal_position(self) -> Place | None:
-        """`goal_pos`."""
+        """Return `goal_pos`."""
         return self.goal_pos
 
     @UpstreamName
     def step_count(self) -> int:
-        """Steps taken in this episode."""
+        """Return the steps taken in this episode."""
         return self.state.step
 
     @step_count.setter
@@ -138,27 +142,27 @@ class MinigridCompat(abc.ABC):
 
     @set_instead("set step_count or max_steps")
     def steps_remaining(self) -> int:
-        """Steps left before the episode is truncated."""
+        """Return the steps left before the episode is truncated."""
         return self.state.max_steps - self.state.step
 
     @UpstreamName
     def reward_range(self) -> tuple[int, int]:
-        """The least and the most that an episode earns, as Minigrid says; nothing reads it."""
+        """Return the least and the most that an episode earns, as Minigrid says; nothing reads it."""
         return (-1 if self.state.row[TASK] == rewards.DODGE else 0), 1
 
     @set_instead("give the size when the world is made")
     def width(self) -> int:
-        """Columns."""
+        """Return the number of columns."""
         return self.state.width
 
     @set_instead("give the size when the world is made")
     def height(self) -> int:
-        """Rows."""
+        """Return the number of rows."""
         return self.state.height
 
     @UpstreamName
     def agent_view_size(self) -> int:
-        """Cells on a side of the agent's view."""
+        """Return cells on a side of the agent's view."""
         return int(self.image_shape[0])
 
     @agent_view_size.setter
@@ -167,24 +171,26 @@ class MinigridCompat(abc.ABC):
 
     @set_instead("set its cells with grid.set(), one by one")
     def grid(self) -> GridView:
-        """The cells."""
+        """Return the cells."""
         return GridView(self.object_views())
 
     @set_instead("make the world with render_mode='human'")
     def window(self) -> Any:
-        """The window of ``render_mode="human"``; None while there is none."""
+        """Return the window of ``render_mode="human"``; None while there is none."""
         return vars(self).get("_window")
 
     @set_instead("make the world with render_mode='human'")
     def clock(self) -> Any:
-        """`window`: what keeps its rate."""
+        """Return `window`, which keeps its rate."""
         return self.window
 
     @set_instead("make the world with a tile_size")
     def render_size(self) -> tuple[int, int] | None:
-        """The columns and rows of pixels that the window shows; None while there is none."""
+        """Return the columns and rows of pixels that the window shows; None while there is none."""
         tile_px = int(self.tile_size)
-        return None if self.window is None else (self.width * tile_px, self.height * tile_px)
+        if self.window is None:
+            return None
+        return (self.width * tile_px, self.height * tile_px)
 
     def object_views(self) -> ObjectViews:
         """Return the things of this episode."""
@@ -199,29 +205,34 @@ class MinigridCompat(abc.ABC):
             self._views = None
 
     def get_view_coords(self, i: int, j: int) -> Place:
-        """Where a cell is in the agent's view, column and row of the image, inside the image or not."""
-        (right, down), (dx, dy) = np.subtract((i, j), self.state.position).tolist(), STEPS[self.state.direction]
+        """Return where a cell is in the agent's view, column and row of the image, inside the image or not."""
+        right, down = np.subtract((i, j), self.state.position).tolist()
+        dx, dy = STEPS[self.state.direction]
         size = int(self.agent_view_size)
         return size // 2 + down * dx - right * dy, size - 1 - (right * dx + down * dy)
 
     def relative_coords(self, x: int, y: int) -> Place | None:
-        """Where a cell is in the agent's view, column and row of the image; None outside it."""
-        size, place = int(self.agent_view_size), self.get_view_coords(x, y)
-        return place if min(place) >= 0 and max(place) < size else None
+        """Return where a cell is in the agent's view, column and row of the image; None outside it."""
+        size = int(self.agent_view_size)
+        place = self.get_view_coords(x, y)
+        if min(place) >= 0 and max(place) < size:
+            return place
+        return None
 
     def get_view_exts(self, agent_view_size: int | None = None) -> tuple[int, int, int, int]:
-        """The rectangle that the agent sees: left, top, right, bottom; the last two are the first cells outside."""
-        size, (x, y) = agent_view_size or int(self.agent_view_size), self.state.position
+        """Return the rectangle that the agent sees: left, top, right, bottom; the last two are just outside."""
+        size = agent_view_size or int(self.agent_view_size)
+        x, y = self.state.position
         left = (x, x - size // 2, x - size + 1, x - size // 2)[self.state.direction]
         top = (y - size // 2, y, y - size // 2, y - size + 1)[self.state.direction]
         return left, top, left + size, top + size
 
     def in_view(self, x: int, y: int) -> bool:
-        """Whether a cell is in the rectangle that the agent sees, hidden or not."""
+        """Return whether a cell is in the rectangle that the agent sees, hidden or not."""
         return self.relative_coords(x, y) is not None
 
     def gen_obs_grid(self, agent_view_size: int | None = None) -> tuple[GridView, NDArray[np.bool_]]:
-        """What the agent sees, looking up, as a grid of so many cells on a side, and which of them it sees.
+        """Return what the agent sees, looking up, as a grid of so many cells on a side, and which of them it sees.
 
         Cells that it does not see are empty; its own has what it carries.
         """
@@ -230,26 +241,27 @@ class MinigridCompat(abc.ABC):
         grid = self.grid.slice(left, top, size, size)
         for _ in range(self.state.direction + 1):
             grid = grid.rotate_left()
-        seen = self.look(size)[..., 0] != UNSEEN
-        codes = np.where(seen, grid.codes, EMPTY)
-        codes[size // 2, size - 1], grid.places[size // 2, size - 1] = self.state.carrying, -1
-        return GridView(self.object_views(), codes, grid.places), seen
+        visible = self.look(size)[..., 0] != UNSEEN
+        codes = np.where(visible, grid.codes, EMPTY)
+        codes[size // 2, size - 1] = self.state.carrying
+        grid.places[size // 2, size - 1] = -1
+        return GridView(self.object_views(), codes, grid.places), visible
 
     def gen_obs(self) -> dict[str, Any]:
-        """What the agent observes now."""
+        """Return what the agent observes now."""
         return dict(self.observation())
 
     def agent_sees(self, x: int, y: int) -> bool:
-        """Whether the agent sees what lies in a cell; an empty one shows nothing."""
+        """Return whether the agent sees what lies in a cell; an empty one shows nothing."""
         place = self.relative_coords(x, y)
         if place is None:
             return False
         lies = self.state.cells[x, y]
-        seen = self.look(int(self.agent_view_size))[place]
-        return bool(lies != EMPTY and seen[0] == kind_of(int(lies)))
+        shown_cell = self.look(int(self.agent_view_size))[place]
+        return bool(lies != EMPTY and shown_cell[0] == kind_of(int(lies)))
 
     def get_frame(self, highlight: bool = True, tile_size: int = 32, agent_pov: bool = False) -> NDArray[np.uint8]:
-        """A picture from above or of what the agent sees, in Minigrid's own tiles whatever the palette.
+        """Return a picture from above or of what the agent sees, in Minigrid's own tiles whatever the palette.
 
         So Minigrid's wrappers give the pixels that they give around Minigrid's worlds. `frame` has our palettes.
         """
@@ -264,17 +276,17 @@ class MinigridCompat(abc.ABC):
         )
 
     def get_pov_render(self, tile_size: int) -> NDArray[np.uint8]:
-        """`get_frame` of what the agent sees."""
+        """Call `get_frame` for what the agent sees."""
         return self.get_frame(tile_size=tile_size, agent_pov=True)
 
     def get_full_render(self, highlight: bool, tile_size: int) -> NDArray[np.uint8]:
-        """`get_frame` from above."""
+        """Call `get_frame` for the view from above."""
         return self.get_frame(highlight, tile_size)
 
     def hash(self, size: int = 16) -> str:
-        """A text of so many characters for the cells and the agent's place; `state_hash` covers all of the state."""
-        seen = self.grid.encode().tolist(), self.state.position, self.state.direction
-        return hashlib.sha256("".join(map(str, seen)).encode()).hexdigest()[:size]
+        """Hash the cells and the agent's place to so many characters; `state_hash` covers all of the state."""
+        parts = self.grid.encode().tolist(), self.state.position, self.state.direction
+        return hashlib.sha256("".join(map(str, parts)).encode()).hexdigest()[:size]
 
     def put_obj(self, obj: Any, i: int, j: int) -> None:
         """Lay a thing into a cell: `GridView.set`."""
@@ -295,7 +307,8 @@ class MinigridCompat(abc.ABC):
         """
         left, upper = (0, 0) if top is None else (max(top[0], 0), max(top[1], 0))
         columns, rows = (self.width, self.height) if size is None else size
-        cells, rng = self.state.cells, self.np_random
+        cells = self.state.cells
+        rng = self.np_random
         tries = 0
         while tries <= max_tries:
             tries += 1
@@ -309,13 +322,13 @@ class MinigridCompat(abc.ABC):
                 return place
         raise RecursionError(f"no cell was free or accepted in {max_tries} tries; give place_obj a larger rectangle")
 
-    def place_agent(self, *where: Any, **named: Any) -> Place:
+    def place_agent(self, *arguments: Any, **named: Any) -> Place:
         """Stand the agent into an empty cell, drawn from ``np_random`` as Minigrid draws it.
 
         In a grid of equal rooms the arguments are ``i``, ``j`` and ``rand_dir``: a room's column and row, drawn without
         them; elsewhere ``top``, ``size``, ``rand_dir`` and ``max_tries``.
         """
-        return (self._place_agent_in_room if self._room_size else self._place_agent)(*where, **named)
+        return (self._place_agent_in_room if self._room_size else self._place_agent)(*arguments, **named)
 
     def _place_agent(
         self,
@@ -331,8 +344,12 @@ class MinigridCompat(abc.ABC):
         return self.agent_pos
 
     def _place_agent_in_room(self, i: int | None = None, j: int | None = None, rand_dir: bool = True) -> Place:
-        rooms, rng = self._rooms(), self.np_random
-        column = int(rng.integers(0, rooms.columns)) if i is None else i
+        rooms = self._rooms()
+        rng = self.np_random
+        if i is None:
+            column = int(rng.integers(0, rooms.columns))
+        else:
+            column = i
         room = rooms.room(column, int(rng.integers(0, rooms.rows)) if j is None else j)
         while True:
             self._place_agent(room.top, room.size, rand_dir, max_tries=1000)
@@ -346,7 +363,8 @@ class MinigridCompat(abc.ABC):
         Raises:
             RecursionError: if there is no room for it.
         """
-        room, agent = self.get_room(i, j), self.state.position
+        room = self.get_room(i, j)
+        agent = self.state.position
         place = self.place_obj(
             obj, room.top, room.size, lambda _, at: abs(at[0] - agent[0]) + abs(at[1] - agent[1]) < 2, max_tries=1000
         )
@@ -357,16 +375,23 @@ class MinigridCompat(abc.ABC):
     def add_object(self, i: int, j: int, kind: str | None = None, color: str | None = None) -> tuple[ObjectView, Place]:
         """Lay a new key, ball or box into a room; its kind and colour are drawn where they are not given."""
         rng = self.np_random
-        kind = ("key", "ball", "box")[int(rng.integers(0, 3))] if kind is None else kind
+        if kind is None:
+            kind = ("key", "ball", "box")[int(rng.integers(0, 3))]
+        else:
+            kind = kind
         number = KINDS.index(check_one_of("kind", kind, ("key", "ball", "box")))
-        colour = SORTED_COLOURS[int(rng.integers(0, 6))] if color is None else COLOURS.index(color)
+        if color is None:
+            colour = SORTED_COLOURS[int(rng.integers(0, 6))]
+        else:
+            colour = COLOURS.index(color)
         return self.place_in_room(i, j, self.object_views().make(number, colour))
 
     def add_distractors(
         self, i: int | None = None, j: int | None = None, num_distractors: int = 10, all_unique: bool = True
     ) -> list[ObjectView]:
         """Lay new keys, balls and boxes into a room or drawn ones; ``all_unique``: no two alike in the world."""
-        rooms, rng = self._rooms(), self.np_random
+        rooms = self._rooms()
+        rng = self.np_random
         lying = {(cell.type, cell.color) for cell in self.grid.grid if cell is not None and cell.can_pickup()}
         added: list[ObjectView] = []
         while len(added) < num_distractors:
@@ -374,15 +399,21 @@ class MinigridCompat(abc.ABC):
             kind = ("key", "ball", "box")[int(rng.integers(0, 3))]
             if all_unique and (kind, colour) in lying:
                 continue
-            column = int(rng.integers(0, rooms.columns)) if i is None else i
-            row = int(rng.integers(0, rooms.rows)) if j is None else j
+            if i is None:
+                column = int(rng.integers(0, rooms.columns))
+            else:
+                column = i
+            if j is None:
+                row = int(rng.integers(0, rooms.rows))
+            else:
+                row = j
             added.append(self.add_object(column, row, kind, colour)[0])
             lying.add((kind, colour))
         return added
 
     @property
     def _room_size(self) -> int:
-        """Cells on a side of each room of a grid of equal rooms; 0 elsewhere."""
+        """Return cells on a side of each room of a grid of equal rooms; 0 elsewhere."""
         return int(getattr(vars(self).get("recipe"), "room_size", 0))
 
     def _rooms(self) -> RoomGridView:
@@ -391,7 +422,7 @@ class MinigridCompat(abc.ABC):
         return RoomGridView(self.grid, self._room_size)
 
     def room_from_pos(self, x: int, y: int) -> RoomView:
-        """The room of a cell, where the world is a grid of equal rooms.
+        """Return the room of a cell, where the world is a grid of equal rooms.
 
         Raises:
             WorldError: if it is not.
@@ -401,7 +432,7 @@ class MinigridCompat(abc.ABC):
         return rooms.room(column, row)
 
     def get_room(self, i: int, j: int) -> RoomView:
-        """The room in a column and a row of rooms, where the world is a grid of equal rooms.
+        """Return the room in a column and a row of rooms, where the world is a grid of equal rooms.
 
         Raises:
             WorldError: if it is not, or has no such room.
@@ -409,15 +440,15 @@ class MinigridCompat(abc.ABC):
         return self._rooms().room(i, j)
 
     def _reward(self) -> float:
-        """What success would earn now."""
+        """Return what success would earn now."""
         return float(rewards.success_reward(self.state.row))
 
     def pprint_grid(self) -> str:
-        """The grid in characters: `text`."""
+        """Return the grid in characters: `text`."""
         return str(self.text())
 
     def full_image(self) -> NDArray[np.uint8]:
-        """The whole grid with the agent in it, uint8[width, height, 3]."""
+        """Encode the whole grid with the agent in it, uint8[width, height, 3]."""
         image = np.empty((self.state.width, self.state.height, 3), np.uint8)
         see_all(self.state.row, image)
         return image

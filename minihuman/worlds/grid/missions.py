@@ -22,7 +22,7 @@ NO_LETTER = 0  # in shared memory, where letters are their code points
 
 
 def words_in(sentence: str) -> list[str]:
-    """A sentence's words in order; a comma is a word."""
+    """Split a sentence into its words, in order; a comma is a word."""
     return sentence.replace(",", " ,").split()
 
 
@@ -131,31 +131,33 @@ class MissionSpace(Sentences):
 
     @property
     def varies(self) -> bool:
-        """Whether there is more than one sentence."""
+        """Return whether there is more than one sentence."""
         return bool(self.choices)
 
     def of(self, row: Row) -> str:
-        """The sentence of a state."""
-        return self.sentence(row[MISSION:FAILED].tolist()) if self.choices else self.template
+        """Return the sentence of a state."""
+        if self.choices:
+            return self.sentence(row[MISSION:FAILED].tolist())
+        return self.template
 
     def sentence(self, numbers: Sequence[int]) -> str:
-        """The sentence with these choices; numbers beyond the template's places are not looked at."""
+        """Return the sentence with these choices; numbers beyond the template's places are not looked at."""
         if not self.choices:
             return self.template
         return self.template.format(*(words[number] for words, number in zip(self.choices, numbers, strict=False)))
 
     def sample(self, mask: Any = None, probability: Any = None) -> str:
-        """A sentence with drawn choices. Masks and probabilities are not supported."""
+        """Draw a sentence. Masks and probabilities are not supported."""
         if mask is not None or probability is not None:
             raise WorldError("a mission space samples uniformly and takes no mask and no probability; remove them")
         return self.sentence([list(words)[self.np_random.integers(len(words))] for words in self.choices])
 
     def first(self) -> str:
-        """The sentence with the first of all choices: the mission of a world not yet reset."""
+        """Return the sentence with the first of all choices: the mission of a world not yet reset."""
         return self.sentence([next(iter(words)) for words in self.choices])
 
     def contains(self, x: Any) -> bool:
-        """Whether the template can give exactly this sentence."""
+        """Return whether the template can give exactly this sentence."""
         return isinstance(x, str) and self._pattern.fullmatch(x) is not None
 
     def __repr__(self) -> str:
@@ -171,5 +173,5 @@ COLOUR_WORDS = dict(enumerate(COLOURS))  # choices by colour number
 
 
 def kind_words(*kinds: int) -> dict[int, str]:
-    """Choices among some kinds."""
+    """Return choices among some kinds."""
     return {kind: KINDS[kind] for kind in kinds}

@@ -46,52 +46,61 @@ class Item:
 
     @property
     def has_identity(self) -> bool:
-        """Whether each one put is an object of its own: doors, keys, balls, boxes, and what is like them."""
-        return self.kind == "door" or self.is_carried if self.own is None else self.own.has_identity
+        """Return whether each one put is an object of its own: doors, keys, balls, boxes, and what is like them."""
+        if self.own is None:
+            return self.kind == "door" or self.is_carried
+        return self.own.has_identity
 
     @property
     def is_carried(self) -> bool:
-        """Whether it can be picked up."""
-        return self.kind in ("key", "ball", "box") if self.own is None else self.own.carried
+        """Return whether it can be picked up."""
+        if self.own is None:
+            return self.kind in ("key", "ball", "box")
+        return self.own.carried
 
 
 def wall(colour: Colour = "grey") -> Item:
-    """A wall: nothing passes, nothing is seen behind it."""
+    """Make a wall: nothing passes, nothing is seen behind it."""
     return Item("wall", colour)
 
 
 def floor(colour: Colour = "blue") -> Item:
-    """A coloured floor to walk on."""
+    """Make a coloured floor to walk on."""
     return Item("floor", colour)
 
 
 def lava() -> Item:
-    """Lava: stepping in ends the episode."""
+    """Make lava: stepping in ends the episode."""
     return Item("lava", "red")
 
 
 def goal(colour: Colour = "green") -> Item:
-    """The goal: stepping on it ends the episode with success."""
+    """Make the goal: stepping on it ends the episode with success."""
     return Item("goal", colour)
 
 
 def door(colour: Colour, *, locked: bool = False, is_open: bool = False) -> Item:
-    """A door; a locked one opens to the key of its colour."""
-    return Item("door", colour, "locked" if locked else "open" if is_open else "closed")
+    """Make a door; a locked one opens to the key of its colour."""
+    state = "closed"
+    if locked:
+        state = "locked"
+    elif is_open:
+        state = "open"
+    return Item("door", colour, state)
 
 
 def key(colour: Colour = "blue") -> Item:
-    """A key to carry."""
+    """Make a key to carry."""
     return Item("key", colour)
 
 
 def ball(colour: Colour = "blue") -> Item:
-    """A ball to carry."""
+    """Make a ball to carry."""
     return Item("ball", colour)
 
 
 def box(colour: Colour, contains: Item | None = None) -> Item:
-    """A box to carry, or to open ("toggle"), which leaves what it contains."""
+    """Make a box to carry, or to open ("toggle"), which leaves what it contains."""
     return Item("box", colour, contains=contains)
 
 
@@ -117,7 +126,7 @@ class MeshShape:
 
 
 def plain(canvas: Canvas, colour: RGB, state: str) -> None:
-    """How a kind is drawn that says nothing of it: a rounded square, hollow while it is open."""
+    """Draw a kind that does not draw itself: a rounded square, hollow while it is open."""
     canvas.fill(canvas.box(0.12, 0.12, 0.88, 0.88, 0.12), colour)
     if state != "open":
         return
@@ -156,11 +165,13 @@ class ObjectKind:
         if not self.name or self.name in KINDS:
             raise WorldError(f"a kind cannot be called {self.name!r}; {', '.join(KINDS)} are taken")
         if len(self.letter) != 1 or not "A" <= self.letter <= "Z" or self.letter in TAKEN_LETTERS:
-            taken = "".join(sorted(TAKEN_LETTERS))
-            raise WorldError(f"the letter of {self.name!r} is {self.letter!r}; use one of A to Z except {taken}")
+            taken_letters = "".join(sorted(TAKEN_LETTERS))
+            raise WorldError(
+                f"the letter of {self.name!r} is {self.letter!r}; use one of A to Z except {taken_letters}"
+            )
 
     def __call__(self, colour: str, *, locked: bool = False, is_open: bool = False) -> Item:
-        """An item of this kind.
+        """Make an item of this kind.
 
         Raises:
             WorldError: if it is to be locked or open and is of no kind that opens.
@@ -172,31 +183,33 @@ class ObjectKind:
 
     @property
     def bits(self) -> int:
-        """What it lets happen, as kernels read it."""
-        said = (self.stepped_on, STEPPED_ON), (self.carried, CARRIED), (self.hides, HIDES), (self.opens, OPENS)
-        return sum(bit for does, bit in said if does)
+        """Encode what it lets happen, as kernels read it."""
+        flags = (self.stepped_on, STEPPED_ON), (self.carried, CARRIED), (self.hides, HIDES), (self.opens, OPENS)
+        return sum(bit for does, bit in flags if does)
 
     @property
     def has_identity(self) -> bool:
-        """Whether each one put is an object of its own: what is carried or opens."""
+        """Return whether each one put is an object of its own: what is carried or opens."""
         return self.carried or self.opens
 
 
 def check_kinds(kinds: Sequence[ObjectKind]) -> int:
-    """A world's kinds as the number that its row holds.
+    """Check a world's kinds, and encode them as the number that its row holds.
 
     Raises:
         WorldError: if there are too many, or two share a name or a letter.
     """
     if len(kinds) > MAX_OWN_KINDS:
         raise WorldError(f"{len(kinds)} kinds of its own are too many; a world takes at most {MAX_OWN_KINDS}")
-    for what in ("name", "letter"):
-        said = [getattr(kind, what) for kind in kinds]
-        if len(set(said)) < len(said):
-            raise WorldError(f"two kinds of a world share a {what}: {', '.join(said)}")
+    for attribute in ("name", "letter"):
+        texts = [getattr(kind, attribute) for kind in kinds]
+        if len(set(texts)) < len(texts):
+            raise WorldError(f"two kinds of a world share a {attribute}: {', '.join(texts)}")
     return sum(kind.bits << 1 + 4 * place for place, kind in enumerate(kinds))
 
 
 def kind_name(number: int, kinds: Sequence[ObjectKind]) -> str:
-    """What the kind of a number is called in a world with these kinds of its own."""
-    return KINDS[number] if number < FIRST_OWN_KIND else kinds[number - FIRST_OWN_KIND].name
+    """Return what the kind of a number is called in a world with these kinds of its own."""
+    if number < FIRST_OWN_KIND:
+        return KINDS[number]
+    return kinds[number - FIRST_OWN_KIND].name

@@ -34,16 +34,7 @@ from minihuman.worlds.grid.core.cells import (
     state_of,
     states_of,
 )
-from minihuman.worlds.grid.core.state import (
-    CARRYING,
-    FAILED,
-    FIRST_OWN_KIND,
-    OBJECTS,
-    State,
-    contents_index,
-    make,
-    put,
-)
+from minihuman.worlds.grid.core.state import CARRYING, FAILED, FIRST_OWN_KIND, OBJECTS, State, contents_index, make, put
 from minihuman.worlds.grid.object_kinds import ObjectKind, kind_name
 from minihuman.worlds.options import check_bool, check_one_of
 from minihuman.worlds.upstream_names import WorldAttributeError
@@ -115,11 +106,12 @@ class ObjectViews:
 
     def replace(self, old: int, new: int, place: Place | None) -> None:
         """Write another code for a thing, wherever it lies; scenery lies in ``place``."""
-        state, identity = self.state, identity_of(old)
-        where = state.find(identity) if identity else place
-        if where is not None:
-            if int(state.cells[where]) == old:
-                state.cells[where] = new
+        state = self.state
+        identity = identity_of(old)
+        cell = state.find(identity) if identity else place
+        if cell is not None:
+            if int(state.cells[cell]) == old:
+                state.cells[cell] = new
         elif identity and identity_of(state.carrying) == identity:
             state.row[CARRYING] = new
         elif identity:
@@ -127,7 +119,7 @@ class ObjectViews:
 
 
 def _make(state: State, kind: int, colour: int, door: int) -> int:
-    """The code of a new thing.
+    """Return the code of a new thing.
 
     Raises:
         WorldError: if too many things were made.
@@ -162,32 +154,37 @@ class ObjectView:
 
     @property
     def views(self) -> ObjectViews:
-        """The things of the episode that this one is of."""
+        """Return the things of the episode that this one is of."""
         return self._views
 
     @property
     def code(self) -> int:
-        """The code of its kind, colour, state and identity now, or when it was last there."""
+        """Return the code of its kind, colour, state and identity now, or when it was last there."""
         identity = identity_of(self._code)
-        present = self._views.code_of(identity) if identity else EMPTY
+        if identity:
+            present = self._views.code_of(identity)
+        else:
+            present = EMPTY
         if present != EMPTY:
             self._code = present
         return self._code
 
     @property
     def own(self) -> ObjectKind | None:
-        """The world's own kind that it is of; None for Minigrid's."""
+        """Return the world's own kind that it is of; None for Minigrid's."""
         number = kind_of(self._code)
-        return self._views.kinds[number - FIRST_OWN_KIND] if number >= FIRST_OWN_KIND else None
+        if number >= FIRST_OWN_KIND:
+            return self._views.kinds[number - FIRST_OWN_KIND]
+        return None
 
     @property
     def type(self) -> str:
-        """The name of its kind."""
+        """Return the name of its kind."""
         return kind_name(kind_of(self._code), self._views.kinds)
 
     @property
     def color(self) -> str:
-        """The name of its colour; set it to repaint it."""
+        """Return the name of its colour; set it to repaint it."""
         return COLOURS[colour_of(self.code)]
 
     @color.setter
@@ -197,7 +194,7 @@ class ObjectView:
 
     @property
     def is_open(self) -> bool:
-        """Whether it is a door, or opens as one, and is open; set it to open or close it."""
+        """Return whether it is a door, or opens as one, and is open; set it to open or close it."""
         return self._opens and state_of(self.code) == OPEN
 
     @is_open.setter
@@ -210,7 +207,7 @@ class ObjectView:
 
     @property
     def is_locked(self) -> bool:
-        """Whether it is a door, or opens as one, and is locked; set it to lock or unlock it."""
+        """Return whether it is a door, or opens as one, and is locked; set it to lock or unlock it."""
         return self._opens and state_of(self.code) == LOCKED
 
     @is_locked.setter
@@ -223,7 +220,7 @@ class ObjectView:
 
     @property
     def contains(self) -> "ObjectView | None":
-        """What a box contains; None for nothing. Set it to put something else into it."""
+        """Return what a box contains; None for nothing. Set it to put something else into it."""
         return self._views.of(self._inside, None)
 
     @contains.setter
@@ -235,32 +232,36 @@ class ObjectView:
 
     @property
     def cur_pos(self) -> Place | None:
-        """Its column and row; None in the hand, in a box, and for the wall outside the grid."""
+        """Return its column and row; None in the hand, in a box, and for the wall outside the grid."""
         identity = identity_of(self._code)
-        return self._views.state.find(identity) if identity else self._place
+        if identity:
+            return self._views.state.find(identity)
+        return self._place
 
     @cur_pos.setter
     def cur_pos(self, place: Any) -> None:
         raise WorldAttributeError("cur_pos cannot be set; move it with env.unwrapped.put_obj(thing, column, row)")
 
     def can_pickup(self) -> bool:
-        """Whether it can be carried."""
-        return self.own.carried if self.own else self.type in ("key", "ball", "box")
+        """Return whether it can be carried."""
+        if self.own:
+            return self.own.carried
+        return self.type in ("key", "ball", "box")
 
     def can_overlap(self) -> bool:
-        """Whether the agent can stand on it."""
+        """Return whether the agent can stand on it."""
         return self.is_open or (self.own.stepped_on if self.own else self.type in ("floor", "goal", "lava"))
 
     def can_contain(self) -> bool:
-        """Whether another thing can be put into it by an action: never."""
+        """Return False: no action puts another thing into it."""
         return False
 
     def see_behind(self) -> bool:
-        """Whether the agent sees what is behind it."""
+        """Return whether the agent sees what is behind it."""
         return self.is_open or not (self.own.hides if self.own else self.type in ("wall", "door"))
 
     def encode(self) -> tuple[int, int, int]:
-        """Kind, colour and state as numbers."""
+        """Encode kind, colour and state as numbers."""
         return kind_of(self.code), colour_of(self.code), state_of(self.code)
 
     def toggle(self, env: Any, pos: Sequence[int]) -> bool:
@@ -277,7 +278,10 @@ class ObjectView:
         return True
 
     def __getattr__(self, name: str) -> Any:
-        advice = f"; {_INSTEAD[name]}" if name in _INSTEAD else ""
+        if name in _INSTEAD:
+            advice = f"; {_INSTEAD[name]}"
+        else:
+            advice = ""
         raise WorldAttributeError(f"a thing in a grid has no attribute {name!r}{advice}")
 
     def __eq__(self, other: object) -> bool:
@@ -292,7 +296,9 @@ class ObjectView:
 
     @property
     def _opens(self) -> bool:
-        return self.own.opens if self.own else kind_of(self._code) == DOOR
+        if self.own:
+            return self.own.opens
+        return kind_of(self._code) == DOOR
 
     @property
     def _contents_place(self) -> int:
@@ -301,7 +307,9 @@ class ObjectView:
     @property
     def _inside(self) -> int:
         is_box = kind_of(self._code) == BOX and identity_of(self._code) > 0
-        return int(self._views.state.row[self._contents_place]) or EMPTY if is_box else EMPTY
+        if is_box:
+            return int(self._views.state.row[self._contents_place]) or EMPTY
+        return EMPTY
 
     def _check_opens(self, name: str) -> None:
         if not self._opens:
@@ -330,22 +338,27 @@ class GridView:
         cells = views.state.cells
         self.views = views
         self._codes = codes
-        self.places = np.arange(cells.size).reshape(cells.shape) if places is None else places
+        if places is None:
+            self.places = np.arange(cells.size).reshape(cells.shape)
+        else:
+            self.places = places
         self.width, self.height = self.codes.shape
 
     @property
     def codes(self) -> NDArray[np.int32]:
-        """The cells' codes, indexed [x, y]; of the world's grid, a view of its state."""
-        return self.views.state.cells if self._codes is None else self._codes
+        """Return the cells' codes, indexed [x, y]; of the world's grid, a view of its state."""
+        if self._codes is None:
+            return self.views.state.cells
+        return self._codes
 
     @property
     def grid(self) -> list[ObjectView | None]:
-        """Every cell, row by row."""
+        """Return every cell, row by row."""
         cells = zip(self.codes.T.ravel().tolist(), self.places.T.ravel().tolist(), strict=True)
         return [None if code == EMPTY else self._view(code, place) for code, place in cells]
 
     def get(self, i: int, j: int) -> ObjectView | None:
-        """What lies in a cell, column and row.
+        """Return what lies in a cell, column and row.
 
         Raises:
             IndexError: if there is no such cell.
@@ -383,29 +396,34 @@ class GridView:
             self.vert_wall(column, y, h)
 
     def slice(self, x: int, y: int, width: int, height: int) -> "GridView":
-        """A part of the grid, from its top left cell; outside the grid is wall."""
-        codes, places = np.full((width, height), GREY_WALL, np.int32), np.full((width, height), -1, np.int64)
-        left, top = max(x, 0), max(y, 0)
-        right, bottom = max(min(x + width, self.width), left), max(min(y + height, self.height), top)
+        """Cut a part out of the grid, from its top left cell; outside the grid is wall."""
+        codes = np.full((width, height), GREY_WALL, np.int32)
+        places = np.full((width, height), -1, np.int64)
+        left = max(x, 0)
+        top = max(y, 0)
+        right = max(min(x + width, self.width), left)
+        bottom = max(min(y + height, self.height), top)
         inside = slice(left - x, right - x), slice(top - y, bottom - y)
         codes[inside] = self.codes[left:right, top:bottom]
         places[inside] = self.places[left:right, top:bottom]
         return GridView(self.views, codes, places)
 
     def rotate_left(self) -> "GridView":
-        """The same cells turned counter-clockwise."""
+        """Turn the cells counter-clockwise."""
         return GridView(self.views, np.rot90(self.codes, -1).copy(), np.rot90(self.places, -1))
 
     def copy(self) -> "GridView":
-        """A copy of the cells as they are now: no step changes it, and setting its cells changes no world."""
+        """Copy the cells as they are now: no step changes the copy, and setting its cells changes no world."""
         views = ObjectViews(State(self.views.state.row.copy()), self.views.kinds)
         return GridView(views, None if self._codes is None else self._codes.copy(), self.places)
 
     def encode(self, vis_mask: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
-        """Kind, colour and state of every cell, uint8[width, height, 3]; zeros where ``vis_mask`` is False."""
+        """Encode kind, colour and state of every cell, uint8[width, height, 3]; zeros where ``vis_mask`` is False."""
         codes = self.codes
         image = np.stack([kinds_of(codes), colours_of(codes), states_of(codes)], axis=-1).astype(np.uint8)
-        return image if vis_mask is None else image * vis_mask[..., None]
+        if vis_mask is None:
+            return image
+        return image * vis_mask[..., None]
 
     def code_for(self, thing: Any) -> int:
         """Return the code to lay down for a thing of this world, which leaves its cell, or a new one like it.
@@ -417,7 +435,10 @@ class GridView:
         if thing is None:
             return EMPTY
         if type(thing) is ObjectView and thing.views is self.views:
-            place = thing.cur_pos if identity_of(thing.code) else None
+            if identity_of(thing.code):
+                place = thing.cur_pos
+            else:
+                place = None
             if place is not None:
                 put(row, *place, EMPTY)  # it cannot lie in two cells
             return thing.code
@@ -430,21 +451,27 @@ class GridView:
         return code
 
     def __contains__(self, key: Any) -> bool:
-        """Whether a thing of a type, of a (colour, type), or this very thing lies in the grid."""
+        """Return whether a thing of a type, of a (colour, type), or this very thing lies in the grid."""
         if type(key) is ObjectView:
             return bool((self.codes == key.code).any())
         colour, kind = key if isinstance(key, tuple) else (None, key)
         return any(cell is not None and cell.type == kind and colour in (None, cell.color) for cell in self.grid)
 
     def __eq__(self, other: object) -> bool:
-        """Whether another grid, ours or Minigrid's, looks the same."""
+        """Return whether another grid, ours or Minigrid's, looks the same."""
         return hasattr(other, "encode") and np.array_equal(self.encode(), other.encode())
 
     __hash__ = None  # type: ignore[assignment]  # it changes
 
     def __getattr__(self, name: str) -> Any:
-        advice = "; draw with env.unwrapped.get_frame()" if name in ("render", "render_tile", "tile_cache") else ""
-        advice = "; gen_obs_grid() says what is seen" if name == "process_vis" else advice
+        if name in ("render", "render_tile", "tile_cache"):
+            advice = "; draw with env.unwrapped.get_frame()"
+        else:
+            advice = ""
+        if name == "process_vis":
+            advice = "; gen_obs_grid() says what is seen"
+        else:
+            advice = advice
         raise WorldAttributeError(f"a grid has no attribute {name!r}{advice}")
 
     def _lay(self, x: int, y: int, obj_type: Callable[[], Any] | None) -> None:
@@ -459,5 +486,5 @@ class GridView:
             raise IndexError(f"cell ({i}, {j}) is outside the grid of {self.width} x {self.height} cells")
 
     def _view(self, code: int, place: int) -> ObjectView | None:
-        where = None if place < 0 else divmod(place, self.views.state.height)
-        return self.views.of(code, where)
+        cell = None if place < 0 else divmod(place, self.views.state.height)
+        return self.views.of(code, cell)

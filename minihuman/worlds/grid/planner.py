@@ -26,7 +26,7 @@ MOST_BYTES = 200_000_000  # of states: fewer are looked at in a world that is ve
 
 
 def plan_among_obstacles(start: Row, rng_state: RngState, bound: NDArray[np.int32]) -> list[int] | None:
-    """The shortest list of turns and steps to the goal; None if there is no way even without obstacles.
+    """Plan the fewest turns and steps to the goal; None if there is no way even without obstacles.
 
     Args:
         start: The state; it is not changed.
@@ -37,26 +37,29 @@ def plan_among_obstacles(start: Row, rng_state: RngState, bound: NDArray[np.int3
         WorldError: if the search gave up.
     """
     row = start.copy()
-    row[fields.MAX_STEPS], row[fields.STEP], row[fields.PHASE] = FAR, 0, fields.PLAYING
-    here = int(bound[row[fields.X], row[fields.Y], row[fields.DIRECTION]])
-    if here >= FAR:
+    row[fields.MAX_STEPS] = FAR
+    row[fields.STEP] = 0
+    row[fields.PHASE] = fields.PLAYING
+    least_steps = int(bound[row[fields.X], row[fields.Y], row[fields.DIRECTION]])
+    if least_steps >= FAR:
         return None
     parents: list[tuple[int, int]] = [(-1, -1)]  # of each state: the one before, and the action between
     most = min(MAX_DODGING_STATES, MOST_BYTES // row.nbytes)
-    waiting = [(here, 0, 0, row, rng_state.copy())]
-    seen = set()
+    waiting = [(least_steps, 0, 0, row, rng_state.copy())]
+    visited = set()
     while waiting:
         _, minus_cost, number, row, stream = heapq.heappop(waiting)
         for action in (rewards.FORWARD, rewards.LEFT, rewards.RIGHT):
-            after, drawn = row.copy(), stream.copy()
-            status, reward = act(after, action, drawn)
+            after = row.copy()
+            next_stream = stream.copy()
+            status, reward = act(after, action, next_stream)
             if reward > 0:
                 return actions_from_start(parents, number, action)
             after[fields.STEP] = 0
-            known = after.tobytes() + drawn.tobytes()
-            if status != 0 or known in seen:
+            known = after.tobytes() + next_stream.tobytes()
+            if status != 0 or known in visited:
                 continue
-            seen.add(known)
+            visited.add(known)
             parents.append((number, action))
             if len(parents) > most:
                 raise WorldError(
@@ -64,7 +67,7 @@ def plan_among_obstacles(start: Row, rng_state: RngState, bound: NDArray[np.int3
                 )
             cost = 1 - minus_cost
             left = int(bound[after[fields.X], after[fields.Y], after[fields.DIRECTION]])
-            heapq.heappush(waiting, (cost + left, -cost, len(parents) - 1, after, drawn))
+            heapq.heappush(waiting, (cost + left, -cost, len(parents) - 1, after, next_stream))
     return None
 
 
@@ -75,7 +78,7 @@ FAST_PLAN_STATES = 2, 5, 3  # how many times the bound counts then, one after th
 
 
 def shortest_path(state: State, rng_state: RngState) -> list[int] | None:
-    """A list of actions that succeeds: the shortest, or a little longer where that would take too long to find.
+    """Plan actions that succeed: the fewest, or a few more where the fewest would take too long to find.
 
     None if there is none.
 
@@ -91,7 +94,7 @@ def shortest_path(state: State, rng_state: RngState) -> list[int] | None:
 
 
 def plan(state: State, rng_state: RngState | None = None, *, limit: int = 1 << 20) -> list[int] | None:
-    """The shortest list of actions that succeeds from this state, which is not changed; None if there is none.
+    """Plan the fewest actions that succeed from this state, which is not changed; None if there are none.
 
     The step limit is ignored. Doors, keys, boxes and obstacles are handled by search, which is
     exact and grows with the number of things that can be moved. Instructions are planned clause by clause, which
@@ -120,13 +123,18 @@ def plan(state: State, rng_state: RngState | None = None, *, limit: int = 1 << 2
     if len(sources) == 0:
         return None
     bound = distances(row, sources, True)
-    here = (*state.position, state.direction)
-    if bound[here] >= FAR:
+    pose = (*state.position, state.direction)
+    if bound[pose] >= FAR:
         return None
     if row[fields.TASK] == rewards.REACH:
         walking = distances(row, sources, False)
-        if walking[here] == bound[here]:
-            return descend(walking, *here)
+        if walking[pose] == bound[pose]:
+            return descend(walking, *pose)
+    return _search_within(row, bound, extra, limit)
+
+
+def _search_within(row: Row, bound: NDArray[np.int32], extra: int, limit: int) -> list[int] | None:
+    """Search for the fewest actions, at first among few states, then among more and more up to ``limit``."""
     allowed = min(FIRST_LIMIT, limit)
     while True:
         outcome, actions = search(row, bound, extra, allowed, np.zeros(6, np.uint64), 1)
@@ -156,23 +164,30 @@ def _instruction_bounds(state: State) -> PathLengthBounds:
     from minihuman.worlds.grid.babyai.expert import plan_instruction
 
     way = plan_instruction(state.row)
-    return UNKNOWN_BOUNDS if way.unsolvable else PathLengthBounds(way.at_least, len(way.actions) if way.found else None)
+    if way.unsolvable:
+        return UNKNOWN_BOUNDS
+    return PathLengthBounds(way.at_least, len(way.actions) if way.found else None)
 
 
 def path_length_bounds(state: State, rng_state: RngState) -> PathLengthBounds:
-    """How many actions success takes: the shortest list's length, or a lower bound and the length of one found."""
+    """Bound the actions that success takes: the fewest, or a lower bound and the length of a plan found."""
     if state.row[fields.TASK] == rewards.INSTRUCTED:
         return _instruction_bounds(state)
     table, extra = _relaxed(state)
     at_least = int(table[(*state.position, state.direction)]) + extra
     try:
         exact = plan(state, rng_state, limit=_most_states(state))
-        return UNKNOWN_BOUNDS if exact is None else PathLengthBounds(len(exact), len(exact))
+        if exact is None:
+            return UNKNOWN_BOUNDS
+        return PathLengthBounds(len(exact), len(exact))
     except WorldError:
         pass
     try:
-        found = None if state.row[fields.TASK] == rewards.DODGE else _fast_plan(state, table, extra)
-        return PathLengthBounds(at_least, None if found is None else len(found))
+        if state.row[fields.TASK] == rewards.DODGE:
+            actions = None
+        else:
+            actions = _fast_plan(state, table, extra)
+        return PathLengthBounds(at_least, None if actions is None else len(actions))
     except WorldError:
         return PathLengthBounds(at_least)
 
@@ -181,7 +196,9 @@ def _fast_plan(state: State, table: NDArray[np.int32], extra: int) -> list[int] 
     for weight in FAST_PLAN_STATES:
         outcome, actions = search(state.row, table, extra, _most_states(state), np.zeros(6, np.uint64), weight)
         if outcome != FULL:
-            return actions.tolist() if outcome == FOUND else None
+            if outcome == FOUND:
+                return actions.tolist()
+            return None
     raise WorldError("no path to the target was found; make the world smaller, or use fewer movable objects")
 
 
@@ -190,23 +207,27 @@ def _most_states(state: State) -> int:
 
 
 def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
-    """The shortest list of turns and steps to one of the poses (n, 3: x, y, direction); None if there is none."""
+    """Plan the fewest turns and steps to one of the poses (n, 3: x, y, direction); None if there are none."""
     steps = distances(state.row, _numbers(state, poses), False)
-    here = (*state.position, state.direction)
-    return None if steps[here] >= FAR else descend(steps, *here)
+    pose = (*state.position, state.direction)
+    if steps[pose] >= FAR:
+        return None
+    return descend(steps, *pose)
 
 
 def _relaxed(state: State) -> tuple[NDArray[np.int32], int]:
-    """For each pose a lower bound on the actions to a plan's last ones, and how many those are."""
+    """Return for each pose a lower bound on the actions to a plan's last ones, and how many those are."""
     poses, extra = _nearest(state)
     return distances(state.row, _numbers(state, poses), True), extra
 
 
 def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
-    """Poses of which one must be reached, and at least how many actions follow."""
+    """Return the poses of which one must be reached, and at least how many actions follow."""
     row = state.row
-    task, target = int(row[fields.TASK]), row[fields.TARGET : fields.TARGET + 4].tolist()
-    kinds, colours = state.kinds, state.colours
+    task = int(row[fields.TASK])
+    target = row[fields.TARGET : fields.TARGET + 4].tolist()
+    kinds = state.kinds
+    colours = state.colours
     if task in (rewards.REACH, rewards.DODGE):
         return _standing(np.argwhere(kinds == GOAL)), 0
     if task == rewards.MATCH:
@@ -214,8 +235,10 @@ def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
     if task == rewards.STAND_BY:
         return _standing(np.add(target[:2], ((1, 0), (-1, 0), (0, 1), (0, -1)))), 1
     if task == rewards.PICK:
-        found = np.argwhere(state.identities == target[0])
-        return (facing(found), 1) if len(found) else (_anywhere(state), 0)
+        cells = np.argwhere(state.identities == target[0])
+        if len(cells):
+            return (facing(cells), 1)
+        return (_anywhere(state), 0)
     if task == rewards.FETCH:
         return facing(np.argwhere((kinds == target[0]) & (colours == target[1]))), 1
     if task == rewards.OPEN_DOOR:
@@ -229,7 +252,7 @@ def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
 
 
 def _numbers(state: State, poses: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Pose numbers of the poses that lie in the grid."""
+    """Return the pose numbers of the poses that lie in the grid."""
     x, y, direction = poses.T
     inside = (x >= 0) & (y >= 0) & (x < state.width) & (y < state.height)
     numbers: NDArray[np.int64] = (x * state.height + y) * 4 + direction
@@ -241,7 +264,7 @@ def _standing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def facing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The poses before cells (n, 2), looking at them."""
+    """Return the poses before cells (n, 2), looking at them."""
     poses = [(x - dx, y - dy, direction) for x, y in cells for direction, (dx, dy) in enumerate(STEPS)]
     return np.array(poses, np.int64).reshape(-1, 3)
 

@@ -20,14 +20,15 @@ class RoomView:
 
     @property
     def neighbors(self) -> list["RoomView | None"]:
-        """The rooms to the right, below, to the left and above; None at the edge."""
+        """Return the rooms to the right, below, to the left and above; None at the edge."""
         column, row = (at // (self.rooms.size - 1) for at in self.top)
         places = ((column + 1, row), (column, row + 1), (column - 1, row), (column, row - 1))
         return [self.rooms.room(*place) if self.rooms.has(*place) else None for place in places]
 
     def pos_inside(self, x: int, y: int) -> bool:
-        """Whether a cell is in the room, its walls included."""
-        (left, top), (width, height) = self.top, self.size
+        """Return whether a cell is in the room, its walls included."""
+        left, top = self.top
+        width, height = self.size
         return left <= x < left + width and top <= y < top + height
 
     def __getattr__(self, name: str) -> Any:
@@ -64,7 +65,8 @@ class RoomGridView:
             raise WorldError(
                 f"there is no room ({column}, {row}); columns are 0 to {self.columns - 1}, rows 0 to {self.rows - 1}"
             )
-        left, top = column * (self.size - 1), row * (self.size - 1)
+        left = column * (self.size - 1)
+        top = row * (self.size - 1)
         part = self._grid.slice(left, top, self.size, self.size)
         doors = tuple(self._door(part, wall) for wall in range(4))
         return RoomView((left, top), (self.size, self.size), doors, self)
@@ -73,10 +75,13 @@ class RoomGridView:
         return ([self.room(column, row) for column in range(self.columns)] for row in range(self.rows))
 
     def _door(self, part: GridView, wall: int) -> ObjectView | bool | None:
-        """The door in a wall (0 right, 1 down, 2 left, 3 up); True if there is no wall, None if there is only wall."""
-        last, along = self.size - 1, range(1, self.size - 1)
-        right, down = [(last, k) for k in along], [(k, last) for k in along]
-        left, up = [(0, k) for k in along], [(k, 0) for k in along]
+        """Return the door in a wall (0 right, 1 down, 2 left, 3 up); True without a wall, None in a solid wall."""
+        last = self.size - 1
+        along = range(1, self.size - 1)
+        right = [(last, k) for k in along]
+        down = [(k, last) for k in along]
+        left = [(0, k) for k in along]
+        up = [(k, 0) for k in along]
         lying = [part.get(*cell) for cell in (right, down, left, up)[wall]]
         door = next((thing for thing in lying if thing is not None and thing.type == "door"), None)
         if door is not None:

@@ -228,8 +228,12 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
         if self.measure == "angle_atan2" or (right == 0 and down == 0):
             direction = math.atan2(down, right)
         else:
-            direction = down / right if right != 0 else math.copysign(math.inf, down)
-            direction = math.atan(direction) if self.measure == "angle" else direction
+            if right != 0:
+                direction = down / right
+            else:
+                direction = math.copysign(math.inf, down)
+            if self.measure == "angle":
+                direction = math.atan(direction)
         return {**observation, "goal_direction": np.array(direction)}
 
 
@@ -403,12 +407,18 @@ class Tokens(gymnasium.ObservationWrapper[dict[str, Any], int, dict[str, Any]]):
     ) -> None:
         super().__init__(env)
         inner_space = env.observation_space
-        mission = inner_space.get("mission") if isinstance(inner_space, spaces.Dict) else None
+        if isinstance(inner_space, spaces.Dict):
+            mission = inner_space.get("mission")
+        else:
+            mission = None
         if not isinstance(inner_space, spaces.Dict) or not isinstance(mission, Sentences):
             raise WorldError(
                 f"{env} has the observations {inner_space}; wrap a world whose observations have a mission"
             )
-        self.words = mission.words if words is None else tuple(dict.fromkeys(words))
+        if words is None:
+            self.words = mission.words
+        else:
+            self.words = tuple(dict.fromkeys(words))
         self._number = {word: number for number, word in enumerate(self.words, 1)}
         self.length = max(1, mission.most_words if length is None else length)
         tokens = spaces.Box(PADDING, max(1, len(self.words)), (self.length,), np.int64)

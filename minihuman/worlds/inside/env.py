@@ -116,7 +116,10 @@ def _own(
     is_open = kind.opens and cells.state_of(code) == cells.OPEN
     match kind.inside_open if is_open else kind.inside:
         case BlockShape((along, up, deep)):
-            scale = 1.0 if height_m is None else height_m / max(along, up, deep)
+            if height_m is None:
+                scale = 1.0
+            else:
+                scale = height_m / max(along, up, deep)
             return [PlacedLook(BoxLook((along * scale, up * scale, deep * scale), _rgb(code, palette)), place)]
         case MeshShape(mesh, up):
             return [PlacedLook(MeshLook(mesh, up if height_m is None else height_m, _rgb(code, palette)), place)]
@@ -193,7 +196,8 @@ def _level(outline: NDArray[np.float64], y: float, texture: str) -> Surface:
 
 def _upright(start: tuple[float, float], end: tuple[float, float]) -> Surface:
     """Build a wall from one (x, z) to another, seen from its left."""
-    (ax, az), (bx, bz) = start, end
+    ax, az = start
+    bx, bz = end
     length = abs(bx - ax) + abs(bz - az)
     top = WALL_HEIGHT_M
     corners = np.array(((ax, 0.0, az), (ax, top, az), (bx, top, bz), (bx, 0.0, bz)))

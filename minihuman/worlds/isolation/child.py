@@ -80,7 +80,10 @@ class WorldServer:
             answer = msgspec.msgpack.encode(self._answer(request))
         except MinihumanError as error:
             error_text = str(error)
-            cause = error.log_text if isinstance(error, WorldCodeError) else ""
+            if isinstance(error, WorldCodeError):
+                cause = error.log_text
+            else:
+                cause = ""
         cpu_s, peak_bytes = measure_own_use()
         return messages.Reply(answer, error_text, cause, cpu_s, peak_bytes)
 
@@ -168,7 +171,10 @@ class WorldServer:
     def _moment(self) -> messages.StateReport:
         world = self._world
         pose = world.pose()
-        place = None if pose is None else (pose.x, pose.y, pose.z, pose.yaw_rad)
+        if pose is None:
+            place = None
+        else:
+            place = (pose.x, pose.y, pose.z, pose.yaw_rad)
         state_hash = world.state_hash()
         return messages.StateReport(state_hash, None if world.knows_state else state_hash, place, world.subgoals())
 
@@ -178,7 +184,10 @@ class WorldServer:
         if self._memory is None or self._memory.name != request.memory:
             if self._memory is not None:
                 self._memory.close()
-            self._memory = SharedMemory(request.memory) if request.memory else None
+            if request.memory:
+                self._memory = SharedMemory(request.memory)
+            else:
+                self._memory = None
         if self._memory is None or self._memory.size < picture.nbytes:
             return picture.shape, False
         np.ndarray(picture.shape, np.uint8, self._memory.buf)[...] = picture
@@ -192,7 +201,9 @@ class WorldServer:
                 raise WorldError(f"{self._world.id}: its observation cannot be stored: {error}") from error
         assert name in _QUERIES, name
         attribute = getattr(self._world, name)
-        return attribute() if callable(attribute) else attribute
+        if callable(attribute):
+            return attribute()
+        return attribute
 
     def _close(self) -> None:
         self._saved.clear()

@@ -133,7 +133,10 @@ class IsolatedWorld(World):
     def _ask(self, request: messages.AnyRequest, answer: type[T], call: str) -> T:
         limits = self._pool.limits
         is_long = isinstance(request, messages.Construct | messages.Reset) or call == "shortest_path()"
-        limit_s = limits.construction_s if is_long else limits.step_s
+        if is_long:
+            limit_s = limits.construction_s
+        else:
+            limit_s = limits.step_s
         if self._forgotten:
             numbers = self._forgotten[:]
             del self._forgotten[: len(numbers)]

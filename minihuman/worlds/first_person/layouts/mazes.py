@@ -19,7 +19,10 @@ class _Fork(GoalEnv):
     """A corridor that ends in two arms; the box is in one of them, by chance or at ``goal_pos``."""
 
     def __init__(self, *, goal_pos: Position | None = None, max_steps: int | None = 280, **options: Any) -> None:
-        self.goal_pos = None if goal_pos is None else check_point("goal_pos", goal_pos)
+        if goal_pos is None:
+            self.goal_pos = None
+        else:
+            self.goal_pos = check_point("goal_pos", goal_pos)
         super().__init__(max_steps=max_steps, **options)
 
     def place_box(self, left: tuple[Room, float], right: tuple[Room, float]) -> None:

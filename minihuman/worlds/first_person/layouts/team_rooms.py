@@ -18,7 +18,7 @@ from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.entities import Box
 from minihuman.worlds.first_person.layouts.connected_rooms import FourRooms
 from minihuman.worlds.first_person.rules import MOVES
-from minihuman.worlds.first_person.state import FirstPersonSnapshot
+from minihuman.worlds.first_person.snapshot import FirstPersonSnapshot
 from minihuman.worlds.options import check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.team import TeamStep, TeamWorld

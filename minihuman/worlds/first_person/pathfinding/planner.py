@@ -32,7 +32,7 @@ _MARGIN = 1e-7  # metres kept from walls and things beyond the rules', so that r
 
 
 def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ()) -> tuple[int, ...] | None:
-    """Actions that bring the agent near the goal; None where none were found.
+    """Plan actions that bring the agent near the goal; None where none were found.
 
     If it carries something, they bring that near the goal once it is put down.
 
@@ -44,7 +44,9 @@ def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ())
     Raises:
         WorldError: if the world lacks a turn or the forward step.
     """
-    stage, moves, carried = world.stage, _moves(world), world.stage.agent.carrying
+    stage = world.stage
+    moves = _moves(world)
+    carried = world.stage.agent.carrying
     start = (stage.agent.pos[0], stage.agent.pos[2], stage.agent.dir)
     reach = _reach(stage, goal, carried) - _MARGIN
     x, _, z = stage.agent.pos if carried is None else stage.carrying_position(stage.agent.pos, carried)
@@ -66,17 +68,20 @@ def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ())
             f"the floor has {cells:.0f} cells of {cell:g} m; paths can be planned on at most {_MOST_CELLS}; make the "
             "world smaller"
         )
-    walls, discs, zones = stage.floor.walls, _obstacles(stage, avoid), zones_of(world)
+    walls = stage.floor.walls
+    discs = _obstacles(stage, avoid)
+    zones = zones_of(world)
     free = clearance_map(walls, discs, zones, bounds, cell, body.radius)
-    column, row = int((goal.pos[0] - bounds[0]) / cell), int((goal.pos[2] - bounds[1]) / cell)
+    column = int((goal.pos[0] - bounds[0]) / cell)
+    row = int((goal.pos[2] - bounds[1]) / cell)
     distance = distance_map(free, column, row, (reach + body.ahead) / cell)
     target = (goal.pos[0], goal.pos[2], reach)
-    found = search(walls, discs, zones, start, target, body, bounds, distance, cell)
-    return tuple(moves[move] for move in found) or None
+    path = search(walls, discs, zones, start, target, body, bounds, distance, cell)
+    return tuple(moves[move] for move in path) or None
 
 
 def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
-    """A lower bound on the steps to the goal: what it takes to cover the ground, and to turn first.
+    """Return a lower bound on the steps to the goal: what it takes to cover the ground, and to turn first.
 
     It is 1 at the goal, since a world checks after a step.
 
@@ -85,8 +90,10 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
     """
     stage = world.stage
     x, _, z = stage.agent.pos
-    dx, dz = goal.pos[0] - x, goal.pos[2] - z
-    straight, reach = math.hypot(dx, dz), _reach(stage, goal)
+    dx = goal.pos[0] - x
+    dz = goal.pos[2] - z
+    straight = math.hypot(dx, dz)
+    reach = _reach(stage, goal)
     if straight < reach:
         return 1
     drift = max(abs(_low(stage, "forward_drift")), abs(stage.parameters.largest("forward_drift")))
@@ -105,14 +112,16 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
 
 
 def _moves(world: "FirstPersonEnv") -> tuple[int, ...]:
-    """The world's actions for a turn left, a turn right, a step and, if it has that, a step back."""
+    """Return the world's actions for a turn left, a turn right, a step and, if it has that, a step back."""
     try:
         moves = tuple(world.action_names.index(name) for name in ("turn_left", "turn_right", "move_forward"))
     except ValueError:
         raise WorldError(
             f"no path can be planned with the actions {world.action_names}; add both turns and a step forward"
         ) from None
-    return (*moves, world.action_names.index("move_back")) if "move_back" in world.action_names else moves
+    if "move_back" in world.action_names:
+        return (*moves, world.action_names.index("move_back"))
+    return moves
 
 
 def _default(stage: WorldState, name: str) -> float:
@@ -126,7 +135,7 @@ def _low(stage: WorldState, name: str) -> float:
 
 
 def _reach(stage: WorldState, goal: Entity, mover: Entity | None = None) -> float:
-    """How far from the goal's middle, on the ground, the agent's may be to be near it; or what it carries, put down."""
+    """Return how far from the goal's middle the agent's, or what it puts down, may be to be near it, on the ground."""
     height = stage.agent.pos[1] if mover is None else 0.0
     threshold = float(goal.radius + (mover or stage.agent).radius + 1.1 * stage.reach)
     rise = goal.pos[1] - height
@@ -134,7 +143,7 @@ def _reach(stage: WorldState, goal: Entity, mover: Entity | None = None) -> floa
 
 
 def zones_of(world: "FirstPersonEnv") -> NDArray[np.float64]:
-    """The rooms that end the episode, (rooms, edges, 4): where each edge starts, and its normal into the room."""
+    """Return the rooms that end the episode, (rooms, edges, 4): where each edge starts, its normal into the room."""
     rooms = [[(*edge.start, *edge.normal) for edge in room.outline.edges] for room in world.off_limits()]
     most = max(map(len, rooms), default=0)
     padded = [edges + edges[-1:] * (most - len(edges)) for edges in rooms]
@@ -142,11 +151,12 @@ def zones_of(world: "FirstPersonEnv") -> NDArray[np.float64]:
 
 
 def _obstacles(stage: WorldState, avoid: Sequence[Entity]) -> NDArray[np.float64]:
-    """Every thing but the agent and what it carries: x, z, and how far the middles of these two keep from it.
+    """List all but the agent and what it carries: x, z, and how far the middles of these two keep from it.
 
     From those to avoid, the agent stays so far that it is not near.
     """
-    agent, carried = stage.agent, stage.agent.carrying
+    agent = stage.agent
+    carried = stage.agent.carrying
     rows = [
         (
             thing.pos[0],
@@ -161,21 +171,22 @@ def _obstacles(stage: WorldState, avoid: Sequence[Entity]) -> NDArray[np.float64
 
 
 def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> NDArray[np.float64]:
-    """Segments that no way to the goal crosses, and that no stop near the goal has between itself and the goal.
+    """Return segments that no way to the goal crosses, and that no stop near the goal has before the goal.
 
-    A stop keeps the body's radius from every wall, and the line between two stops ``kept``: so walls reach that much
-    beyond their ends. Where the line from a stop near the goal to the goal crosses a segment, the segment is closer to
-    the goal than ``reach`` less what the stop keeps from it: of such segments, what is in reach is left out.
+    A stop keeps the body's radius from every wall, and the line between two stops ``clearance``: so walls reach that
+    much beyond their ends. Where the line from a stop near the goal to the goal crosses a segment, that is closer
+    to the goal than ``reach`` less what the stop keeps from it: of such segments, what is in reach is left out.
     """
     radius = float(stage.agent.radius)
-    kept = 0.999 * math.sqrt(radius * radius - longest * longest / 4)
+    clearance = 0.999 * math.sqrt(radius * radius - longest * longest / 4)
     middle = np.array((goal.pos[0], goal.pos[2]))
     segments: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
     for wall in _merged(stage.floor.walls):
-        a, b = wall[:2], wall[2:]
+        a = wall[:2]
+        b = wall[2:]
         ahead = (b - a) / math.hypot(*(b - a))
-        segments += [(a, b, radius), (a + 0.01 * ahead, a - kept * ahead, radius - kept)]
-        segments += [(b - 0.01 * ahead, b + kept * ahead, radius - kept)]
+        segments += [(a, b, radius), (a + 0.01 * ahead, a - clearance * ahead, radius - clearance)]
+        segments += [(b - 0.01 * ahead, b + clearance * ahead, radius - clearance)]
     rows = [row for a, b, margin in segments for row in _out_of_reach(a, b, middle, reach, margin)]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
@@ -183,7 +194,7 @@ def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> 
 def _out_of_reach(
     a: NDArray[np.float64], b: NDArray[np.float64], middle: NDArray[np.float64], reach: float, margin: float
 ) -> list[tuple[float, ...]]:
-    """A segment whole where it is far enough from the goal, otherwise the parts of it that are out of reach."""
+    """Return a segment whole if it is far enough from the goal, otherwise its parts that are out of reach."""
     length = math.hypot(*(b - a))
     share = float((middle - a) @ (b - a)) / length**2
     foot = a + (b - a) * min(max(share, 0.0), 1.0)
@@ -191,12 +202,15 @@ def _out_of_reach(
         return [(*a, *b)]
     across = math.hypot(*(a + (b - a) * share - middle))
     half = math.sqrt(reach**2 - across**2) / length
-    before = [(*a, *(a + (b - a) * (share - half)))] if share > half else []
+    if share > half:
+        before = [(*a, *(a + (b - a) * (share - half)))]
+    else:
+        before = []
     return before + ([(*(a + (b - a) * (share + half)), *b)] if share + half < 1 else [])
 
 
 def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The ends of barriers a way may bend at: those inside a room that no other barrier runs across, (n, 2) x, z."""
+    """Return the ends of barriers at which a way may bend: in a room, with no other barrier across, (n, 2) x, z."""
     ends = barriers.reshape(-1, 2)
     inside = np.zeros(len(ends), dtype=np.bool_)
     for room in floor.rooms:
@@ -208,15 +222,15 @@ def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[
 
 
 def _merged(walls: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same walls with pieces that continue each other joined into one."""
+    """Join walls that continue each other into one."""
     rows = [tuple(row) for row in walls.tolist()]
     starts = {row[:2]: row for row in rows}
     joined: dict[tuple[float, ...], None] = {}
-    continued = {
-        after[:2]
-        for row in rows
-        if (after := starts.get(row[2:])) is not None and after != row and _straight(row, after)
-    }
+    continued = set()
+    for row in rows:
+        after = starts.get(row[2:])
+        if after is not None and after != row and _straight(row, after):
+            continued.add(after[:2])
     for row in rows:
         if row[:2] in continued:
             continue
@@ -228,7 +242,10 @@ def _merged(walls: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _straight(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
-    ax, az, bx, bz = a[2] - a[0], a[3] - a[1], b[2] - b[0], b[3] - b[1]
+    ax = a[2] - a[0]
+    az = a[3] - a[1]
+    bx = b[2] - b[0]
+    bz = b[3] - b[1]
     return abs(ax * bz - az * bx) <= 1e-9 * math.hypot(ax, az) * math.hypot(bx, bz) and ax * bx + az * bz > 0
 
 
@@ -236,11 +253,12 @@ BACKWARDS = 8  # steps back from a thing in which it is tried to take it: beside
 
 
 def plan_take_all(world: "FirstPersonEnv", left: Callable[[], list[Entity]]) -> list[int] | None:
-    """Actions that take everything that is ``left``, the nearest first; None where none were found.
+    """Plan actions that take everything that is ``left``, the nearest first; None where none were found.
 
     The world is left as it was. Its step limit counts.
     """
-    saved, actions = world.save(), []
+    saved = world.save()
+    actions = []
     try:
         while things := left():
             x, _, z = world.agent.pos
@@ -257,11 +275,11 @@ def plan_take_all(world: "FirstPersonEnv", left: Callable[[], list[Entity]]) -> 
 def _take(world: "FirstPersonEnv", thing: Entity, count: int, left: Callable[[], list[Entity]]) -> list[int] | None:
     """Approach a thing, face it and take it, or another in front of it."""
     pickup = world.action_names.index("pickup")
-    for done in _approaches(world, thing, ()):
+    for approach in _approaches(world, thing, ()):
         before = world.save()
         ended = ends(world, pickup, [])
         if len(left()) < count:
-            return [*done, pickup]
+            return [*approach, pickup]
         if ended:
             return None
         world.restore(before)
@@ -270,26 +288,27 @@ def _take(world: "FirstPersonEnv", thing: Entity, count: int, left: Callable[[],
 
 def _approaches(world: "FirstPersonEnv", thing: Entity, avoid: Sequence[Entity]) -> Iterator[list[int]]:
     """Bring the agent near a thing, facing it, then again and again a step farther off: the actions done so far."""
-    back, done = world.action_names.index("move_back"), list[int]()
-    if any(ends(world, action, done) for action in plan(world, thing, avoid=avoid) or ()):
+    back = world.action_names.index("move_back")
+    actions = list[int]()
+    if any(ends(world, action, actions) for action in plan(world, thing, avoid=avoid) or ()):
         return
     for _ in range(BACKWARDS):
-        if any(ends(world, action, done) for action in turns_to(world, thing)):
+        if any(ends(world, action, actions) for action in turns_to(world, thing)):
             return
-        yield done
-        if ends(world, back, done):
+        yield actions
+        if ends(world, back, actions):
             return
 
 
-def ends(world: "FirstPersonEnv", action: int, done: list[int]) -> bool:
+def ends(world: "FirstPersonEnv", action: int, actions: list[int]) -> bool:
     """Do it, and say whether the episode is over."""
     _, terminated, truncated = world.advance(action)
-    done.append(action)
+    actions.append(action)
     return terminated or truncated
 
 
 def turns_to(world: "FirstPersonEnv", thing: Entity) -> list[int]:
-    """The turns after which the agent faces a thing as nearly as it can."""
+    """Return the turns after which the agent faces a thing as nearly as it can."""
     turn_rad = math.radians(world.stage.parameters.number("turn_step", None))
     x, _, z = world.agent.pos
     wanted_rad = math.atan2(z - thing.pos[2], thing.pos[0] - x)
@@ -298,55 +317,64 @@ def turns_to(world: "FirstPersonEnv", thing: Entity) -> list[int]:
     return [world.action_names.index(name)] * round(abs(off_rad) / turn_rad)
 
 
-def plan_put_next(world: "FirstPersonEnv", thing: Entity, beside: Entity) -> list[int] | None:
-    """Actions after which a thing stands next to another and nothing is carried; None where none were found.
+def plan_put_next(world: "FirstPersonEnv", thing: Entity, target: Entity) -> list[int] | None:
+    """Plan actions that put a thing next to another, with nothing carried then; None where none were found.
 
     The world is left as it was. Its step limit counts.
     """
-    saved, done = world.save(), list[int]()
+    saved = world.save()
+    actions = list[int]()
     try:
         carried = world.agent.carrying
-        if carried is None and world.near(thing, beside):
+        if carried is None and world.near(thing, target):
             return [world.action_names.index("turn_left")]  # a world looks after a step
-        if carried is not None and carried is not thing and ends(world, world.action_names.index("drop"), done):
+        if carried is not None and carried is not thing and ends(world, world.action_names.index("drop"), actions):
             return None
-        found = _bring(world, beside) if carried is thing else _fetch_and_bring(world, thing, beside)
-        return None if found is None else done + found
+        if carried is thing:
+            remaining = _bring(world, target)
+        else:
+            remaining = _fetch_and_bring(world, thing, target)
+        if remaining is None:
+            return None
+        return actions + remaining
     finally:
         world.restore(saved)
 
 
-def _fetch_and_bring(world: "FirstPersonEnv", thing: Entity, beside: Entity) -> list[int] | None:
+def _fetch_and_bring(world: "FirstPersonEnv", thing: Entity, target: Entity) -> list[int] | None:
     """Take a thing from where it can be carried away, keeping off more and more of the things that stand near it."""
     saved = world.save()
-    near = [each for each in world.entities if each not in (thing, world.agent)]
-    near.sort(key=lambda each: math.dist(each.pos, thing.pos))
+    near = [entity for entity in world.entities if entity not in (thing, world.agent)]
+    near.sort(key=lambda entity: math.dist(entity.pos, thing.pos))
     for kept_off in range(len(near) + 1):
-        found = _fetch(world, thing, beside, near[:kept_off])
-        if found is not None:
-            return found
+        actions = _fetch(world, thing, target, near[:kept_off])
+        if actions is not None:
+            return actions
         world.restore(saved)
     return None
 
 
-def _fetch(world: "FirstPersonEnv", thing: Entity, beside: Entity, avoid: list[Entity]) -> list[int] | None:
+def _fetch(world: "FirstPersonEnv", thing: Entity, target: Entity, avoid: list[Entity]) -> list[int] | None:
     """Take it from near it, or from farther off: it then floats ahead of where it stood, perhaps into a wall."""
     pickup = world.action_names.index("pickup")
-    for done in _approaches(world, thing, avoid):
+    for approach in _approaches(world, thing, avoid):
         before = world.save()
         if not ends(world, pickup, []) and world.agent.carrying is thing:
-            brought = _bring(world, beside)
+            brought = _bring(world, target)
             if brought is not None:
-                return [*done, pickup, *brought]
+                return [*approach, pickup, *brought]
         world.restore(before)
     return None
 
 
-def _bring(world: "FirstPersonEnv", beside: Entity) -> list[int] | None:
+def _bring(world: "FirstPersonEnv", target: Entity) -> list[int] | None:
     """Carry what is in hand next to a thing, and put it down."""
-    carried, done = world.agent.carrying, list[int]()
+    carried = world.agent.carrying
+    actions = list[int]()
     assert carried is not None
-    if any(ends(world, action, done) for action in plan(world, beside) or ()):
+    if any(ends(world, action, actions) for action in plan(world, target) or ()):
         return None
-    ends(world, world.action_names.index("drop"), done)
-    return done if world.near(carried, beside) else None
+    ends(world, world.action_names.index("drop"), actions)
+    if world.near(carried, target):
+        return actions
+    return None

@@ -32,9 +32,11 @@ def push(keys: Keys, numbers: Numbers, size: int, key: float, number: int) -> in
         above = (place - 1) >> 1
         if not _before(key, number, keys[above], numbers[above]):
             break
-        keys[place], numbers[place] = keys[above], numbers[above]
+        keys[place] = keys[above]
+        numbers[place] = numbers[above]
         place = above
-    keys[place], numbers[place] = key, number
+    keys[place] = key
+    numbers[place] = number
     return size + 1
 
 
@@ -42,7 +44,8 @@ def push(keys: Keys, numbers: Numbers, size: int, key: float, number: int) -> in
 def drop_first(keys: Keys, numbers: Numbers, size: int) -> int:
     """Take the first entry, which stands at 0, away; the next comes to stand there."""
     size -= 1
-    key, number = keys[size], numbers[size]
+    key = keys[size]
+    number = numbers[size]
     place = 0
     while 2 * place + 1 < size:
         below = 2 * place + 1
@@ -50,9 +53,11 @@ def drop_first(keys: Keys, numbers: Numbers, size: int) -> int:
             below += 1
         if not _before(keys[below], numbers[below], key, number):
             break
-        keys[place], numbers[place] = keys[below], numbers[below]
+        keys[place] = keys[below]
+        numbers[place] = numbers[below]
         place = below
-    keys[place], numbers[place] = key, number
+    keys[place] = key
+    numbers[place] = number
     return size
 
 
@@ -77,23 +82,25 @@ def clearance_map(
     cell: float,
     radius: float,
 ) -> NDArray[np.bool_]:
-    """Which cells of a grid over ``bounds`` (x0, z0, x1, z1) a body of this radius may stand in the middle of.
+    """Return in which cells of a grid over ``bounds`` (x0, z0, x1, z1) a body of this radius may stand.
 
     ``discs`` are (n, 3 or more): x, z and how far from it the body's middle has to stay. ``zones`` are (rooms, edges,
     4): convex areas it stays out of, each edge a point on it and its normal inwards.
     """
-    columns, rows = int((bounds[2] - bounds[0]) / cell) + 1, int((bounds[3] - bounds[1]) / cell) + 1
+    columns = int((bounds[2] - bounds[0]) / cell) + 1
+    rows = int((bounds[3] - bounds[1]) / cell) + 1
     free = np.ones((columns, rows), np.bool_)
     _clear(walls, discs, zones, bounds, cell, radius, free)
     return free
 
 
 def distance_map(free: NDArray[np.bool_], goal_column: int, goal_row: int, goal_cells: float) -> NDArray[np.float64]:
-    """How far each cell is from the goal's, in cells; 0 within ``goal_cells`` of it, infinite without a path."""
+    """Measure each cell's distance from the goal's, in cells; 0 within ``goal_cells``, infinite without a path."""
     waiting = free.size
     while True:
         distance = np.full(free.shape, np.inf)
-        keys, numbers = np.empty(waiting), np.empty(waiting, np.int64)
+        keys = np.empty(waiting)
+        numbers = np.empty(waiting, np.int64)
         if _measure(free, goal_column, goal_row, goal_cells, distance, keys, numbers):
             return distance
         waiting *= 2  # a cell waits once for each shorter way to it
@@ -120,14 +127,17 @@ def _clear(
         last_r = min(int((max(walls[index, 1], walls[index, 3]) + radius - bounds[1]) / cell) + 1, rows - 1)
         for column in range(first_c, last_c + 1):
             for row in range(first_r, last_r + 1):
-                x, z = bounds[0] + (column + 0.5) * cell, bounds[1] + (row + 0.5) * cell
+                x = bounds[0] + (column + 0.5) * cell
+                z = bounds[1] + (row + 0.5) * cell
                 if free[column, row] and touches_wall(walls[index : index + 1], x, z, radius):
                     free[column, row] = False
     for column in range(columns):
         for row in range(rows):
-            x, z = bounds[0] + (column + 0.5) * cell, bounds[1] + (row + 0.5) * cell
+            x = bounds[0] + (column + 0.5) * cell
+            z = bounds[1] + (row + 0.5) * cell
             for index in range(discs.shape[0]):
-                dx, dz = x - discs[index, 0], z - discs[index, 1]
+                dx = x - discs[index, 0]
+                dz = z - discs[index, 1]
                 if dx * dx + dz * dz < discs[index, 2] * discs[index, 2]:
                     free[column, row] = False
             if in_zone(zones, x, z):
@@ -136,11 +146,12 @@ def _clear(
 
 @device_function(nogil=True)
 def in_zone(zones: NDArray[np.float64], x: float, z: float) -> bool:
-    """Whether a place is inside one of the convex areas."""
+    """Return whether a place is inside one of the convex areas."""
     for zone in range(zones.shape[0]):
         inside = True
         for edge in range(zones.shape[1]):
-            off_x, off_z = x - zones[zone, edge, 0], z - zones[zone, edge, 1]
+            off_x = x - zones[zone, edge, 0]
+            off_z = z - zones[zone, edge, 1]
             if zones[zone, edge, 2] * off_x + zones[zone, edge, 3] * off_z <= 0:
                 inside = False
         if inside:
@@ -158,7 +169,7 @@ def _measure(
     keys: Keys,
     numbers: Numbers,
 ) -> bool:
-    """Whether there was room for all cells that had to wait."""
+    """Fill in the distances; return whether there was room for all cells that had to wait."""
     columns, rows = free.shape
     waiting = 0
     reach = int(goal_cells) + 1
@@ -168,12 +179,15 @@ def _measure(
                 distance[column, row] = 0.0
                 waiting = push(keys, numbers, waiting, 0.0, column * rows + row)
     while waiting > 0:
-        reached, column, row = keys[0], numbers[0] // rows, numbers[0] % rows
+        reached = keys[0]
+        column = numbers[0] // rows
+        row = numbers[0] % rows
         waiting = drop_first(keys, numbers, waiting)
         if reached > distance[column, row]:
             continue
         for right, down, length in _AROUND:
-            c, r = column + right, row + down
+            c = column + right
+            r = row + down
             if 0 <= c < columns and 0 <= r < rows and free[c, r] and reached + length < distance[c, r]:
                 if waiting == len(keys):
                     return False
@@ -183,7 +197,7 @@ def _measure(
 
 
 def shortest_way(barriers: NDArray[np.float64], nodes: NDArray[np.float64]) -> float:
-    """The length of the shortest line from the first node to the second that crosses no barrier; infinite if none.
+    """Measure the shortest line from the first node to the second that crosses no barrier; infinite if none.
 
     ``barriers`` is (n, 4): x0, z0, x1, z1, and may be touched; ``nodes`` is (m, 2): x, z, where the line may bend.
     """
@@ -191,50 +205,64 @@ def shortest_way(barriers: NDArray[np.float64], nodes: NDArray[np.float64]) -> f
 
 
 def lies_on(barriers: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which points lie on a barrier, not at its ends."""
-    found = np.zeros(len(points), np.bool_)
-    _mark(barriers, points, found)
-    return found
+    """Return which points lie on a barrier, not at its ends."""
+    marks = np.zeros(len(points), np.bool_)
+    _mark(barriers, points, marks)
+    return marks
 
 
 @kernel("(float64[:, ::1], float64[:, ::1], float64[::1], boolean[::1])", nogil=True)
 def _shortest(
-    barriers: NDArray[np.float64], nodes: NDArray[np.float64], reached: NDArray[np.float64], done: NDArray[np.bool_]
+    barriers: NDArray[np.float64], nodes: NDArray[np.float64], reached: NDArray[np.float64], settled: NDArray[np.bool_]
 ) -> float:
     count = nodes.shape[0]
     reached[0] = 0.0
     while True:
-        here = -1
+        nearest = -1
         for node in range(count):
-            if not done[node] and reached[node] < np.inf and (here < 0 or reached[node] < reached[here]):
-                here = node
-        if here < 0 or here == 1:
+            if not settled[node] and reached[node] < np.inf and (nearest < 0 or reached[node] < reached[nearest]):
+                nearest = node
+        if nearest < 0 or nearest == 1:
             return float(reached[1])
-        done[here] = True
+        settled[nearest] = True
         for node in range(count):
-            length = math.hypot(nodes[node, 0] - nodes[here, 0], nodes[node, 1] - nodes[here, 1])
-            if not done[node] and reached[here] + length < reached[node] and _sees(barriers, nodes, here, node):
-                reached[node] = reached[here] + length
+            length = math.hypot(nodes[node, 0] - nodes[nearest, 0], nodes[node, 1] - nodes[nearest, 1])
+            if (
+                not settled[node]
+                and reached[nearest] + length < reached[node]
+                and _sees(barriers, nodes, nearest, node)
+            ):
+                reached[node] = reached[nearest] + length
 
 
 @kernel("(float64[:, ::1], float64[:, ::1], boolean[::1])", nogil=True)
-def _mark(barriers: NDArray[np.float64], points: NDArray[np.float64], found: NDArray[np.bool_]) -> None:
+def _mark(barriers: NDArray[np.float64], points: NDArray[np.float64], marks: NDArray[np.bool_]) -> None:
     for place in range(points.shape[0]):
-        x, z = points[place, 0], points[place, 1]
+        x = points[place, 0]
+        z = points[place, 1]
         for index in range(barriers.shape[0]):
-            ax, az, bx, bz = barriers[index, 0], barriers[index, 1], barriers[index, 2], barriers[index, 3]
+            ax = barriers[index, 0]
+            az = barriers[index, 1]
+            bx = barriers[index, 2]
+            bz = barriers[index, 3]
             length = math.hypot(bx - ax, bz - az)
             along = ((x - ax) * (bx - ax) + (z - az) * (bz - az)) / length
             across = ((x - ax) * (bz - az) - (z - az) * (bx - ax)) / length
             if abs(across) < 1e-9 and 1e-6 < along < length - 1e-6:
-                found[place] = True
+                marks[place] = True
 
 
 @device_function(nogil=True)
 def _sees(barriers: NDArray[np.float64], nodes: NDArray[np.float64], a: int, b: int) -> bool:
-    ax, az, bx, bz = nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1]
+    ax = nodes[a, 0]
+    az = nodes[a, 1]
+    bx = nodes[b, 0]
+    bz = nodes[b, 1]
     for index in range(barriers.shape[0]):
-        cx, cz, dx, dz = barriers[index, 0], barriers[index, 1], barriers[index, 2], barriers[index, 3]
+        cx = barriers[index, 0]
+        cz = barriers[index, 1]
+        dx = barriers[index, 2]
+        dz = barriers[index, 3]
         if (
             _side(ax, az, bx, bz, cx, cz) * _side(ax, az, bx, bz, dx, dz) < 0
             and _side(cx, cz, dx, dz, ax, az) * _side(cx, cz, dx, dz, bx, bz) < 0
@@ -245,12 +273,16 @@ def _sees(barriers: NDArray[np.float64], nodes: NDArray[np.float64], a: int, b: 
 
 @device_function(nogil=True)
 def _side(ax: float, az: float, bx: float, bz: float, x: float, z: float) -> float:
-    """Above 0 left of the line from a to b, below 0 right of it, and 0 where rounding could not tell."""
+    """Return above 0 left of the line from a to b, below 0 right of it, and 0 where rounding could not tell."""
     turn = (bx - ax) * (z - az) - (bz - az) * (x - ax)
     return 0.0 if abs(turn) < 1e-9 else turn
 
 
-TURN_LEFT, TURN_RIGHT, FORWARD, BACK = 0, 1, 2, 3  # what the route is made of
+# what the route is made of
+TURN_LEFT = 0
+TURN_RIGHT = 1
+FORWARD = 2
+BACK = 3
 _MOST_STOPS = 2_000_000  # a search that has seen so many has no way
 
 
@@ -289,7 +321,7 @@ def search(
     distance: NDArray[np.float64],
     cell: float,
 ) -> list[int]:
-    """The moves from ``start`` (x, z, yaw) to within ``goal`` (x, z, radius); empty where there is no path.
+    """Find the moves from ``start`` (x, z, yaw) to within ``goal`` (x, z, radius); empty where there is no path.
 
     ``discs`` are (n, 4): x, z, and how far from it the body's middle and that of what it carries have to stay.
     ``distance`` comes from ``distance_map`` over cells of size ``cell``.
@@ -299,8 +331,8 @@ def search(
         *(np.empty(most), np.empty(most), np.empty(most, np.int64), np.empty(most, np.int64)),
         *(np.empty(most, np.int8), np.empty(most, np.int64), np.empty(most), np.empty(most, np.int64)),
     )
-    seen = np.zeros((*distance.shape, round(2 * math.pi / body.turn)), np.bool_)
-    last = _search(walls, discs, zones, start, goal, body, bounds, distance, cell, stops, seen)
+    visited = np.zeros((*distance.shape, round(2 * math.pi / body.turn)), np.bool_)
+    last = _search(walls, discs, zones, start, goal, body, bounds, distance, cell, stops, visited)
     moves = []
     while last > 0:
         moves.append(int(stops.action[last]))
@@ -326,46 +358,63 @@ def _search(
     distance: NDArray[np.float64],
     cell: float,
     stops: Stops,
-    seen: NDArray[np.bool_],
+    visited: NDArray[np.bool_],
 ) -> int:
-    """The stop at the goal; -1 where there is none."""
-    columns, rows, headings = seen.shape
-    stops.x[0], stops.z[0], stops.heading[0] = start[0], start[1], 0
-    stops.parent[0], stops.action[0], stops.cost[0] = -1, -1, 0
+    """Find the stop at the goal; -1 where there is none."""
+    columns, rows, headings = visited.shape
+    stops.x[0] = start[0]
+    stops.z[0] = start[1]
+    stops.heading[0] = 0
+    stops.parent[0] = -1
+    stops.action[0] = -1
+    stops.cost[0] = 0
     count = 1
     waiting = push(stops.keys, stops.numbers, 0, 0.0, 0)
     while waiting > 0 and count < len(stops.x) - 3:
-        here = stops.numbers[0]
+        stop = stops.numbers[0]
         waiting = drop_first(stops.keys, stops.numbers, waiting)
-        x, z, heading = stops.x[here], stops.z[here], stops.heading[here]
+        x = stops.x[stop]
+        z = stops.z[stop]
+        heading = stops.heading[stop]
         place = int((x - bounds[0]) / cell), int((z - bounds[1]) / cell), heading % headings
-        if seen[place]:
+        if visited[place]:
             continue
-        seen[place] = True
+        visited[place] = True
         yaw = start[2] + heading * body.turn
-        ahead_x, ahead_z = x + body.ahead * math.cos(yaw), z - body.ahead * math.sin(yaw)
+        ahead_x = x + body.ahead * math.cos(yaw)
+        ahead_z = z - body.ahead * math.sin(yaw)
         if math.hypot(ahead_x - goal[0], ahead_z - goal[1]) < goal[2]:
-            return int(here)
+            return int(stop)
         for move in range(body.moves):
-            new_x, new_z, new_heading = x, z, heading
+            new_x = x
+            new_z = z
+            new_heading = heading
             if move in (FORWARD, BACK):
-                step = body.step if move == FORWARD else -body.step
-                new_x, new_z = new_x + math.cos(yaw) * step, new_z - math.sin(yaw) * step
+                if move == FORWARD:
+                    step = body.step
+                else:
+                    step = -body.step
+                new_x = new_x + math.cos(yaw) * step
+                new_z = new_z - math.sin(yaw) * step
                 if _blocked(walls, discs, 2, new_x, new_z, body.radius) or in_zone(zones, new_x, new_z):
                     continue
             else:
                 new_heading += 1 if move == TURN_LEFT else -1
             new_yaw = start[2] + new_heading * body.turn
             if body.carried > 0.0:
-                ahead_x, ahead_z = new_x + body.ahead * math.cos(new_yaw), new_z - body.ahead * math.sin(new_yaw)
+                ahead_x = new_x + body.ahead * math.cos(new_yaw)
+                ahead_z = new_z - body.ahead * math.sin(new_yaw)
                 if _blocked(walls, discs, 3, ahead_x, ahead_z, body.carried):
                     continue
-            column, row = int((new_x - bounds[0]) / cell), int((new_z - bounds[1]) / cell)
-            if not (0 <= column < columns and 0 <= row < rows) or seen[column, row, new_heading % headings]:
+            column = int((new_x - bounds[0]) / cell)
+            row = int((new_z - bounds[1]) / cell)
+            if not (0 <= column < columns and 0 <= row < rows) or visited[column, row, new_heading % headings]:
                 continue
             left = _still_to_go(distance, column, row, new_yaw, cell, body.step, body.turn)
-            stops.x[count], stops.z[count], stops.heading[count] = new_x, new_z, new_heading
-            stops.parent[count], stops.action[count], stops.cost[count] = here, move, stops.cost[here] + 1
+            stops.x[count] = new_x
+            stops.z[count] = new_z
+            stops.heading[count] = new_heading
+            stops.parent[count], stops.action[count], stops.cost[count] = stop, move, stops.cost[stop] + 1
             waiting = push(stops.keys, stops.numbers, waiting, stops.cost[count] + 1.5 * left, count)
             count += 1
     return -1
@@ -373,10 +422,10 @@ def _search(
 
 @device_function(nogil=True)
 def _blocked(
-    walls: NDArray[np.float64], discs: NDArray[np.float64], kept: int, x: float, z: float, radius: float
+    walls: NDArray[np.float64], discs: NDArray[np.float64], column: int, x: float, z: float, radius: float
 ) -> bool:
     for index in range(discs.shape[0]):
-        if math.hypot(discs[index, 0] - x, discs[index, 1] - z) < discs[index, kept]:
+        if math.hypot(discs[index, 0] - x, discs[index, 1] - z) < discs[index, column]:
             return True
     return touches_wall(walls, x, z, radius)
 
@@ -385,19 +434,23 @@ def _blocked(
 def _still_to_go(
     distance: NDArray[np.float64], column: int, row: int, yaw: float, cell: float, step: float, turn: float
 ) -> float:
-    """About how many moves are left: the way, and the turn towards where the way leads."""
+    """Estimate how many moves are left: the way, and the turn towards where the way leads."""
     columns, rows = distance.shape
-    best, best_yaw, found = np.inf, yaw, distance[column, row]
+    best = np.inf
+    best_yaw = yaw
+    cells_left = distance[column, row]
     for right in range(-3, 4):
         for down in range(-3, 4):
-            c, r = column + right, row + down
+            c = column + right
+            r = row + down
             if (right or down) and 0 <= c < columns and 0 <= r < rows:
                 through = distance[c, r] + math.hypot(right, down)
                 if through < best:
-                    best, best_yaw = through, math.atan2(-float(down), float(right))
-    if found == np.inf:
-        found = best
-    if found == 0.0:
+                    best = through
+                    best_yaw = math.atan2(-float(down), float(right))
+    if cells_left == np.inf:
+        cells_left = best
+    if cells_left == 0.0:
         return 0.0
     off = abs((best_yaw - yaw + math.pi) % (2 * math.pi) - math.pi)
-    return float(found * cell / step + max(off - turn, 0.0) / turn)
+    return float(cells_left * cell / step + max(off - turn, 0.0) / turn)

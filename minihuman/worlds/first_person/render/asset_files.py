@@ -32,7 +32,8 @@ class OwnAssets(Assets):
         """Paint a texture. A letter is "chars/ch_0x", its code and "_" and a variant; others are a recipe's name."""
         stem, _, variant = name.rpartition("_")
         if not variant.isdigit():
-            stem, variant = name, "1"
+            stem = name
+            variant = "1"
         if stem.startswith("chars/ch_0x") and stem[11:].isdigit():
             return _letter(chr(int(stem[11:])), int(variant))
         if stem not in RECIPES or not 1 <= int(variant) <= len(RECIPES[stem][1]):
@@ -43,17 +44,17 @@ class OwnAssets(Assets):
         return Texture(as_bright(recipe(seed), bright), (wide_m, high_m))
 
     def mesh(self, name: str) -> MeshData:
-        """A built-in mesh."""
+        """Return a built-in mesh."""
         return mesh_named(name)
 
 
 def own_library() -> Library:
-    """A library of our own assets; it fills as scenes ask for them."""
+    """Make a library of our own assets; it fills as scenes ask for them."""
     return Library(OwnAssets())
 
 
 def _letter(letter: str, variant: int) -> Texture:
-    """A dark letter on paper, or its like: the variants differ in ink and paper."""
+    """Draw a dark letter on paper, or its like: the variants differ in ink and paper."""
     if not 1 <= variant <= _LETTER_STYLES:
         raise WorldError(f"the letter {letter!r} has variants 1 to {_LETTER_STYLES}, not {variant}")
     paper = 250 - 9 * (variant - 1)
@@ -98,7 +99,8 @@ def read_obj(path: Path) -> MeshData:
         raise WorldError(f"{path}: the file has no faces; a mesh needs at least one triangle")
     image = path.with_suffix(".png")
     materials = {"": Material(texture=image if image.exists() else None), **read_mtl(path.with_suffix(".mtl"))}
-    vertices, normals = np.array(lines.vertices, np.float32), np.array(lines.normals, np.float32)
+    vertices = np.array(lines.vertices, np.float32)
+    normals = np.array(lines.normals, np.float32)
     places = np.array(lines.places or [[0.0, 0.0]], np.float32)
     index = np.array([[[v, 0 if t is None else t, n] for v, t, n in face] for face in lines.faces])
     placed = np.array([[[t is not None] for _, t, _ in face] for face in lines.faces])
@@ -117,7 +119,7 @@ def read_obj(path: Path) -> MeshData:
 
 
 def read_mtl(path: Path) -> dict[str, Material]:
-    """The materials of a file by name; none if there is no such file.
+    """Read the materials of a file, by name; none if there is no such file.
 
     Raises:
         WorldError: if a line makes no sense.
@@ -191,19 +193,20 @@ def _corner(word: str, lines: _Lines, path: Path, number: int) -> tuple[int, int
     )
 
 
-def _index(word: str, count: int, what: str, path: Path, number: int) -> int:
+def _index(word: str, count: int, noun: str, path: Path, number: int) -> int:
     try:
         index = int(word)
     except ValueError:
         index = 0
     if not 1 <= index <= count:
-        raise WorldError(f"{path}:{number}: {what} {word!r} does not exist; {count} precede this line, numbered from 1")
+        raise WorldError(f"{path}:{number}: {noun} {word!r} does not exist; {count} precede this line, numbered from 1")
     return index - 1
 
 
 def _centred(corners: F64, path: Path, far: F64) -> F64:
-    """Corners with their base at y = 0 and the middle between their lowest place and ``far`` at x = z = 0."""
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    """Move corners so that their base is at y = 0 and the middle between lowest place and ``far`` at x = z = 0."""
+    low = corners.min(axis=(0, 1))
+    high = corners.max(axis=(0, 1))
     if high[1] <= low[1]:
         raise WorldError(f"{path}: the mesh is flat; it needs a height")
     middle = (low + far) / 2
@@ -230,7 +233,8 @@ def read_glb(path: Path) -> MeshData:
         raise WorldError(f"{path}: the file has no triangles; a mesh needs at least one")
     images: dict[str, Texture] = {}
     names: list[str | None] = []
-    colours, places = [], []
+    colours = []
+    places = []
     for number, part in enumerate(parts):
         image = _image(part)
         if image is not None:
@@ -251,7 +255,7 @@ def read_glb(path: Path) -> MeshData:
 
 
 def _image(part: Any) -> Texture | None:
-    """The texture of a part; a metre of it is all of it, as its places say where on it a corner is."""
+    """Return a part's texture; a metre of it is all of it, as its places say where on it a corner is."""
     material = getattr(part.visual, "material", None)
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is None or getattr(part.visual, "uv", None) is None:
@@ -260,7 +264,7 @@ def _image(part: Any) -> Texture | None:
 
 
 def _colours(part: Any) -> F64:
-    """A colour a triangle, 0 to 1."""
+    """Return a colour for each triangle, 0 to 1."""
     material = getattr(part.visual, "material", None)
     if material is None:
         return np.array(part.visual.face_colors[:, :3], np.float64) / 255
@@ -271,7 +275,10 @@ def _colours(part: Any) -> F64:
 
 def _places(part: Any) -> F64:
     uv: NDArray[np.float64] | None = getattr(part.visual, "uv", None)
-    return np.zeros((len(part.faces), 3, 2)) if uv is None else np.asarray(uv, np.float64)[part.faces]
+    if uv is None:
+        return np.zeros((len(part.faces), 3, 2))
+    places: F64 = np.asarray(uv, np.float64)[part.faces]
+    return places
 
 
 TEXELS_A_METRE = 512
@@ -291,12 +298,12 @@ class FolderAssets(Assets):
 
     @cached_property
     def meshes(self) -> dict[str, Path]:
-        """The folder's meshes: their files by name."""
+        """Return the folder's meshes: their files by name."""
         files = sorted((self._folder / "meshes").glob("*"), reverse=True)  # an OBJ file stands before a GLB file
         return {file.stem: file for file in files if file.suffix in _READERS}
 
     def texture(self, name: str) -> Texture:
-        """A PNG of the folder, 512 texels a metre; ``NAME.png`` is also the first picture of a texture, "NAME_1"."""
+        """Read a PNG of the folder, 512 texels a metre; ``NAME.png`` is also a texture's first picture, "NAME_1"."""
         path = self._texture_file(name)
         if path is None:
             try:
@@ -312,7 +319,7 @@ class FolderAssets(Assets):
         return Texture(pixels, (width / TEXELS_A_METRE, height / TEXELS_A_METRE))
 
     def mesh(self, name: str) -> MeshData:
-        """An OBJ or GLB file of the folder, or our own mesh of that name."""
+        """Read an OBJ or GLB file of the folder, or our own mesh of that name."""
         file = self.meshes.get(name)
         if file is not None:
             return _READERS[file.suffix](file)
@@ -322,16 +329,16 @@ class FolderAssets(Assets):
             raise WorldError(f"{self._folder} has no mesh {name!r}; {error}") from error
 
     def brings(self, mesh: str) -> bool:
-        """Whether the folder has this mesh."""
+        """Return whether the folder has this mesh."""
         return mesh in self.meshes
 
     def _texture_file(self, name: str) -> Path | None:
-        """Where a texture is; None where it is not the folder's. A mesh's texture is named by its path."""
+        """Return where a texture is; None where it is not the folder's. A mesh's texture is named by its path."""
         if name.endswith(".png"):
             return Path(name)
         names = (name, name.removesuffix("_1"))
         return next(
-            (file for file in (self._folder / "textures" / f"{one}.png" for one in names) if file.exists()), None
+            (file for file in (self._folder / "textures" / f"{stem}.png" for stem in names) if file.exists()), None
         )
 
 
@@ -340,5 +347,7 @@ library_lock = threading.Lock()  # hold it while a scene is laid out: that may r
 
 @cache
 def asset_library(folder: str | None) -> Library:
-    """The library of a folder, or of our own assets; always the same one."""
-    return own_library() if folder is None else Library(FolderAssets(Path(folder)))
+    """Return the library of a folder, or of our own assets; always the same one."""
+    if folder is None:
+        return own_library()
+    return Library(FolderAssets(Path(folder)))

@@ -8,14 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
+from minihuman.worlds.first_person.render.draw_buffers import packed_faces
 from minihuman.worlds.first_person.render.kernel_tables import F64, I32, SHADE, FaceTable, TextureTable
 from minihuman.worlds.first_person.render.texture import MOST_SIZES, fill_sizes
-from minihuman.worlds.first_person.render.visibility import packed_faces
 
 MOST_TEXELS = 2047  # a side of a texture
 CUBE = "cube"
 # Of every library: a cube's faces, that of a flat arrowhead towards +x, and two of a shadow of radius 1 on the ground.
-CUBE_FACES, ARROW_FACES, SHADOW_FACES = (0, 6), (6, 7), (7, 9)
+CUBE_FACES = (0, 6)
+ARROW_FACES = (6, 7)
+SHADOW_FACES = (7, 9)
 SHADOW_REACH = 1.35  # how far its outer half goes
 _ABOVE_GROUND_M = 0.002
 
@@ -49,17 +51,17 @@ class MeshData:
 
     @property
     def half_width(self) -> float:
-        """How far it reaches along x, in its own units."""
+        """Return how far it reaches along x, in its own units."""
         return float(np.abs(self.corners[:, :, 0]).max())
 
     @property
     def half_depth(self) -> float:
-        """How far it reaches along z, in its own units."""
+        """Return how far it reaches along z, in its own units."""
         return float(np.abs(self.corners[:, :, 2]).max())
 
     @property
     def height(self) -> float:
-        """How high it is, in its own units."""
+        """Return how high it is, in its own units."""
         return float(self.corners[:, :, 1].max())
 
 
@@ -68,7 +70,7 @@ class Assets(abc.ABC):
 
     @abc.abstractmethod
     def texture(self, name: str) -> Texture:
-        """The texture of this name, variant included: "brick_wall_1".
+        """Return the texture of this name, variant included: "brick_wall_1".
 
         Raises:
             WorldError: if there is none.
@@ -76,14 +78,14 @@ class Assets(abc.ABC):
 
     @abc.abstractmethod
     def mesh(self, name: str) -> MeshData:
-        """The mesh of this name: "duckie".
+        """Return the mesh of this name: "duckie".
 
         Raises:
             WorldError: if there is none, or it makes no sense.
         """
 
     def brings(self, mesh: str) -> bool:
-        """Whether a mesh of this name is not built in: only built-in ones come in the colours of every palette."""
+        """Return whether a mesh is not built in: only built-in ones come in the colours of every palette."""
         return False
 
 
@@ -104,58 +106,60 @@ class Library:
         self.textures = TextureTable(np.zeros(0, np.uint32), np.zeros(0, np.uint32))
         arrow = np.array([[1.0, 0.0, 0.0], [-0.75, 0.0, -0.75], [-0.75, 0.0, 0.75]])
         polygons = [*unit_cube(), arrow, _disc(1.0), _disc(SHADOW_REACH)]
-        self.faces = pack(polygons, [np.zeros((len(each), 2)) for each in polygons], [-1] * 7 + [SHADE, SHADE - 1])
+        self.faces = pack(
+            polygons, [np.zeros((len(polygon), 2)) for polygon in polygons], [-1] * 7 + [SHADE, SHADE - 1]
+        )
         self._packed: tuple[FaceTable, tuple[F64, I32]] | None = None
         self._mesh_ranges[CUBE] = CUBE_FACES
 
     @property
     def packed(self) -> tuple[F64, I32]:
-        """Its faces as the kernels read them."""
+        """Return its faces as the kernels read them."""
         if self._packed is None or self._packed[0] is not self.faces:
             self._packed = self.faces, packed_faces(self.faces)
         return self._packed[1]
 
     def texture_row(self, name: str) -> int:
-        """The row of a texture in ``textures``, loading it if need be."""
+        """Return the row of a texture in ``textures``; load it if need be."""
         if name not in self._texture_rows:
             self._keep(name, self._assets.texture(name))
         return self._texture_rows[name]
 
     def texture_size_m(self, name: str) -> tuple[float, float]:
-        """How many metres right and up a texture covers before it repeats."""
+        """Return how many metres right and up a texture covers before it repeats."""
         return self._sizes_m[self.texture_row(name)]
 
     def mesh_faces(self, name: str) -> tuple[int, int]:
-        """The first face of a mesh in ``faces`` and one past its last, loading it if need be."""
+        """Return the first face of a mesh in ``faces`` and one past its last; load it if need be."""
         if name not in self._mesh_ranges:
             self._add(name, self._assets.mesh(name))
         return self._mesh_ranges[name]
 
     def mesh_scale(self, name: str, height_m: float) -> tuple[float, float]:
-        """How much to scale a mesh for a height in metres, and how much that scales its normals."""
+        """Return how much to scale a mesh for a height in metres, and how much that scales its normals."""
         self.mesh_faces(name)
         mesh = self._meshes[name]
         scale = height_m / mesh.height
         return scale, 1.0 / scale if mesh.light_scales else 1.0
 
     def mesh_reach(self, name: str) -> tuple[float, float]:
-        """How far a mesh reaches from its axis, and from the middle of its base, in its own units."""
+        """Return how far a mesh reaches from its axis, and from the middle of its base, in its own units."""
         self.mesh_faces(name)
         return self._reaches[name]
 
     def mesh_box(self, name: str) -> tuple[float, float, float, float]:
-        """The box a mesh lies in: half its width, where it begins and ends upwards, half its depth."""
+        """Return the box a mesh lies in: half its width, where it begins and ends upwards, half its depth."""
         self.mesh_faces(name)
         return self._boxes[name]
 
     def mesh_extents(self, name: str) -> tuple[float, float, float]:
-        """Half the width, the height and half the depth of a mesh, in its own units."""
+        """Return half the width, the height and half the depth of a mesh, in its own units."""
         self.mesh_faces(name)
         mesh = self._meshes[name]
         return mesh.half_width, mesh.height, mesh.half_depth
 
     def brings(self, mesh: str) -> bool:
-        """Whether a mesh is not built in."""
+        """Return whether a mesh is not built in."""
         return self._assets.brings(mesh)
 
     def _keep(self, name: str, texture: Texture) -> None:
@@ -172,32 +176,34 @@ class Library:
         self._mesh_ranges[name] = first, len(self.faces.texture)
         self._meshes[name] = mesh
         points = mesh.corners.reshape(-1, 3)
-        around, heights = points[:, 0] ** 2 + points[:, 2] ** 2, points[:, 1]
+        around = points[:, 0] ** 2 + points[:, 2] ** 2
+        heights = points[:, 1]
         self._reaches[name] = float(np.sqrt(around.max())), float(np.sqrt((around + heights**2).max()))
         self._boxes[name] = mesh.half_width, float(heights.min()), mesh.height, mesh.half_depth
 
 
 def mesh_table(mesh: MeshData, texture_rows: NDArray[np.int32]) -> FaceTable:
-    """A mesh as a table of faces, without its slivers."""
-    edge_a, edge_b = mesh.corners[:, 1] - mesh.corners[:, 0], mesh.corners[:, 2] - mesh.corners[:, 0]
+    """Convert a mesh to a table of faces, without its slivers."""
+    edge_a = mesh.corners[:, 1] - mesh.corners[:, 0]
+    edge_b = mesh.corners[:, 2] - mesh.corners[:, 0]
     normal = np.cross(edge_a, edge_b)
-    kept = np.any(normal != 0.0, axis=1)
-    normal = normal[kept]
-    count = int(kept.sum())
-    offset = -np.einsum("ij,ij->i", normal, mesh.corners[kept, 0])
+    valid = np.any(normal != 0.0, axis=1)
+    normal = normal[valid]
+    count = int(valid.sum())
+    offset = -np.einsum("ij,ij->i", normal, mesh.corners[valid, 0])
     return FaceTable(
         np.arange(0, 3 * count + 1, 3, dtype=np.int32),
-        np.ascontiguousarray(mesh.corners[kept]).reshape(-1, 3),
-        np.ascontiguousarray(mesh.texture_places[kept]).reshape(-1, 2),
-        np.ascontiguousarray(mesh.normals[kept]).reshape(-1, 3),
-        np.ascontiguousarray(mesh.colours[kept]),
-        texture_rows[kept],
+        np.ascontiguousarray(mesh.corners[valid]).reshape(-1, 3),
+        np.ascontiguousarray(mesh.texture_places[valid]).reshape(-1, 2),
+        np.ascontiguousarray(mesh.normals[valid]).reshape(-1, 3),
+        np.ascontiguousarray(mesh.colours[valid]),
+        texture_rows[valid],
         np.column_stack([normal, offset]),
     )
 
 
 def pack(polygons: list[F64], places: list[F64], texture_rows: list[int] | None = None) -> FaceTable:
-    """White flat polygons (n, 3), with their places on their textures (n, 2), as a table of faces."""
+    """Pack white flat polygons (n, 3), with their places on their textures (n, 2), into a table of faces."""
     normals = [newell(polygon) for polygon in polygons]
     sizes = [len(polygon) for polygon in polygons]
     offsets = [-float(normal @ polygon.mean(axis=0)) for normal, polygon in zip(normals, polygons, strict=True)]
@@ -213,7 +219,7 @@ def pack(polygons: list[F64], places: list[F64], texture_rows: list[int] | None 
 
 
 def join(a: FaceTable, b: FaceTable) -> FaceTable:
-    """Two tables of faces, one after the other."""
+    """Join two tables of faces, one after the other."""
     return FaceTable(
         np.concatenate([a.start, b.start[1:] + a.start[-1]]).astype(np.int32),
         np.concatenate([a.position, b.position]),
@@ -226,7 +232,7 @@ def join(a: FaceTable, b: FaceTable) -> FaceTable:
 
 
 def newell(polygon: F64) -> F64:
-    """The unit normal on the side from which a flat polygon's corners run counter-clockwise.
+    """Return the unit normal on the side from which a flat polygon's corners run counter-clockwise.
 
     Raises:
         WorldError: if the corners lie on one line.
@@ -245,7 +251,7 @@ def newell(polygon: F64) -> F64:
 
 
 def unit_cube() -> list[F64]:
-    """The six sides of a cube a metre wide, its base in the middle of y = 0."""
+    """Return the six sides of a cube a metre wide, its base in the middle of y = 0."""
     sides = []
     for axis in range(3):
         for side in (-0.5, 0.5):
@@ -259,7 +265,7 @@ def unit_cube() -> list[F64]:
 
 
 def _disc(radius: float) -> F64:
-    """Sixteen corners around the origin, just above the ground."""
+    """Return sixteen corners around the origin, just above the ground."""
     corners = [(1.0, 0.0), (0.9238795, 0.3826834), (0.7071068, 0.7071068), (0.3826834, 0.9238795)]
     for _ in range(3):
         corners += [(-z, x) for x, z in corners[-4:]]
@@ -274,16 +280,20 @@ def _append(textures: TextureTable, pixels: NDArray[np.uint8]) -> TextureTable:
 
 
 def size_table(width: int, height: int, begin: int) -> NDArray[np.uint32]:
-    """The pairs of a texture, see `TextureTable`, whose first texel is at ``begin``; uint32[MOST_SIZES, 2]."""
+    """Return the pairs of a texture, see `TextureTable`, whose first texel is at ``begin``; uint32[MOST_SIZES, 2]."""
     table = np.zeros((MOST_SIZES, 2), np.uint32)
-    size, wide, high = 0, width, height
+    size = 0
+    wide = width
+    high = height
     while True:
         table[size] = begin, wide | high << 16
         if wide == high == 1:
             break
-        begin, size = begin + (wide + 2) * (high + 2), size + 1
+        begin = begin + (wide + 2) * (high + 2)
+        size = size + 1
         part = 0.5 ** (size / 4)
-        wide, high = max(1, round(width * part)), max(1, round(height * part))
+        wide = max(1, round(width * part))
+        high = max(1, round(height * part))
     table[-1, 1] = size
     return table
 

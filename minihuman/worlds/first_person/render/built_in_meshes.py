@@ -26,7 +26,7 @@ _COLOURED = ("ball", "key")
 
 
 def mesh_named(name: str) -> MeshData:
-    """The mesh of this name; a ball or key in a colour is "ball_red".
+    """Return the mesh of this name; a ball or key in a colour is "ball_red".
 
     Raises:
         WorldError: if there is no such mesh, or the file of meshes is not the one that belongs to this version.
@@ -34,11 +34,13 @@ def mesh_named(name: str) -> MeshData:
     arrays = _read_arrays()
     stem, _, colour = name.partition("_")
     if stem not in _COLOURED or colour not in COLOURS:
-        stem, colour = name, "white"
+        stem = name
+        colour = "white"
     if f"{stem}.corners" not in arrays:
         known = ", ".join(key.removesuffix(".corners") for key in arrays if key.endswith(".corners"))
         raise WorldError(f"unknown mesh {name!r}; use one of {known}; balls and keys take a colour, as in key_red")
-    corners, normals = arrays[f"{stem}.corners"], arrays[f"{stem}.normals"]
+    corners = arrays[f"{stem}.corners"]
+    normals = arrays[f"{stem}.normals"]
     colours = arrays[f"{stem}.colours"] * COLOURS[colour]
     count = len(corners)
     return MeshData(corners, normals, np.zeros((count, 3, 2)), colours, (None,) * count)
@@ -46,8 +48,8 @@ def mesh_named(name: str) -> MeshData:
 
 @cache
 def _read_arrays() -> dict[str, F64]:
-    held = MESH_FILE.read_bytes()
-    if hashlib.sha256(held).hexdigest() != _SHA256:
+    content = MESH_FILE.read_bytes()
+    if hashlib.sha256(content).hexdigest() != _SHA256:
         raise WorldError(f"{MESH_FILE.name} is not the one that belongs to this version; install minihuman-lab again")
-    with np.load(io.BytesIO(held)) as arrays:
+    with np.load(io.BytesIO(content)) as arrays:
         return dict(arrays)

@@ -20,13 +20,13 @@ _WEIGHTS = np.array([2126, 7152, 722])  # how bright red, green and blue are, by
 
 
 def grid() -> tuple[Grid, Grid]:
-    """Column and row of every texel; rows grow downwards."""
+    """Return column and row of every texel; rows grow downwards."""
     rows, columns = np.meshgrid(np.arange(SIZE, dtype=np.int64), np.arange(SIZE, dtype=np.int64), indexing="ij")
     return columns, rows
 
 
 def scatter(x: Grid, y: Grid, seed: int) -> F64:
-    """An even random number for each pair of whole numbers, 0 to 1."""
+    """Draw an even random number for each pair of whole numbers, 0 to 1."""
     value = (x * 0x9E3779B1 + y * 0x85EBCA77 + seed * 0xC2B2AE3D) & 0xFFFFFFFF
     value = ((value ^ (value >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
     value = ((value ^ (value >> 12)) * 0x297A2D39) & 0xFFFFFFFF
@@ -34,31 +34,35 @@ def scatter(x: Grid, y: Grid, seed: int) -> F64:
 
 
 def smooth(part: F64) -> F64:
-    """From 0 to 1 with level ends."""
+    """Ease from 0 to 1 with level ends."""
     part = np.clip(part, 0.0, 1.0)
     return part * part * (3.0 - 2.0 * part)
 
 
 def soft(cells_x: int, cells_y: int, seed: int) -> F64:
-    """Random numbers on a coarse grid, blended smoothly between, and repeating."""
+    """Blend random numbers on a coarse grid smoothly, and repeat them."""
     lattice_x, lattice_y = np.meshgrid(np.arange(cells_x), np.arange(cells_y))
     lattice = scatter(lattice_x.astype(np.int64), lattice_y.astype(np.int64), seed)
-    at_x, at_y = (
-        np.arange(SIZE, dtype=np.float64) * (cells_x / SIZE),
-        np.arange(SIZE, dtype=np.float64) * (cells_y / SIZE),
-    )
-    left, low = at_x.astype(np.int64), at_y.astype(np.int64)
-    fx, fy = smooth(at_x - left)[None, :], smooth(at_y - low)[:, None]
-    right, high = (left + 1) % cells_x, (low + 1) % cells_y
-    first, second = lattice[low], lattice[high]
+    at_x = np.arange(SIZE, dtype=np.float64) * (cells_x / SIZE)
+    at_y = np.arange(SIZE, dtype=np.float64) * (cells_y / SIZE)
+    left = at_x.astype(np.int64)
+    low = at_y.astype(np.int64)
+    fx = smooth(at_x - left)[None, :]
+    fy = smooth(at_y - low)[:, None]
+    right = (left + 1) % cells_x
+    high = (low + 1) % cells_y
+    first = lattice[low]
+    second = lattice[high]
     top = first[:, left] + fx * (first[:, right] - first[:, left])
     bottom = second[:, left] + fx * (second[:, right] - second[:, left])
     return top + fy * (bottom - top)
 
 
 def cloud(cells: int, seed: int, octaves: int = 5) -> F64:
-    """Soft noise with ever finer detail, around 0.5."""
-    total, weight, amplitude = np.zeros((SIZE, SIZE)), 0.0, 1.0
+    """Make soft noise with ever finer detail, around 0.5."""
+    total = np.zeros((SIZE, SIZE))
+    weight = 0.0
+    amplitude = 1.0
     for octave in range(octaves):
         total = total + amplitude * soft(cells << octave, cells << octave, seed + octave)
         weight += amplitude
@@ -67,17 +71,18 @@ def cloud(cells: int, seed: int, octaves: int = 5) -> F64:
 
 
 def grain(seed: int) -> F64:
-    """A random number a texel."""
+    """Draw a random number for each texel."""
     return scatter(*grid(), seed)
 
 
 def tiles(columns: int, rows: int, joint: int, *, offset: bool = False) -> tuple[F64, Grid, Grid]:
-    """Tiles in rows, every other row moved by half a tile if ``offset``: 1 on a tile, 0 in a joint, and which tile."""
+    """Lay tiles in rows, every other one half a tile off if ``offset``: 1 on a tile, 0 in a joint, and which tile."""
     x, y = grid()
     row = y * rows // SIZE
     moved = (x + (row % 2) * (SIZE // columns // 2) if offset else x) * columns
     column = moved // SIZE % columns
-    in_x, in_y = moved % SIZE // columns, y * rows % SIZE // rows
+    in_x = moved % SIZE // columns
+    in_y = y * rows % SIZE // rows
     from_edge: Grid = np.minimum(
         np.minimum(in_x, SIZE // columns - 1 - in_x), np.minimum(in_y, SIZE // rows - 1 - in_y)
     )
@@ -86,28 +91,29 @@ def tiles(columns: int, rows: int, joint: int, *, offset: bool = False) -> tuple
 
 
 def mix(low: tuple[int, int, int], high: tuple[int, int, int], part: F64) -> F64:
-    """Between two colours (0 to 255), (h, w, 3)."""
-    a, b = np.array(low, np.float64), np.array(high, np.float64)
+    """Mix two colours (0 to 255), (h, w, 3)."""
+    a = np.array(low, np.float64)
+    b = np.array(high, np.float64)
     picture = np.clip(part, 0.0, 1.0)[..., None] * (b - a)
     picture += a
     return picture
 
 
-def as_bright(colour: F64, wanted: float) -> NDArray[np.uint8]:
-    """What a texture holds: so bright on average, 0 to 255, and rounded.
+def as_bright(colour: F64, target_mean: float) -> NDArray[np.uint8]:
+    """Scale a texture to so bright an average, 0 to 255, and round it.
 
     The mean is taken of whole numbers, for sums of others differ between machines.
     """
     colour = np.clip(colour, 0.0, 255.0)
     for _ in range(3):  # what would be brighter than white is cut off, and then a little is missing
         mean = int((pixels(colour).astype(np.int64) * _WEIGHTS).sum()) / (SIZE * SIZE * 10_000)
-        colour *= wanted / mean
+        colour *= target_mean / mean
         np.clip(colour, 0.0, 255.0, out=colour)
     return pixels(colour)
 
 
 def pixels(colour: F64) -> NDArray[np.uint8]:
-    """Rounded to what a texture holds."""
+    """Round to what a texture holds."""
     rounded = np.clip(colour, 0.0, 255.0)
     rounded += 0.5
     return rounded.astype(np.uint8)
@@ -123,7 +129,7 @@ def _recipe(paint: Callable[..., F64]) -> Callable[..., Recipe]:
 
 
 def _lit(picture: F64, part: F64, depth: float) -> F64:
-    """Darker where ``part`` is low."""
+    """Darken where ``part`` is low."""
     return picture * (1.0 - depth + depth * part)[..., None]
 
 
@@ -135,7 +141,7 @@ def _plaster(low: Shade, high: Shade, roughness: float, seed: int) -> F64:
 
 @_recipe
 def _concrete(low: Shade, high: Shade, seed: int) -> F64:
-    """As it comes out of its boards: fine streaks and pores, and nothing so large that it is seen to come back."""
+    """Draw concrete out of its boards: fine streaks and pores, and nothing so large that its repetition shows."""
     streaks = 0.6 * soft(16, 256, seed) + 0.4 * soft(32, 128, seed + 1)
     part = 0.5 + 1.1 * (streaks - 0.5) + 0.5 * (cloud(48, seed + 2, 3) - 0.5) + 0.35 * (grain(seed + 9) - 0.5)
     pores = smooth((soft(128, 128, seed + 20) - 0.86) * 12.0)
@@ -203,7 +209,9 @@ def _wood(low: Shade, high: Shade, planks: int, seed: int) -> F64:
     own = scatter(plank, plank * 0, seed + 4)
     picture = mix(low, high, 0.45 * ring + 0.30 * fibre + 0.35 * own - 0.05)
     edge = np.minimum(x % width, width - 1 - x % width)
-    return _lit(picture, smooth(edge / 3.0), 0.55) if planks > 1 else picture
+    if planks > 1:
+        return _lit(picture, smooth(edge / 3.0), 0.55)
+    return picture
 
 
 @_recipe
@@ -231,7 +239,7 @@ def _ceiling_tiles(seed: int) -> F64:
 
 @_recipe
 def _panel(base: Shade, inset: int, rows: int, seed: int) -> F64:
-    """A door or a box: a frame with sunken panels."""
+    """Draw a door or a box: a frame with sunken panels."""
     x, y = grid()
     height = SIZE // rows
     inside = np.minimum(np.minimum(x, SIZE - 1 - x), np.minimum(y % height, height - 1 - y % height)) - inset
@@ -257,7 +265,7 @@ def _fence(seed: int) -> F64:
 
 
 def _logo(seed: int) -> F64:
-    """A framed sign: a maze from above, an agent in it and the way to its goal."""
+    """Draw a framed sign: a maze from above, an agent in it and the way to its goal."""
     x, y = grid()
     picture = mix((236, 233, 224), (246, 244, 238), cloud(3, seed))
     for x0, y0, x1, y1 in (
@@ -268,7 +276,8 @@ def _logo(seed: int) -> F64:
     for cx, cy, r, colour in ((112, 360, 40, (214, 52, 44)), (398, 130, 44, (36, 158, 92))):
         picture[(x - cx) * (x - cx) + (y - cy) * (y - cy) < r * r] = colour
     for dot in range(6):
-        cx, cy = 170 + 36 * dot, 392 - 12 * dot if dot < 3 else 368 - 60 * (dot - 2)
+        cx = 170 + 36 * dot
+        cy = 392 - 12 * dot if dot < 3 else 368 - 60 * (dot - 2)
         picture[(x - cx) * (x - cx) + (y - cy) * (y - cy) < 90] = (140.0, 140.0, 150.0)
     return picture
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render import visibility
 from minihuman.worlds.first_person.render.assets import ARROW_FACES, CUBE_FACES
+from minihuman.worlds.first_person.render.draw_buffers import size_of
 from minihuman.worlds.first_person.render.kernel_tables import F64, I32
 from minihuman.worlds.first_person.render.rasterisation import (
     BOTTOM,
@@ -29,7 +30,6 @@ from minihuman.worlds.first_person.render.rasterisation import (
 )
 from minihuman.worlds.first_person.render.scene import Camera, Light, Scene, SceneTables, Vector
 from minihuman.worlds.first_person.render.shading import colour
-from minihuman.worlds.first_person.render.visibility import size_of
 from minihuman.worlds.pose import Pose
 from minihuman.worlds.trigonometry import cosine, sine
 
@@ -52,7 +52,7 @@ _memory = threading.local()  # arrays to draw into, kept from picture to picture
 def render(
     scene: Scene, camera: Camera, width: int, height: int, *, out: NDArray[np.uint8] | None = None
 ) -> NDArray[np.uint8]:
-    """What the camera sees, uint8[height, width, 3]; drawn into ``out``, contiguous and of that size, if there is one.
+    """Draw what the camera sees, uint8[height, width, 3], into ``out``, contiguous and of that size, if there is one.
 
     Raises:
         WorldError: if the picture has no pixels or is over 4096 a side.
@@ -88,19 +88,22 @@ class RenderTarget:
         self.view[ROOM:LOOK] = MOST_SPANS, self.layout.capacity, self.layout.most_corners
 
     def draw(self, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
-        """What the eye sees, uint8[height, width, 3]; drawn into ``out``, contiguous and of that size, if there is."""
+        """Draw what the eye sees, uint8[height, width, 3], into ``out``, contiguous and of that size, if given."""
         width, height = self.size_px
-        picture = np.empty((height, width, 3), np.uint8) if out is None else out
+        if out is None:
+            picture = np.empty((height, width, 3), np.uint8)
+        else:
+            picture = out
         _draw(self.layout, self.view, self.places, picture)
         return picture
 
     def room(self) -> tuple[int, int]:
-        """How many float64 and int32 there have to be to draw in, unless a row has more spans than most have."""
+        """Count the float64 and int32 needed to draw in, unless a row has more spans than most have."""
         return _room(self.layout, self.size_px[1], MOST_SPANS)
 
 
 def render_depth(scene: Scene, camera: Camera, width: int, height: int) -> NDArray[np.float32]:
-    """How far things are along the camera's axis, float32[height, width], metres; ``far_m`` where there is nothing."""
+    """Measure the depth along the camera's axis, float32[height, width], metres; ``far_m`` where there is nothing."""
     view = _perspective(camera, width, height)
     _complete(scene, view, width, height)
     out = np.empty((height, width), np.float32)
@@ -109,26 +112,28 @@ def render_depth(scene: Scene, camera: Camera, width: int, height: int) -> NDArr
 
 
 def render_top(scene: Scene, width: int, height: int, *, agent: Pose | None = None) -> NDArray[np.uint8]:
-    """The floor plan from above, -z up the page, a metre of sky around it, uint8[height, width, 3].
+    """Draw the floor plan from above, -z up the page, a metre of sky around it, uint8[height, width, 3].
 
     ``agent`` adds a red arrowhead where someone stands.
     """
     if agent is not None:
         scene = _with_agent(scene, agent)
-    view, out = _from_above(scene.layout, width, height), np.empty((height, width, 3), np.uint8)
+    view = _from_above(scene.layout, width, height)
+    out = np.empty((height, width, 3), np.uint8)
     _complete(scene, view, width, height)
     _draw(scene.layout, view, _turned(scene.places), out)
     return out
 
 
 def visible_things(scene: Scene, camera: Camera, width: int, height: int) -> list[int]:
-    """The indices of the things that can be seen: a small cube at a thing's place stands for it, as in Miniworld."""
+    """Return the indices of the things that can be seen; a small cube at its place stands for each, as in Miniworld."""
     count = scene.layout.thing_count
     cube = [*CUBE_FACES, *(_QUERY_CUBE_M,) * 3, 1.0, *(1.0,) * 3, *(_QUERY_CUBE_M,) * 2, *_QUERY_BOX_M]
     places = scene.places.copy()
     places[:, 3] = np.where(np.isnan(places[:, 3]), np.nan, 0.0)
     cubes = np.tile(np.array(cube), (count, 1))
-    view, turned = _perspective(camera, width, height), _turned(places)
+    view = _perspective(camera, width, height)
+    turned = _turned(places)
     _complete(scene, view, width, height)
     _cover(replace(scene.layout, things=cubes), view, turned)
     return [int(index) for index in np.flatnonzero(turned[:, visibility.SAMPLES])]
@@ -148,10 +153,10 @@ def _draw(layout: SceneTables, view: F64, places: F64, out: NDArray[np.uint8]) -
         for view[TOP], view[BOTTOM] in bands:
             _colour_band(layout, view, places, out)
 
-    others = [_helpers(os.getpid()).submit(share, view.copy(), places.copy()) for _ in range(cores - 1)]
+    futures = [_helpers(os.getpid()).submit(share, view.copy(), places.copy()) for _ in range(cores - 1)]
     share(view.copy(), places)
-    for other in others:
-        other.result()
+    for future in futures:
+        future.result()
 
 
 def _colour_band(layout: SceneTables, view: F64, places: F64, out: NDArray[np.uint8]) -> None:
@@ -179,13 +184,15 @@ def _complete(scene: Scene, view: F64, width: int, height: int) -> None:
 
 @cache
 def _cores() -> int:
-    """How many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Count the processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 @cache
 def _helpers(process: int) -> ThreadPoolExecutor:
-    """Threads that draw bands; a forked process needs its own."""
+    """Return threads that draw bands; a forked process needs its own."""
     return ThreadPoolExecutor(_cores(), thread_name_prefix=f"bands-{process}")
 
 
@@ -231,14 +238,18 @@ def _aim(
 
 
 def turn(angle_rad: float, trig: int) -> tuple[float, float]:
-    """Cosine and sine of an angle, the host's (0) or our own (1)."""
-    return (cosine(angle_rad), sine(angle_rad)) if trig else (math.cos(angle_rad), math.sin(angle_rad))
+    """Return cosine and sine of an angle, the host's (0) or our own (1)."""
+    if trig:
+        return (cosine(angle_rad), sine(angle_rad))
+    return (math.cos(angle_rad), math.sin(angle_rad))
 
 
 def half_view(fov_y_deg: float, trig: int) -> float:
-    """The tangent of half the angle that an eye sees."""
+    """Return the tangent of half the angle that an eye sees."""
     half_rad = math.radians(fov_y_deg) / 2
-    return sine(half_rad) / cosine(half_rad) if trig else math.tan(half_rad)
+    if trig:
+        return sine(half_rad) / cosine(half_rad)
+    return math.tan(half_rad)
 
 
 def _fit(layout: SceneTables, width: int, height: int) -> tuple[float, float, float]:
@@ -274,7 +285,7 @@ def _light(light: Light) -> F64:
 
 
 def _turned(places: F64, trig: int = 0) -> F64:
-    """Places with the cosine and sine of their yaw.
+    """Return places with the cosine and sine of their yaw.
 
     There is a last column for how many samples each thing gets.
     """
@@ -295,12 +306,12 @@ def _room(layout: SceneTables, height: int, spans: int) -> tuple[int, int]:
 
 
 def memory_for(float_count: int, whole_count: int) -> tuple[F64, I32]:
-    """What pictures are drawn in: one memory a thread, that grows."""
-    kept: tuple[F64, I32] | None = getattr(_memory, "kept", None)
-    if kept is None or len(kept[0]) < float_count or len(kept[1]) < whole_count:
-        kept = np.zeros(float_count), np.zeros(whole_count, np.int32)
-        _memory.kept = kept
-    return kept
+    """Return the arrays that pictures are drawn in: one memory per thread, which grows."""
+    arrays: tuple[F64, I32] | None = getattr(_memory, "arrays", None)
+    if arrays is None or len(arrays[0]) < float_count or len(arrays[1]) < whole_count:
+        arrays = np.zeros(float_count), np.zeros(whole_count, np.int32)
+        _memory.arrays = arrays
+    return arrays
 
 
 def _with_agent(scene: Scene, agent: Pose) -> Scene:

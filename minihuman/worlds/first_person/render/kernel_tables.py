@@ -30,7 +30,8 @@ class FaceTable(NamedTuple):
 
 
 OCCLUDER_SIZE = 8
-NO_FACES, NO_OCCLUDERS = np.zeros(1, np.int32), np.zeros((0, OCCLUDER_SIZE))
+NO_FACES = np.zeros(1, np.int32)
+NO_OCCLUDERS = np.zeros((0, OCCLUDER_SIZE))
 
 
 class RoomTable(NamedTuple):
@@ -54,7 +55,14 @@ class RoomTable(NamedTuple):
 # scaled (3), how long that makes normals (OpenGL lights scaled meshes with it), its colour times that of its faces (3),
 # how far it reaches around the vertical axis, and around its place, metres; and the box it lies in: half its width,
 # where it begins and ends upwards, and half its depth, metres.
-FIRST, LAST, THING_SCALE, THING_NORMAL_SCALE, THING_TINT, AROUND, REACH, THING_BOX = 0, 1, 2, 5, 6, 9, 10, 11
+FIRST = 0
+LAST = 1
+THING_SCALE = 2
+THING_NORMAL_SCALE = 5
+THING_TINT = 6
+AROUND = 9
+REACH = 10
+THING_BOX = 11
 THING_SIZE = 15
 
 
@@ -70,7 +78,10 @@ class TextureTable(NamedTuple):
     table: NDArray[np.uint32]
 
 
-BEGIN, END, FACE = 0, 1, 2  # the columns of a span: pixels from the left, and the row of planes
+# the columns of a span: pixels from the left, and the row of planes
+BEGIN = 0
+END = 1
+FACE = 2
 
 
 class DrawBuffers(NamedTuple):

@@ -21,7 +21,9 @@ TEXELS, TABLE, ROOM_FLOATS, ROOM_WHOLES, LIBRARY_FLOATS, LIBRARY_WHOLES, THINGS,
 MEMORY = 18
 ROW_SIZE = 20
 
-_floats_at, _wholes_at, _texels_at = array_at(np.float64), array_at(np.int32), array_at(np.uint32)
+_floats_at = array_at(np.float64)
+_wholes_at = array_at(np.int32)
+_texels_at = array_at(np.uint32)
 
 
 @kernel(
@@ -57,7 +59,8 @@ def draw_targets(rows: I64, counters: I64, floats: F64, wholes: I32, out: NDArra
             wholes,
         ):
             return nth
-        texels, table = _texels_at(row[TEXELS], row[TEXELS + 1]), _texels_at(row[TABLE], row[TABLE + 1])
+        texels = _texels_at(row[TEXELS], row[TEXELS + 1])
+        table = _texels_at(row[TABLE], row[TABLE + 1])
         colour(texels, table, rooms[0], rooms[1], things, places, view, floats, wholes, out[nth])
         add_to_counter(counters, DONE, 1)
 
@@ -94,6 +97,6 @@ class RenderPool:
 
 
 def addresses(*arrays: NDArray[Any]) -> list[int]:
-    """Where arrays are and how many numbers each has, in turn; whoever writes that down keeps them alive."""
+    """Return the arrays' addresses and lengths, in turn; the caller keeps them alive."""
     assert all(array.flags.c_contiguous for array in arrays)
     return [number for array in arrays for number in (array.__array_interface__["data"][0], array.size)]

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render.assets import CUBE, SHADOW_FACES, SHADOW_REACH, Library, join, pack
+from minihuman.worlds.first_person.render.draw_buffers import packed_faces, packed_rooms
 from minihuman.worlds.first_person.render.kernel_tables import (
     F64,
     FIRST,
@@ -31,11 +32,12 @@ from minihuman.worlds.first_person.render.kernel_tables import (
     RoomTable,
     TextureTable,
 )
-from minihuman.worlds.first_person.render.visibility import packed_faces, packed_rooms
 
 Rgb = tuple[float, float, float]  # 0 to 1
 Vector = tuple[float, float, float]  # x, y, z
-NEAR_M, FAR_M = 0.04, 100.0  # how near and far an eye sees
+# how near and far an eye sees
+NEAR_M = 0.04
+FAR_M = 100.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,7 +175,7 @@ class Scene:
             )
 
     def at(self, places: NDArray[np.float64]) -> "Scene":
-        """The same scene with its things elsewhere; what was laid out is shared."""
+        """Return the same scene with its things elsewhere; what was laid out is shared."""
         return replace(self, places=places)
 
 
@@ -191,13 +193,14 @@ class SceneTables:
 
     @property
     def thing_count(self) -> int:
-        """How many things there are."""
+        """Return how many things there are."""
         return len(self.things)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """x0, z0, x1, z1 of the whole floor plan, metres."""
-        low, high = self.rooms.bounds.min(axis=0), self.rooms.bounds.max(axis=0)
+        """Return x0, z0, x1, z1 of the whole floor plan, metres."""
+        low = self.rooms.bounds.min(axis=0)
+        high = self.rooms.bounds.max(axis=0)
         return float(low[0]), float(low[1]), float(high[2]), float(high[3])
 
 
@@ -243,13 +246,24 @@ def add_things(
         capacity=len(faces.texture) + int(np.sum(things[:, LAST] - things[:, FIRST])) + 6 * len(looks) + 2,
         most_corners=max(int(np.max(np.diff(faces.start))), 4) + 8,
     )
-    where = np.full((len(looks), 4), np.nan) if places is None else places
-    return Scene(layout, where, light if light is not None else Light(), sky, display)
+    if places is None:
+        place_table = np.full((len(looks), 4), np.nan)
+    else:
+        place_table = places
+    return Scene(layout, place_table, light if light is not None else Light(), sky, display)
 
 
 def _rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, RoomTable]:
-    polygons, places, rows, first_face = [], [], [], [0]
-    edges, first_edge, bounds, holes, into, first_opening = [], [0], [], [], [], [0]
+    polygons = []
+    places = []
+    rows = []
+    first_face = [0]
+    edges = []
+    first_edge = [0]
+    bounds = []
+    holes = []
+    into = []
+    first_opening = [0]
     for room in rooms:
         for surface in room.surfaces:
             polygons.append(surface.corners)
@@ -265,7 +279,8 @@ def _rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, Roo
         along = following - outline
         along /= np.sqrt(np.sum(along * along, axis=1, keepdims=True))
         # the inside of a counter-clockwise outline (x right, z down the page) is on the left of its edges
-        a, b = along[:, 1], -along[:, 0]
+        a = along[:, 1]
+        b = -along[:, 0]
         edges.append(np.column_stack([a, b, -(a * outline[:, 0] + b * outline[:, 1])]))
         bounds.append([*outline.min(axis=0), *outline.max(axis=0)])
         first_face.append(len(polygons))
@@ -285,12 +300,14 @@ def _rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, Roo
 
 
 def _things(looks: Sequence[Look], library: Library) -> tuple[FaceTable, F64]:
-    rows, frames = [], []
+    rows = []
+    frames = []
     for index, look in enumerate(looks):
         if isinstance(look, FrameLook):
             frames.append((index, _frame(look, library)))
         rows.append(_row(look, library))
-    table, things = library.faces, np.array(rows, np.float64).reshape(-1, THING_SIZE)
+    table = library.faces
+    things = np.array(rows, np.float64).reshape(-1, THING_SIZE)
     for index, frame in frames:
         things[index, FIRST] = len(table.texture)
         table = join(table, frame)
@@ -299,7 +316,7 @@ def _things(looks: Sequence[Look], library: Library) -> tuple[FaceTable, F64]:
 
 
 def _row(look: Look, library: Library) -> tuple[float, ...]:
-    """The columns of a thing; the faces of a frame are not known yet."""
+    """Return the columns of a thing; the faces of a frame are not known yet."""
     match look:
         case BoxLook(size, colour):
             around = float(np.hypot(size[0], size[2])) / 2
@@ -309,7 +326,7 @@ def _row(look: Look, library: Library) -> tuple[float, ...]:
         case MeshLook(mesh, height_m, tint):
             faces = library.mesh_faces(mesh)
             scale, normal_scale = library.mesh_scale(mesh, height_m)
-            extents = (scale * each for each in (*library.mesh_reach(mesh), *library.mesh_box(mesh)))
+            extents = (scale * extent for extent in (*library.mesh_reach(mesh), *library.mesh_box(mesh)))
             return *faces, scale, scale, scale, normal_scale, *tint, *extents
         case FrameLook():
             around = float(np.hypot(look.width_m / 2, look.depth_m))
@@ -322,17 +339,22 @@ def _row(look: Look, library: Library) -> tuple[float, ...]:
 
 
 def _frame(look: FrameLook, library: Library) -> FaceTable:
-    """A frame's front, a square a texture from left to right, and its four black edges; it faces +x."""
-    half_width, half_height, depth = look.width_m / 2, look.height_m / 2, look.depth_m
+    """Build a frame's front, one square per texture from left to right, and its four black edges; it faces +x."""
+    half_width = look.width_m / 2
+    half_height = look.height_m / 2
+    depth = look.depth_m
     unit = np.array([[1.0, 1.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
-    polygons, rows, step = [], [], look.width_m / len(look.textures)
+    polygons = []
+    rows = []
+    step = look.width_m / len(look.textures)
     for index, name in enumerate(look.textures):
         left = half_width - index * step
         right = left - step
         y = half_height
         polygons.append(np.array([[depth, y, right], [depth, y, left], [depth, -y, left], [depth, -y, right]]))
         rows.append(-1 if name is None else library.texture_row(name))
-    y, z = half_height, half_width
+    y = half_height
+    z = half_width
     edges = [
         [[0, y, -z], [depth, y, -z], [depth, -y, -z], [0, -y, -z]],
         [[depth, y, z], [0, y, z], [0, -y, z], [depth, -y, z]],

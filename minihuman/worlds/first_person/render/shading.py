@@ -8,6 +8,18 @@ import numpy as np
 from numpy import uint64 as index
 from numpy.typing import NDArray
 
+from minihuman.worlds.first_person.render.draw_buffers import (
+    FRAGMENT_GROUPS,
+    LIGHTS,
+    LINE,
+    MAX_FRAGMENT_GROUPS,
+    PLACES,
+    SIZES,
+    SPANS,
+    TAPS,
+    drawn_in,
+    occluders_of,
+)
 from minihuman.worlds.first_person.render.kernel_tables import AROUND, BEGIN, END, F64, FACE, I32, DrawBuffers
 from minihuman.worlds.first_person.render.rasterisation import BOTTOM, LEAST, LOOK, SKY, TOP
 from minihuman.worlds.first_person.render.texture import (
@@ -35,46 +47,43 @@ from minihuman.worlds.first_person.render.texture import (
     place_each,
     shade,
 )
-from minihuman.worlds.first_person.render.visibility import (
-    FRAGMENT_GROUPS,
-    LIGHTS,
-    LINE,
-    MAX_FRAGMENT_GROUPS,
-    PLACES,
-    SIZES,
-    SPANS,
-    TAPS,
-    drawn_in,
-    occluders_of,
-)
 from minihuman.worlds.kernels import device_function, int64, kernel
 
 # The columns of a fragment group: pixels side by side that a face covers, with the same number of samples each.
-OF, START, COUNT, RUN, WEIGHT = 0, 1, 2, 3, 4  # run -1 for a face of one colour
+# run -1 for a face of one colour
+OF = 0
+START = 1
+COUNT = 2
+RUN = 3
+WEIGHT = 4
 # The columns of a run: pixels side by side that a face is looked up at, and where in the scanline that is.
-STOP, SLOT = 2, 3
+STOP = 2
+SLOT = 3
 MOST_MIXED = 16  # pixels side by side that several faces cover alike are taken so many at a time
 MOST_LOOKUPS = SCANLINE_BUFFER - 4 * (MOST_MIXED + LANES)  # when there are more, they are done before the next group
 AHEAD = 8.0  # rows further down, whose texels are asked of memory: it takes longer than a processor looks ahead
 MOST_APART = 2  # sizes that fit at both ends of sixteen pixels: if they are further apart, each has its own
 FULL = 65535  # light: less than all of it by a 65536th, which no rounded colour shows
-JOINT_M, CONTACT = 0.8, 2.0  # how far a joint of two faces darkens them; and a thing the floor, by its own reach
+# how far a joint of two faces darkens them; and a thing the floor, by its own reach
+JOINT_M = 0.8
+CONTACT = 2.0
 BELOW = 0.3  # of the square of that reach, by CONTACT: how much of it is as dark as a joint, mostly below the thing
-RED_BLUE, GREEN = 0xFF00FF, 0x00FF00
+RED_BLUE = 0xFF00FF
+GREEN = 0x00FF00
 
 
 @device_function(nogil=True, force_inline=True)
 def plain_colour(planes: F64, face: int) -> int:
-    """The colour of a face that has no texture and is lit evenly."""
+    """Return the colour of a face that has no texture and is lit evenly."""
     plane = planes[face]
     return int(plane[12] * 255.0 + 0.5) | int(plane[15] * 255.0 + 0.5) << 8 | int(plane[18] * 255.0 + 0.5) << 16
 
 
 @device_function(nogil=True, force_inline=True)
-def span_at(drawn: DrawBuffers, row: int, k: int, x: int, width: int) -> tuple[int, int, int]:
-    """The face at a pixel of a sample row, -1 for the sky; up to where; and the number of the span that is next."""
-    spans = drawn.spans
-    if k == drawn.counts[index(row)]:
+def span_at(buffers: DrawBuffers, row: int, k: int, x: int, width: int) -> tuple[int, int, int]:
+    """Return the face at a pixel of a sample row, -1 for the sky; where it ends; and the number of the next span."""
+    spans = buffers.spans
+    if k == buffers.counts[index(row)]:
         return -1, width, k
     if spans[index(row), index(k), BEGIN] > x:
         return -1, int(spans[index(row), index(k), BEGIN]), k
@@ -86,22 +95,35 @@ def place_run(
     run: I32, y: int, plane: F64, texture: int, table: U32, texels: U32, least: float, display: bool, memory: U32
 ) -> None:
     """Find where the pixels of a run of a row lie in a texture, if there is one."""
-    sizes, places, moves = memory[SIZES:], memory[PLACES:], memory[SIZES + LANES :].view(np.float32)
-    count, slot = int64(run[STOP] - run[START]), int64(run[SLOT])
-    px, py, inverse_x, inverse_y = run[START] + 0.5, y + 0.5, plane[3], plane[4]
+    sizes = memory[SIZES:]
+    places = memory[PLACES:]
+    moves = memory[SIZES + LANES :].view(np.float32)
+    count = int64(run[STOP] - run[START])
+    slot = int64(run[SLOT])
+    px = run[START] + 0.5
+    py = y + 0.5
+    inverse_x = plane[3]
+    inverse_y = plane[4]
     inverse = inverse_x * px + (inverse_y * py + plane[5])
     if texture >= 0:
-        u, v = plane[6] * px + (plane[7] * py + plane[8]), plane[9] * px + (plane[10] * py + plane[11])
+        u = plane[6] * px + (plane[7] * py + plane[8])
+        v = plane[9] * px + (plane[10] * py + plane[11])
         # whole repeats are taken away where the face is nearest: there its texels are largest
         span = float(count - 1) if inverse_x > 0.0 else 0.0
         near = max(inverse + inverse_x * span, least)
-        whole_u, whole_v = np.floor((u + plane[6] * span) / near), np.floor((v + plane[9] * span) / near)
-        u, u_x, u_y = u - whole_u * inverse, plane[6] - whole_u * inverse_x, plane[7] - whole_u * inverse_y
-        v, v_x, v_y = v - whole_v * inverse, plane[9] - whole_v * inverse_x, plane[10] - whole_v * inverse_y
+        whole_u = np.floor((u + plane[6] * span) / near)
+        whole_v = np.floor((v + plane[9] * span) / near)
+        u = u - whole_u * inverse
+        u_x = plane[6] - whole_u * inverse_x
+        u_y = plane[7] - whole_u * inverse_y
+        v = v - whole_v * inverse
+        v_x = plane[9] - whole_v * inverse_x
+        v_y = plane[10] - whole_v * inverse_y
         first = 2 * MOST_SIZES * texture
-        wide, high = float(table[first + 1] & 0xFFFF), float(table[first + 1] >> 16)
+        wide = float(table[first + 1] & 0xFFFF)
+        high = float(table[first + 1] >> 16)
         last = int64(table[first + 2 * MOST_SIZES - 1])
-        beside = float(y & 3)  # only every fourth pixel's are asked for, so others from row to row
+        pixels_right = float(y & 3)  # only every fourth pixel's are asked for, so others from row to row
         for begin in range(0, count, BLOCK):
             end = min(begin + BLOCK, count)
             fit(
@@ -120,26 +142,29 @@ def place_run(
                 least,
                 count - 1.0 - begin,
                 last,
-                beside,
+                pixels_right,
                 AHEAD,
             )
             for i in range(begin, end, LANES):
                 k = index((i - begin) // LANES)
-                size, next_size = int64(sizes[k]), int64(sizes[k + index(1)])
-                taps = here = int64(1)
+                size = int64(sizes[k])
+                next_size = int64(sizes[k + index(1)])
+                taps = tap_flags = int64(1)
                 if display:
-                    size, next_size = int64(sizes[k + index(3 * LANES)]), int64(sizes[k + index(3 * LANES + 1)])
-                    here = int64(sizes[k + index(4 * LANES)])
-                    taps = max(here & 7, int64(sizes[k + index(4 * LANES + 1)]) & 7)
+                    size = int64(sizes[k + index(3 * LANES)])
+                    next_size = int64(sizes[k + index(3 * LANES + 1)])
+                    tap_flags = int64(sizes[k + index(4 * LANES)])
+                    taps = max(tap_flags & 7, int64(sizes[k + index(4 * LANES + 1)]) & 7)
                     memory[index(TAPS + (slot + i) // LANES)] = taps
                 if display or abs(size - next_size) <= MOST_APART:
                     at = first + ((size + next_size) & -2)
-                    both = int64(table[at + 1])
-                    width, height = both & 0xFFFF, both >> 16
+                    extents = int64(table[at + 1])
+                    width = extents & 0xFFFF
+                    height = extents >> 16
                     ahead = int(moves[k] * width) + int(moves[k + index(LANES)] * height) * (width + 2)
                     for tap in range(taps):
                         by = (tap + 0.5) / taps - 0.5
-                        right, below = (i + 0.0, by) if here & DOWN else (i + by, 0.0)
+                        right, below = (i + 0.0, by) if tap_flags & DOWN else (i + by, 0.0)
                         place(
                             places,
                             4 * (slot + i) + TAP * tap,
@@ -183,19 +208,22 @@ def look_up_run(
     run: I32, y: int, plane: F64, texture: int, even: bool, texels: U32, least: float, display: bool, memory: U32
 ) -> None:
     """Find the colours of a run of pixels, whose places were found."""
-    scanline, lights, places = memory, memory[LIGHTS:], memory[PLACES:]
-    count, slot = int64(run[STOP] - run[START]), int64(run[SLOT])
+    scanline = memory
+    lights = memory[LIGHTS:]
+    places = memory[PLACES:]
+    count = int64(run[STOP] - run[START])
+    slot = int64(run[SLOT])
     if texture < 0:
         for i in range(0, count, LANES):
             fill(scanline, slot + i, WHITE)
     else:
-        red, green, blue = FULL, FULL, FULL
+        red = FULL
+        green = FULL
+        blue = FULL
         if even:
-            red, green, blue = (
-                min(int(plane[12] * 65536.0 + 0.5), FULL),
-                min(int(plane[15] * 65536.0 + 0.5), FULL),
-                min(int(plane[18] * 65536.0 + 0.5), FULL),
-            )
+            red = min(int(plane[12] * 65536.0 + 0.5), FULL)
+            green = min(int(plane[15] * 65536.0 + 0.5), FULL)
+            blue = min(int(plane[18] * 65536.0 + 0.5), FULL)
         light(lights, red, green, blue)
         for i in range(slot, slot + count if display else slot, LANES):
             taps = int64(memory[index(TAPS + i // LANES)])
@@ -212,7 +240,9 @@ def look_up_run(
             i = slot + (count & -LANES)
             look_up_8(texels, places, 4 * i, lights, scanline, i)
     if not even:
-        px, py, inverse_x = run[START] + 0.5, y + 0.5, plane[3]
+        px = run[START] + 0.5
+        py = y + 0.5
+        inverse_x = plane[3]
         inverse = inverse_x * px + (plane[4] * py + plane[5])
         red = plane[12] * px + (plane[13] * py + plane[14])
         green = plane[15] * px + (plane[16] * py + plane[17])
@@ -236,28 +266,44 @@ def look_up_run(
 @device_function(nogil=True)
 def shade_run(run: I32, y: int, plane: F64, segments: F64, things: F64, places: F64, least: float, memory: U32) -> None:
     """Darken a run of a room's face with distance, at its joints with others, and a floor around what stands on it."""
-    count, slot, px, py = int64(run[STOP] - run[START]), int64(run[SLOT]), run[START] + 0.5, y + 0.5
-    near, at, known, last = memory[PLACES:].view(np.float32), 4 * slot, segments.shape[0], count - 1.0
-    inverse, inverse_x = plane[3] * px + (plane[4] * py + plane[5]), plane[3]
+    count = int64(run[STOP] - run[START])
+    slot = int64(run[SLOT])
+    px = run[START] + 0.5
+    py = y + 0.5
+    near = memory[PLACES:].view(np.float32)
+    at = 4 * slot
+    known = segments.shape[0]
+    last = count - 1.0
+    inverse = plane[3] * px + (plane[4] * py + plane[5])
+    inverse_x = plane[3]
     for i in range(0, count, LANES):
         fill(memory[PLACES:], at + i, ONE)
-    closest, farthest = 1.0 / max(inverse, least), 1.0 / max(inverse + inverse_x * last, least)
+    closest = 1.0 / max(inverse, least)
+    farthest = 1.0 / max(inverse + inverse_x * last, least)
     for k in range(known + (places.shape[0] if segments[0, 7] == 1.0 else 0)):
-        thing, segment = max(k - known, 0), segments[min(k, known - 1)]
-        x, z, right, up, length, reach = segment[0], segment[1], segment[2], segment[3], segment[4], JOINT_M
+        thing = max(k - known, 0)
+        segment = segments[min(k, known - 1)]
+        x, z, right, up, length = segment[0], segment[1], segment[2], segment[3], segment[4]
+        reach = JOINT_M
         inner = 0.0
         if k >= known:
-            x, z, right, up, length, inner = places[thing, 0], places[thing, 2], 1.0, 0.0, 0.0, BELOW
+            x = places[thing, 0]
+            z = places[thing, 2]
+            right = 1.0
+            up = 0.0
+            length = 0.0
+            inner = BELOW
             reach = CONTACT * things[thing, AROUND] if places[thing, 1] == 0.0 else 0.0
-        u, u_x = segment[5] * (plane[6] * px + (plane[7] * py + plane[8])) - x * inverse, segment[5] * plane[6]
-        v, v_x = segment[6] * (plane[9] * px + (plane[10] * py + plane[11])) - z * inverse, segment[6] * plane[9]
-        u_x, v_x = u_x - x * inverse_x, v_x - z * inverse_x
-        along, along_x, aside, aside_x = (
-            right * u + up * v,
-            right * u_x + up * v_x,
-            right * v - up * u,
-            right * v_x - up * u_x,
-        )
+        u = segment[5] * (plane[6] * px + (plane[7] * py + plane[8])) - x * inverse
+        u_x = segment[5] * plane[6]
+        v = segment[6] * (plane[9] * px + (plane[10] * py + plane[11])) - z * inverse
+        v_x = segment[6] * plane[9]
+        u_x = u_x - x * inverse_x
+        v_x = v_x - z * inverse_x
+        along = right * u + up * v
+        along_x = right * u_x + up * v_x
+        aside = right * v - up * u
+        aside_x = right * v_x - up * u_x
         ends = (
             along * closest,
             (along + along_x * last) * farthest,
@@ -287,15 +333,21 @@ def shade_run(run: I32, y: int, plane: F64, segments: F64, things: F64, places: 
         darken(memory, slot + i, near, at + i, inverse + inverse_x * i, inverse_x, least)
 
 
-@device_function(nogil=True, force_inline=True, k=int64, j=int64, covered=int64, two=int64, one=int64, colour=int64)
-def paint_row(groups: I32, group_count: int, runs: I32, scanline: U32, drawn: DrawBuffers, sky: int, line: U32) -> None:
+@device_function(
+    nogil=True, force_inline=True, k=int64, j=int64, covered=int64, red_blue=int64, green=int64, colour=int64
+)
+def paint_row(
+    groups: I32, group_count: int, runs: I32, scanline: U32, buffers: DrawBuffers, sky: int, line: U32
+) -> None:
     """Put the colours of some fragment groups of a row together."""
-    planes = drawn.planes
+    planes = buffers.planes
     k = 0
     while k < group_count:
-        start, count = int64(groups[k, START]), int64(groups[k, COUNT])
+        start = int64(groups[k, START])
+        count = int64(groups[k, COUNT])
         if groups[k, WEIGHT] == 4:
-            face, run = int64(groups[k, OF]), int64(groups[k, RUN])
+            face = int64(groups[k, OF])
+            run = int64(groups[k, RUN])
             if run >= 0:
                 slot = int64(runs[run, SLOT] + start - runs[run, START])
                 for i in range(0, count, LANES):
@@ -307,21 +359,24 @@ def paint_row(groups: I32, group_count: int, runs: I32, scanline: U32, drawn: Dr
             k += 1
             continue
         for x in range(start, start + count):
-            covered, j = 0, k
-            two = one = 2
-            two = 0x20002
-            one = 0x00200
+            covered = 0
+            j = k
+            red_blue = green = 2
+            red_blue = 0x20002
+            green = 0x00200
             while covered < 4:
-                face, run, weight = int64(groups[j, OF]), int64(groups[j, RUN]), int64(groups[j, WEIGHT])
+                face = int64(groups[j, OF])
+                run = int64(groups[j, RUN])
+                weight = int64(groups[j, WEIGHT])
                 if run >= 0:
                     colour = int64(scanline[index(runs[run, SLOT] + x - runs[run, START])])
                 else:
                     colour = sky if face < 0 else plain_colour(planes, face)
-                two += weight * (colour & RED_BLUE)
-                one += weight * (colour & GREEN)
+                red_blue += weight * (colour & RED_BLUE)
+                green += weight * (colour & GREEN)
                 covered += weight
                 j += 1
-            line[index(x)] = np.uint32((two >> 2 & RED_BLUE) | (one >> 2 & GREEN))
+            line[index(x)] = np.uint32((red_blue >> 2 & RED_BLUE) | (green >> 2 & GREEN))
         covered = 0
         while covered < 4:
             covered += groups[k, WEIGHT]
@@ -352,37 +407,39 @@ def colour(
     picture: NDArray[np.uint8],
 ) -> None:
     """Colour every pixel. A face is looked up where it has any sample of a pixel, side by side along a row."""
-    drawn, _, _ = drawn_in(view, floats, wholes)
+    buffers, _, _ = drawn_in(view, floats, wholes)
     first_occluder, occluders = occluders_of(room_floats, room_wholes)
-    planes, kind, latest = drawn.planes, drawn.kind, drawn.run
+    planes = buffers.planes
+    kind = buffers.kind
+    latest = buffers.run
     scanline = wholes[:FRAGMENT_GROUPS].view(np.uint32)
     rows = wholes[FRAGMENT_GROUPS:LINE].reshape(2 * MAX_FRAGMENT_GROUPS + 4, 5)
-    groups, runs, now = (
-        rows[:MAX_FRAGMENT_GROUPS],
-        rows[MAX_FRAGMENT_GROUPS : 2 * MAX_FRAGMENT_GROUPS],
-        rows[2 * MAX_FRAGMENT_GROUPS :],
-    )
+    groups = rows[:MAX_FRAGMENT_GROUPS]
+    runs = rows[MAX_FRAGMENT_GROUPS : 2 * MAX_FRAGMENT_GROUPS]
+    now = rows[2 * MAX_FRAGMENT_GROUPS :]
     line = wholes[LINE:SPANS].view(np.uint32)
-    least, display, dark = view[LEAST], view[LOOK] == 1.0, occluders.shape[0] > 0
+    least = view[LEAST]
+    display = view[LOOK] == 1.0
+    dark = occluders.shape[0] > 0
     sky = int(view[SKY] * 255.0 + 0.5) | int(view[SKY + 1] * 255.0 + 0.5) << 8 | int(view[SKY + 2] * 255.0 + 0.5) << 16
     width = picture.shape[1]
     out = picture.reshape(picture.shape[0] * width * 3)
     for y in range(int(view[TOP]), int(view[BOTTOM])):
         for s in range(4):
-            now[s, 0], now[s, 1], now[s, 2] = span_at(drawn, 4 * y + s, int64(0), int64(0), width)
+            now[s, 0], now[s, 1], now[s, 2] = span_at(buffers, 4 * y + s, int64(0), int64(0), width)
         x = run_count = group_count = lookups = 0
         while x < width:
             face = now[0, 0]
-            whole = now[1, 0] == face and now[2, 0] == face and now[3, 0] == face
+            uniform = now[1, 0] == face and now[2, 0] == face and now[3, 0] == face
             end = min(min(now[0, 1], now[1, 1]), min(now[2, 1], now[3, 1]))
-            if not whole:
+            if not uniform:
                 end = min(end, x + MOST_MIXED)
             elif face >= 0:
                 end = min(end, x + SCANLINE_BUFFER - LANES - lookups)
-            for s in range(1 if whole else 4):
+            for s in range(1 if uniform else 4):
                 face = now[s, 0]
-                weight = 4 if whole else 1
-                if not whole:
+                weight = 4 if uniform else 1
+                if not uniform:
                     known = False
                     for t in range(s):
                         known = known or now[t, 0] == face
@@ -410,7 +467,7 @@ def colour(
             x = end
             for s in range(4):
                 if now[s, 1] == x:
-                    now[s, 0], now[s, 1], now[s, 2] = span_at(drawn, 4 * y + s, int64(now[s, 2]), x, width)
+                    now[s, 0], now[s, 1], now[s, 2] = span_at(buffers, 4 * y + s, int64(now[s, 2]), x, width)
             if x == width or lookups > MOST_LOOKUPS or group_count > MAX_FRAGMENT_GROUPS - 4:
                 slot = 0
                 for r in range(run_count):
@@ -421,19 +478,23 @@ def colour(
                 # a processor waits less for many short chains of instructions than for a few long ones
                 for r in range(run_count):
                     face = runs[r, OF]
-                    even, of = (kind[face, 1] & 1) == 1, int64(kind[face, 1] >> 1)
+                    even = (kind[face, 1] & 1) == 1
+                    room_face = int64(kind[face, 1] >> 1)
                     look_up_run(runs[r], y, planes[face], kind[face, 0], even, texels, least, display, scanline)
-                    segments = (
-                        occluders[first_occluder[of - 1] : first_occluder[of]] if of > 0 and dark else occluders[:0]
-                    )
+                    if room_face > 0 and dark:
+                        segments = occluders[first_occluder[room_face - 1] : first_occluder[room_face]]
+                    else:
+                        segments = occluders[:0]
                     if segments.shape[0] > 0:
                         shade_run(runs[r], y, planes[face], segments, things, places, least, scanline)
-                paint_row(groups, group_count, runs, scanline, drawn, sky, line)
+                paint_row(groups, group_count, runs, scanline, buffers, sky, line)
                 run_count = group_count = lookups = 0
         packed = width & -LANES
         for i in range(0, packed, LANES):
             pack(line, i, out, 3 * (y * width + i))
         for i in range(packed, width):
-            shown = line[index(i)]
+            packed_colour = line[index(i)]
             for channel in range(3):
-                out[index(3 * (y * width + i) + channel)] = np.uint8(shown >> np.uint32(8 * channel) & np.uint32(255))
+                out[index(3 * (y * width + i) + channel)] = np.uint8(
+                    packed_colour >> np.uint32(8 * channel) & np.uint32(255)
+                )

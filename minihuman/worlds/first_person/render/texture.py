@@ -20,13 +20,21 @@ LANES = 16  # pixels at once; half of them where no more are wanted
 BLOCK = LANES * (LANES - 1)  # pixels between the ends of which sizes are found at once
 SCANLINE_BUFFER = 512  # pixels whose places and colours are kept at once
 TAP = 4 * SCANLINE_BUFFER  # numbers from one tap of a pixel to the next
-MOST_TAPS, DOWN = 4, 8  # of a pixel; and what is added to their number where they lie below each other
-TWO_TAPS, FOUR_TAPS = 1.2, 2.2  # how much longer than wide the part of a texture is that a pixel with them covers
+# of a pixel; and what is added to their number where they lie below each other
+MOST_TAPS = 4
+DOWN = 8
+# how much longer than wide the part of a texture is that a pixel with them covers
+TWO_TAPS = 1.2
+FOUR_TAPS = 2.2
 MOST_SIZES = 48  # of a texture: more than four for each halving of 2047 texels a side
 WHITE = 0xFFFFFF
 ONE = 0x3F800000  # the bits of 1 as float32
-FADE_M, FADED = 14.0, 0.35  # so far away light has lost half of what distance takes: at last 0.35 of 1.35
-BRIGHTER, DARK = 1.12, 0.45  # how light a near wall is in the look of a display, and how much darker at a joint
+# so far away light has lost half of what distance takes: at last 0.35 of 1.35
+FADE_M = 14.0
+FADED = 0.35
+# how light a near wall is in the look of a display, and how much darker at a joint
+BRIGHTER = 1.12
+DARK = 0.45
 
 _BIAS = 127  # of a float32's power of two
 _OTHERS = 0x00FF00FF  # than green
@@ -42,7 +50,7 @@ def _seen(
     u: tuple[float, float, float],
     v: tuple[float, float, float],
 ) -> tuple[Any, Any, Any]:
-    """How far a face is at pixels of a row, so many steps from the first, and where in its texture: right and up."""
+    """Find how far a face is at pixels of a row, so many steps from the first, and where in its texture: right, up."""
     far = 1.0 / ops.larger(
         ops.single(inverse[1], count) * steps + ops.single(inverse[0], count), ops.single(least, count)
     )
@@ -54,19 +62,21 @@ def _seen(
 def _ways(
     ops: Any,
     count: int,
-    seen: tuple[Any, Any, Any],
+    projected: tuple[Any, Any, Any],
     inverse: tuple[float, float, float],
     u: tuple[float, float, float],
     v: tuple[float, float, float],
 ) -> list[Any]:
-    """How far a pixel goes in the texture over ``far``: across by a pixel right and one down, and upwards by them."""
-    _, right, up = seen
+    """Compute how far a pixel goes in the texture over ``far``: across by a pixel right and one down, then upwards."""
+    _, right, up = projected
     by = ops.single(inverse[1], count), ops.single(inverse[2], count)
-    return [ops.single(each[k + 1], count) - at * by[k] for each, at in ((u, right), (v, up)) for k in (0, 1)]
+    return [
+        ops.single(coordinate[k + 1], count) - at * by[k] for coordinate, at in ((u, right), (v, up)) for k in (0, 1)
+    ]
 
 
 def _fitting(ops: Any, count: int, far: Any, ways: Sequence[Any], wide: float, high: float, last: int) -> Any:
-    """The number of the size of a texture that fits: the last of which a pixel covers a texel, by its longer way."""
+    """Choose the texture size that fits: the last of which a pixel covers a texel, by its longer way."""
     across, along = (ops.larger(ops.size(ways[k]), ops.size(ways[k + 1])) for k in (0, 2))
     covered = ops.larger(across * ops.single(wide, count), along * ops.single(high, count)) * far
     return _number(ops, count, covered, last)
@@ -75,7 +85,8 @@ def _fitting(ops: Any, count: int, far: Any, ways: Sequence[Any], wide: float, h
 def _number(ops: Any, count: int, covered: Any, last: int) -> Any:
     square = covered * covered
     # the power of two in the fourth power counts quarters of a halving
-    quarters, bias = ops.view(square * square, "uint32") >> 23, ops.fixed(_BIAS, count)
+    quarters = ops.view(square * square, "uint32") >> 23
+    bias = ops.fixed(_BIAS, count)
     return ops.smaller(ops.larger(quarters, bias), bias + ops.fixed(last, count)) - bias
 
 
@@ -97,31 +108,39 @@ def fit(
     least: float,
     most: float,
     last: int,
-    beside: float,
+    pixels_right: float,
     below: float,
 ) -> None:
     """Find which size of its texture fits a face at every sixteenth pixel of a row, sixteen times.
 
-    ``sizes`` receives their numbers, then, as float32, how far in the texture it is to the pixel so many ``beside`` and
-    ``below``: in repeats, from left to right sixteen times, then upwards. Then come the sizes for pixels that are
-    looked up at taps along their longer way, and how many that are: 1, 2 or 4, and `DOWN`. ``inverse`` is how near the
-    face is at the first pixel; ``u`` and ``v`` are where that lies in the texture, in repeats to the right and upwards,
-    times how near it is; ``_x`` and ``_y`` are how each changes by a pixel right and down. The largest size has
-    ``wide`` x ``high`` texels, ``last`` is the number of the smallest. Nearness is at least ``least``; ``most`` pixels
-    follow the first.
+    ``sizes`` receives their numbers, then, as float32, how far in the texture it is to the pixel so many
+    ``pixels_right`` and ``below``: in repeats, from left to right sixteen times, then upwards. Then come the sizes for
+    pixels that are looked up at taps along their longer way, and how many that are: 1, 2 or 4, and `DOWN`.
+
+    ``inverse`` is how near the face is at the first pixel; ``u`` and ``v`` are where that lies in the texture, in
+    repeats to the right and upwards, times how near it is; ``_x`` and ``_y`` are how each changes by a pixel right and
+    down. The largest size has ``wide`` x ``high`` texels, ``last`` is the number of the smallest. Nearness is at least
+    ``least``; ``most`` pixels follow the first.
     """
     ways = (inverse, inverse_x, inverse_y), (u, u_x, u_y), (v, v_x, v_y)
     steps = ops.smaller(ops.steps(LANES) * float(LANES), ops.single(most, LANES))
-    seen = _seen(ops, steps, LANES, least, *ways)
-    changes = _ways(ops, LANES, seen, *ways)
-    ops.store(sizes, 0, _fitting(ops, LANES, seen[0], changes, wide, high, last))
+    projected = _seen(ops, steps, LANES, least, *ways)
+    changes = _ways(ops, LANES, projected, *ways)
+    ops.store(sizes, 0, _fitting(ops, LANES, projected[0], changes, wide, high, last))
     for k in (0, 2):
-        moved = (changes[k] * ops.single(beside, LANES) + changes[k + 1] * ops.single(below, LANES)) * seen[0]
+        moved = (changes[k] * ops.single(pixels_right, LANES) + changes[k + 1] * ops.single(below, LANES)) * projected[
+            0
+        ]
         ops.store(sizes, (1 + k // 2) * LANES, ops.view(moved, "uint32"))
-    by = [ops.single(each, LANES) for each in (wide, high)]
-    right, down = (ops.larger(ops.size(changes[k]) * by[0], ops.size(changes[k + 2]) * by[1]) * seen[0] for k in (0, 1))
-    long, short = ops.larger(right, down), ops.smaller(right, down)
-    shape, two = long / ops.larger(short, 1.0), steps * 0.0 + 2.0  # texels larger than a pixel need no taps
+    by = [ops.single(extent, LANES) for extent in (wide, high)]
+    right, down = (
+        ops.larger(ops.size(changes[k]) * by[0], ops.size(changes[k + 2]) * by[1]) * projected[0] for k in (0, 1)
+    )
+    long = ops.larger(right, down)
+    short = ops.smaller(right, down)
+    # texels larger than a pixel need no taps
+    shape = long / ops.larger(short, 1.0)
+    two = steps * 0.0 + 2.0
     taps = ops.where(shape > FOUR_TAPS, two + 2.0, ops.where(shape > TWO_TAPS, two, 1.0))
     ops.store(sizes, 3 * LANES, _number(ops, LANES, ops.larger(short, long / taps), last))
     ops.store(sizes, 4 * LANES, ops.cut(taps) | ops.where(down > right, ops.fixed(DOWN, LANES), 0))
@@ -151,9 +170,9 @@ def place(
     """
     ways = (inverse, inverse_x, 0.0), (u, u_x, 0.0), (v, v_x, 0.0)
     _, right, up = _seen(ops, ops.steps(LANES), LANES, least, *ways)
-    size = [ops.fixed(each, LANES) for each in (offset, width, height)]
-    found = _place(ops, places, at, right, up, size)
-    ops.fetch(texels, found, ahead)
+    size = [ops.fixed(extent, LANES) for extent in (offset, width, height)]
+    texel_indices = _place(ops, places, at, right, up, size)
+    ops.fetch(texels, texel_indices, ahead)
 
 
 @simd_function()
@@ -179,10 +198,10 @@ def place_each(
 ) -> None:
     """Write it down where each has a size of its own; the texture's are in the table from ``first`` on."""
     ways = (inverse, inverse_x, inverse_y), (u, u_x, u_y), (v, v_x, v_y)
-    seen = _seen(ops, ops.steps(LANES), LANES, least, *ways)
-    number = _fitting(ops, LANES, seen[0], _ways(ops, LANES, seen, *ways), wide, high, last)
-    offset, both = ops.pairs(table, ops.fixed(first, LANES) + number + number)
-    _place(ops, places, at, *seen[1:], [offset, both & 0xFFFF, both >> 16])
+    projected = _seen(ops, ops.steps(LANES), LANES, least, *ways)
+    number = _fitting(ops, LANES, projected[0], _ways(ops, LANES, projected, *ways), wide, high, last)
+    offset, extents = ops.pairs(table, ops.fixed(first, LANES) + number + number)
+    _place(ops, places, at, *projected[1:], [offset, extents & 0xFFFF, extents >> 16])
 
 
 def _place(ops: Any, places: Array, at: int, right: Any, up: Any, size: Sequence[Any]) -> Any:
@@ -191,18 +210,19 @@ def _place(ops: Any, places: Array, at: int, right: Any, up: Any, size: Sequence
     x = ops.cut((right - ops.floor(right)) * (ops.short(width) * 256.0)) + 128
     y = ops.cut((up - ops.floor(up)) * (ops.short(height) * 256.0)) + 128
     row = width + 2
-    found = offset + (x >> 8) + (y >> 8) * row
-    right, up = x & 255, y & 255
-    for nth, each in enumerate((found, found + row, right | right << 16, up | up << 16)):
-        ops.store(places, at + nth * LANES, each)
-    return found
+    texel_indices = offset + (x >> 8) + (y >> 8) * row
+    right = x & 255
+    up = y & 255
+    for nth, lanes in enumerate((texel_indices, texel_indices + row, right | right << 16, up | up << 16)):
+        ops.store(places, at + nth * LANES, lanes)
+    return texel_indices
 
 
 @simd_function()
 def light(ops: Any, lights: Array, red: int, green: int, blue: int) -> None:
     """Write down a light of 0 to 65535 for each channel."""
-    for nth, each in enumerate((red | blue << 16, green)):
-        ops.store(lights, nth * LANES, ops.fixed(each, LANES))
+    for nth, pair in enumerate((red | blue << 16, green)):
+        ops.store(lights, nth * LANES, ops.fixed(pair, LANES))
 
 
 def _look_up(count: int, taps: int = 1) -> Any:
@@ -212,18 +232,20 @@ def _look_up(count: int, taps: int = 1) -> Any:
         Of several taps each has its share of the light.
         """
         by = [ops.view(ops.load(lights, nth * LANES, count), "uint16") for nth in (0, 1)]
-        found = []
-        for here in range(0, taps * TAP, TAP):
-            a, b = ops.pairs_at(texels, places, at + here, count)
-            c, d = ops.pairs_at(texels, places, at + (here + LANES), count)
-            share = [ops.view(ops.load(places, at + (here + nth * LANES), count), "uint16") for nth in (2, 3)]
-            others = [ops.view(each & _OTHERS, "uint16") for each in (a, b, c, d)]
-            greens = [ops.view(each, "uint16") >> 8 for each in (a, b, c, d)]
-            channels = _between(others, *share), _between(greens, *share)
+        tap_sums = []
+        for tap_at in range(0, taps * TAP, TAP):
+            a, b = ops.pairs_at(texels, places, at + tap_at, count)
+            c, d = ops.pairs_at(texels, places, at + (tap_at + LANES), count)
+            share = [ops.view(ops.load(places, at + (tap_at + nth * LANES), count), "uint16") for nth in (2, 3)]
+            red_blues = [ops.view(texels & _OTHERS, "uint16") for texels in (a, b, c, d)]
+            greens = [ops.view(texels, "uint16") >> 8 for texels in (a, b, c, d)]
+            channels = _between(red_blues, *share), _between(greens, *share)
             # rounded; a channel has 0 to 255 above eight bits of no meaning, before and after
-            found.append([ops.upper((each + 128) & 0xFF00, light) for each, light in zip(channels, by, strict=True)])
-        two, one = (sum(each[1:], each[0]) + 128 for each in zip(*found, strict=True))
-        ops.store(out, slot, ops.view(two >> 8, "uint32") | (ops.view(one, "uint32") & 0xFF00))
+            tap_sums.append(
+                [ops.upper((channel + 128) & 0xFF00, light) for channel, light in zip(channels, by, strict=True)]
+            )
+        red_blue, green = (sum(sums[1:], sums[0]) + 128 for sums in zip(*tap_sums, strict=True))
+        ops.store(out, slot, ops.view(red_blue >> 8, "uint32") | (ops.view(green, "uint32") & 0xFF00))
 
     return simd_function()(look_up)
 
@@ -232,11 +254,15 @@ def _between(corners: Sequence[Any], right: Any, up: Any) -> Any:
     """Blend four numbers of 8 bits by how far a place is right and up from the first, in 1/256; 0 to 65280."""
     a, b, c, d = corners
     left = 256 - right
-    low, high = (a * left + b * right + 128) >> 8, (c * left + d * right + 128) >> 8
+    low = (a * left + b * right + 128) >> 8
+    high = (c * left + d * right + 128) >> 8
     return low * (256 - up) + high * up
 
 
-look_up_8, look_up_16, look_up_2, look_up_4 = _look_up(8), _look_up(16), _look_up(16, 2), _look_up(16, 4)
+look_up_8 = _look_up(8)
+look_up_16 = _look_up(16)
+look_up_2 = _look_up(16, 2)
+look_up_4 = _look_up(16, 4)
 
 
 @simd_function()
@@ -305,9 +331,11 @@ def darken(
     ops: Any, out: Array, slot: int, near: Array, at: int, inverse: float, inverse_x: float, least: float
 ) -> None:
     """Put sixteen colours in the shade of what `occlude` found, and that of their distance."""
-    colours, result = ops.load(out, slot, LANES), ops.fixed(0, LANES)
+    colours = ops.load(out, slot, LANES)
+    result = ops.fixed(0, LANES)
     closer = ops.single(inverse_x, LANES) * ops.steps(LANES) + ops.single(inverse, LANES)
-    closer, part = ops.larger(closer, ops.single(least, LANES)) * FADE_M + 1.0, 1.0 - ops.load(near, at, LANES)
+    closer = ops.larger(closer, ops.single(least, LANES)) * FADE_M + 1.0
+    part = 1.0 - ops.load(near, at, LANES)
     bright = (1.0 - part * part * (part * part) * DARK) * (closer / (closer + FADED))
     by = ops.cut(bright * (65535.0 * BRIGHTER) + 0.5)
     for shift in (0, 8, 16):
@@ -342,17 +370,25 @@ def fill_sizes(pixels: NDArray[np.uint8], table: U32, texels: U32) -> None:
     rounded upwards, as OpenGL's software driver has it, and whole numbers throughout.
     """
     for size in range(int(table[2 * MOST_SIZES - 1]) + 1):
-        begin, extents = int(table[2 * size]), int(table[2 * size + 1])
-        width, height = extents & 0xFFFF, extents >> 16
+        begin = int(table[2 * size])
+        extents = int(table[2 * size + 1])
+        width = extents & 0xFFFF
+        height = extents >> 16
         before = size - 4 if size >= 4 else 0
-        source, extents = int(table[2 * before]), int(table[2 * before + 1])
-        columns, rows = extents & 0xFFFF, extents >> 16
+        source = int(table[2 * before])
+        extents = int(table[2 * before + 1])
+        columns = extents & 0xFFFF
+        rows = extents >> 16
         row = begin + width + 2
         for i in range(height):
             for j in range(width):
-                red, green, blue = 0, 0, 0
+                red = 0
+                green = 0
+                blue = 0
                 if size == 0:
-                    red, green, blue = int(pixels[-1 - i, j, 0]), int(pixels[-1 - i, j, 1]), int(pixels[-1 - i, j, 2])
+                    red = int(pixels[-1 - i, j, 0])
+                    green = int(pixels[-1 - i, j, 1])
+                    blue = int(pixels[-1 - i, j, 2])
                 else:
                     for k in range(i * rows // height, min(i * rows // height + 3, rows)):
                         high = min((i + 1) * rows, (k + 1) * height) - max(i * rows, k * height)
@@ -363,12 +399,10 @@ def fill_sizes(pixels: NDArray[np.uint8], table: U32, texels: U32) -> None:
                                 red += high * wide * (texel & 0xFF)
                                 green += high * wide * (texel >> 8 & 0xFF)
                                 blue += high * wide * (texel >> 16)
-                    whole = rows * columns
-                    red, green, blue = (
-                        (red + whole - 1) // whole,
-                        (green + whole - 1) // whole,
-                        (blue + whole - 1) // whole,
-                    )
+                    area = rows * columns
+                    red = (red + area - 1) // area
+                    green = (green + area - 1) // area
+                    blue = (blue + area - 1) // area
                 texels[row + j + 1] = red | green << 8 | blue << 16
             texels[row], texels[row + width + 1] = texels[row + width], texels[row + 1]
             row += width + 2

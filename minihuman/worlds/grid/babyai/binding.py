@@ -53,18 +53,21 @@ from minihuman.worlds.kernels import device_function, kernel
 
 @device_function()
 def lies_so(row: Row, cell: int, place: int) -> bool:
-    """Whether a cell is in the agent's room (its walls included) and on that side of the agent."""
+    """Return whether a cell is in the agent's room (its walls included) and on that side of the agent."""
     if place == ANY:
         return True
     height = row[HEIGHT]
-    x, y = cell // height, cell % height
+    x = cell // height
+    y = cell % height
     room = row[block_of(row) + ROOM]
     if room > 0:
-        left, top = row[X] // (room - 1) * (room - 1), row[Y] // (room - 1) * (room - 1)
+        left = row[X] // (room - 1) * (room - 1)
+        top = row[Y] // (room - 1) * (room - 1)
         if x < left or y < top or x >= left + room or y >= top + room:
             return False
     ahead_x, ahead_y = ahead(0, 0, row[DIRECTION])
-    right, down = x - row[X], y - row[Y]
+    right = x - row[X]
+    down = y - row[Y]
     onward = right * ahead_x + down * ahead_y
     aside = down * ahead_x - right * ahead_y  # to the right
     if place == ON_LEFT:
@@ -78,7 +81,7 @@ def lies_so(row: Row, cell: int, place: int) -> bool:
 
 @device_function()
 def fits(row: Row, identity: int, kind: int, colour: int, place: int) -> bool:
-    """Whether an object that lies in a cell is one that the description means."""
+    """Return whether an object that lies in a cell is one that the description means."""
     cell = where_is(row, identity)
     if cell == NOWHERE:
         return False
@@ -92,7 +95,7 @@ def fits(row: Row, identity: int, kind: int, colour: int, place: int) -> bool:
 
 @device_function()
 def count_walls(row: Row, colour: int, place: int) -> int:
-    """How many cells of wall "a grey object" means as well, up to two: Minigrid counts them, and says "a" for it."""
+    """Count the cells of wall that "a grey object" means as well, up to two: Minigrid counts them, and says "a"."""
     count = 0
     for cell in range(row[WIDTH] * row[HEIGHT]):
         code = row[HEADER + cell]
@@ -106,7 +109,8 @@ def count_walls(row: Row, colour: int, place: int) -> int:
 @device_function()
 def bind(row: Row) -> bool:
     """Note which objects each description means, and where they lie; False if one means nothing."""
-    block, means = block_of(row), means_of(row)
+    block = block_of(row)
+    means = means_of(row)
     for k in range(row[OBJECTS]):
         row[means + k] = 0
     everything = True
@@ -114,7 +118,9 @@ def bind(row: Row) -> bool:
         clause = block + CLAUSES + k * CLAUSE
         for which in range(2 if row[clause + VERB] == PUT_NEXT else 1):
             at = clause + (OTHER if which else THING)
-            kind, colour, place = row[at + KIND], row[at + COLOUR], row[at + PLACE]
+            kind = row[at + KIND]
+            colour = row[at + COLOUR]
+            place = row[at + PLACE]
             count = 0
             for identity in range(1, row[OBJECTS] + 1):
                 if fits(row, identity, kind, colour, place):
@@ -130,11 +136,12 @@ def bind(row: Row) -> bool:
 
 @device_function()
 def makes_sense(row: Row, keys_matter: bool) -> bool:
-    """Whether no clause asks to put a thing next to itself, or next to what it is beside already.
+    """Return whether no clause asks to put a thing next to itself, or next to what it is beside already.
 
     With ``keys_matter`` also whether none is about a key that opens a locked door.
     """
-    block, means = block_of(row), means_of(row)
+    block = block_of(row)
+    means = means_of(row)
     for k in range(row[block + LEFT] + row[block + RIGHT]):
         clause = block + CLAUSES + k * CLAUSE
         meant = 1 << 2 * k
@@ -153,7 +160,7 @@ def makes_sense(row: Row, keys_matter: bool) -> bool:
 
 @device_function()
 def unlocks(row: Row, at: int) -> bool:
-    """Whether a description is of a key in the colour of a locked door."""
+    """Return whether a description is of a key in the colour of a locked door."""
     if row[at + KIND] != KEY:
         return False
     for identity in range(1, row[OBJECTS] + 1):
@@ -167,7 +174,7 @@ def unlocks(row: Row, at: int) -> bool:
 
 @kernel("(int32[::1],)")
 def bind_now(row: Row) -> bool:
-    """`bind`, for layouts written in Python."""
+    """Call `bind`, for layouts written in Python."""
     return bind(row)
 
 

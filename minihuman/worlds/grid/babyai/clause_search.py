@@ -72,7 +72,11 @@ from minihuman.worlds.grid.core.state import (
 from minihuman.worlds.kernels import device_function, kernel
 
 MOST_LOCKS = 4  # more locked doors are taken for closed ones
-NOTHING, OTHER, MOVED, KEYS = 0, 1, 2, 3  # sorts of things in hand: none, any, one to be put somewhere, keys by colour
+# sorts of things in hand: none, any, one to be put somewhere, keys by colour
+NOTHING = 0
+OTHER = 1
+MOVED = 2
+KEYS = 3
 
 Table = NDArray[np.int32]  # by (unlocked, hand, cell, direction)
 Locks = NDArray[np.int64]  # (locks, 2): identity of the door, its colour
@@ -81,7 +85,7 @@ Sorts = NDArray[np.int64]  # by identity - 1: what sort of thing an object is in
 
 @kernel("(int32[::1],)")
 def find_locks(row: Row) -> Locks:
-    """The locked doors for which there is a key."""
+    """Return the locked doors for which there is a key."""
     keys = key_colours(row)
     locks = np.zeros((MOST_LOCKS, 2), np.int64)
     count = 0
@@ -91,14 +95,15 @@ def find_locks(row: Row) -> Locks:
             continue
         code = row[HEADER + cell]
         if kind_of(code) == DOOR and state_of(code) == LOCKED and keys >> colour_of(code) & 1:
-            locks[count, 0], locks[count, 1] = identity, colour_of(code)
+            locks[count, 0] = identity
+            locks[count, 1] = colour_of(code)
             count += 1
     return locks[:count].copy()
 
 
 @device_function()
 def key_colours(row: Row) -> int:
-    """The colours of all keys, lying, held or in boxes, as bits."""
+    """Return the colours of all keys, lying, held or in boxes, as bits."""
     colours = 0
     for identity in range(1, row[OBJECTS] + 1):
         cell = where_is(row, identity)
@@ -115,7 +120,7 @@ def key_colours(row: Row) -> int:
 
 @kernel("(int32[::1], int64, int64[::1], int64[:, ::1])")
 def sort_things(row: Row, clause: int, codes: NDArray[np.int64], locks: Locks) -> Sorts:
-    """What sort of thing each object is in hand, for a clause."""
+    """Sort the objects by what they are in hand, for a clause."""
     sorts = np.full(len(codes), OTHER, np.int64)
     verb = row[block_of(row) + CLAUSES + clause * CLAUSE + VERB]
     for k in range(len(codes)):
@@ -132,7 +137,7 @@ def sort_things(row: Row, clause: int, codes: NDArray[np.int64], locks: Locks) -
 
 @device_function()
 def opens(row: Row, hand: int, lock: int, locks: Locks, sorts: Sorts, codes: NDArray[np.int64]) -> bool:
-    """Whether a sort of thing opens a lock."""
+    """Return whether a sort of thing opens a lock."""
     if hand >= KEYS:
         return locks[hand - KEYS, 1] == locks[lock, 1]
     if hand == MOVED:
@@ -146,13 +151,15 @@ def opens(row: Row, hand: int, lock: int, locks: Locks, sorts: Sorts, codes: NDA
 def distance_heuristic(
     row: Row, clause: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts, careful: bool
 ) -> Table:
-    """The table of a clause; FAR where it cannot be done even in the simplified world.
+    """Return the table of a clause; FAR where it cannot be done even in the simplified world.
 
     ``careful`` charges for doors and things in the way what they take about; else the table never overestimates.
     """
-    width, height = np.int64(row[WIDTH]), np.int64(row[HEIGHT])
+    width = np.int64(row[WIDTH])
+    height = np.int64(row[HEIGHT])
     cells = width * height
-    hands, sets = KEYS + len(locks), 1 << len(locks)
+    hands = KEYS + len(locks)
+    sets = 1 << len(locks)
     steps = np.full((sets, hands, cells * 4), FAR, np.int32)
     span = 16
     queue = np.empty((span, steps.size), np.int32)
@@ -194,24 +201,28 @@ def distance_heuristic(
             unlocked = state // (cells * 4 * hands)
             direction = pose & 3
             cell = pose >> 2
-            x, y = cell // height, cell % height
-            here = state - pose
+            x = cell // height
+            y = cell % height
+            base = state - pose
             for move in range(5 + hands + len(locks)):
-                before, added = -1, 1
+                before = -1
+                added = 1
                 if move < 2:
-                    before = here + cell * 4 + ((direction + 1 + 2 * move) & 3)
+                    before = base + cell * 4 + ((direction + 1 + 2 * move) & 3)
                 elif move == 2:
                     enters = cost[cell] > 0 and (lock_at[cell] < 0 or unlocked >> lock_at[cell] & 1)
                     from_x, from_y = ahead(x, y, direction ^ 2)
                     if enters and from_x >= 0 and from_y >= 0 and from_x < width and from_y < height:
                         behind = from_x * height + from_y
                         if cost[behind] > 0:
-                            before, added = here + behind * 4 + direction, cost[cell]
+                            before = base + behind * 4 + direction
+                            added = cost[cell]
                 elif move == 3:
                     if hand >= MOVED:
                         extra = lies_ahead(row, x, y, direction, hand, codes, locks, sorts)
                         if extra > 0:
-                            before, added = state - hand * cells * 4, extra
+                            before = state - hand * cells * 4
+                            added = extra
                 elif move == 4:
                     continue
                 elif move < 5 + hands:
@@ -239,7 +250,7 @@ def distance_heuristic(
 def lies_ahead(
     row: Row, x: int, y: int, direction: int, hand: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts
 ) -> int:
-    """Actions to take up something of a sort from what is ahead: 1, 2 if it is in a box, 0 if there is none."""
+    """Count the actions to pick up something of a sort from ahead: 1, 2 if it is in a box, 0 if there is none."""
     i, j = ahead(x, y, direction)
     if i < 0 or j < 0 or i >= row[WIDTH] or j >= row[HEIGHT]:
         return 0
@@ -249,7 +260,19 @@ def lies_ahead(
     if sorts[identity - 1] == hand and kind_of(int(codes[identity - 1])) != DOOR:
         return 1
     inside = row[contents_index(row, identity)]
-    return 2 if inside != 0 and sorts[identity_of(inside) - 1] == hand else 0
+    if inside != 0 and sorts[identity_of(inside) - 1] == hand:
+        return 2
+    return 0
+
+
+@device_function()
+def can_open(
+    row: Row, code: int, lock: int, unlocked: int, hand: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts
+) -> bool:
+    """Return whether a door opens to a hand while some locks are open; ``lock`` is -1 for a door without one."""
+    if lock >= 0 and unlocked >> lock & 1 == 0:
+        return opens(row, hand, lock, locks, sorts, codes)
+    return state_of(code) != LOCKED or lock >= 0
 
 
 @device_function()
@@ -264,7 +287,8 @@ def goal(
     steps: Table,
 ) -> None:
     """Write into the table what the last action takes from where the clause can be done."""
-    width, height = row[WIDTH], row[HEIGHT]
+    width = row[WIDTH]
+    height = row[HEIGHT]
     verb = row[block_of(row) + CLAUSES + clause * CLAUSE + VERB]
     for x in range(width):
         for y in range(height):
@@ -284,10 +308,7 @@ def goal(
                         elif verb == OPEN:
                             if meant and kind_of(code) == DOOR:
                                 lock = lock_at[i * height + j]
-                                if lock >= 0 and unlocked >> lock & 1 == 0:
-                                    if opens(row, hand, lock, locks, sorts, codes):
-                                        steps[unlocked, hand, pose] = 1
-                                elif state_of(code) != LOCKED or lock >= 0:
+                                if can_open(row, code, lock, unlocked, hand, codes, locks, sorts):
                                     steps[unlocked, hand, pose] = 1
                         elif verb == PICK_UP:
                             if meant and hand == NOTHING:
@@ -300,7 +321,7 @@ def goal(
 
 @device_function()
 def is_next_to(row: Row, x: int, y: int, meant: int) -> bool:
-    """Whether something meant lies beside a cell now."""
+    """Return whether something meant lies beside a cell now."""
     for k in range(4):
         i, j = ahead(x, y, k)
         if i >= 0 and j >= 0 and i < row[WIDTH] and j < row[HEIGHT]:
@@ -312,19 +333,19 @@ def is_next_to(row: Row, x: int, y: int, meant: int) -> bool:
 
 @kernel("(int32[::1],)")
 def codes_of(row: Row) -> NDArray[np.int64]:
-    """The code of each object, by identity - 1, wherever it is."""
+    """Return the code of each object, by identity - 1, wherever it is."""
     return object_codes(row)
 
 
 @device_function()
 def is_done(row: Row, clause: int, action: int, held_before: int) -> bool:
-    """Whether a step has done what the clause says."""
+    """Return whether a step has done what the clause says."""
     at = block_of(row) + CLAUSES + clause * CLAUSE
     verb = row[at + VERB]
     meant = 1 << 2 * clause
     if verb == PICK_UP:
-        held = identity_of(row[CARRYING])
-        return action == PICKUP and held > 0 and row[means_of(row) + held - 1] & meant != 0
+        carried = identity_of(row[CARRYING])
+        return action == PICKUP and carried > 0 and row[means_of(row) + carried - 1] & meant != 0
     x, y = cell_in_front(row)
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
         return False
@@ -342,7 +363,7 @@ def is_done(row: Row, clause: int, action: int, held_before: int) -> bool:
 
 @device_function()
 def may_help(row: Row, clause: int, action: int, last: int) -> bool:
-    """Whether to try an action: not to close a door, take up again what was just put down, or break what is meant."""
+    """Return whether to try an action: not to close a door, pick up what was just put down, or break what is meant."""
     if action <= FORWARD:
         return True
     x, y = cell_in_front(row)
@@ -350,9 +371,13 @@ def may_help(row: Row, clause: int, action: int, last: int) -> bool:
         return False
     code = row[HEADER + x * row[HEIGHT] + y]
     at = block_of(row) + CLAUSES + clause * CLAUSE
-    verb, strict = row[at + VERB], row[at + STRICT] != 0
+    verb = row[at + VERB]
+    strict = row[at + STRICT] != 0
     identity = identity_of(code)
-    means = row[means_of(row) + identity - 1] if identity > 0 else 0
+    if identity > 0:
+        means = row[means_of(row) + identity - 1]
+    else:
+        means = 0
     meant = is_meant(means, clause)
     if action == PICKUP:
         if row[CARRYING] != EMPTY or not can_be_carried(code) or identity == last:
@@ -371,20 +396,20 @@ def may_help(row: Row, clause: int, action: int, last: int) -> bool:
 
 @device_function()
 def heuristic_value(row: Row, table: Table, locks: Locks, sorts: Sorts) -> int:
-    """What the table says of a state."""
+    """Look a state up in the table."""
     unlocked = 0
     for lock in range(len(locks)):
         cell = where_is(row, locks[lock, 0])
         if cell != NOWHERE and state_of(row[HEADER + cell]) != LOCKED:
             unlocked |= 1 << lock
-    held = identity_of(row[CARRYING])
-    hand = sorts[held - 1] if held > 0 else NOTHING
+    carried = identity_of(row[CARRYING])
+    hand = sorts[carried - 1] if carried > 0 else NOTHING
     return table[unlocked, hand, (row[X] * row[HEIGHT] + row[Y]) * 4 + row[DIRECTION]]
 
 
 @kernel("(int32[::1], int32[:, :, ::1], int64[:, ::1], int64[::1])")
 def heuristic_value_of(row: Row, table: Table, locks: Locks, sorts: Sorts) -> int:
-    """`heuristic_value`, for Python."""
+    """Call `heuristic_value`, from Python."""
     return heuristic_value(row, table, locks, sorts)
 
 
@@ -410,12 +435,12 @@ def search_clause(
             load(row, frontier.nodes[node], codes)
             if not may_help(row, clause, action, frontier.nodes[node, LAST]):
                 continue
-            held = identity_of(row[CARRYING])
+            carried_before = identity_of(row[CARRYING])
             apply(row, action)
-            if is_done(row, clause, action, held):
+            if is_done(row, clause, action, carried_before):
                 return FOUND, actions_to_node(frontier.parent, frontier.cause, node, action)
             heuristic = heuristic_value(row, table, locks, sorts)
-            if not push(frontier, row, node, action, held, heuristic, weight):
+            if not push(frontier, row, node, action, carried_before, heuristic, weight):
                 return FULL, none
         node = pop(frontier)
     return exhausted(frontier), none

@@ -34,7 +34,9 @@ from minihuman.worlds.grid.core.state import HEADER, HEIGHT, OBJECTS, WIDTH, Row
 from minihuman.worlds.kernels import inline
 
 JOIN = 0  # how the parts are joined
-LEFT, RIGHT = 1, 2  # clauses in the first and the second part as they are read; 0 for no part
+# clauses in the first and the second part as they are read; 0 for no part
+LEFT = 1
+RIGHT = 2
 FLAGS = 3
 HANDED = 4  # identity of what is put into the agent's hand after the first look
 ROUNDS = 5  # layouts drawn until one was accepted
@@ -67,31 +69,31 @@ ON_LEFT, ON_RIGHT, IN_FRONT, BEHIND = range(4)  # places, seen from the agent's 
 
 
 def instructed_length(width: int, height: int) -> int:
-    """How many numbers the state of a world with instructions takes."""
+    """Return how many numbers the state of a world with instructions takes."""
     return HEADER + 5 * width * height + BLOCK
 
 
 @inline
 def block_of(row: Row) -> int:
-    """Where the block begins."""
+    """Return where the block begins."""
     return HEADER + 3 * row[WIDTH] * row[HEIGHT]
 
 
 @inline
 def means_of(row: Row) -> int:
-    """Where the numbers begin that say by which descriptions each object is meant, from identity 1."""
+    """Return where the numbers begin that say by which descriptions each object is meant, from identity 1."""
     return HEADER + 3 * row[WIDTH] * row[HEIGHT] + BLOCK
 
 
 @inline
 def is_meant(bits: int, clause: int) -> bool:
-    """Whether an object with these bits is one that a clause is about."""
+    """Return whether an object with these bits is one that a clause is about."""
     return bits >> 2 * clause & 1 != 0
 
 
 @inline
 def noted_of(row: Row) -> int:
-    """Where the numbers begin that say by which descriptions what lay in each cell was meant."""
+    """Return where the numbers begin that say by which descriptions what lay in each cell was meant."""
     return HEADER + 4 * row[WIDTH] * row[HEIGHT] + BLOCK
 
 
@@ -101,7 +103,7 @@ UNSAID = -1  # in numbers to be compared: "a" or "the" was not said
 
 
 def to_numbers(instruction: Instruction) -> NDArray[np.int64]:
-    """The block's numbers that say the instruction, int64[BLOCK]."""
+    """Return the block's numbers that say the instruction, int64[BLOCK]."""
     numbers = np.zeros(BLOCK, np.int64)
     numbers[JOIN] = JOINS.get(type(instruction), ALONE)
     for at, part in zip((LEFT, RIGHT), parts(instruction), strict=False):
@@ -118,7 +120,7 @@ def to_numbers(instruction: Instruction) -> NDArray[np.int64]:
 
 
 def thing_numbers(thing: ObjectDescription) -> tuple[int, int, int, int]:
-    """A description as kind, colour, place, and whether it means several."""
+    """Return a description as kind, colour, place, and whether it means several."""
     return (
         ANY if thing.kind is None else KINDS.index(thing.kind),
         ANY if thing.colour is None else COLOURS.index(thing.colour),
@@ -128,31 +130,31 @@ def thing_numbers(thing: ObjectDescription) -> tuple[int, int, int, int]:
 
 
 def block(row: Row) -> Row:
-    """The numbers of a state's instruction, int32[BLOCK]: a view."""
+    """Return the numbers of a state's instruction, int32[BLOCK]: a view."""
     begin = HEADER + 3 * int(row[WIDTH]) * int(row[HEIGHT])  # plain Python: no kernel is compiled for it
     return row[begin : begin + BLOCK]
 
 
 def described_objects(row: Row) -> Row:
-    """By which descriptions each object is meant, as bits, by identity - 1: a view."""
+    """Return by which descriptions each object is meant, as bits, by identity - 1: a view."""
     cells = int(row[WIDTH]) * int(row[HEIGHT])
     begin = HEADER + 3 * cells + BLOCK
     return row[begin : begin + int(row[OBJECTS])]
 
 
 def instruction_of(row: Row) -> Instruction:
-    """The instruction of a state."""
-    said: Instruction = _read(*_said(block(row).tobytes()), _clause)
-    return said
+    """Return the instruction of a state."""
+    instruction: Instruction = _read(*_said(block(row).tobytes()), _clause)
+    return instruction
 
 
 def sentence_of(row: Row) -> str:
-    """The sentence of a state's instruction."""
+    """Return the sentence of a state's instruction."""
     return _sentence(block(row).tobytes())
 
 
 def clauses_done(row: Row) -> tuple[tuple[str, int], ...]:
-    """The clauses of a state's instruction as text, each with the step that did it; 0 for none yet."""
+    """Return the clauses of a state's instruction as text, each with the step that did it; 0 for none yet."""
     lines = block(row)[CLAUSES:].reshape(-1, CLAUSE)
     return tuple(
         (str(clause), int(line[WHEN]) if line[STATUS] == SATISFIED else 0)
@@ -166,22 +168,27 @@ def _sentence(numbers: bytes) -> str:
 
 
 def _said(numbers: bytes) -> tuple[int, int, int, tuple[tuple[int, ...], ...]]:
-    """What decides the sentence: the join, clauses in the first part, flags, clauses without what became of them."""
-    said = np.frombuffer(numbers, np.int32).tolist()
-    starts = range(CLAUSES, CLAUSES + CLAUSE * (said[LEFT] + said[RIGHT]), CLAUSE)
-    lines = ((*said[at : at + STATUS], *said[at + THING : at + CLAUSE]) for at in starts)
-    return said[JOIN], said[LEFT], said[FLAGS] & IN_ORDER_STRICTLY, tuple(lines)
+    """Return what decides the sentence: the join, clauses in the first part, flags, clauses without their outcome."""
+    block_numbers = np.frombuffer(numbers, np.int32).tolist()
+    starts = range(CLAUSES, CLAUSES + CLAUSE * (block_numbers[LEFT] + block_numbers[RIGHT]), CLAUSE)
+    lines = ((*block_numbers[at : at + STATUS], *block_numbers[at + THING : at + CLAUSE]) for at in starts)
+    return block_numbers[JOIN], block_numbers[LEFT], block_numbers[FLAGS] & IN_ORDER_STRICTLY, tuple(lines)
 
 
 @lru_cache(maxsize=4096)
 def _read(join: int, left: int, strict: int, lines: tuple[tuple[int, ...], ...], clause: Callable[..., Any]) -> Any:
-    """The instruction, or what says it, by the function that makes a clause of its numbers."""
+    """Read the instruction, by the function that makes a clause of its numbers."""
     read = [clause(*line) for line in lines]
     first = read[0] if left == 1 else And(*read[:left])
     if join == ALONE:
         return first
-    second = read[left] if left + 1 == len(read) else And(*read[left:])
-    return Before(first, second, bool(strict)) if join == BEFORE else After(first, second, bool(strict))
+    if left + 1 == len(read):
+        second = read[left]
+    else:
+        second = And(*read[left:])
+    if join == BEFORE:
+        return Before(first, second, bool(strict))
+    return After(first, second, bool(strict))
 
 
 @lru_cache(maxsize=4096)
@@ -191,7 +198,9 @@ def _clause(verb: int, strict: int, *numbers: int) -> Clause:
         return PutNext(thing, _thing(*numbers[4:]), bool(strict))
     if verb == GO_TO:
         return GoTo(thing)
-    return Open(thing, bool(strict)) if verb == OPEN else Pickup(thing, bool(strict))
+    if verb == OPEN:
+        return Open(thing, bool(strict))
+    return Pickup(thing, bool(strict))
 
 
 @lru_cache(maxsize=4096)
@@ -200,10 +209,10 @@ def _words(*numbers: int) -> str:
 
 
 @lru_cache(maxsize=512)
-def _thing(kind: int, colour: int, place: int, several: int) -> ObjectDescription:
+def _thing(kind: int, colour: int, place: int, is_plural: int) -> ObjectDescription:
     return ObjectDescription(
         None if kind == ANY else KINDS[kind],
         None if colour == ANY else COLOURS[colour],
         None if place == ANY else PLACES[place],
-        bool(several),
+        bool(is_plural),
     )

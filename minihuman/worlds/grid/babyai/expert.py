@@ -46,23 +46,23 @@ def clear_way(row: Row, clause: int) -> list[int] | None:
         if way is None:
             return None
         cells = State(row).cells.ravel()
-        wanted = described_objects(row) >> 2 * clause & 1
+        is_meant = described_objects(row) >> 2 * clause & 1
         lying = [
             cell
             for cell in way
             if identities_of(cells[cell]) > 0
             and kinds_of(cells[cell]) != DOOR
-            and not (cell == way[-1] and wanted[identities_of(cells[cell]) - 1])
+            and not (cell == way[-1] and is_meant[identities_of(cells[cell]) - 1])
         ]
         if not lying:
             return actions
         thing = identities_of(cells[lying[0]])
-        for each in (
+        for make_part in (
             partial(put_down, way=way),
             partial(do_to, verb=encoding.PICK_UP, identity=thing),
             partial(put_down, way=way),
         ):
-            part = each(row)
+            part = make_part(row)
             if part is None or not _do(row, part):
                 return None
             actions += part
@@ -78,20 +78,22 @@ def _do(row: Row, actions: list[int]) -> bool:
 
 
 def _way(row: Row, clause: int) -> list[int] | None:
-    """The cells on the path of the distance heuristic, free or not, and where something is put down."""
-    codes, locks = codes_of(row), find_locks(row)
+    """Return the cells on the path of the distance heuristic, free or not, and where something is put down."""
+    codes = codes_of(row)
+    locks = find_locks(row)
     sorts = sort_things(row, clause, codes, locks)
     table = distance_heuristic(row, clause, codes, locks, sorts, True)
     state = State(row)
     inside = state.contents.tolist()
     lock_at = {state.find(int(identity)): lock for lock, (identity, _) in enumerate(locks)}
-    held = identities_of(row[CARRYING])
-    unlocked, hand = 0, int(sorts[held - 1]) if held else NOTHING
+    carried = identities_of(row[CARRYING])
+    unlocked = 0
+    hand = int(sorts[carried - 1]) if carried else NOTHING
     x, y = state.position
     direction = state.direction
     cells: list[int] = []
     while table[unlocked, hand, (x * state.height + y) * 4 + direction] < FAR:
-        here = (unlocked, hand, x, y, direction)
+        node = (unlocked, hand, x, y, direction)
         ahead = x + STEPS[direction][0], y + STEPS[direction][1]
         after = [(unlocked, hand, x, y, (direction + turn) % 4) for turn in (1, 3)]
         if 0 <= ahead[0] < state.width and 0 <= ahead[1] < state.height:
@@ -104,7 +106,9 @@ def _way(row: Row, clause: int) -> list[int] | None:
             if hand == NOTHING and identities_of(code) > 0 and kinds_of(code) != DOOR:
                 within = identities_of(inside[identities_of(code) - 1])
                 after += [
-                    (unlocked, int(sorts[one - 1]), x, y, direction) for one in (identities_of(code), within) if one
+                    (unlocked, int(sorts[identity - 1]), x, y, direction)
+                    for identity in (identities_of(code), within)
+                    if identity
                 ]
         if hand != NOTHING:
             after.append((unlocked, NOTHING, x, y, direction))
@@ -113,7 +117,7 @@ def _way(row: Row, clause: int) -> list[int] | None:
             return int(table[at[0], at[1], (at[2] * state.height + at[3]) * 4 + at[4]])
 
         best = min(after, key=value)
-        if value(best) >= value(here):
+        if value(best) >= value(node):
             cells.append(ahead[0] * state.height + ahead[1])
             return list(dict.fromkeys(cells))
         if best[2:4] != (x, y):
@@ -123,32 +127,36 @@ def _way(row: Row, clause: int) -> list[int] | None:
 
 
 def do_to(row: Row, verb: int, identity: int) -> list[int] | None:
-    """The actions that do a verb to one object, whatever the instruction says; None if none were found."""
+    """Plan the actions that do a verb to one object, whatever the instruction says; None if none were found."""
     trial = row.copy()
     numbers = block(trial)
-    numbers[encoding.CLAUSES + encoding.VERB], numbers[encoding.CLAUSES + encoding.STRICT] = verb, 0
+    numbers[encoding.CLAUSES + encoding.VERB] = verb
+    numbers[encoding.CLAUSES + encoding.STRICT] = 0
     meant = described_objects(trial)
     meant[:] = np.where(meant > 0, SPARED, 0)
     meant[identity - 1] = SPARED | 1
-    codes, locks = codes_of(trial), find_locks(trial)
+    codes = codes_of(trial)
+    locks = find_locks(trial)
     sorts = sort_things(trial, 0, codes, locks)
     outcome, actions = search_clause(
         trial, 0, distance_heuristic(trial, 0, codes, locks, sorts, True), locks, sorts, 2, LIMIT
     )
-    return [int(action) for action in actions] if outcome == FOUND else None
+    if outcome == FOUND:
+        return [int(action) for action in actions]
+    return None
 
 
 def put_down(row: Row, way: list[int]) -> list[int] | None:
-    """The actions that put down what is in hand: off the path and not before a door, where possible."""
+    """Plan the actions that put down what is in hand: off the path and not before a door, where possible."""
     if row[CARRYING] == EMPTY:
         return []
     for barred in (_barred(row, way, doors=True), _barred(row, way, doors=False)):
         poses = _facing_free(row, barred)
         steps = distances(row, poses, False)
         state = State(row)
-        here = (*state.position, state.direction)
-        if steps[here] < FAR:
-            return [*descend(steps, *here), DROP]
+        pose = (*state.position, state.direction)
+        if steps[pose] < FAR:
+            return [*descend(steps, *pose), DROP]
     return None
 
 
@@ -165,18 +173,22 @@ def _barred(row: Row, way: list[int], *, doors: bool) -> NDArray[np.bool_]:
 
 
 def _facing_free(row: Row, barred: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Pose numbers from which a free cell that is not barred lies ahead."""
+    """Return the pose numbers from which a free cell that is not barred lies ahead."""
     state = State(row)
     numbers = []
     for x, y in np.argwhere((state.cells == EMPTY) & ~barred).tolist():
         for direction, (dx, dy) in enumerate(STEPS):
-            i, j = x - dx, y - dy
+            i = x - dx
+            j = y - dy
             if 0 <= i < state.width and 0 <= j < state.height:
                 numbers.append((i * state.height + j) * 4 + direction)
     return np.array(numbers, np.int64)
 
 
-EXACT, SOME, MANY = 1 << 12, 1 << 14, 1 << 16  # states looked at: exactly, guessing, and guessing boldly
+# states looked at: exactly, guessing, and guessing boldly
+EXACT = 1 << 12
+SOME = 1 << 14
+MANY = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,19 +207,21 @@ class InstructionPlan:
 
     @property
     def unsolvable(self) -> bool:
-        """Whether certainly no plan exists; neither found nor unsolvable means that the search gave up."""
+        """Return whether certainly no plan exists; neither found nor unsolvable means that the search gave up."""
         return self.at_least is None
 
     @property
     def shortest(self) -> bool:
-        """Whether the actions are proven to be the fewest."""
+        """Return whether the actions are proven to be the fewest."""
         return self.found and len(self.actions) == self.at_least
 
 
 def plan_instruction(row: Row) -> InstructionPlan:
-    """A plan for a state's instruction. The state is not changed; the step limit is ignored."""
+    """Plan a state's instruction. The state is not changed; the step limit is ignored."""
     scratch = row.copy()
-    scratch[MAX_STEPS], scratch[STEP], scratch[PHASE] = FAR, 0, PLAYING
+    scratch[MAX_STEPS] = FAR
+    scratch[STEP] = 0
+    scratch[PHASE] = PLAYING
     best: tuple[int, ...] | None = None
     unsolvable = True
     at_least = None
@@ -216,7 +230,10 @@ def plan_instruction(row: Row) -> InstructionPlan:
         actions, certain, bound = _in_order(trial, order)
         unsolvable &= certain
         if bound is not None:
-            at_least = bound if at_least is None else min(at_least, bound)
+            if at_least is None:
+                at_least = bound
+            else:
+                at_least = min(at_least, bound)
         if actions is not None and (best is None or len(actions) < len(best)):
             best = actions
     if best is not None:
@@ -225,23 +242,25 @@ def plan_instruction(row: Row) -> InstructionPlan:
 
 
 def plan_clause(row: Row, clause: int) -> tuple[int, ...] | None:
-    """A plan for one clause of a state's instruction; None if none was found. The state is not changed."""
+    """Plan one clause of a state's instruction; None if no plan was found. The state is not changed."""
     actions, _, _ = _clause(row, clause)
     return actions
 
 
 def _orders(row: Row) -> Iterator[tuple[int, ...]]:
-    """The orders in which the clauses can be done."""
+    """Yield the orders in which the clauses can be done."""
     numbers = block(row)
-    left, right = int(numbers[encoding.LEFT]), int(numbers[encoding.RIGHT])
-    one, other = tuple(range(left)), tuple(range(left, left + right))
+    left = int(numbers[encoding.LEFT])
+    right = int(numbers[encoding.RIGHT])
+    first_part = tuple(range(left))
+    second_part = tuple(range(left, left + right))
     if numbers[encoding.JOIN] == encoding.AFTER:
-        one, other = other, one
+        first_part, second_part = second_part, first_part
     waiting = [
         tuple(
             k for k in part if numbers[encoding.CLAUSES + k * encoding.CLAUSE + encoding.STATUS] != encoding.SATISFIED
         )
-        for part in (one, other)
+        for part in (first_part, second_part)
     ]
     if numbers[encoding.JOIN] == encoding.ALONE:
         waiting = waiting[:1]
@@ -253,7 +272,7 @@ def _orders(row: Row) -> Iterator[tuple[int, ...]]:
 
 def _in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | None, bool, int | None]:
     """Do clauses one after the other: the actions, whether failing was certain, the first clause's bound."""
-    done: list[int] = []
+    actions_made: list[int] = []
     bound: int | None = None
     for place, clause in enumerate(order):
         if block(row)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.STATUS] == encoding.SATISFIED:
@@ -267,18 +286,21 @@ def _in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | None,
             actions = (*actions, DONE)
         for action in actions:
             status, reward = try_action(row, action)
-            done.append(action)
+            actions_made.append(action)
             if status & TERMINATED:
                 # a failure at the joint of two parts is a trap if each step of the first is one of the second
                 trap = len(order) == 2 and not block(row)[encoding.FLAGS] & encoding.OWN_STEPS
-                return (tuple(done), False, bound) if reward > 0 else (None, trap, bound)
+                if reward > 0:
+                    return (tuple(actions_made), False, bound)
+                return (None, trap, bound)
     return None, False, bound
 
 
 def _clause(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | None]:
     """Do one clause: the actions, whether there certainly are none, at least how many there are."""
     first: list[int] = []
-    codes, locks = codes_of(row), find_locks(row)
+    codes = codes_of(row)
+    locks = find_locks(row)
     sorts = sort_things(row, clause, codes, locks)
     table = distance_heuristic(row, clause, codes, locks, sorts, False)
     at_least = int(heuristic_value_of(row, table, locks, sorts))
@@ -311,7 +333,8 @@ def _guessing(row: Row, clause: int) -> tuple[int, ...] | None:
         if cleared is None:
             continue
         start = trial if clears else row
-        codes, locks = codes_of(start), find_locks(start)
+        codes = codes_of(start)
+        locks = find_locks(start)
         sorts = sort_things(start, clause, codes, locks)
         guess = distance_heuristic(start, clause, codes, locks, sorts, True)
         outcome, actions = search_clause(start, clause, guess, locks, sorts, weight, limit)

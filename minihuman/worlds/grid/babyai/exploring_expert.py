@@ -90,7 +90,10 @@ class Explorer:
             room_for_more = instructed_length(int(known[fields.WIDTH]), int(known[fields.HEIGHT])) - len(known)
             if known[fields.TASK] == rewards.DODGE:
                 self._where_things_are(known)
-            actions = plan(State(known)) if self._knows_what_it_is_about(known) else None
+            if self._knows_what_it_is_about(known):
+                actions = plan(State(known))
+            else:
+                actions = None
             return actions or self._look_for_more(np.pad(known, (0, room_for_more)))
         for candidates in (self._ways(known), self._fetching(known)):
             if candidates:
@@ -152,7 +155,10 @@ class Explorer:
 
     def _look_for_more(self, known: Row) -> list[int]:
         judgement = self._judgement or (DOOR_WEIGHTS if _seeks_doors(known) else EXPERT_WEIGHTS)
-        allowed = _doors_left_alone(known) if _strict(known) else known
+        if _strict(known):
+            allowed = _doors_left_alone(known)
+        else:
+            allowed = known
         nearest = self.memory.frontier(allowed, judgement=judgement, noise=self._noise)
         if nearest is not None:
             return nearest[0]

@@ -54,31 +54,32 @@ class InstructionSpace(Sentences):
         if not 1 <= clauses <= 4:
             raise WorldError(f"an instruction cannot have {clauses!r} clauses; use 1 to 4")
         self.verbs = tuple(verb for verb in VERBS if verb in verbs or not verbs)
-        self.places, self.clauses = places, clauses
+        self.places = places
+        self.clauses = clauses
         longest = str(After(*(And(LONGEST_CLAUSE, LONGEST_CLAUSE),) * 2))
         super().__init__(VOCABULARY.split(), max_length=len(longest), most_words=len(words_in(longest)), seed=seed)
 
     def of(self, row: Row) -> str:
-        """The sentence of a state."""
+        """Return the sentence of a state."""
         return sentence_of(row)
 
     def first(self) -> str:
-        """A sentence of this space: the mission of a world not yet reset."""
+        """Return a sentence of this space: the mission of a world not yet reset."""
         return str(self._clause(VERBS[self.verbs[0]], ObjectDescription("door" if self.verbs[0] == "open" else "ball")))
 
     def contains(self, x: Any) -> bool:
-        """Whether the grammar gives this sentence."""
+        """Return whether the grammar gives this sentence."""
         if not isinstance(x, str):
             return False
         try:
-            said = parse(x)
+            instruction = parse(x)
         except WorldError:
             return False
-        return str(said) == x and self.admits(said)
+        return str(instruction) == x and self.admits(instruction)
 
-    def admits(self, said: Instruction) -> bool:
-        """Whether an instruction is of this grammar."""
-        spoken = clauses(said)
+    def admits(self, instruction: Instruction) -> bool:
+        """Return whether an instruction is of this grammar."""
+        spoken = clauses(instruction)
         things = [thing for clause in spoken for thing in (clause.thing, getattr(clause, "other", ObjectDescription()))]
         return (
             len(spoken) <= self.clauses
@@ -87,31 +88,41 @@ class InstructionSpace(Sentences):
         )
 
     def sample(self, mask: Any = None, probability: Any = None) -> str:
-        """A drawn sentence. Masks and probabilities are not supported."""
+        """Draw a sentence. Masks and probabilities are not supported."""
         if mask is not None or probability is not None:
             raise WorldError("an instruction space takes no mask and no probability; remove them")
         count = int(self.np_random.integers(1, self.clauses + 1))
         spoken = [self._draw_clause() for _ in range(count)]
-        said: Instruction = spoken[0]
+        instruction: Instruction = spoken[0]
         if count == 2 and self._any(2):
-            said = And(*spoken)
+            instruction = And(*spoken)
         elif count > 1:
             split = {2: 1, 3: 1 + self._any(2), 4: 2}[count]
             join = (Before, After)[self._any(2)]
-            said = join(self._part(spoken[:split]), self._part(spoken[split:]))
-        return str(said)
+            instruction = join(self._part(spoken[:split]), self._part(spoken[split:]))
+        return str(instruction)
 
     def _draw_clause(self) -> Clause:
         verb = VERBS[self.verbs[self._any(len(self.verbs))]]
-        nouns = ("door",) if verb is Open else NOUNS if verb is GoTo else NOUNS[1:]
+        nouns: tuple[str, ...]
+        if verb is Open:
+            nouns = ("door",)
+        elif verb is GoTo:
+            nouns = NOUNS
+        else:
+            nouns = NOUNS[1:]
         return self._clause(verb, self._thing(nouns), self._thing(NOUNS))
 
     def _clause(self, verb: type[Clause], thing: ObjectDescription, other: ObjectDescription | None = None) -> Clause:
-        return PutNext(thing, other or ObjectDescription("box")) if verb is PutNext else verb(thing)
+        if verb is PutNext:
+            return PutNext(thing, other or ObjectDescription("box"))
+        return verb(thing)
 
     @staticmethod
     def _part(spoken: list[Clause]) -> Part:
-        return spoken[0] if len(spoken) == 1 else And(*spoken)
+        if len(spoken) == 1:
+            return spoken[0]
+        return And(*spoken)
 
     def _thing(self, nouns: tuple[str, ...]) -> ObjectDescription:
         colour = self._any(len(COLOURS) + 1)

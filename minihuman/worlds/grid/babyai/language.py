@@ -66,7 +66,7 @@ class Open(Clause):
     strict: bool = False
 
     def __post_init__(self) -> None:
-        """Only doors are opened."""
+        """Refuse to open anything but a door."""
         if self.thing.kind not in ("door", None) and isinstance(self.thing.kind, str):
             raise WorldError(f"'open {self.thing}': only doors can be opened")
 
@@ -79,7 +79,7 @@ class Pickup(Clause):
     strict: bool = False
 
     def __post_init__(self) -> None:
-        """No door is picked up."""
+        """Refuse to pick up a door."""
         if self.thing.kind == "door":
             raise WorldError(f"'pick up {self.thing}': a door cannot be picked up")
 
@@ -93,7 +93,7 @@ class PutNext(Clause):
     strict: bool = False
 
     def __post_init__(self) -> None:
-        """No door is carried."""
+        """Refuse to carry a door."""
         if self.thing.kind == "door":
             raise WorldError(f"'put {self.thing} ...': a door cannot be carried")
 
@@ -143,12 +143,14 @@ Instruction = Part | Before | After
 
 
 def parts(instruction: Instruction) -> tuple[Part, ...]:
-    """The parts as they are read."""
-    return (instruction.left, instruction.right) if isinstance(instruction, Before | After) else (instruction,)
+    """Return the parts as they are read."""
+    if isinstance(instruction, Before | After):
+        return (instruction.left, instruction.right)
+    return (instruction,)
 
 
 def clauses(instruction: Instruction) -> tuple[Clause, ...]:
-    """The clauses as they are read."""
+    """Return the clauses as they are read."""
     return tuple(_clauses(instruction))
 
 
@@ -161,7 +163,7 @@ def _clauses(instruction: Instruction) -> Iterator[Clause]:
 
 
 def as_tree(instruction: Any) -> dict[str, Any]:
-    """An instruction as nested dicts, for JSON: each with its class under "do", and what it says; no None."""
+    """Convert an instruction to nested dicts, for JSON: each with its class under "do", and what it says; no None."""
     tree: dict[str, Any] = {} if isinstance(instruction, ObjectDescription) else {"do": type(instruction).__name__}
     for field in fields(instruction):
         value = getattr(instruction, field.name)
@@ -171,7 +173,7 @@ def as_tree(instruction: Any) -> dict[str, Any]:
 
 
 def parse(sentence: str) -> Instruction:
-    """The instruction that a sentence says; articles may be left out.
+    """Parse a sentence into its instruction; articles may be left out.
 
     Raises:
         WorldError: if the sentence is none of this language.
@@ -204,14 +206,20 @@ def _clause(text: str, sentence: str) -> Clause:
 
 
 def _thing(text: str, sentence: str) -> ObjectDescription:
-    rest, place, many = text, None, None
+    phrase = text
+    place = None
+    many = None
     for name, words in zip(PLACES, PLACE_WORDS, strict=True):
-        if rest.endswith(" " + words):
-            rest, place = rest.removesuffix(" " + words), name
-    words_left = rest.split(" ")
+        if phrase.endswith(" " + words):
+            phrase = phrase.removesuffix(" " + words)
+            place = name
+    words_left = phrase.split(" ")
     if words_left[0] in ("a", "the"):
         many = words_left.pop(0) == "a"
-    colour = words_left.pop(0) if words_left and words_left[0] in COLOURS else None
+    if words_left and words_left[0] in COLOURS:
+        colour = words_left.pop(0)
+    else:
+        colour = None
     if len(words_left) != 1 or words_left[0] not in (*NOUNS, "object"):
         raise WorldError(
             f"mission {sentence!r}: {text!r} names no object; use a colour of {', '.join(COLOURS)}, a kind of "

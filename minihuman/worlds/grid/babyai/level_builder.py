@@ -20,7 +20,6 @@ from minihuman.worlds.grid.babyai.language import (
     PLACES,
     After,
     Before,
-    Clause,
     Instruction,
     ObjectDescription,
     PutNext,
@@ -28,18 +27,9 @@ from minihuman.worlds.grid.babyai.language import (
     parse,
     parts,
 )
-from minihuman.worlds.grid.babyai.level_program import (
-    COLOUR_IN,
-    IN_REGISTER,
-    KIND_IN,
-    REGISTERS,
-    USE,
-    WIDE,
-    Given,
-    Program,
-    furnish,
-)
+from minihuman.worlds.grid.babyai.level_program import IN_REGISTER, REGISTERS, USE, WIDE, Given, Program, furnish
 from minihuman.worlds.grid.babyai.level_rooms import BOTH, ONE, SEQUENCE
+from minihuman.worlds.grid.babyai.level_values import AnyOf, ObjectGroup, ObjectRef, RandomVariable, Use
 from minihuman.worlds.grid.core.cells import KINDS
 from minihuman.worlds.grid.core.state import Row
 from minihuman.worlds.grid.layout import Recipe
@@ -53,60 +43,6 @@ SENTENCES = {"action": ONE, "and": BOTH, "seq": SEQUENCE}
 _WORDS = {number: words for words, verb in VERBS.items() for number in (encoding.VERBS[verb],)}
 
 
-@dataclass(frozen=True, slots=True)
-class RandomVariable:
-    """A number that is drawn in every episode anew: an argument of later verbs."""
-
-    argument: int
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectRef:
-    """An object that is made in every episode; its kind and colour are known then."""
-
-    register: int
-
-    @property
-    def kind(self) -> Any:
-        """Its kind."""
-        return RandomVariable(KIND_IN + self.register)
-
-    @property
-    def colour(self) -> Any:
-        """Its colour."""
-        return RandomVariable(COLOUR_IN + self.register)
-
-    @property
-    def thing(self) -> ObjectDescription:
-        """The description by kind and colour."""
-        return ObjectDescription(self.kind, self.colour)
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectGroup:
-    """Objects made one after the other."""
-
-    first: ObjectRef
-    last: ObjectRef
-
-    def __add__(self, doors: Sequence[ObjectRef]) -> "ObjectGroup":
-        """With what was made right after."""
-        return ObjectGroup(self.first, doors[-1])
-
-
-@dataclass(frozen=True, slots=True)
-class Use(Clause):
-    """Open it if it is a door, pick it up otherwise."""
-
-
-@dataclass(frozen=True, slots=True)
-class AnyOf:
-    """An instruction of several, drawn."""
-
-    drawn: RandomVariable
-    each: tuple[Any, ...]
-
-
 class LevelBuilder:
     """Equal rooms to furnish; the agent stands in the middle one until it is placed.
 
@@ -114,7 +50,9 @@ class LevelBuilder:
     """
 
     def __init__(self, columns: int, lines: int, size: int) -> None:
-        self.columns, self.lines, self.size = columns, lines, size
+        self.columns = columns
+        self.lines = lines
+        self.size = size
         self._lines: list[list[int]] = []
         self._registers = 0
         self._verbs: set[str] = set()
@@ -123,7 +61,7 @@ class LevelBuilder:
         self.keys_matter = False  # draw again where the instruction is about a key that opens a locked door
 
     def room(self, column: "int | RandomVariable", line: "int | RandomVariable") -> RandomVariable:
-        """A room by its place."""
+        """Return a room by its place."""
         for name, value, count in (("column", column, self.columns), ("line", line, self.lines)):
             if isinstance(value, int) and not 0 <= value < count:
                 raise WorldError(
@@ -151,7 +89,10 @@ class LevelBuilder:
 
     def two_of(self, options: "ObjectGroup | Sequence[ObjectRef]") -> tuple[ObjectRef, ObjectRef]:
         """Draw two different objects."""
-        group = options if isinstance(options, ObjectGroup) else ObjectGroup(options[0], options[-1])
+        if isinstance(options, ObjectGroup):
+            group = options
+        else:
+            group = ObjectGroup(options[0], options[-1])
         register = self._do(level_program.TWO_FROM, group.first, group.last, registers=2).argument - IN_REGISTER
         return ObjectRef(register), ObjectRef(register + 1)
 
@@ -184,13 +125,13 @@ class LevelBuilder:
         return self._make(level_program.OBJECT_IN, room, _or_drawn(kind), _or_drawn(colour))
 
     def rooms(self) -> Iterator[RandomVariable]:
-        """All rooms, column by column."""
+        """Yield all rooms, column by column."""
         for column in range(self.columns):
             for line in range(self.lines):
                 yield self.room(column, line)
 
     def four_doors(self, room: RandomVariable, *, locked: bool | None = None) -> list[ObjectRef]:
-        """A door in each wall of a room."""
+        """Put a door in each wall of a room."""
         return [self.door(room, locked=locked) for _ in range(4)]
 
     def things(
@@ -207,10 +148,10 @@ class LevelBuilder:
                 f"{count} objects cannot all differ; there are {3 * len(COLOURS)} pairs of kind and colour, so ask for "
                 "fewer"
             )
-        drawn = self._do(
+        variable = self._do(
             level_program.OBJECTS_IN, _or_drawn(room), count, int(different), _or_drawn(but_not_in), registers=2
         )
-        register = drawn.argument - IN_REGISTER
+        register = variable.argument - IN_REGISTER
         return ObjectGroup(ObjectRef(register), ObjectRef(register + 1))
 
     def any_door(self) -> ObjectRef:
@@ -233,12 +174,12 @@ class LevelBuilder:
         """Draw the round again if one of the objects is like that."""
         self._do(level_program.NONE_LIKE, group.first, group.last, _number(kind), _number(colour), registers=0)
 
-    def require_other(self, one: RandomVariable, other: RandomVariable) -> None:
+    def require_other(self, thing: RandomVariable, other: RandomVariable) -> None:
         """Draw the round again if the two are the same."""
-        self._do(level_program.GIVE_UP_UNLESS, one, other, registers=0)
+        self._do(level_program.GIVE_UP_UNLESS, thing, other, registers=0)
 
     def maybe_locked_room(self, chance: float) -> RandomVariable:
-        """With that chance, put a locked door to a drawn room and its key into another; the room, or none."""
+        """Put, with that chance, a locked door to a drawn room and its key into another; the room, or none."""
         if isinstance(chance, bool) or not isinstance(chance, int | float) or not 0 <= chance <= 1:
             raise WorldError(f"locked_room_prob is {chance!r}; use a probability from 0 to 1")
         return self._do(level_program.LOCK_ROOM, ceil(chance * 2**53))
@@ -251,18 +192,18 @@ class LevelBuilder:
         """Put a box with a key in it into a room."""
         return self._make(level_program.BOXED_KEY, room, colour)
 
-    def maybe_swap(self, one: ObjectRef, other: ObjectRef) -> tuple[ObjectRef, ObjectRef]:
-        """By one chance in two, each takes the other's place."""
-        self._do(level_program.SWAP, one, other, registers=0)
-        return one, other
+    def maybe_swap(self, thing: ObjectRef, other: ObjectRef) -> tuple[ObjectRef, ObjectRef]:
+        """Swap two objects by one chance in two."""
+        self._do(level_program.SWAP, thing, other, registers=0)
+        return thing, other
 
     def give(self, thing: ObjectRef) -> None:
-        """The agent starts with it in its hand."""
+        """Let the agent start with it in its hand."""
         self._do(level_program.HAND, thing, registers=0)
 
-    def one_of(self, *each: Any) -> AnyOf:
+    def one_of(self, *alternatives: Any) -> AnyOf:
         """Draw one of some instructions; a function is called for its instruction, and draws only when it is drawn."""
-        return AnyOf(self.integer(0, len(each)), each)
+        return AnyOf(self.integer(0, len(alternatives)), alternatives)
 
     def invent(
         self,
@@ -274,9 +215,9 @@ class LevelBuilder:
         locked_room: RandomVariable,
     ) -> None:
         """Draw a whole instruction about what lies in the house."""
-        for name, given, known in (("action_kinds", actions, ACTIONS), ("instr_kinds", kinds, SENTENCES)):
-            if isinstance(given, str) or not 1 <= len(given) <= 4 or any(word not in known for word in given):
-                raise WorldError(f"{name} is {given!r}; give one to four of {', '.join(known)}")
+        for name, words, known in (("action_kinds", actions, ACTIONS), ("instr_kinds", kinds, SENTENCES)):
+            if isinstance(words, str) or not 1 <= len(words) <= 4 or any(word not in known for word in words):
+                raise WorldError(f"{name} is {words!r}; give one to four of {', '.join(known)}")
         lists = (_pack([ACTIONS[word] for word in actions]), _pack([SENTENCES[word] for word in kinds]))
         self._do(level_program.INVENT, *lists, int(places), int(implicit_unlock), locked_room, registers=0)
         self._verbs |= {_WORDS[ACTIONS[word]] for word in actions}
@@ -286,10 +227,10 @@ class LevelBuilder:
     def finish(self, instruction: "Instruction | AnyOf | None") -> None:
         """Say what the level's function has returned."""
         if isinstance(instruction, AnyOf):
-            for k, each in enumerate(instruction.each):
+            for k, alternative in enumerate(instruction.alternatives):
                 skip = len(self._lines)
-                self._do(level_program.SKIP_UNLESS, instruction.drawn, k, 0, registers=0)
-                self.finish(each() if callable(each) else each)
+                self._do(level_program.SKIP_UNLESS, instruction.selected, k, 0, registers=0)
+                self.finish(alternative() if callable(alternative) else alternative)
                 self._lines[skip][4] = len(self._lines) - skip - 1
         elif instruction is not None:
             self._say(instruction)
@@ -298,7 +239,10 @@ class LevelBuilder:
         spoken = clauses(instruction)
         self._clauses = max(self._clauses, len(spoken))
         for k, clause in enumerate(spoken):
-            verb = USE if isinstance(clause, Use) else encoding.VERBS[type(clause)]
+            if isinstance(clause, Use):
+                verb = USE
+            else:
+                verb = encoding.VERBS[type(clause)]
             self._verbs |= {"open", "pick up"} if verb == USE else {_WORDS[verb]}
             self._do(
                 level_program.SAY,
@@ -330,13 +274,13 @@ class LevelBuilder:
         )
 
     def space(self, *, any_mission: bool = False) -> InstructionSpace:
-        """The space of the sentences that this level can say."""
+        """Return the space of the sentences that this level can say."""
         if any_mission or not self._verbs:
             return InstructionSpace()
         return InstructionSpace(*self._verbs, places=self._places, clauses=self._clauses)
 
     def program(self, steps_a_walk: int, *, flags: int) -> Program:
-        """What was traced."""
+        """Return the traced program."""
         head = [self.columns, self.lines, self.size, steps_a_walk, int(self.keys_matter), flags]
         table = np.zeros((1 + len(self._lines), WIDE), np.int64)
         table[0, : len(head)] = head
@@ -360,7 +304,7 @@ class LevelBuilder:
 
 
 def _number(value: Any) -> int:
-    """An argument as a number: words by their place in the table of their sort."""
+    """Encode an argument as a number: words by their place in the table of their sort."""
     if isinstance(value, RandomVariable):
         return value.argument
     if isinstance(value, ObjectRef):
@@ -380,7 +324,7 @@ def _or_drawn(value: Any) -> int:
 
 
 def _pack(numbers: Sequence[int]) -> int:
-    """A short list in one number, as `invent` reads it."""
+    """Pack a short list into one number, as `invent` reads it."""
     return len(numbers) | sum(number << 4 * (k + 1) for k, number in enumerate(numbers))
 
 
@@ -395,31 +339,31 @@ class LevelRecipe(Recipe):
     """A level's recipe: its layout carries the program out, its mission is an instruction."""
 
     program: Program
-    given: Given
+    fixed_mission: Given
 
     def lay_out(self, row: Row, rng_state: RngState) -> None:
         """Lay an episode out into a cleared row."""
-        furnish(row, rng_state, self.program, self.given)
+        furnish(row, rng_state, self.program, self.fixed_mission)
 
     def limited(self, max_steps: int) -> "LevelRecipe":
-        """The recipe of the same level with this step limit in every episode."""
+        """Return the recipe of the same level with this step limit in every episode."""
         program = self.program.copy()
         program[0, 3] = 0
         return replace(self, max_steps=max_steps, program=program)
 
     def about(self, mission: str) -> "LevelRecipe":
-        """The recipe of the same level with a mission set by hand.
+        """Return the recipe of the same level with a mission set by hand.
 
         Raises:
             WorldError: if the sentence is none of the language.
         """
         if not isinstance(mission, str):
             raise WorldError(f"mission is {mission!r}; it must be a string")
-        said = parse(mission)
+        instruction = parse(mission)
         assert isinstance(self.mission, InstructionSpace)
-        if not self.mission.admits(said):
+        if not self.mission.admits(instruction):
             raise WorldError(f"mission {mission!r} is not one of {self.mission}; make the world with any_mission=True")
-        return replace(self, given=to_numbers(said))
+        return replace(self, fixed_mission=to_numbers(instruction))
 
 
 @dataclass(frozen=True, slots=True)
@@ -433,8 +377,19 @@ class Level:
 
     @property
     def __name__(self) -> str:
-        """The level's name, as the catalogue has it."""
+        """Return the level's name, as the catalogue has it."""
         return self.trace.__name__
+
+    def _check_options(self, options: Mapping[str, Any]) -> None:
+        """Refuse options that the level's function does not take, and the lack of one that it needs."""
+        known = inspect.signature(self.trace).parameters
+        for name in options:
+            if name not in known:
+                free = [*(name for name in self.sizes if name not in self.fixed), *list(known)[1:]]
+                raise WorldError(f"{self.__name__} has no option {name!r}; its options are {', '.join(free) or 'none'}")
+        for name, parameter in list(known.items())[1:]:
+            if parameter.default is parameter.empty and name not in options:
+                raise WorldError(f"{self.__name__} needs the option {name}; pass it")
 
     def __call__(
         self,
@@ -445,7 +400,7 @@ class Level:
         any_mission: bool = False,
         **options: Any,
     ) -> LevelRecipe:
-        """The recipe of the level with these options.
+        """Make the recipe of the level with these options.
 
         Args:
             own_steps: Judge each part of an instruction by its own steps, and by where things are.
@@ -464,16 +419,12 @@ class Level:
             if name in self.fixed:
                 raise WorldError(f"{self.__name__} has a fixed {name}, {sizes[name]}; remove this option")
             sizes[name] = check_whole(name, options.pop(name), *((3, 64) if name == "room_size" else (1, 32)))
-        known = inspect.signature(self.trace).parameters
-        for name in options:
-            if name not in known:
-                free = [*(name for name in sizes if name not in self.fixed), *list(known)[1:]]
-                raise WorldError(f"{self.__name__} has no option {name!r}; its options are {', '.join(free) or 'none'}")
-        for name, parameter in list(known.items())[1:]:
-            if parameter.default is parameter.empty and name not in options:
-                raise WorldError(f"{self.__name__} needs the option {name}; pass it")
-        size, columns, lines = sizes["room_size"], sizes["num_cols"], sizes["num_rows"]
-        width, height = (size - 1) * columns + 1, (size - 1) * lines + 1
+        self._check_options(options)
+        size = sizes["room_size"]
+        columns = sizes["num_cols"]
+        lines = sizes["num_rows"]
+        width = (size - 1) * columns + 1
+        height = (size - 1) * lines + 1
         if width * height > MAX_LEVEL_CELLS:
             raise WorldError(
                 f"{columns} x {lines} rooms of {size} make {width * height} cells; use fewer or smaller rooms, for at "
@@ -493,9 +444,11 @@ class Level:
             mission=builder.space(any_mission=any_mission or mission is not None),
             room_size=size,
             program=builder.program(0 if steps else walk, flags=flags),
-            given=NO_MISSION,
+            fixed_mission=NO_MISSION,
         )
-        return recipe if mission is None else recipe.about(mission)
+        if mission is None:
+            return recipe
+        return recipe.about(mission)
 
 
 def level(

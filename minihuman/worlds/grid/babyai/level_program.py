@@ -63,7 +63,10 @@ Given = NDArray[np.int64]  # an instruction set by hand: the block's numbers, or
 WIDE = 10
 REGISTERS = 64
 MOST_ROUNDS = 10_000
-IN_REGISTER, KIND_IN, COLOUR_IN = 1 << 56, 1 << 57, 1 << 58  # beside a register's place
+# beside a register's place
+IN_REGISTER = 1 << 56
+KIND_IN = 1 << 57
+COLOUR_IN = 1 << 58
 
 COLUMNS, LINES, SIZE, STEPS_A_WALK, KEYS_MATTER, ALL_FLAGS = range(6)  # the first line
 USE = 5  # a verb: open a door, pick up everything else
@@ -102,7 +105,7 @@ USE = 5  # a verb: open a door, pick up everything else
 
 @inline
 def value(row: Row, registers: NDArray[np.int64], argument: int) -> int:
-    """What an argument is."""
+    """Resolve an argument."""
     if argument < IN_REGISTER:
         return argument
     if argument >= COLOUR_IN:
@@ -117,9 +120,9 @@ def draw_colours(rng_state: RngState, registers: NDArray[np.int64], out: int, co
     """Draw different colours, each from what is left in the order of their names."""
     left = np.array((2, 1, 5, 3, 0, 4))
     for k in range(count):
-        drawn = integer(rng_state, 0, 6 - k)
-        registers[out + k] = left[drawn]
-        for place in range(drawn, 5 - k):
+        pick = integer(rng_state, 0, 6 - k)
+        registers[out + k] = left[pick]
+        for place in range(pick, 5 - k):
             left[place] = left[place + 1]
 
 
@@ -141,19 +144,23 @@ def say(row: Row, registers: NDArray[np.int64], line: NDArray[np.int64]) -> None
 @device_function()
 def carry_out(row: Row, rng_state: RngState, plan: Plan, program: Program) -> bool:
     """Carry a program out; False where a round is rejected."""
-    columns, size = program[0, COLUMNS], program[0, SIZE]
+    columns = program[0, COLUMNS]
+    size = program[0, SIZE]
     registers = np.zeros(REGISTERS, np.int64)
     block = block_of(row)
     at = 1
     while at < len(program):
         line = program[at]
         at += 1
-        operation, out = line[0], line[1]
+        operation = line[0]
+        out = line[1]
         if operation == SAY:
             say(row, registers, line)
             continue
-        a, b = value(row, registers, line[2]), value(row, registers, line[3])
-        c, d = value(row, registers, line[4]), value(row, registers, line[5])
+        a = value(row, registers, line[2])
+        b = value(row, registers, line[3])
+        c = value(row, registers, line[4])
+        d = value(row, registers, line[5])
         if operation == INTEGER:
             registers[out] = integer(rng_state, a, b)
         elif operation == OUT_OF:
@@ -185,7 +192,8 @@ def carry_out(row: Row, rng_state: RngState, plan: Plan, program: Program) -> bo
         elif operation == TWO_FROM:
             first = integer(rng_state, 0, b - a + 1)
             second = integer(rng_state, 0, b - a)
-            registers[out], registers[out + 1] = a + first, a + second + (second >= first)
+            registers[out] = a + first
+            registers[out + 1] = a + second + (second >= first)
         elif operation == ANY_DOOR:
             registers[out] = draw_door_of(row, rng_state, plan, columns)
         elif operation == RECOLOUR:
@@ -209,7 +217,8 @@ def carry_out(row: Row, rng_state: RngState, plan: Plan, program: Program) -> bo
             if integer(rng_state, 0, 2) == 0:
                 first = line[2] - IN_REGISTER
                 second = line[3] - IN_REGISTER
-                registers[first], registers[second] = b, a
+                registers[first] = b
+                registers[second] = a
         elif operation == TWO_COLOURS:
             draw_colours(rng_state, registers, out, a)
         elif operation == SKIP_UNLESS:
@@ -217,9 +226,13 @@ def carry_out(row: Row, rng_state: RngState, plan: Plan, program: Program) -> bo
                 at += c
         elif operation == SAY_OTHER:
             place = block + CLAUSES + a * CLAUSE + OTHER
-            row[place], row[place + 1], row[place + 2] = b, c, d
+            row[place] = b
+            row[place + 1] = c
+            row[place + 2] = d
         elif operation == ARRANGE:
-            row[block + JOIN], row[block + LEFT], row[block + RIGHT] = a, b, c
+            row[block + JOIN] = a
+            row[block + LEFT] = b
+            row[block + RIGHT] = c
             row[block + FLAGS] |= d
         elif operation == INVENT:
             sample_instruction(row, rng_state, a, b, c != 0, d != 0, value(row, registers, line[6]), columns, size)
@@ -233,36 +246,38 @@ def carry_out(row: Row, rng_state: RngState, plan: Plan, program: Program) -> bo
 
 
 @device_function()
-def settle(row: Row, given: Given, keys_matter: bool) -> bool:
+def settle(row: Row, fixed_mission: Given, keys_matter: bool) -> bool:
     """Bind the drawn or the given instruction to the layout; False if it means nothing or makes no sense there."""
     block = block_of(row)
-    if len(given) == 0:
+    if len(fixed_mission) == 0:
         return bind(row) and makes_sense(row, keys_matter)
     for k in (JOIN, LEFT, RIGHT):
-        row[block + k] = given[k]
+        row[block + k] = fixed_mission[k]
     for k in range(CLAUSES, BLOCK):
-        row[block + k] = given[k]
-    row[block + FLAGS] |= given[FLAGS]
+        row[block + k] = fixed_mission[k]
+    row[block + FLAGS] |= fixed_mission[FLAGS]
     if not bind(row) or not makes_sense(row, False):
         return False
     for k in range(row[block + LEFT] + row[block + RIGHT]):
         for at in (CLAUSES + k * CLAUSE + THING + PLURAL, CLAUSES + k * CLAUSE + OTHER + PLURAL):
-            if given[at] >= 0 and given[at] != row[block + at]:
+            if fixed_mission[at] >= 0 and fixed_mission[at] != row[block + at]:
                 return False
     return True
 
 
 @kernel("void(int32[::1], uint64[::1], int64[:, ::1], int64[::1])", only=True)
-def furnish(row: Row, rng_state: RngState, program: Program, given: Given) -> None:
+def furnish(row: Row, rng_state: RngState, program: Program, fixed_mission: Given) -> None:
     """Lay an episode of a level out: draw rounds until one is accepted. Marks the row FAILED if none is."""
-    columns, lines, size = program[0, COLUMNS], program[0, LINES], program[0, SIZE]
+    columns = program[0, COLUMNS]
+    lines = program[0, LINES]
+    size = program[0, SIZE]
     block = block_of(row)
     for attempt in range(1, MOST_ROUNDS + 1):
         clear(row)
         plan = rooms(row, rng_state, columns, lines, size)
         row[block + ROOM] = size
         row[block + FLAGS] = program[0, ALL_FLAGS]
-        if carry_out(row, rng_state, plan, program) and settle(row, given, program[0, KEYS_MATTER] != 0):
+        if carry_out(row, rng_state, plan, program) and settle(row, fixed_mission, program[0, KEYS_MATTER] != 0):
             row[block + ROUNDS] = attempt
             break
         if row[FAILED] > 1 or attempt == MOST_ROUNDS:

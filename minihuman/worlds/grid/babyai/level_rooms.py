@@ -87,9 +87,11 @@ DRAWN = -1  # of a room, wall, kind, colour or lock: draw it
 
 @inline
 def code_of(row: Row, identity: int) -> int:
-    """The code of an object that lies in a cell."""
+    """Return the code of an object that lies in a cell."""
     cell = where_is(row, identity)
-    return row[HEADER + cell] if cell != NOWHERE else EMPTY
+    if cell != NOWHERE:
+        return row[HEADER + cell]
+    return EMPTY
 
 
 @device_function()
@@ -145,7 +147,8 @@ def new_objects(
     left = count
     tries = 0
     while left > 0 and row[FAILED] == 0:
-        colour, kind = draw_colour(rng_state), draw_kind(rng_state, 3)
+        colour = draw_colour(rng_state)
+        kind = draw_kind(rng_state, 3)
         tries += 1
         if unlike and is_there(row, kind, colour):
             if tries > AGENT_TRIES:
@@ -159,7 +162,7 @@ def new_objects(
 
 @device_function()
 def is_there(row: Row, kind: int, colour: int) -> bool:
-    """Whether an object of that kind and colour lies somewhere."""
+    """Return whether an object of that kind and colour lies somewhere."""
     for identity in range(1, row[OBJECTS] + 1):
         code = code_of(row, identity)
         if kind_of(code) == kind and colour_of(code) == colour:
@@ -172,9 +175,12 @@ def put_agent_in(row: Row, rng_state: RngState, plan: Plan, columns: int, size: 
     """Put the agent into a room or a drawn one, facing nothing but a wall; into another room than the barred one."""
     lines = len(plan) // columns
     for _ in range(AGENT_TRIES):
-        drawn = draw_room(rng_state, columns, lines) if room == DRAWN else room
-        stand_in(row, rng_state, columns, size, drawn)
-        if row[FAILED] != 0 or drawn != barred:
+        if room == DRAWN:
+            target_room = draw_room(rng_state, columns, lines)
+        else:
+            target_room = room
+        stand_in(row, rng_state, columns, size, target_room)
+        if row[FAILED] != 0 or target_room != barred:
             return
     row[FAILED] = HOPELESS
 
@@ -182,17 +188,20 @@ def put_agent_in(row: Row, rng_state: RngState, plan: Plan, columns: int, size: 
 @device_function()
 def stand_in(row: Row, rng_state: RngState, columns: int, size: int, room: int) -> None:
     """Draw the agent's cell and direction in a room until it faces nothing or a wall."""
-    left, top = room % columns * (size - 1), room // columns * (size - 1)
+    left = room % columns * (size - 1)
+    top = room // columns * (size - 1)
     for _ in range(AGENT_TRIES):
         row[X] = row[Y] = -1
         tries = 0
-        x, y = integer(rng_state, left, left + size), integer(rng_state, top, top + size)
+        x = integer(rng_state, left, left + size)
+        y = integer(rng_state, top, top + size)
         while row[HEADER + x * row[HEIGHT] + y] != EMPTY:
             tries += 1
             if tries == PLACE_TRIES:
                 row[FAILED] = 1
                 return
-            x, y = integer(rng_state, left, left + size), integer(rng_state, top, top + size)
+            x = integer(rng_state, left, left + size)
+            y = integer(rng_state, top, top + size)
         stand(row, x, y, integer(rng_state, 0, 4))
         ahead_x, ahead_y = cell_in_front(row)
         kind = kind_of(cell_at(row, ahead_x, ahead_y))
@@ -231,24 +240,25 @@ def join_rooms(row: Row, rng_state: RngState, plan: Plan, columns: int, size: in
 
 @device_function()
 def all_in_reach(row: Row) -> bool:
-    """Whether the agent can get to everything with all doors open and nothing moved."""
+    """Return whether the agent can get to everything with all doors open and nothing moved."""
     height = row[HEIGHT]
-    seen = np.zeros(row[WIDTH] * height, np.uint8)
-    stack = np.empty(len(seen) + 1, np.int64)  # what is written behind its end does not count
+    reached = np.zeros(row[WIDTH] * height, np.uint8)
+    stack = np.empty(len(reached) + 1, np.int64)  # what is written behind its end does not count
     cell = row[X] * height + row[Y]
     waiting = 1
-    seen[cell], stack[0] = 1, cell
+    reached[cell] = 1
+    stack[0] = cell
     while waiting > 0:
         waiting -= 1
         cell = stack[waiting]
         for other in (cell - height, cell - 1, cell + 1, cell + height):  # in the grid, as walls are around it
             kind = kind_of(row[HEADER + other])
             stack[waiting] = other
-            waiting += ((kind == EMPTY) | (kind == DOOR)) & (seen[other] == 0)
-            seen[other] = 1
+            waiting += ((kind == EMPTY) | (kind == DOOR)) & (reached[other] == 0)
+            reached[other] = 1
     for identity in range(1, row[OBJECTS] + 1):
         cell = where_is(row, identity)
-        if cell != NOWHERE and not seen[cell]:
+        if cell != NOWHERE and not reached[cell]:
             return False
     return True
 
@@ -257,13 +267,15 @@ def all_in_reach(row: Row) -> bool:
 def draw_door_of(row: Row, rng_state: RngState, plan: Plan, columns: int) -> int:
     """Draw one of all doors, each counted once for either of its rooms: its identity."""
     lines = len(plan) // columns
-    drawn, count = -1, 0
+    pick = -1
+    count = 0
     for again in range(2):
         if again:
             if count == 0:
                 row[FAILED] = HOPELESS
                 return 0
-            drawn, count = integer(rng_state, 0, count), 0
+            pick = integer(rng_state, 0, count)
+            count = 0
         for i in range(columns):
             for j in range(lines):
                 for wall in range(4):
@@ -271,7 +283,7 @@ def draw_door_of(row: Row, rng_state: RngState, plan: Plan, columns: int) -> int
                     if plan[room, WAY + wall]:
                         code = cell_at(row, plan[room, DOOR_X + wall], plan[room, DOOR_Y + wall])
                         if kind_of(code) == DOOR:
-                            if count == drawn:
+                            if count == pick:
                                 return identity_of(code)
                             count += 1
     return 0
@@ -321,7 +333,8 @@ def block_door(row: Row, rng_state: RngState, door: int) -> int:
     """Put a ball of a drawn colour left of a door: its identity."""
     colour = draw_colour(rng_state)
     cell = where_is(row, door)
-    x, y = cell // row[HEIGHT] - 1, cell % row[HEIGHT]
+    x = cell // row[HEIGHT] - 1
+    y = cell % row[HEIGHT]
     put(row, x, y, make(row, BALL, colour, 0))
     return row[OBJECTS]
 
@@ -367,9 +380,15 @@ def describe(
 ) -> None:
     """Draw a description that means something: of one of the first so many kinds, or of a door for 0."""
     for _ in range(DESCRIBE_TRIES):
-        drawn = integer(rng_state, 0, 7)
-        colour = ANY if drawn == 0 else SORTED_COLOURS[drawn - 1]
-        kind = DOOR if kinds == 0 else _KINDS[integer(rng_state, 0, kinds)]
+        colour_number = integer(rng_state, 0, 7)
+        if colour_number == 0:
+            colour = ANY
+        else:
+            colour = SORTED_COLOURS[colour_number - 1]
+        if kinds == 0:
+            kind = DOOR
+        else:
+            kind = _KINDS[integer(rng_state, 0, kinds)]
         place = ANY
         if places and integer(rng_state, 0, 2) == 0:
             place = integer(rng_state, 0, 4)
@@ -378,13 +397,27 @@ def describe(
                 continue
             if not implicit and locked >= 0:
                 cell = where_is(row, identity)
-                x, y = cell // row[HEIGHT], cell % row[HEIGHT]
-                left, top = locked % columns * (size - 1), locked // columns * (size - 1)
+                x = cell // row[HEIGHT]
+                y = cell % row[HEIGHT]
+                left = locked % columns * (size - 1)
+                top = locked // columns * (size - 1)
                 if x >= left and y >= top and x < left + size and y < top + size:
                     continue
-            row[at + KIND], row[at + COLOUR], row[at + PLACE] = kind, colour, place
+            row[at + KIND] = kind
+            row[at + COLOUR] = colour
+            row[at + PLACE] = place
             return
     row[FAILED] = 1
+
+
+@device_function()
+def kinds_described(verb: int) -> int:
+    """Return of how many kinds, the first ones, a verb's thing may be; 0 for a door."""
+    if verb == GO_TO:
+        return 4
+    if verb == OPEN:
+        return 0
+    return 3
 
 
 @device_function()
@@ -416,17 +449,23 @@ def sample_instruction(
     kind = one_of_list(rng_state, kinds)
     clauses = 0
     for part_of in range(2 if kind == SEQUENCE else 1):
-        count = integer(rng_state, 0, 2) + 1 if kind == SEQUENCE else kind + 1
+        if kind == SEQUENCE:
+            count = integer(rng_state, 0, 2) + 1
+        else:
+            count = kind + 1
         row[block + (RIGHT if part_of else LEFT)] = count
         for _ in range(count):
             clause = block + CLAUSES + clauses * CLAUSE
             verb = one_of_list(rng_state, actions)
             row[clause + VERB] = verb
-            described = 4 if verb == GO_TO else 0 if verb == OPEN else 3
-            describe(row, rng_state, clause + THING, described, places, implicit, locked, columns, size)
+            kinds_of_thing = kinds_described(verb)
+            describe(row, rng_state, clause + THING, kinds_of_thing, places, implicit, locked, columns, size)
             if row[FAILED] == 0 and verb == PUT_NEXT:
                 describe(row, rng_state, clause + OTHER, 4, places, implicit, locked, columns, size)
             if row[FAILED] != 0:
                 return
             clauses += 1
-    row[block + JOIN] = ALONE if kind != SEQUENCE else BEFORE if integer(rng_state, 0, 2) == 0 else AFTER
+    join = ALONE
+    if kind == SEQUENCE:
+        join = BEFORE if integer(rng_state, 0, 2) == 0 else AFTER
+    row[block + JOIN] = join

@@ -20,7 +20,8 @@ from minihuman.worlds.grid.babyai.language import (
     Pickup,
     PutNext,
 )
-from minihuman.worlds.grid.babyai.level_builder import AnyOf, Level, LevelBuilder, Use, level
+from minihuman.worlds.grid.babyai.level_builder import Level, LevelBuilder, level
+from minihuman.worlds.grid.babyai.level_values import AnyOf, Use
 from minihuman.worlds.options import check_bool, check_one_of, check_whole
 
 ONE_ROOM = ("num_rows", "num_cols")
@@ -29,7 +30,7 @@ MOST_THINGS = 1000
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_red_ball_grey(builder: LevelBuilder, num_dists: int = 7) -> Instruction:
-    """One room, the red ball and other things, all grey."""
+    """Lay out one room, the red ball and other things, all grey."""
     builder.place_agent()
     ball = builder.thing(builder.room(0, 0), "ball", "red")
     builder.recolour(builder.things(check_whole("num_dists", num_dists, 0, MOST_THINGS)), "grey")
@@ -39,7 +40,7 @@ def go_to_red_ball_grey(builder: LevelBuilder, num_dists: int = 7) -> Instructio
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_red_ball(builder: LevelBuilder, num_dists: int = 7) -> Instruction:
-    """One room, a red ball and other things."""
+    """Lay out one room, a red ball and other things."""
     builder.place_agent()
     ball = builder.thing(builder.room(0, 0), "ball", "red")
     builder.things(check_whole("num_dists", num_dists, 0, MOST_THINGS))
@@ -49,7 +50,7 @@ def go_to_red_ball(builder: LevelBuilder, num_dists: int = 7) -> Instruction:
 
 @level(columns=1, lines=1, fixed=("room_size", *ONE_ROOM))
 def go_to_red_ball_no_dists(builder: LevelBuilder) -> Instruction:
-    """One room and the red ball."""
+    """Lay out one room and the red ball."""
     builder.place_agent()
     ball = builder.thing(builder.room(0, 0), "ball", "red")
     builder.require_reachable()
@@ -58,14 +59,14 @@ def go_to_red_ball_no_dists(builder: LevelBuilder) -> Instruction:
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_obj(builder: LevelBuilder) -> Instruction:
-    """One room and one thing."""
+    """Lay out one room and one thing."""
     builder.place_agent()
     return GoTo(builder.things(1, different=True).first.thing)
 
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_local(builder: LevelBuilder, num_dists: int = 8) -> Instruction:
-    """One room, one of its things."""
+    """Lay out one room, one of its things."""
     builder.place_agent()
     things = builder.things(check_whole("num_dists", num_dists, 1, MOST_THINGS))
     builder.require_reachable()
@@ -74,7 +75,7 @@ def go_to_local(builder: LevelBuilder, num_dists: int = 8) -> Instruction:
 
 @level()
 def go_to(builder: LevelBuilder, num_dists: int = 18, doors_open: bool = False) -> Instruction:
-    """A house, one of its things."""
+    """Lay out a house, one of its things."""
     builder.place_agent()
     builder.connect_all()
     things = builder.things(check_whole("num_dists", num_dists, 1, MOST_THINGS))
@@ -87,7 +88,7 @@ def go_to(builder: LevelBuilder, num_dists: int = 18, doors_open: bool = False) 
 
 @level()
 def go_to_imp_unlock(builder: LevelBuilder, sound: bool = False) -> Instruction:
-    """A house, a thing in a locked room; ``sound``: its key is elsewhere, and nothing else is in that room."""
+    """Lay out a house, a thing in a locked room; ``sound``: its key is elsewhere, and nothing else is in that room."""
     locked = builder.any_room()
     door = builder.door(locked, locked=True)
     elsewhere = builder.any_room()
@@ -104,7 +105,7 @@ def go_to_imp_unlock(builder: LevelBuilder, sound: bool = False) -> Instruction:
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_red_blue_ball(builder: LevelBuilder, num_dists: int = 7) -> Instruction:
-    """One room, the red ball or the blue one."""
+    """Lay out one room, the red ball or the blue one."""
     builder.place_agent()
     things = builder.things(check_whole("num_dists", num_dists, 0, MOST_THINGS))
     for colour in ("red", "blue"):
@@ -116,7 +117,7 @@ def go_to_red_blue_ball(builder: LevelBuilder, num_dists: int = 7) -> Instructio
 
 @level(room=7, fixed=("room_size",))
 def go_to_door(builder: LevelBuilder) -> Instruction:
-    """The middle room, one of its four doors."""
+    """Lay out the middle room, one of its four doors."""
     middle = builder.room(1, 1)
     doors = builder.four_doors(middle)
     builder.place_agent(middle)
@@ -125,7 +126,7 @@ def go_to_door(builder: LevelBuilder) -> Instruction:
 
 @level(fixed=("room_size",))
 def go_to_obj_door(builder: LevelBuilder) -> Instruction:
-    """The middle room, a thing or a door."""
+    """Lay out the middle room, a thing or a door."""
     middle = builder.room(1, 1)
     builder.place_agent(middle)
     things = builder.things(8, middle) + builder.four_doors(middle)
@@ -138,7 +139,7 @@ ALL = ("room_size", "num_rows", "num_cols")
 
 @level()
 def open_(builder: LevelBuilder) -> Instruction:
-    """A house, one of its doors."""
+    """Lay out a house, one of its doors."""
     builder.place_agent()
     builder.connect_all()
     builder.things(18)
@@ -148,7 +149,7 @@ def open_(builder: LevelBuilder) -> Instruction:
 
 @level(room=5, columns=2, lines=1, fixed=ALL)
 def open_red_door(builder: LevelBuilder) -> Instruction:
-    """Two rooms, a red door."""
+    """Lay out two rooms, a red door."""
     left = builder.room(0, 0)
     builder.door(left, "right", colour="red", locked=False)
     builder.place_agent(left)
@@ -157,13 +158,15 @@ def open_red_door(builder: LevelBuilder) -> Instruction:
 
 @level()
 def open_door(builder: LevelBuilder, debug: bool = False, select_by: str | None = None) -> Instruction | None:
-    """The middle room, one of four doors, by colour or by place; ``debug``: another one is failure."""
+    """Lay out the middle room, one of four doors, by colour or by place; ``debug``: another one is failure."""
     strict = check_bool("debug", debug)
     select_by = check_one_of("select_by", select_by, ("color", "loc", None))
     middle = builder.room(1, 1)
     colours = builder.colours(4)
     walls = ("right", "down", "left", "up")
-    doors = [builder.door(middle, wall, colour=each, locked=False) for wall, each in zip(walls, colours, strict=True)]
+    doors = [
+        builder.door(middle, wall, colour=colour, locked=False) for wall, colour in zip(walls, colours, strict=True)
+    ]
     by_colour = Open(doors[0].thing, strict)
 
     def by_place() -> Open:
@@ -182,11 +185,13 @@ def open_door(builder: LevelBuilder, debug: bool = False, select_by: str | None 
 def open_two_doors(
     builder: LevelBuilder, first_color: str | None = None, second_color: str | None = None, strict: bool = False
 ) -> Instruction:
-    """The middle room, its left and its right door in order; ``strict``: the wrong one first is failure."""
-    drawn = builder.colours(2)
+    """Lay out the middle room, its left and its right door in order; ``strict``: the wrong one first is failure."""
+    drawn_colours = builder.colours(2)
     first, second = (
-        each if check_one_of(name, given, (*COLOURS, None)) is None else given
-        for name, given, each in zip(("first_color", "second_color"), (first_color, second_color), drawn, strict=True)
+        drawn_colour if check_one_of(name, chosen, (*COLOURS, None)) is None else chosen
+        for name, chosen, drawn_colour in zip(
+            ("first_color", "second_color"), (first_color, second_color), drawn_colours, strict=True
+        )
     )
     middle = builder.room(1, 1)
     left = builder.door(middle, "left", colour=first, locked=False)
@@ -197,19 +202,19 @@ def open_two_doors(
 
 @level(room=6, steps_by_area=20, fixed=("room_size",))
 def open_doors_order(builder: LevelBuilder, num_doors: int, debug: bool = False) -> AnyOf:
-    """The middle room, one door or two in order; ``debug``: the wrong one is failure."""
+    """Lay out the middle room, one door or two in order; ``debug``: the wrong one is failure."""
     strict = check_bool("debug", debug)
     middle = builder.room(1, 1)
     colours = builder.colours(check_whole("num_doors", num_doors, 2, 4))
     doors = [builder.door(middle, colour=colour, locked=False) for colour in colours]
     builder.place_agent(middle)
-    one, two = (Open(door.thing, strict) for door in builder.two_of(doors))
-    return builder.one_of(one, Before(one, two), After(one, two))
+    first, second = (Open(door.thing, strict) for door in builder.two_of(doors))
+    return builder.one_of(first, Before(first, second), After(first, second))
 
 
 @level()
 def unlock(builder: LevelBuilder, sound: bool = False) -> Instruction:
-    """A house with a locked room; ``sound``: its key is elsewhere, and nothing else is in that room."""
+    """Lay out a house with a locked room; ``sound``: its key is elsewhere, and nothing else is in that room."""
     locked = builder.any_room()
     door = builder.door(locked, locked=True)
     elsewhere = builder.any_room()
@@ -226,7 +231,7 @@ def unlock(builder: LevelBuilder, sound: bool = False) -> Instruction:
 
 @level()
 def unlock_local(builder: LevelBuilder, distractors: bool = False) -> Instruction:
-    """The middle room, a locked door and its key."""
+    """Lay out the middle room, a locked door and its key."""
     middle = builder.room(1, 1)
     door = builder.door(middle, locked=True)
     builder.thing(middle, "key", door.colour)
@@ -238,7 +243,7 @@ def unlock_local(builder: LevelBuilder, distractors: bool = False) -> Instructio
 
 @level()
 def key_in_box(builder: LevelBuilder) -> Instruction:
-    """The middle room, a locked door, its key in a box."""
+    """Lay out the middle room, a locked door, its key in a box."""
     middle = builder.room(1, 1)
     door = builder.door(middle, locked=True)
     builder.boxed_key(middle, door.colour)
@@ -248,7 +253,7 @@ def key_in_box(builder: LevelBuilder) -> Instruction:
 
 @level(room=6, columns=2, lines=1, fixed=ALL)
 def unlock_pickup(builder: LevelBuilder, distractors: bool = False) -> Instruction:
-    """Two rooms, a box behind a locked door."""
+    """Lay out two rooms, a box behind a locked door."""
     box = builder.thing(builder.room(1, 0), "box")
     left = builder.room(0, 0)
     door = builder.door(left, "right", locked=True)
@@ -261,7 +266,7 @@ def unlock_pickup(builder: LevelBuilder, distractors: bool = False) -> Instructi
 
 @level(room=6, columns=2, lines=1, steps_by_area=16, fixed=ALL)
 def blocked_unlock_pickup(builder: LevelBuilder) -> Instruction:
-    """Two rooms, a box behind a locked door behind a ball."""
+    """Lay out two rooms, a box behind a locked door behind a ball."""
     builder.thing(builder.room(1, 0), "box")
     left = builder.room(0, 0)
     door = builder.door(left, "right", locked=True)
@@ -273,7 +278,7 @@ def blocked_unlock_pickup(builder: LevelBuilder) -> Instruction:
 
 @level(room=6, columns=3, lines=1, steps_by_area=30, fixed=ALL)
 def unlock_to_unlock(builder: LevelBuilder) -> Instruction:
-    """Three rooms: a key that opens the door to the key that opens the door to the ball."""
+    """Lay out three rooms: a key that opens the door to the key that opens the door to the ball."""
     first, second = builder.colours(2)
     left, middle, right = (builder.room(column, 0) for column in range(3))
     builder.door(left, "right", colour=first, locked=True)
@@ -287,7 +292,7 @@ def unlock_to_unlock(builder: LevelBuilder) -> Instruction:
 
 @level()
 def pickup(builder: LevelBuilder) -> Instruction:
-    """A house, one of its things."""
+    """Lay out a house, one of its things."""
     builder.place_agent()
     builder.connect_all()
     things = builder.things(18)
@@ -297,7 +302,7 @@ def pickup(builder: LevelBuilder) -> Instruction:
 
 @level()
 def unblock_pickup(builder: LevelBuilder) -> Instruction:
-    """A house where some things bar the way."""
+    """Lay out a house where some things bar the way."""
     builder.place_agent()
     builder.connect_all()
     things = builder.things(20)
@@ -307,18 +312,18 @@ def unblock_pickup(builder: LevelBuilder) -> Instruction:
 
 @level(room=7, columns=1, lines=1, fixed=("room_size", *ONE_ROOM))
 def pickup_dist(builder: LevelBuilder, debug: bool = False) -> AnyOf:
-    """One room, five things, one by its kind, its colour or both; ``debug``: another one is failure."""
+    """Lay out one room, five things, one by its kind, its colour or both; ``debug``: another one is failure."""
     strict = check_bool("debug", debug)
     things = builder.things(5, different=True)
     builder.place_agent(builder.room(0, 0))
     thing = builder.choice(things)
-    said = (ObjectDescription(thing.kind), ObjectDescription(None, thing.colour), thing.thing)
-    return builder.one_of(*(Pickup(each, strict) for each in said))
+    descriptions = (ObjectDescription(thing.kind), ObjectDescription(None, thing.colour), thing.thing)
+    return builder.one_of(*(Pickup(description, strict) for description in descriptions))
 
 
 @level(room=6, steps_by_area=8, fixed=("room_size",))
 def pickup_above(builder: LevelBuilder) -> Instruction:
-    """Something in the room above."""
+    """Lay out something in the room above."""
     thing = builder.thing(builder.room(1, 0))
     middle = builder.room(1, 1)
     builder.door(middle, "up", locked=False)
@@ -329,7 +334,7 @@ def pickup_above(builder: LevelBuilder) -> Instruction:
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def one_room(builder: LevelBuilder) -> Instruction:
-    """One room and a ball."""
+    """Lay out one room and a ball."""
     builder.thing(builder.room(0, 0), "ball")
     builder.place_agent()
     return Pickup(ObjectDescription("ball"))
@@ -337,7 +342,7 @@ def one_room(builder: LevelBuilder) -> Instruction:
 
 @level(room=5, steps_by_area=20)
 def find_obj(builder: LevelBuilder) -> Instruction:
-    """Something in a drawn room."""
+    """Lay out something in a drawn room."""
     if builder.columns != builder.lines:
         raise WorldError(
             f"find_obj has {builder.columns} columns and {builder.lines} rows of rooms; use the same number of each"
@@ -351,7 +356,7 @@ def find_obj(builder: LevelBuilder) -> Instruction:
 
 @level(room=6, steps_by_area=30)
 def key_corridor(builder: LevelBuilder, obj_type: str = "ball") -> Instruction:
-    """A corridor between rooms: something behind a locked door, its key on the other side."""
+    """Lay out a corridor between rooms: something behind a locked door, its key on the other side."""
     for line in range(1, builder.lines):
         builder.remove_wall(builder.room(1, line), "up")
     locked = builder.room(2, builder.integer(0, builder.lines))
@@ -365,7 +370,7 @@ def key_corridor(builder: LevelBuilder, obj_type: str = "ball") -> Instruction:
 
 @level(room=7, fixed=("room_size",))
 def action_obj_door(builder: LevelBuilder) -> AnyOf:
-    """The middle room: go to a thing or a door, or pick it up or open it."""
+    """Lay out the middle room: go to a thing or a door, or pick it up or open it."""
     middle = builder.room(1, 1)
     things = builder.things(5, middle, different=True) + builder.four_doors(middle, locked=False)
     builder.place_agent(middle)
@@ -375,24 +380,25 @@ def action_obj_door(builder: LevelBuilder) -> AnyOf:
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def put_next_local(builder: LevelBuilder, num_objs: int = 8) -> Instruction:
-    """One room, different things, one to be put next to another."""
+    """Lay out one room, different things, one to be put next to another."""
     builder.place_agent()
     things = builder.things(check_whole("num_objs", num_objs, 2, 18), different=True)
     builder.require_reachable()
-    one, other = builder.two_of(things)
-    return PutNext(one.thing, other.thing)
+    moved, fixed = builder.two_of(things)
+    return PutNext(moved.thing, fixed.thing)
 
 
 @level(room=5, columns=2, lines=1, steps_by_area=8, fixed=ONE_ROOM)
 def put_next(builder: LevelBuilder, objs_per_room: int, start_carrying: bool = False) -> Instruction:
-    """Two rooms without a wall between them, a thing of one to be put next to one of the other."""
-    left, right = builder.room(0, 0), builder.room(1, 0)
+    """Lay out two rooms without a wall between them, a thing of one to be put next to one of the other."""
+    left = builder.room(0, 0)
+    right = builder.room(1, 0)
     count = check_whole("objs_per_room", objs_per_room, 1, 9)
     builder.place_agent(left)
-    one = builder.things(count, left, different=True)
-    other = builder.things(count, right, different=True)
+    left_things = builder.things(count, left, different=True)
+    right_things = builder.things(count, right, different=True)
     builder.remove_wall(left, "right")
-    moved, fixed = builder.maybe_swap(builder.choice(one), builder.choice(other))
+    moved, fixed = builder.maybe_swap(builder.choice(left_things), builder.choice(right_things))
     if check_bool("start_carrying", start_carrying):
         builder.give(moved)
     return PutNext(moved.thing, fixed.thing)
@@ -400,16 +406,17 @@ def put_next(builder: LevelBuilder, objs_per_room: int, start_carrying: bool = F
 
 @level(room=5, columns=2, lines=1, steps_by_area=16, fixed=ONE_ROOM)
 def move_two_across(builder: LevelBuilder, objs_per_room: int) -> Instruction:
-    """Two rooms without a wall between them, a thing of each to be put next to one of the other."""
-    left, right = builder.room(0, 0), builder.room(1, 0)
+    """Lay out two rooms without a wall between them, a thing of each to be put next to one of the other."""
+    left = builder.room(0, 0)
+    right = builder.room(1, 0)
     count = check_whole("objs_per_room", objs_per_room, 2, 9)
     builder.place_agent(left)
-    here = builder.things(count, left, different=True)
-    there = builder.things(count, right, different=True)
+    left_things = builder.things(count, left, different=True)
+    right_things = builder.things(count, right, different=True)
     builder.remove_wall(left, "right")
-    one, four = builder.two_of(here)
-    two, three = builder.two_of(there)
-    return Before(PutNext(one.thing, two.thing), PutNext(three.thing, four.thing))
+    first, fourth = builder.two_of(left_things)
+    second, third = builder.two_of(right_things)
+    return Before(PutNext(first.thing, second.thing), PutNext(third.thing, fourth.thing))
 
 
 @level()
@@ -423,7 +430,7 @@ def level_gen(
     action_kinds: Sequence[str] = ("goto", "pickup", "open", "putnext"),
     instr_kinds: Sequence[str] = ("action", "and", "seq"),
 ) -> None:
-    """A house with a locked room or without, and any instruction."""
+    """Lay out a house with a locked room or without, and any instruction."""
     for name, value in (("locations", locations), ("unblocking", unblocking), ("implicit_unlock", implicit_unlock)):
         check_bool(name, value)
     locked = builder.maybe_locked_room(locked_room_prob)
@@ -437,5 +444,9 @@ def level_gen(
 
 
 LEVELS: Mapping[str, Level] = MappingProxyType(
-    {"level:" + name.strip("_"): each for name, each in list(globals().items()) if isinstance(each, Level)}
+    {
+        "level:" + name.strip("_"): level_function
+        for name, level_function in list(globals().items())
+        if isinstance(level_function, Level)
+    }
 )

@@ -62,13 +62,18 @@ from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.kernels import device_function, inline, kernel
 from minihuman.worlds.rng import RngState
 
-_PICKUP, _DROP, _TOGGLE, _DONE = 3, 4, 5, 6  # actions
+# actions
+_PICKUP = 3
+_DROP = 4
+_TOGGLE = 5
+_DONE = 6
 
 
 @device_function()
 def note_places(row: Row) -> None:
     """Note where everything that a description means lies now."""
-    noted, means = noted_of(row), means_of(row)
+    noted = noted_of(row)
+    means = means_of(row)
     row[noted : noted + row[WIDTH] * row[HEIGHT]] = 0
     for k in range(row[OBJECTS]):
         cell = where_is(row, k + 1)
@@ -78,7 +83,7 @@ def note_places(row: Row) -> None:
 
 @kernel("(int32[::1],)")
 def hand_over(row: Row) -> None:
-    """After the first look, put into the agent's hand what it starts with."""
+    """Put what the agent starts with into its hand, after the first look."""
     at = block_of(row) + HANDED
     identity = row[at]
     if identity > 0:
@@ -89,7 +94,7 @@ def hand_over(row: Row) -> None:
 
 @inline
 def is_any_gone(row: Row) -> bool:
-    """Whether some object lies in no cell."""
+    """Return whether some object lies in no cell."""
     gone = 0
     for k in range(row[OBJECTS]):
         gone += where_is(row, k + 1) == NOWHERE
@@ -107,13 +112,20 @@ def verify(row: Row, action: int, noted: bool) -> int:
     notes = action == _DROP or (flags & OWN_STEPS and (action == _PICKUP or action == _TOGGLE))
     if notes and not (noted and not is_any_gone(row)):
         note_places(row)
-    left, right = row[block + LEFT], row[block + RIGHT]
+    left = row[block + LEFT]
+    right = row[block + RIGHT]
     join = row[block + JOIN]
     if join == ALONE:
         return judge_part(row, 0, left, action)
-    first, in_first, second, in_second = 0, left, left, right
+    first = 0
+    in_first = left
+    second = left
+    in_second = right
     if join == AFTER:
-        first, in_first, second, in_second = left, right, 0, left
+        first = left
+        in_first = right
+        second = 0
+        in_second = left
     if not part_is_done(row, first, in_first):
         outcome = judge_part(row, first, in_first, action)
         if outcome != SATISFIED:
@@ -128,11 +140,11 @@ def verify(row: Row, action: int, noted: bool) -> int:
 
 @inline
 def part_is_done(row: Row, first: int, clauses: int) -> bool:
-    """Whether every clause of a part is satisfied."""
-    done = True
+    """Return whether every clause of a part is satisfied."""
+    satisfied = True
     for k in range(first, first + clauses):
-        done &= row[block_of(row) + CLAUSES + k * CLAUSE + STATUS] == SATISFIED
-    return done
+        satisfied &= row[block_of(row) + CLAUSES + k * CLAUSE + STATUS] == SATISFIED
+    return satisfied
 
 
 @device_function()
@@ -157,7 +169,10 @@ def judge_clause(row: Row, k: int, action: int) -> int:
     clause = block_of(row) + CLAUSES + k * CLAUSE
     if row[block_of(row) + FLAGS] & SAY_DONE:
         if action == _DONE:
-            outcome = SATISFIED if row[clause + MATCHED] else BROKEN
+            if row[clause + MATCHED]:
+                outcome = SATISFIED
+            else:
+                outcome = BROKEN
         else:
             row[clause + MATCHED] = does(row, clause, k, action) == SATISFIED
             outcome = WAITING
@@ -171,13 +186,16 @@ def judge_clause(row: Row, k: int, action: int) -> int:
 
 @device_function(force_inline=True)
 def does(row: Row, clause: int, k: int, action: int) -> int:
-    """Whether a step does what a clause says."""
-    verb, strict = row[clause + VERB], row[clause + STRICT]
+    """Return whether a step does what a clause says."""
+    verb = row[clause + VERB]
+    strict = row[clause + STRICT]
     meant = 1 << 2 * k  # bit of the first description
     x, y = ahead(row[X], row[Y], row[DIRECTION])
     if verb == GO_TO:
         inside = x >= 0 and y >= 0 and x < row[WIDTH] and y < row[HEIGHT]
-        return SATISFIED if inside and row[noted_of(row) + x * row[HEIGHT] + y] & meant else WAITING
+        if inside and row[noted_of(row) + x * row[HEIGHT] + y] & meant:
+            return SATISFIED
+        return WAITING
     if verb == OPEN:
         code = cell_at(row, x, y)
         if action != _TOGGLE or kind_of(code) != DOOR:
@@ -185,28 +203,33 @@ def does(row: Row, clause: int, k: int, action: int) -> int:
         if state_of(code) == STANDS_OPEN and row[means_of(row) + identity_of(code) - 1] & meant:
             return SATISFIED
         return BROKEN if strict else WAITING
-    held, held_before = row[CARRYING], row[clause + HELD]
-    row[clause + HELD] = identity_of(held)
+    carried = row[CARRYING]
+    held_before = row[clause + HELD]
+    row[clause + HELD] = identity_of(carried)
     if verb == PICK_UP:
-        if action != _PICKUP or held == EMPTY:
+        if action != _PICKUP or carried == EMPTY:
             return WAITING
-        if held_before == 0 and row[means_of(row) + identity_of(held) - 1] & meant:
+        if held_before == 0 and row[means_of(row) + identity_of(carried) - 1] & meant:
             return SATISFIED
         return BROKEN if strict else WAITING
-    if action == _PICKUP and strict and held != EMPTY:
+    if action == _PICKUP and strict and carried != EMPTY:
         return BROKEN
     if action != _DROP or held_before == 0 or not row[means_of(row) + held_before - 1] & meant:
         return WAITING
     cell = where_is(row, held_before)
-    return SATISFIED if cell != NOWHERE and is_beside(row, cell, meant << 1) else WAITING
+    if cell != NOWHERE and is_beside(row, cell, meant << 1):
+        return SATISFIED
+    return WAITING
 
 
 @device_function()
 def is_beside(row: Row, cell: int, meant: int) -> bool:
-    """Whether something meant by a description lies right, below, left or above a cell, where places were noted."""
-    width, height = row[WIDTH], row[HEIGHT]
+    """Return whether something described lies right, below, left or above a cell, where places were noted."""
+    width = row[WIDTH]
+    height = row[HEIGHT]
     noted = noted_of(row)
-    x, y = cell // height, cell % height
+    x = cell // height
+    y = cell % height
     return (
         (x + 1 < width and row[noted + cell + height] & meant != 0)
         or (y + 1 < height and row[noted + cell + 1] & meant != 0)
@@ -220,7 +243,7 @@ _NO_CHANCE = np.zeros(6, np.uint64)
 
 @kernel("(int32[::1], int64, uint64[::1], uint8[:, :, ::1])", hold_gil=True)
 def step_instructed(row: Row, action: int, rng_state: RngState, image: NDArray[np.uint8]) -> tuple[int, int, float]:
-    """`core.rules.step` for a row that has room for an instruction."""
+    """Make `core.rules.step` for a row that has room for an instruction."""
     status, reward = act_instructed(row, action, rng_state)
     if status >= 0:
         see(row, image)
@@ -229,13 +252,13 @@ def step_instructed(row: Row, action: int, rng_state: RngState, image: NDArray[n
 
 @kernel("(int32[::1], int64, uint64[::1])", hold_gil=True)
 def act_instructed(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
-    """`core.rules.act` for a row that has room for an instruction."""
+    """Make `core.rules.act` for a row that has room for an instruction."""
     return act_unedited(row, action, rng_state, False)
 
 
 @device_function(force_inline=True)
 def act_unedited(row: Row, action: int, rng_state: RngState, unedited: bool) -> tuple[int, float]:
-    """`act_instructed`; where nothing but steps has ``unedited`` the row, places are noted only if they can differ."""
+    """Make `act_instructed`; in an ``unedited`` row, changed by steps alone, note places only if they can differ."""
     if row[TASK] != INSTRUCTED:
         return act(row, action, rng_state)
     refused = refusal(row, action)

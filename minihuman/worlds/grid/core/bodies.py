@@ -73,25 +73,30 @@ MAX_BODIES = 8
 BLOCK = 5  # numbers of each body after the first: x, y, direction, carrying (as in the header), scratch
 SCRATCH = 4
 STAY = 6  # the seventh action, Minigrid's "done"
-OWN_GOALS, CARRY, HIDE = 10, 11, 12  # tasks; CARRY's target is the load's identity, HIDE's the steps of a head start
+# tasks; CARRY's target is the load's identity, HIDE's the steps of a head start
+OWN_GOALS = 10
+CARRY = 11
+HIDE = 12
 TEAM_ACTION_NAMES = ("left", "right", "forward", "pickup", "drop", "toggle", "stay")
 BODY_COLOURS = (RED, BLUE, YELLOW, PURPLE, GREEN, GREY, RED, BLUE)  # by body
 
 
 def team_row_length(width: int, height: int, bodies: int) -> int:
-    """How many numbers the state of a team's grid takes."""
+    """Return how many numbers the state of a team's grid takes."""
     return row_length(width, height) + BLOCK * (bodies - 1)
 
 
 @inline
 def body_index(row: Row, body: int) -> int:
-    """Where in the row a body's column is; line, direction and what it carries follow."""
-    return X if body == 0 else HEADER + 3 * row[WIDTH] * row[HEIGHT] + BLOCK * (body - 1)
+    """Return where in the row a body's column is; line, direction and what it carries follow."""
+    if body == 0:
+        return X
+    return HEADER + 3 * row[WIDTH] * row[HEIGHT] + BLOCK * (body - 1)
 
 
 @kernel("int64(int32[::1])", only=True)
 def count_bodies(row: Row) -> int:
-    """How many bodies the row holds."""
+    """Return how many bodies the row holds."""
     return 1 + (len(row) - HEADER - 3 * row[WIDTH] * row[HEIGHT]) // BLOCK
 
 
@@ -105,7 +110,7 @@ def exchange(row: Row, body: int) -> None:
 
 @device_function("int64(int32[::1], int64, int64, int64)")
 def body_at(row: Row, bodies: int, x: int, y: int) -> int:
-    """Which body stands in a cell; -1 for none."""
+    """Find which body stands in a cell; -1 for none."""
     for body in range(bodies):
         at = body_index(row, body)
         if row[at] == x and row[at + 1] == y:
@@ -115,14 +120,14 @@ def body_at(row: Row, bodies: int, x: int, y: int) -> int:
 
 @device_function("UniTuple(int64, 2)(int32[::1], int64)")
 def cell_before(row: Row, body: int) -> tuple[int, int]:
-    """The cell in front of a body."""
+    """Return the cell in front of a body."""
     at = body_index(row, body)
     return ahead(row[at], row[at + 1], row[at + 2])
 
 
 @device_function("boolean(int32[::1], int64)")
 def is_home(row: Row, body: int) -> bool:
-    """Whether a body stands on the goal of its colour, where that is its task."""
+    """Return whether a body stands on the goal of its colour, where that is its task."""
     at = body_index(row, body)
     code = cell_at(row, row[at], row[at + 1])
     return row[TASK] == OWN_GOALS and kind_of(code) == GOAL and colour_of(code) == BODY_COLOURS[body]
@@ -130,18 +135,36 @@ def is_home(row: Row, body: int) -> bool:
 
 @device_function("boolean(int32[::1], int64)")
 def holds_load(row: Row, body: int) -> bool:
-    """Whether a body has its hands on the load."""
-    held = row[body_index(row, body) + 3]
-    return row[TASK] == CARRY and held != EMPTY and identity_of(held) == row[TARGET]
+    """Return whether a body has its hands on the load."""
+    carried = row[body_index(row, body) + 3]
+    return row[TASK] == CARRY and carried != EMPTY and identity_of(carried) == row[TARGET]
 
 
 @device_function()
 def free_action(row: Row, actions: NDArray[np.int64], body: int) -> int:
-    """A body's action, STAY where its task holds it."""
+    """Return a body's action, STAY where its task holds it."""
     waits = row[TASK] == HIDE and body == 0 and row[STEP] <= row[TARGET]
     if waits or is_home(row, body) or (holds_load(row, body) and actions[body] != DROP):
         return STAY
     return actions[body]
+
+
+@device_function()
+def hold_blocked(row: Row, bodies: int, moving: int) -> int:
+    """Return the bits of ``moving`` without bodies whose cell ahead is not left, or left only by changing places."""
+    changed = True
+    while changed:
+        changed = False
+        for body in range(bodies):
+            if moving >> body & 1:
+                x, y = cell_before(row, body)
+                other = body_at(row, bodies, x, y)
+                if other >= 0:
+                    at = body_index(row, body)
+                    if not moving >> other & 1 or cell_before(row, other) == (row[at], row[at + 1]):
+                        moving &= ~(1 << body)
+                        changed = True
+    return moving
 
 
 @device_function()
@@ -160,18 +183,7 @@ def move_bodies(row: Row, actions: NDArray[np.int64], first: int) -> int:
                 free = False
         if free:
             moving |= 1 << body
-    changed = True
-    while changed:
-        changed = False
-        for body in range(bodies):
-            if moving >> body & 1:
-                x, y = cell_before(row, body)
-                other = body_at(row, bodies, x, y)
-                if other >= 0:
-                    at = body_index(row, body)
-                    if not moving >> other & 1 or cell_before(row, other) == (row[at], row[at + 1]):
-                        moving &= ~(1 << body)
-                        changed = True
+    moving = hold_blocked(row, bodies, moving)
     for body in range(bodies):
         if moving >> body & 1:
             at = body_index(row, body)
@@ -181,45 +193,60 @@ def move_bodies(row: Row, actions: NDArray[np.int64], first: int) -> int:
 
 @device_function("int64(int32[::1], int64, int64)")
 def heading(row: Row, body: int, action: int) -> int:
-    """The direction in which a body that holds the load would have it go; -1 for none."""
+    """Return the direction in which a body that holds the load would have it go; -1 for none."""
     if action > FORWARD:
         return -1
-    return (row[body_index(row, body) + 2] + (3 if action == LEFT else 1 if action == RIGHT else 0)) % 4
+    turn = 0
+    if action == LEFT:
+        turn = 3
+    elif action == RIGHT:
+        turn = 1
+    return (row[body_index(row, body) + 2] + turn) % 4
 
 
 @device_function()
 def carry_load(row: Row, actions: NDArray[np.int64]) -> bool:
     """Move the load and the two that hold it where they agree; whether it came to a goal."""
     bodies = len(actions)
-    one = other = -1
+    carrier = partner = -1
     for body in range(bodies):
         if holds_load(row, body):
-            one, other = other, body
-    if one < 0:
+            carrier = partner
+            partner = body
+    if carrier < 0:
         return False
-    mine, its = body_index(row, one), body_index(row, other)
-    x, y = cell_before(row, one)
-    if cell_before(row, other) != (x, y) or row[mine + 2] ^ 2 != row[its + 2]:
+    carrier_at = body_index(row, carrier)
+    partner_at = body_index(row, partner)
+    x, y = cell_before(row, carrier)
+    if cell_before(row, partner) != (x, y) or row[carrier_at + 2] ^ 2 != row[partner_at + 2]:
         return False
-    way, its_way = heading(row, one, actions[one]), heading(row, other, actions[other])
-    forward = (actions[one] == FORWARD and actions[other] == STAY) or (
-        actions[other] == FORWARD and actions[one] == STAY
+    way = heading(row, carrier, actions[carrier])
+    partner_way = heading(row, partner, actions[partner])
+    forward = (actions[carrier] == FORWARD and actions[partner] == STAY) or (
+        actions[partner] == FORWARD and actions[carrier] == STAY
     )
     if way < 0:
-        way = its_way
-    if way < 0 or not (forward or way == its_way):
+        way = partner_way
+    if way < 0 or not (forward or way == partner_way):
         return False
     for k in range(-1, 2):  # the cells of body, load and body, and where each goes
-        here_x, here_y = (x, y) if k == 0 else (row[mine], row[mine + 1]) if k < 0 else (row[its], row[its + 1])
+        here_x = x
+        here_y = y
+        if k < 0:
+            here_x = row[carrier_at]
+            here_y = row[carrier_at + 1]
+        elif k > 0:
+            here_x = row[partner_at]
+            here_y = row[partner_at + 1]
         to_x, to_y = ahead(here_x, here_y, way)
-        own = (to_x, to_y) == (x, y) or body_at(row, bodies, to_x, to_y) in (one, other)
+        own = (to_x, to_y) == (x, y) or body_at(row, bodies, to_x, to_y) in (carrier, partner)
         if not own and (not can_enter(row, cell_at(row, to_x, to_y)) or body_at(row, bodies, to_x, to_y) >= 0):
             return False
     to_x, to_y = ahead(x, y, way)
     arrived = kind_of(cell_at(row, to_x, to_y)) == GOAL
     put(row, to_x, to_y, lift(row, x, y))
-    row[mine], row[mine + 1] = ahead(row[mine], row[mine + 1], way)
-    row[its], row[its + 1] = ahead(row[its], row[its + 1], way)
+    row[carrier_at], row[carrier_at + 1] = ahead(row[carrier_at], row[carrier_at + 1], way)
+    row[partner_at], row[partner_at + 1] = ahead(row[partner_at], row[partner_at + 1], way)
     return arrived
 
 
@@ -239,6 +266,16 @@ def use_hands(row: Row, body: int, action: int) -> None:
         exchange(row, body)
 
 
+@device_function()
+def turn_bodies(row: Row, actions: NDArray[np.int64]) -> None:
+    """Turn the bodies whose action is a turn."""
+    for body in range(len(actions)):
+        action = free_action(row, actions, body)
+        if action <= RIGHT:
+            at = body_index(row, body)
+            row[at + 2] = (row[at + 2] + (3 if action == LEFT else 1)) % 4
+
+
 @kernel("(int32[::1], int64[::1], float64[::1])", hold_gil=True)
 def act_team(row: Row, actions: NDArray[np.int64], rewards: NDArray[np.float64]) -> int:
     """Make one joint step without looking, writing each body's reward; the status as `rules.step` returns it."""
@@ -254,11 +291,7 @@ def act_team(row: Row, actions: NDArray[np.int64], rewards: NDArray[np.float64])
     ended = row[TASK] == CARRY and carry_load(row, actions)
     if ended:
         rewards[:] = success_reward(row)
-    for body in range(bodies):
-        action = free_action(row, actions, body)
-        if action <= RIGHT:
-            at = body_index(row, body)
-            row[at + 2] = (row[at + 2] + (3 if action == LEFT else 1)) % 4
+    turn_bodies(row, actions)
     moved = move_bodies(row, actions, first)
     home = 0
     for body in range(bodies):
@@ -308,11 +341,11 @@ def step_team(row: Row, actions: NDArray[np.int64], images: NDArray[np.uint8], r
         for body in range(len(actions)):
             see_body(row, body, images[body])
         if row[TASK] == HIDE and row[STEP] > row[TARGET]:
-            seen = False
+            is_visible = False
             for i in range(images.shape[1]):
                 for j in range(images.shape[2]):
-                    seen |= images[0, i, j, 0] == AGENT
-            rewards[:] = (-1.0 if seen else 1.0) / row[MAX_STEPS]
+                    is_visible |= images[0, i, j, 0] == AGENT
+            rewards[:] = (-1.0 if is_visible else 1.0) / row[MAX_STEPS]
             rewards[0] = -rewards[0]
     return status
 

@@ -17,7 +17,7 @@ STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by direction: columns, rows
 
 @inline
 def ahead(x: int, y: int, direction: int) -> tuple[int, int]:
-    """The next cell in a direction, in the grid or not; ``direction ^ 2`` is the opposite one."""
+    """Return the next cell in a direction, in the grid or not; ``direction ^ 2`` is the opposite one."""
     return x + (1 - direction) * (1 - direction % 2), y + (2 - direction) * (direction % 2)
 
 
@@ -38,62 +38,62 @@ RED_LAVA = LAVA | RED << 4
 
 @inline
 def pack(kind: int, colour: int, state: int, identity: int) -> int:
-    """The cell's number; ``identity`` is 0 for scenery."""
+    """Return the cell's number; ``identity`` is 0 for scenery."""
     return kind | colour << 4 | state << 7 | identity << 9
 
 
 @inline
 def kind_of(code: int) -> int:
-    """The kind, an index into KINDS."""
+    """Return the kind, an index into KINDS."""
     return code & 15
 
 
 @inline
 def colour_of(code: int) -> int:
-    """The colour, an index into COLOURS."""
+    """Return the colour, an index into COLOURS."""
     return code >> 4 & 7
 
 
 @inline
 def state_of(code: int) -> int:
-    """A door's state, an index into DOOR_STATES; 0 for everything else."""
+    """Return a door's state, an index into DOOR_STATES; 0 for everything else."""
     return code >> 7 & 3
 
 
 @inline
 def identity_of(code: int) -> int:
-    """The object's number within its world, 1 for the first made; 0 for scenery."""
+    """Return the object's number within its world, 1 for the first made; 0 for scenery."""
     return code >> 9
 
 
 @inline
 def in_state(code: int, state: int) -> int:
-    """The same object in another state."""
+    """Return the same object in another state."""
     return code & ~(3 << 7) | state << 7
 
 
 @inline
 def in_colour(code: int, colour: int) -> int:
-    """The same object in another colour."""
+    """Return the same object in another colour."""
     return code & ~(7 << 4) | colour << 4
 
 
 @inline
 def look_of(code: int) -> int:
-    """Kind and state without colour and identity: ``kind | state << 4``."""
+    """Return kind and state without colour and identity: ``kind | state << 4``."""
     return code & 15 | code >> 3 & 48
 
 
 @inline
 def lets_pass(code: int) -> bool:
-    """Whether the agent can stand here."""
+    """Return whether the agent can stand here."""
     kind = kind_of(code)
     return kind == EMPTY or kind == FLOOR or kind == GOAL or kind == LAVA or (kind == DOOR and state_of(code) == OPEN)
 
 
 @inline
 def can_be_carried(code: int) -> bool:
-    """Whether the agent can pick this up."""
+    """Return whether the agent can pick this up."""
     kind = kind_of(code)
     return kind == KEY or kind == BALL or kind == BOX
 
@@ -102,20 +102,20 @@ CellCodes = TypeVar("CellCodes", int, NDArray[np.integer[Any]])  # one or an arr
 
 
 def kinds_of(codes: CellCodes) -> CellCodes:
-    """`kind_of` of each code."""
+    """Return `kind_of` of each code."""
     return codes & 15
 
 
 def colours_of(codes: CellCodes) -> CellCodes:
-    """`colour_of` of each code."""
+    """Return `colour_of` of each code."""
     return codes >> 4 & 7
 
 
 def states_of(codes: CellCodes) -> CellCodes:
-    """`state_of` of each code."""
+    """Return `state_of` of each code."""
     return codes >> 7 & 3
 
 
 def identities_of(codes: CellCodes) -> CellCodes:
-    """`identity_of` of each code."""
+    """Return `identity_of` of each code."""
     return codes >> 9

@@ -20,80 +20,86 @@ TIMES = VALUES + 16  # by recipe: steps that it cooks
 COOK = TIMES + 16  # four numbers a cook: column, line, direction, what it holds; then terrain, then what lies there
 
 NEW, PLAYING, OVER = range(3)
-ENDED, EARNED = 1, 2  # bits of a step's status
+# bits of a step's status
+ENDED = 1
+EARNED = 2
 UP, DOWN, RIGHT, LEFT, STAY, INTERACT = range(6)
 FLOOR, POT, COUNTER, ONIONS, TOMATOES, DISHES, HATCH = range(7)  # terrain
 NOTHING, ONION, TOMATO, DISH, SOUP = range(5)  # kinds of things; of a soup the bits above say more
 FULL = 3  # ingredients
 BASE_LAYERS = 16  # of an observation, besides five a cook
 URGENT = 40  # steps before the end from which on the last layer is 1
-PLACED, DISH_TAKEN, SOUP_TAKEN = 3.0, 3.0, 5.0  # shaping rewards
+# shaping rewards
+PLACED = 3.0
+DISH_TAKEN = 3.0
+SOUP_TAKEN = 5.0
 
 
 def kitchen_row_length(width: int, height: int, cooks: int) -> int:
-    """How many numbers the state of a kitchen takes."""
+    """Return how many numbers the state of a kitchen takes."""
     return COOK + 4 * cooks + 2 * width * height
 
 
 @inline
 def terrain_index(row: Row) -> int:
-    """Where in the row the terrain begins, cell by cell (x * height + y)."""
+    """Return where in the row the terrain begins, cell by cell (x * height + y)."""
     return COOK + 4 * row[COOKS]
 
 
 @inline
 def soup(onions: int, tomatoes: int, clock: int) -> int:
-    """A soup's number: its clock is -1 until it cooks, then the steps it has."""
+    """Return a soup's number: its clock is -1 until it cooks, then the steps it has."""
     return SOUP | onions << 3 | tomatoes << 5 | clock + 1 << 7
 
 
 @inline
 def kind_of(thing: int) -> int:
-    """What kind of thing a number is."""
+    """Return what kind of thing a number is."""
     return thing & 7
 
 
 @inline
 def onions_in(thing: int) -> int:
-    """A soup's onions."""
+    """Return a soup's onions."""
     return thing >> 3 & 3
 
 
 @inline
 def tomatoes_in(thing: int) -> int:
-    """A soup's tomatoes."""
+    """Return a soup's tomatoes."""
     return thing >> 5 & 3
 
 
 @inline
 def clock_of(thing: int) -> int:
-    """A soup's clock."""
+    """Return a soup's clock."""
     return (thing >> 7) - 1
 
 
 @inline
 def recipe_of(thing: int) -> int:
-    """A soup's recipe: onions + 4 * tomatoes."""
+    """Return a soup's recipe: onions + 4 * tomatoes."""
     return thing >> 3 & 15
 
 
 @device_function()
 def is_ready(row: Row, thing: int) -> bool:
-    """Whether a soup is done."""
+    """Return whether a soup is done."""
     return clock_of(thing) >= row[TIMES + recipe_of(thing)]
 
 
 @inline
 def ahead(x: int, y: int, direction: int) -> tuple[int, int]:
-    """The next cell in a direction: up, down, right, left."""
+    """Return the next cell in a direction: up, down, right, left."""
     return x + (direction == RIGHT) - (direction == LEFT), y + (direction == DOWN) - (direction == UP)
 
 
 @device_function()
 def destination(row: Row, cook: int, action: int) -> tuple[int, int]:
-    """Where a cook stands after its action if nobody is in its way."""
+    """Return where a cook stands after its action if no cook is in its way."""
     at = COOK + 4 * cook
-    x, y = row[at], row[at + 1]
+    x = row[at]
+    y = row[at + 1]
     if action < STAY:
         i, j = ahead(x, y, action)
         if row[terrain_index(row) + i * row[HEIGHT] + j] == FLOOR:
@@ -102,48 +108,79 @@ def destination(row: Row, cook: int, action: int) -> tuple[int, int]:
 
 
 @device_function()
+def use_pot(row: Row, at: int, thing_at: int) -> float:
+    """Do what a cook's hands do to a pot; return the shaping reward.
+
+    Args:
+        row: The state.
+        at: Where in the row the cook is.
+        thing_at: Where in the row the pot's contents are.
+    """
+    carried = row[at + 3]
+    thing = row[thing_at]
+    if carried == NOTHING:
+        if thing != NOTHING and clock_of(thing) < 0 and row[AUTOMATIC] == 0:
+            row[thing_at] = soup(onions_in(thing), tomatoes_in(thing), 0)
+    elif carried == DISH:
+        if thing != NOTHING and clock_of(thing) >= 0 and is_ready(row, thing):
+            row[at + 3] = thing
+            row[thing_at] = NOTHING
+            return SOUP_TAKEN
+    elif kind_of(carried) != SOUP:
+        onions = onions_in(thing)
+        tomatoes = tomatoes_in(thing)
+        clock = clock_of(thing) if thing != NOTHING else -1
+        mixes = row[AUTOMATIC] == 1 and (tomatoes > 0 if carried == ONION else onions > 0)
+        if clock < 0 and onions + tomatoes < FULL and not mixes:
+            onions = onions + (carried == ONION)
+            tomatoes = tomatoes + (carried == TOMATO)
+            starts = row[AUTOMATIC] == 1 and onions + tomatoes == FULL
+            row[thing_at] = soup(onions, tomatoes, 0 if starts else -1)
+            row[at + 3] = NOTHING
+            return PLACED
+    return 0.0
+
+
+@device_function()
+def lacks_dishes(row: Row, active_pots: int) -> bool:
+    """Return whether more pots are active than cooks hold dishes, and no dish lies on a counter."""
+    cells = row[WIDTH] * row[HEIGHT]
+    terrains = terrain_index(row)
+    dishes = 0
+    on_counters = False
+    for other in range(row[COOKS]):
+        dishes += row[COOK + 4 * other + 3] == DISH
+    for k in range(terrains, terrains + cells):
+        on_counters |= row[k] == COUNTER and row[k + cells] == DISH
+    return dishes < active_pots and not on_counters
+
+
+@device_function()
 def interact(row: Row, cook: int, active_pots: int, outcomes: NDArray[np.float64]) -> None:
     """Do what a cook's hands do to the cell in front."""
-    cooks, at = row[COOKS], COOK + 4 * cook
-    cells, terrains = row[WIDTH] * row[HEIGHT], terrain_index(row)
+    cooks = row[COOKS]
+    at = COOK + 4 * cook
+    cells = row[WIDTH] * row[HEIGHT]
+    terrains = terrain_index(row)
     x, y = ahead(row[at], row[at + 1], row[at + 2])
     cell = terrains + x * row[HEIGHT] + y
-    terrain, here = row[cell], cell + cells
-    held, thing = row[at + 3], row[here]
+    terrain = row[cell]
+    thing_at = cell + cells
+    carried = row[at + 3]
+    thing = row[thing_at]
     if terrain == COUNTER:
-        if (held == NOTHING) != (thing == NOTHING):
-            row[at + 3], row[here] = thing, held
+        if (carried == NOTHING) != (thing == NOTHING):
+            row[at + 3] = thing
+            row[thing_at] = carried
     elif terrain == HATCH:
-        if kind_of(held) == SOUP:
-            outcomes[cook] += row[VALUES + recipe_of(held)]
+        if kind_of(carried) == SOUP:
+            outcomes[cook] += row[VALUES + recipe_of(carried)]
             row[at + 3] = NOTHING
     elif terrain == POT:
-        if held == NOTHING:
-            if thing != NOTHING and clock_of(thing) < 0 and row[AUTOMATIC] == 0:
-                row[here] = soup(onions_in(thing), tomatoes_in(thing), 0)
-        elif held == DISH:
-            if thing != NOTHING and clock_of(thing) >= 0 and is_ready(row, thing):
-                row[at + 3], row[here] = thing, NOTHING
-                outcomes[cooks + cook] += SOUP_TAKEN
-        elif kind_of(held) != SOUP:
-            onions, tomatoes = onions_in(thing), tomatoes_in(thing)
-            clock = clock_of(thing) if thing != NOTHING else -1
-            mixes = row[AUTOMATIC] == 1 and (tomatoes > 0 if held == ONION else onions > 0)
-            if clock < 0 and onions + tomatoes < FULL and not mixes:
-                onions, tomatoes = onions + (held == ONION), tomatoes + (held == TOMATO)
-                starts = row[AUTOMATIC] == 1 and onions + tomatoes == FULL
-                row[here] = soup(onions, tomatoes, 0 if starts else -1)
-                row[at + 3] = NOTHING
-                outcomes[cooks + cook] += PLACED
-    elif terrain != FLOOR and held == NOTHING:
-        if terrain == DISHES and cooks == 2:
-            dishes, on_counters = 0, False
-            for other in range(cooks):
-                dishes += row[COOK + 4 * other + 3] == DISH
-            for k in range(terrains, terrains + cells):
-                on_counters |= row[k] == COUNTER and row[k + cells] == DISH
-            if dishes < active_pots and not on_counters:
-                outcomes[cooks + cook] += DISH_TAKEN
+        outcomes[cooks + cook] += use_pot(row, at, thing_at)
+    elif terrain != FLOOR and carried == NOTHING:
+        if terrain == DISHES and cooks == 2 and lacks_dishes(row, active_pots):
+            outcomes[cooks + cook] += DISH_TAKEN
         row[at + 3] = terrain - ONIONS + ONION
 
 
@@ -154,16 +191,42 @@ def move_cooks(row: Row, actions: NDArray[np.int64]) -> None:
     for cook in range(row[COOKS]):
         new = destination(row, cook, actions[cook])
         for other in range(cook):
-            its_new = destination(row, other, actions[other])
-            at, its = COOK + 4 * cook, COOK + 4 * other
-            crossed = new == (row[its], row[its + 1]) and its_new == (row[at], row[at + 1])
-            collide |= new == its_new or crossed
+            other_new = destination(row, other, actions[other])
+            at = COOK + 4 * cook
+            other_at = COOK + 4 * other
+            crossed = new == (row[other_at], row[other_at + 1]) and other_new == (row[at], row[at + 1])
+            collide |= new == other_new or crossed
     for cook in range(row[COOKS]):
         at = COOK + 4 * cook
         if not collide:
             row[at], row[at + 1] = destination(row, cook, actions[cook])
         if actions[cook] < STAY:
             row[at + 2] = actions[cook]
+
+
+@device_function()
+def count_active_pots(row: Row) -> int:
+    """Count the pots that cook, or hold something and have room for more."""
+    terrains = terrain_index(row)
+    cells = row[WIDTH] * row[HEIGHT]
+    active_pots = 0
+    for k in range(terrains, terrains + cells):
+        if row[k] == POT and row[k + cells] != NOTHING:
+            thing = row[k + cells]
+            active_pots += clock_of(thing) >= 0 or onions_in(thing) + tomatoes_in(thing) < FULL
+    return active_pots
+
+
+@device_function()
+def cook_soups(row: Row) -> None:
+    """Let every soup that is on cook one step longer."""
+    terrains = terrain_index(row)
+    cells = row[WIDTH] * row[HEIGHT]
+    for k in range(terrains, terrains + cells):
+        if row[k] == POT and row[k + cells] != NOTHING:
+            thing = row[k + cells]
+            if clock_of(thing) >= 0 and (row[AUTOMATIC] == 1 or not is_ready(row, thing)):
+                row[k + cells] = soup(onions_in(thing), tomatoes_in(thing), clock_of(thing) + 1)
 
 
 @kernel("(int32[::1], int64[::1], float64[::1], uint8[:, ::1])", hold_gil=True)
@@ -186,22 +249,13 @@ def step_kitchen(row: Row, actions: NDArray[np.int64], outcomes: NDArray[np.floa
     for cook in range(cooks):
         if actions[cook] < 0 or actions[cook] > INTERACT:
             return -2
-    terrains, cells = terrain_index(row), row[WIDTH] * row[HEIGHT]
     outcomes[:] = 0.0
-    active_pots = 0
-    for k in range(terrains, terrains + cells):
-        if row[k] == POT and row[k + cells] != NOTHING:
-            thing = row[k + cells]
-            active_pots += clock_of(thing) >= 0 or onions_in(thing) + tomatoes_in(thing) < FULL
+    active_pots = count_active_pots(row)
     for cook in range(cooks):
         if actions[cook] == INTERACT:
             interact(row, cook, active_pots, outcomes)
     move_cooks(row, actions)
-    for k in range(terrains, terrains + cells):
-        if row[k] == POT and row[k + cells] != NOTHING:
-            thing = row[k + cells]
-            if clock_of(thing) >= 0 and (row[AUTOMATIC] == 1 or not is_ready(row, thing)):
-                row[k + cells] = soup(onions_in(thing), tomatoes_in(thing), clock_of(thing) + 1)
+    cook_soups(row)
     row[STEP] += 1
     if row[STEP] >= row[MAX_STEPS]:
         row[PHASE] = OVER
@@ -234,6 +288,12 @@ def observe_thing(row: Row, thing: int, in_pot: bool, image: NDArray[np.uint8], 
         image[at + 8] = 1
 
 
+@device_function()
+def layer_of_cook(cook: int, viewer: int) -> int:
+    """Return the layer that shows where a cook is: the viewer's own is the first."""
+    return 0 if cook == viewer else cook + (cook < viewer)
+
+
 @kernel("(int32[::1], uint8[:, ::1])", hold_gil=True)
 def observe(row: Row, images: NDArray[np.uint8]) -> None:
     """Fill what each cook observes, uint8[cooks, width * height * layers].
@@ -243,14 +303,17 @@ def observe(row: Row, images: NDArray[np.uint8]) -> None:
     tomatoes in waiting pots, onions and tomatoes in cooking or cooked soups, steps a soup still cooks, soups done,
     dishes, onions, tomatoes, and 1 everywhere in the last forty steps.
     """
-    cooks, cells = row[COOKS], row[WIDTH] * row[HEIGHT]
-    terrains, layers = terrain_index(row), 5 * cooks + BASE_LAYERS
+    cooks = row[COOKS]
+    cells = row[WIDTH] * row[HEIGHT]
+    terrains = terrain_index(row)
+    layers = 5 * cooks + BASE_LAYERS
     urgent = row[MAX_STEPS] - row[STEP] < URGENT
     first = images[0]
     first[:] = 0
     for cell in range(cells):
         base = cell * layers + 5 * cooks
-        terrain, thing = row[terrains + cell], row[terrains + cells + cell]
+        terrain = row[terrains + cell]
+        thing = row[terrains + cells + cell]
         if terrain != FLOOR:
             first[base + terrain - 1] = 1
             if thing != NOTHING:
@@ -270,7 +333,7 @@ def observe(row: Row, images: NDArray[np.uint8]) -> None:
         for cook in range(cooks):
             at = COOK + 4 * cook
             base = (row[at] * row[HEIGHT] + row[at + 1]) * layers
-            place = 0 if cook == viewer else cook + (cook < viewer)
+            place = layer_of_cook(cook, viewer)
             image[base + place] = 1
             image[base + cooks + 4 * place + row[at + 2]] = 1
 
@@ -284,7 +347,7 @@ def step_kitchens(
     images: NDArray[np.uint8],
     ends: NDArray[np.bool_],
 ) -> int:
-    """`step_kitchen` for each row; an episode that ends is begun anew at once, and ``images`` show its beginning.
+    """Run `step_kitchen` for each row; begin an ended episode anew at once, and show its beginning in ``images``.
 
     Returns:
         -1, or the first kitchen that is given an action there is not: then none was stepped.

@@ -13,21 +13,21 @@ UNLIMITED_TRIES = 1 << 30  # tries; a layout that needs more has no free place a
 
 @kernel("void(int32[::1], int64, int64, int64, int64)", only=True)
 def wall_across(row: Row, x: int, y: int, length: int, code: int) -> None:
-    """A horizontal line from (x, y)."""
+    """Put a horizontal line from (x, y)."""
     for i in range(length):
         put(row, x + i, y, code)
 
 
 @kernel("void(int32[::1], int64, int64, int64, int64)", only=True)
 def wall_down(row: Row, x: int, y: int, length: int, code: int) -> None:
-    """A vertical line from (x, y)."""
+    """Put a vertical line from (x, y)."""
     for j in range(length):
         put(row, x, y + j, code)
 
 
 @kernel("void(int32[::1], int64, int64, int64, int64)", only=True)
 def wall_rect(row: Row, x: int, y: int, width: int, height: int) -> None:
-    """The four walls of a room with its top left corner at (x, y), walls included in the size."""
+    """Put the four walls of a room with its top left corner at (x, y), walls included in the size."""
     wall_across(row, x, y, width, GREY_WALL)
     wall_across(row, x, y + height - 1, width, GREY_WALL)
     wall_down(row, x, y, height, GREY_WALL)
@@ -36,13 +36,13 @@ def wall_rect(row: Row, x: int, y: int, width: int, height: int) -> None:
 
 @inline
 def outer_walls(row: Row) -> None:
-    """Walls around the whole grid."""
+    """Put walls around the whole grid."""
     wall_rect(row, 0, 0, row[WIDTH], row[HEIGHT])
 
 
 @inline
 def has_room(row: Row, x: int, y: int, width: int, height: int) -> bool:
-    """Whether any cell of the rectangle is free: without one, drawing places would never end."""
+    """Return whether any cell of the rectangle is free: without one, drawing places would never end."""
     for i in range(max(x, 0), min(max(x, 0) + width, row[WIDTH])):
         for j in range(max(y, 0), min(max(y, 0) + height, row[HEIGHT])):
             if row[HEADER + i * row[HEIGHT] + j] == EMPTY and not (i == row[X] and j == row[Y]):
@@ -53,7 +53,8 @@ def has_room(row: Row, x: int, y: int, width: int, height: int) -> bool:
 @kernel("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)", only=True)
 def draw_place(row: Row, rng_state: RngState, x: int, y: int, width: int, height: int, tries: int) -> tuple[int, int]:
     """Draw cells of the rectangle until one is free; (-1, -1), and the row marked FAILED, if none is found."""
-    x, y = max(x, 0), max(y, 0)
+    x = max(x, 0)
+    y = max(y, 0)
     if has_room(row, x, y, width, height):
         for _ in range(tries):
             i = integer(rng_state, x, min(x + width, row[WIDTH]))
@@ -82,7 +83,9 @@ def place_anywhere(row: Row, rng_state: RngState, code: int) -> tuple[int, int]:
 @inline
 def stand(row: Row, x: int, y: int, direction: int) -> None:
     """Put the agent into a cell, looking in a direction."""
-    row[X], row[Y], row[DIRECTION] = x, y, direction
+    row[X] = x
+    row[Y] = y
+    row[DIRECTION] = direction
 
 
 @kernel("void(int32[::1], uint64[::1], int64, int64, int64, int64)", only=True)

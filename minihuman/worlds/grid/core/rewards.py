@@ -43,59 +43,91 @@ LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, DONE = range(7)
 
 @kernel("float64(int32[::1])", "float64(int16[::1])", only=True)
 def success_reward(row: Row) -> float:
-    """What success earns now: 1 at the start, 0.1 at the last step."""
+    """Return what success earns now: 1 at the start, 0.1 at the last step."""
     return 1 - 0.9 * (int(row[STEP]) / int(row[MAX_STEPS]))
 
 
 @kernel("UniTuple(int64, 2)(int32[::1])", "UniTuple(int64, 2)(int16[::1])", only=True)
 def cell_in_front(row: Row) -> tuple[int, int]:
-    """The cell in front of the agent."""
+    """Return the cell in front of the agent."""
     return ahead(row[X], row[Y], row[DIRECTION])
 
 
 @kernel("boolean(int32[::1], int64, int64)", "boolean(int16[::1], int64, int64)", only=True)
 def is_open(row: Row, x: int, y: int) -> bool:
-    """Whether an open door is in this cell."""
+    """Return whether an open door is in this cell."""
     code = cell_at(row, x, y)
     return kind_of(code) == DOOR and state_of(code) == OPEN
+
+
+@device_function()
+def _reward_if(row: Row, succeeds: bool) -> float:
+    """Return what success earns now, or 0."""
+    return success_reward(row) if succeeds else 0.0
+
+
+@device_function()
+def _is_target_look(row: Row, code: int) -> bool:
+    """Return whether an object has the kind and colour that the task asks for."""
+    return kind_of(code) == row[TARGET] and colour_of(code) == row[TARGET + 1]
+
+
+@device_function()
+def _judge_stand_by(row: Row, action: int, reward: float, ended: bool) -> tuple[float, bool]:
+    """Return reward and end where the agent is to say "done" beside a cell."""
+    if action == DONE:
+        distance = abs(row[X] - row[TARGET]) + abs(row[Y] - row[TARGET + 1])
+        return success_reward(row) if distance == 1 else reward, True
+    if action == TOGGLE:
+        return reward, True
+    return reward, ended
+
+
+@device_function()
+def _judge_match(row: Row, reward: float, ended: bool) -> tuple[float, bool]:
+    """Return reward and end where the agent is to go to the matching one of two objects."""
+    if row[X] == row[TARGET] and row[Y] == row[TARGET + 1]:
+        return success_reward(row), True
+    if row[X] == row[TARGET + 2] and row[Y] == row[TARGET + 3]:
+        return 0.0, True
+    return reward, ended
+
+
+@device_function()
+def _judge_put_near(row: Row, action: int, held_before: int, reward: float, ended: bool) -> tuple[float, bool]:
+    """Return reward and end where the agent is to put one object near another."""
+    carried = row[CARRYING]
+    if action == PICKUP and carried != EMPTY:
+        return reward, ended or not _is_target_look(row, carried)
+    if action == DROP and held_before != EMPTY:
+        x, y = cell_in_front(row)
+        near = abs(x - row[TARGET + 2]) <= 1 and abs(y - row[TARGET + 3]) <= 1
+        return success_reward(row) if near and cell_at(row, x, y) == held_before else reward, True
+    return reward, ended
 
 
 @device_function()
 def reward_and_done(
     row: Row, action: int, held_before: int, first_was_open: bool, reward: float, ended: bool
 ) -> tuple[float, bool]:
-    """Reward and end of a step that was just made; ``reward`` and ``ended`` are what goal and lava say."""
+    """Return reward and end of a step that was just made; ``reward`` and ``ended`` are what goal and lava say."""
     task = row[TASK]
-    held = row[CARRYING]
+    carried = row[CARRYING]
     if task == PICK:
-        if action == PICKUP and held != EMPTY and identity_of(held) == row[TARGET]:
+        if action == PICKUP and carried != EMPTY and identity_of(carried) == row[TARGET]:
             return success_reward(row), True
     elif task == FETCH:
-        if held != EMPTY:
-            right = kind_of(held) == row[TARGET] and colour_of(held) == row[TARGET + 1]
-            return success_reward(row) if right else 0.0, True
+        if carried != EMPTY:
+            return _reward_if(row, _is_target_look(row, carried)), True
     elif task == STAND_BY:
-        if action == DONE:
-            distance = abs(row[X] - row[TARGET]) + abs(row[Y] - row[TARGET + 1])
-            return success_reward(row) if distance == 1 else reward, True
-        if action == TOGGLE:
-            return reward, True
+        return _judge_stand_by(row, action, reward, ended)
     elif task == MATCH:
-        if row[X] == row[TARGET] and row[Y] == row[TARGET + 1]:
-            return success_reward(row), True
-        if row[X] == row[TARGET + 2] and row[Y] == row[TARGET + 3]:
-            return 0.0, True
+        return _judge_match(row, reward, ended)
     elif task == PUT_NEAR:
-        if action == PICKUP and held != EMPTY:
-            wrong = kind_of(held) != row[TARGET] or colour_of(held) != row[TARGET + 1]
-            return reward, ended or wrong
-        if action == DROP and held_before != EMPTY:
-            x, y = cell_in_front(row)
-            near = abs(x - row[TARGET + 2]) <= 1 and abs(y - row[TARGET + 3]) <= 1
-            return success_reward(row) if near and cell_at(row, x, y) == held_before else reward, True
+        return _judge_put_near(row, action, held_before, reward, ended)
     elif task == IN_ORDER:
         if is_open(row, row[TARGET + 2], row[TARGET + 3]):
-            return success_reward(row) if first_was_open else 0.0, True
+            return _reward_if(row, first_was_open), True
     elif task == OPEN_DOOR and action == TOGGLE and is_open(row, row[TARGET], row[TARGET + 1]):
         return success_reward(row), True
     return reward, ended
@@ -103,7 +135,7 @@ def reward_and_done(
 
 @inline
 def faces_obstacle(row: Row) -> bool:
-    """Whether something other than a goal is in front of the agent."""
+    """Return whether something other than a goal is in front of the agent."""
     x, y = cell_in_front(row)
     kind = kind_of(cell_at(row, x, y))
     return kind != EMPTY and kind != GOAL
@@ -112,11 +144,13 @@ def faces_obstacle(row: Row) -> bool:
 @device_function()
 def move_obstacles(row: Row, rng_state: RngState) -> None:
     """Move each obstacle to a free cell of the 3x3 around it; it stays after 101 draws without one."""
-    width, height = row[WIDTH], row[HEIGHT]
+    width = row[WIDTH]
+    height = row[HEIGHT]
     for identity in range(1, row[TARGET] + 1):
         cell = where_is(row, identity)
         old_x = int(cell / height)  # exact, and whole numbers are divided five times more slowly
-        left, top = max(old_x - 1, 0), max(cell - old_x * height - 1, 0)
+        left = max(old_x - 1, 0)
+        top = max(cell - old_x * height - 1, 0)
         for _ in range(101):
             x = integer(rng_state, left, min(left + 3, width))
             y = integer(rng_state, top, min(top + 3, height))

@@ -70,8 +70,12 @@ from minihuman.worlds.rng import RngState
 
 ACTION_NAMES = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
 
-TERMINATED, TRUNCATED = 1, 2  # bits of a step's status
-NOT_PLAYING, NO_SUCH_ACTION = -1, -2  # a step that was refused and changed nothing
+# bits of a step's status
+TERMINATED = 1
+TRUNCATED = 2
+# a step that was refused and changed nothing
+NOT_PLAYING = -1
+NO_SUCH_ACTION = -2
 
 
 @kernel("(int32[::1], int64, uint64[::1], uint8[:, :, ::1])", hold_gil=True)
@@ -95,7 +99,7 @@ def act(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
 
 @device_function(force_inline=True)
 def act_inline(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
-    """`act`, for kernels that step many rows."""
+    """Run `act`, for kernels that step many rows."""
     refused = refusal(row, action)
     if refused < 0:
         return refused, 0.0
@@ -112,21 +116,24 @@ def act_inline(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
     reward, ended = apply(row, action)
     reward, ended = reward_and_done(row, action, held_before, first_was_open, reward, ended)
     if collides:
-        reward, ended = -1.0, True
+        reward = -1.0
+        ended = True
     return close(row, ended), reward
 
 
 @inline
 def refusal(row: Row, action: int) -> int:
-    """Why this step is not made: NOT_PLAYING or NO_SUCH_ACTION; 0 where nothing is against it."""
+    """Return why this step is not made: NOT_PLAYING or NO_SUCH_ACTION; 0 where nothing is against it."""
     if row[PHASE] != PLAYING:
         return NOT_PLAYING
-    return NO_SUCH_ACTION if action < 0 or action >= row[ACTIONS] else 0
+    if action < 0 or action >= row[ACTIONS]:
+        return NO_SUCH_ACTION
+    return 0
 
 
 @inline
 def close(row: Row, ended: bool) -> int:
-    """The status of a step that was made and judged; the row notes an end."""
+    """Return the status of a step that was made and judged; note an end in the row."""
     status = TERMINATED if ended else 0
     if row[STEP] >= row[MAX_STEPS]:
         status |= TRUNCATED
@@ -148,7 +155,8 @@ def apply(row: Row, action: int) -> tuple[float, bool]:
     code = cell_at(row, x, y)
     if action == FORWARD:
         if can_enter(row, code):
-            row[X], row[Y] = x, y
+            row[X] = x
+            row[Y] = y
         if kind_of(code) == GOAL:
             return success_reward(row), True
         return 0.0, kind_of(code) == LAVA
@@ -172,8 +180,8 @@ def toggle(row: Row, x: int, y: int, code: int) -> None:
     if kind_of(code) == DOOR or own_properties(row, code) & OPENS:
         state = state_of(code)
         if state == LOCKED:
-            held = row[CARRYING]
-            if kind_of(held) == KEY and colour_of(held) == colour_of(code):
+            carried = row[CARRYING]
+            if kind_of(carried) == KEY and colour_of(carried) == colour_of(code):
                 put(row, x, y, in_state(code, OPEN))
         else:
             put(row, x, y, in_state(code, CLOSED if state == OPEN else OPEN))

@@ -62,22 +62,29 @@ from minihuman.worlds.kernels import device_function, kernel
 from minihuman.worlds.rng import RngState
 
 FAR = 1 << 20  # more actions than any plan has
-FOUND, NONE, FULL = 0, 1, 2  # how a search ends: a plan, no plan exists, too many nodes
+# how a search ends: a plan, no plan exists, too many nodes
+FOUND = 0
+NONE = 1
+FULL = 2
 
-_HELD, LAST, _OBJECTS = 3, 4, 5  # places in a node, after x, y and direction
+# places in a node, after x, y and direction
+_HELD = 3
+LAST = 4
+_OBJECTS = 5
 _STATE_BIT = 24  # a cell number plus one is in the bits below
 
 
 @kernel("(int32[::1], int64[::1], boolean)")
 def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np.int32]:
-    """Actions from each pose (x, y, direction) to any source pose, turning and walking only; FAR without a path.
+    """Count the actions from each pose (x, y, direction) to any source pose by turns and steps; FAR without a path.
 
     Args:
         row: The state.
         sources: Pose numbers, (x * height + y) * 4 + direction.
         through: Doors and objects are walked through, which gives a lower bound; otherwise they bar the way.
     """
-    width, height = np.int64(row[WIDTH]), np.int64(row[HEIGHT])
+    width = np.int64(row[WIDTH])
+    height = np.int64(row[HEIGHT])
     steps = np.full(width * height * 4, FAR, np.int32)  # by pose number (x * height + y) * 4 + direction
     queue = np.empty(len(steps), np.int64)
     tail = 0
@@ -91,9 +98,12 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
         pose = queue[head]
         head += 1
         direction = pose & 3
-        x, y = (pose >> 2) // height, (pose >> 2) % height
+        x = (pose >> 2) // height
+        y = (pose >> 2) % height
         for move in range(3):  # the poses before a left turn, a right turn, a step forward
-            from_x, from_y, before = x, y, direction
+            from_x = x
+            from_y = y
+            before = direction
             if move < 2:
                 before = (direction + 1 + 2 * move) & 3
             else:
@@ -112,7 +122,7 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
 
 @device_function()
 def stands(row: Row, code: int, through: bool) -> bool:
-    """Whether an agent that has not succeeded yet can be in this cell."""
+    """Return whether an agent that has not succeeded yet can be in this cell."""
     kind = kind_of(code)
     if kind == WALL or kind == LAVA or kind == GOAL:
         return False
@@ -121,7 +131,7 @@ def stands(row: Row, code: int, through: bool) -> bool:
 
 @device_function()
 def stands_or_ends(row: Row, code: int, through: bool) -> bool:
-    """Whether a step into this cell is possible and no failure."""
+    """Return whether a step into this cell is possible and no failure."""
     return kind_of(code) == GOAL or stands(row, code, through)
 
 
@@ -145,7 +155,7 @@ _N_NODES, _N_ENTRIES, _ESTIMATE, _DROPPED = range(4)  # places in the counters
 
 @device_function()
 def open_frontier(row: Row, limit: int, estimate: int) -> Frontier:
-    """A frontier that holds the state alone, with room for ``limit`` nodes."""
+    """Open a frontier that holds the state alone, with room for ``limit`` nodes."""
     n_buckets = (1 << 14) + 16 * (estimate + row[OBJECTS] * (row[WIDTH] + row[HEIGHT]))
     frontier = Frontier(
         np.empty((limit, _OBJECTS + row[OBJECTS]), np.int32),
@@ -160,11 +170,16 @@ def open_frontier(row: Row, limit: int, estimate: int) -> Frontier:
         np.zeros(4, np.int64),
     )
     store(row, frontier.nodes[0], 0)
-    frontier.cost[0], frontier.parent[0], frontier.cause[0] = 0, -1, -1
+    frontier.cost[0] = 0
+    frontier.parent[0] = -1
+    frontier.cause[0] = -1
     frontier.table[slot(frontier.nodes, frontier.table, 0)] = 0
     frontier.bucket[estimate] = 0
-    frontier.entry_node[0], frontier.entry_next[0] = 0, -1
-    frontier.counters[_N_NODES], frontier.counters[_N_ENTRIES], frontier.counters[_ESTIMATE] = 1, 1, estimate
+    frontier.entry_node[0] = 0
+    frontier.entry_next[0] = -1
+    frontier.counters[_N_NODES] = 1
+    frontier.counters[_N_ENTRIES] = 1
+    frontier.counters[_ESTIMATE] = estimate
     return frontier
 
 
@@ -189,7 +204,9 @@ def pop(frontier: Frontier) -> int:
 
 
 @device_function(force_inline=True)
-def push(frontier: Frontier, row: Row, node: int, action: int, held: int, heuristic: int, weight: int) -> bool:
+def push(
+    frontier: Frontier, row: Row, node: int, action: int, carried_before: int, heuristic: int, weight: int
+) -> bool:
     """Add the state that an action led to, unless it is known at the same cost or less; False when there is no room.
 
     Args:
@@ -197,17 +214,20 @@ def push(frontier: Frontier, row: Row, node: int, action: int, held: int, heuris
         row: The state after the action.
         node: Where the action was done.
         action: What was done.
-        held: The identity of the object in hand before it.
+        carried_before: The identity of the object in hand before it.
         heuristic: Actions that success is estimated to take from the state; FAR where it is impossible.
         weight: How many times the heuristic counts.
     """
-    nodes, cost, counters = frontier.nodes, frontier.cost, frontier.counters
-    count, entry = counters[_N_NODES], counters[_N_ENTRIES]
+    nodes = frontier.nodes
+    cost = frontier.cost
+    counters = frontier.counters
+    count = counters[_N_NODES]
+    entry = counters[_N_ENTRIES]
     if count == len(nodes) or entry == len(frontier.entry_node):
         return False
     last = int(nodes[node, LAST])
     if action == DROP:
-        last = held
+        last = carried_before
     elif action == PICKUP:
         last = 0
     store(row, nodes[count], last)
@@ -219,7 +239,9 @@ def push(frontier: Frontier, row: Row, node: int, action: int, held: int, heuris
         counters[_N_NODES] = count + 1
     elif frontier.closed[known] or cost[known] <= cost[node] + 1:
         return True
-    cost[known], frontier.parent[known], frontier.cause[known] = cost[node] + 1, node, action
+    cost[known] = cost[node] + 1
+    frontier.parent[known] = node
+    frontier.cause[known] = action
     if heuristic >= FAR:
         return True
     estimate = weight * heuristic + cost[known]
@@ -235,8 +257,10 @@ def push(frontier: Frontier, row: Row, node: int, action: int, held: int, heuris
 
 @device_function()
 def exhausted(frontier: Frontier) -> int:
-    """How a search ends that has nothing left to expand: NONE, or FULL if an estimate had no bucket."""
-    return FULL if frontier.counters[_DROPPED] else NONE
+    """Return how a search ends with nothing left to expand: NONE, or FULL if an estimate had no bucket."""
+    if frontier.counters[_DROPPED]:
+        return FULL
+    return NONE
 
 
 @kernel("(int32[::1], int32[:, :, ::1], int64, int64, uint64[::1], int64)")
@@ -272,7 +296,7 @@ def search(
             load(row, frontier.nodes[node], codes)
             if not may_shorten_plan(row, action, frontier.nodes[node, LAST], may_drop):
                 continue
-            held = identity_of(row[CARRYING])
+            carried_before = identity_of(row[CARRYING])
             row[STEP] = 0
             row[PHASE] = PLAYING
             status, reward = act(row, action, rng_state)
@@ -281,7 +305,7 @@ def search(
                     return FOUND, actions_to_node(frontier.parent, frontier.cause, node, action)
                 continue
             heuristic = bound[row[X], row[Y], row[DIRECTION]] + extra
-            if not push(frontier, row, node, action, held, heuristic, weight):
+            if not push(frontier, row, node, action, carried_before, heuristic, weight):
                 return FULL, none
         node = pop(frontier)
     return exhausted(frontier), none
@@ -289,7 +313,7 @@ def search(
 
 @device_function()
 def may_shorten_plan(row: Row, action: int, last: int, may_drop: bool) -> bool:
-    """Whether a shortest plan can have this action here. What is left out never shortens a plan:
+    """Return whether a shortest plan can have this action here. What is left out never shortens a plan:
 
     closing a door; putting down the only thing there is to carry; taking up again what was put down last.
     """
@@ -310,7 +334,7 @@ def may_shorten_plan(row: Row, action: int, last: int, may_drop: bool) -> bool:
 
 @device_function()
 def object_codes(row: Row) -> NDArray[np.int64]:
-    """The code of each object, by identity - 1, wherever it is."""
+    """Return the code of each object, by identity - 1, wherever it is."""
     objects = row[OBJECTS]
     codes = np.zeros(objects, np.int64)
     for k in range(objects):
@@ -327,7 +351,7 @@ def object_codes(row: Row) -> NDArray[np.int64]:
 
 @device_function()
 def count_carriable(codes: NDArray[np.int64]) -> int:
-    """How many objects can be carried."""
+    """Return how many objects can be carried."""
     count = 0
     for k in range(len(codes)):
         if codes[k] != 0 and kind_of(int(codes[k])) != DOOR:
@@ -338,7 +362,9 @@ def count_carriable(codes: NDArray[np.int64]) -> int:
 @device_function()
 def store(row: Row, node: NDArray[np.int32], last: int) -> None:
     """Pack what actions can change."""
-    node[0], node[1], node[2] = row[X], row[Y], row[DIRECTION]
+    node[0] = row[X]
+    node[1] = row[Y]
+    node[2] = row[DIRECTION]
     node[_HELD] = identity_of(row[CARRYING])
     node[LAST] = last
     for k in range(row[OBJECTS]):
@@ -349,7 +375,9 @@ def store(row: Row, node: NDArray[np.int32], last: int) -> None:
 @device_function()
 def load(row: Row, node: NDArray[np.int32], codes: NDArray[np.int64]) -> None:
     """Bring a row to a node."""
-    row[X], row[Y], row[DIRECTION] = node[0], node[1], node[2]
+    row[X] = node[0]
+    row[Y] = node[1]
+    row[DIRECTION] = node[2]
     row[CARRYING] = EMPTY if node[_HELD] == 0 else codes[node[_HELD] - 1]
     height = row[HEIGHT]
     for k in range(row[OBJECTS]):
@@ -365,7 +393,7 @@ def load(row: Row, node: NDArray[np.int32], codes: NDArray[np.int64]) -> None:
 
 @device_function()
 def slot(nodes: NDArray[np.int32], table: NDArray[np.int32], node: int) -> int:
-    """Where in the table an equal node is, or the free place for this one."""
+    """Find where in the table an equal node is, or the free place for this one."""
     key = 17
     for number in nodes[node]:
         key = (key * 1000003 ^ int(number)) & 0x7FFFFFFFFFFF
@@ -385,7 +413,7 @@ def slot(nodes: NDArray[np.int32], table: NDArray[np.int32], node: int) -> int:
 
 @device_function()
 def actions_to_node(parent: NDArray[np.int32], cause: NDArray[np.int8], node: int, action: int) -> NDArray[np.int64]:
-    """The actions from the start to a node, and the one after it."""
+    """Return the actions from the start to a node, and the one after it."""
     length = 1
     at = node
     while parent[at] >= 0:

@@ -32,10 +32,15 @@ from minihuman.worlds.kernels import inline, kernel
 
 Row = NDArray[np.int32]
 
-WIDTH, HEIGHT = 0, 1
-X, Y, DIRECTION = 2, 3, 4  # direction: 0 right, 1 down, 2 left, 3 up
+WIDTH = 0
+HEIGHT = 1
+# direction: 0 right, 1 down, 2 left, 3 up
+X = 2
+Y = 3
+DIRECTION = 4
 CARRYING = 5  # code of the object in hand, EMPTY for none
-STEP, MAX_STEPS = 6, 7
+STEP = 6
+MAX_STEPS = 7
 PHASE = 8
 SEE_THROUGH = 9  # bit 0: walls hide nothing; above it what kinds of the world's own let happen
 ACTIONS = 10  # how many of the seven actions this world takes
@@ -46,32 +51,35 @@ MISSION = 19  # 19..22: the choices that fill the mission's template
 FAILED = 23  # 1: the layout found no place for something
 HEADER = 24
 
-NEW, PLAYING, OVER = 0, 1, 2  # phases
+# phases
+NEW = 0
+PLAYING = 1
+OVER = 2
 
 _POSITIVE = (1 << 31) - 1  # bits of a number that is 0 or more; of a negative one they are more than any size
 NOWHERE = -1  # an object's cell while it is carried, contained or gone
 
 
 def row_length(width: int, height: int) -> int:
-    """How many numbers the state of a world of this size takes."""
+    """Return how many numbers the state of a world of this size takes."""
     return HEADER + 3 * width * height
 
 
 @inline
 def place_index(row: Row, identity: int) -> int:
-    """Where in the row the cell is that an object lies in."""
+    """Return where in the row the cell is that an object lies in."""
     return HEADER + row[WIDTH] * row[HEIGHT] + identity - 1
 
 
 @inline
 def where_is(row: Row, identity: int) -> int:
-    """The cell (x * height + y) an object lies in, NOWHERE while it lies in none."""
+    """Return the cell (x * height + y) an object lies in, NOWHERE while it lies in none."""
     return row[place_index(row, identity)]
 
 
 @inline
 def contents_index(row: Row, identity: int) -> int:
-    """Where in the row the code of an object's contents is; 0 there means nothing inside."""
+    """Return where in the row the code of an object's contents is; 0 there means nothing inside."""
     return HEADER + 2 * row[WIDTH] * row[HEIGHT] + identity - 1
 
 
@@ -88,7 +96,7 @@ def clear(row: Row) -> None:
 
 @kernel("int64(int32[::1], int64, int64)", "int64(int16[::1], int64, int64)", only=True)
 def cell_at(row: Row, x: int, y: int) -> int:
-    """The code in a cell; outside the grid everything is wall."""
+    """Return the code in a cell; outside the grid everything is wall."""
     is_inside = (int(x) & _POSITIVE < row[WIDTH]) & (int(y) & _POSITIVE < row[HEIGHT])
     place = np.uint64(HEADER + x * row[HEIGHT] + y if is_inside else 0)  # unsigned: not looked for from the end
     return row[place] if is_inside else GREY_WALL
@@ -96,7 +104,7 @@ def cell_at(row: Row, x: int, y: int) -> int:
 
 @kernel("int64(int32[::1], int64, int64)", "int64(int16[::1], int64, int64)", only=True)
 def lift(row: Row, x: int, y: int) -> int:
-    """Empty a cell and return what lay there. Outside the grid nothing does, and the row is marked FAILED."""
+    """Return empty a cell and return what lay there. Outside the grid nothing does, and the row is marked FAILED."""
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
         row[FAILED] = 1
         return EMPTY
@@ -154,104 +162,112 @@ class State:
 
     @property
     def width(self) -> int:
-        """Columns."""
+        """Return the number of columns."""
         return int(self.row[WIDTH])
 
     @property
     def height(self) -> int:
-        """Rows."""
+        """Return the number of rows."""
         return int(self.row[HEIGHT])
 
     @property
     def position(self) -> tuple[int, int]:
-        """The agent's column and row."""
+        """Return the agent's column and row."""
         return int(self.row[X]), int(self.row[Y])
 
     @property
     def direction(self) -> int:
-        """Where the agent looks: 0 right, 1 down, 2 left, 3 up."""
+        """Return where the agent looks: 0 right, 1 down, 2 left, 3 up."""
         return int(self.row[DIRECTION])
 
     @property
     def carrying(self) -> int:
-        """Code of the object in hand; EMPTY for none."""
+        """Return the code of the object in hand; EMPTY for none."""
         return int(self.row[CARRYING])
 
     @property
     def step(self) -> int:
-        """Steps taken in this episode."""
+        """Return the steps taken in this episode."""
         return int(self.row[STEP])
 
     @property
     def max_steps(self) -> int:
-        """Steps after which the episode is truncated."""
+        """Return the steps after which the episode is truncated."""
         return int(self.row[MAX_STEPS])
 
     @property
     def cells(self) -> NDArray[np.int32]:
-        """Codes, (width, height), indexed [x, y]; read them with the functions of ``cells``."""
+        """Return the codes, (width, height), indexed [x, y]; read them with the functions of ``cells``."""
         return self.row[HEADER : HEADER + self.width * self.height].reshape(self.width, self.height)
 
     @property
     def kinds(self) -> NDArray[np.integer[Any]]:
-        """Kinds, (width, height), indexed [x, y]: places in ``cells.KINDS``."""
+        """Return the kinds, (width, height), indexed [x, y]: places in ``cells.KINDS``."""
         return kinds_of(self.cells.astype(np.int64))
 
     @property
     def colours(self) -> NDArray[np.integer[Any]]:
-        """Colours, (width, height), indexed [x, y]: places in ``cells.COLOURS``."""
+        """Return the colours, (width, height), indexed [x, y]: places in ``cells.COLOURS``."""
         return colours_of(self.cells.astype(np.int64))
 
     @property
     def states(self) -> NDArray[np.integer[Any]]:
-        """States of doors, (width, height), indexed [x, y]: places in ``cells.DOOR_STATES``; 0 for all else."""
+        """Return doors' states, (width, height), indexed [x, y]: places in ``cells.DOOR_STATES``; 0 for all else."""
         return states_of(self.cells)
 
     @property
     def identities(self) -> NDArray[np.integer[Any]]:
-        """Identities, (width, height), indexed [x, y]; 0 where no object lies."""
+        """Return the identities, (width, height), indexed [x, y]; 0 where no object lies."""
         return identities_of(self.cells)
 
     @property
     def contents(self) -> NDArray[np.int32]:
-        """Code of what each object contains, by identity - 1; 0 for nothing."""
+        """Return the code of what each object contains, by identity - 1; 0 for nothing."""
         cells = self.width * self.height
         return self.row[HEADER + 2 * cells : HEADER + 3 * cells]
 
     def find(self, identity: int) -> tuple[int, int] | None:
-        """Where an object lies; None while it is carried, inside a box, or gone."""
+        """Return where an object lies; None while it is carried, inside a box, or gone."""
         cell = int(self.row[HEADER + self.width * self.height + identity - 1])
-        return None if cell == NOWHERE else divmod(cell, self.height)
+        if cell == NOWHERE:
+            return None
+        return divmod(cell, self.height)
 
 
 FIRST_OWN_KIND = 11  # the number of a world's first own kind
 MAX_OWN_KINDS = 5
 
-STEPPED_ON, CARRIED, HIDES, OPENS = 1, 2, 4, 8  # what a kind lets happen, as bits
+# what a kind lets happen, as bits
+STEPPED_ON = 1
+CARRIED = 2
+HIDES = 4
+OPENS = 8
 
 
 @inline
 def own_properties(row: Row, code: int) -> int:
-    """The bits of an own kind; 0 for every kind of ours."""
-    return row[SEE_THROUGH] >> 1 + 4 * (kind_of(code) - FIRST_OWN_KIND) & 15 if kind_of(code) >= FIRST_OWN_KIND else 0
+    """Return the bits of an own kind; 0 for every kind of ours."""
+    if kind_of(code) >= FIRST_OWN_KIND:
+        return row[SEE_THROUGH] >> 1 + 4 * (kind_of(code) - FIRST_OWN_KIND) & 15
+    return 0
 
 
 @inline
 def can_enter(row: Row, code: int) -> bool:
-    """Whether the agent can stand in a cell with this in it: own things that open let pass while they are open."""
+    """Return whether the agent can stand in a cell with this in it: own things that open let pass while open."""
     own = own_properties(row, code)
     return lets_pass(code) or own & STEPPED_ON != 0 or (own & OPENS != 0 and state_of(code) == OPEN)
 
 
 @inline
 def can_carry(row: Row, code: int) -> bool:
-    """Whether the agent can pick this up."""
+    """Return whether the agent can pick this up."""
     return can_be_carried(code) or (code != EMPTY and own_properties(row, code) & CARRIED != 0)
 
 
 @inline
 def hiding_looks(row: Row) -> int:
-    """What own things hide what is behind them: bit ``kind | state << 4`` of a number; an open one hides nothing."""
+    """Return the looks of own things that hide what is behind: bit ``kind | state << 4``; an open one hides nothing."""
     looks = 0
     for own in range(MAX_OWN_KINDS if row[SEE_THROUGH] > 1 else 0):
         bits = row[SEE_THROUGH] >> 1 + 4 * own & 15

@@ -45,7 +45,7 @@ PAIRS = (0, 2), (1, 3), (4, 6), (5, 7)  # columns of a view that are in one vect
 _MIRRORED = [half + 6 - lane if lane < 7 else half + lane for half in (0, 8) for lane in range(8)]
 _SIDES = [[first + lane for first in firsts for lane in range(8)] for firsts in ((0, 16), (8, 24))]
 _MERGED = [
-    [half + lane + of for half in (0, 8) for lane in lanes for of in (0, 16)] for lanes in (range(4), range(4, 8))
+    [half + lane + bank for half in (0, 8) for lane in lanes for bank in (0, 16)] for lanes in (range(4), range(4, 8))
 ]
 _IN_ORDER = [first + lane for first in (0, 16, 8, 24) for lane in range(8)]
 _THREE_OF_FOUR = [half + lane for half in (0, 16) for lane in (0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 3, 7, 11, 15)]
@@ -56,7 +56,7 @@ HIDING = np.int64(sum(1 << (WALL | state << 4) | (state != OPEN) << (DOOR | stat
 
 
 def see_size(size: int) -> int:
-    """The size, if a view can have it.
+    """Check that a view can have this size, and return it.
 
     Raises:
         WorldError: if it cannot.
@@ -81,20 +81,20 @@ def see(row: Row, image: NDArray[np.uint8]) -> None:
 
 @inline
 def is_usual(row: Row, image: NDArray[np.uint8]) -> bool:
-    """Whether a view is of seven cells, places fit into 15 bits, and no own kind hides anything."""
+    """Return whether a view is of seven cells, places fit into 15 bits, and no own kind hides anything."""
     return image.shape[0] == USUAL_VIEW and max(row[WIDTH], row[HEIGHT]) < 1 << 15 and hiding_looks(row) == 0
 
 
 @simd_function()
 def see_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> None:
-    """What `see` says, for a view that `is_usual`, without what is carried."""
+    """Do what `see` says, for a view that `is_usual`, without what is carried."""
     columns, clear = look_ahead(ops, row)
     write_view(ops, image, columns, spread_sight(clear))
 
 
 @simd_function(counts=True)
 def look_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> Any:
-    """The first third of `see_usual`, for many: note the cells in the image and return what lets see."""
+    """Do the first third of `see_usual`, for many: note the cells in the image and return what lets see."""
     columns, clear = look_ahead(ops, row)
     for number, codes in enumerate(columns):
         ops.store(image, 32 * number, ops.view(codes, "uint8"))
@@ -103,31 +103,35 @@ def look_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> Any:
 
 @simd_function()
 def spread_usual(ops: Any, boards: NDArray[np.int64], first: Any) -> None:
-    """The second third, for `TOGETHER` neighbours: make of what lets see what is seen."""
+    """Do the second third, for `TOGETHER` neighbours: make of what lets see what is seen."""
     ops.store(boards, first, spread_sight(ops.load(boards, first, TOGETHER)))
 
 
 @simd_function()
 def show_usual(ops: Any, image: NDArray[np.uint8], boards: NDArray[np.int64], at: Any) -> None:
-    """The last third: make the image of the cells that were noted in it."""
+    """Do the last third: make the image of the cells that were noted in it."""
     columns = [ops.view(ops.load(image, 32 * number, 32), "uint16") for number in range(len(PAIRS))]
     write_view(ops, image, columns, ops.number(boards, at))
 
 
 def look_ahead(ops: Any, row: Row) -> tuple[list[Any], Any]:
-    """The columns `PAIRS` of a view, and what lets see: a number with a byte for each row of the view.
+    """Return the columns `PAIRS` of a view, and what lets see: a number with a byte for each row of the view.
 
     The cells are loaded column by column of the grid, in the view's order; facing left or right they lie transposed.
     """
     x, y, direction, width, height = (ops.number(row, at) for at in (X, Y, DIRECTION, WIDTH, HEIGHT))
-    turned, onward = direction & 1, (direction & 2) - 1  # the columns run leftwards where it faces right or down
+    # the columns run leftwards where it faces right or down
+    turned = direction & 1
+    onward = (direction & 2) - 1
     first_x = x - onward * (6 - turned * 3)
     first_y = y - ops.where(turned == 0, 3, (direction - 1) * 3)
     transposed = ops.fixed_16(turned, 16) == 0
     mirrored = ops.fixed_16(direction + 1 & 2, 16) == 2  # facing down or left, a column's cells are the other way round
     is_in_height = ops.these_16([*range(8)] * 2) + ops.fixed_16(first_y, 16) < ops.fixed_16(height, 16)
     x_lanes = ops.fixed_16(first_x, 16) + (ops.fixed_16(onward, 16) & ops.these_16([0] * 8 + [0xFFFF] * 8))
-    start, columns, pairs = first_x * height + first_y + HEADER, [], []
+    start = first_x * height + first_y + HEADER
+    columns = []
+    pairs = []
     for number in range(USUAL_VIEW):
         is_inside = (first_x + onward * number & 0xFFFFFFFF) < width
         columns.append(ops.load_16(row, ops.where(is_inside, start, HEADER), 8))
@@ -138,66 +142,77 @@ def look_ahead(ops: Any, row: Row) -> tuple[list[Any], Any]:
         pairs.append(ops.where(mirrored, ops.shuffled(codes, _MIRRORED), codes))
         x_lanes = x_lanes + ops.fixed_16(onward * 2, 16)
     a, b, c, d = pairs
-    straight, turning = shuffle_twice(ops, pairs, _SIDES), shuffle_twice(ops, (a, c, b, d), _MERGED)
+    straight = shuffle_twice(ops, pairs, _SIDES)
+    turning = shuffle_twice(ops, (a, c, b, d), _MERGED)
     a, b, c, d = turning
     turning = shuffle_twice(ops, shuffle_twice(ops, shuffle_twice(ops, (a, c, b, d), _MERGED), _SIDES), _MERGED)
-    hiding, hidden = (ops.number(row, SEE_THROUGH) & 1) - 1, []
-    for one, other in zip(straight, turning, strict=True):
-        codes = ops.where(transposed, one, other)  # a row of the view
+    hiding = (ops.number(row, SEE_THROUGH) & 1) - 1
+    hidden = []
+    for straight_row, turned_row in zip(straight, turning, strict=True):
+        codes = ops.where(transposed, straight_row, turned_row)  # a row of the view
         kinds = codes & 15
         hidden.append((kinds == WALL) | ((kinds == DOOR) & ((codes & 3 << 7) > 0)))
-    lower, upper = (ops.lane_bits(each) for each in shuffle_twice(ops, hidden, (_IN_ORDER,)))
+    lower, upper = (ops.lane_bits(halves) for halves in shuffle_twice(ops, hidden, (_IN_ORDER,)))
     clear = ((lower | upper << 32) & hiding ^ _ALL) & _ALL
-    return [ops.where(transposed, other, one) for one, other in zip(straight, turning, strict=True)], clear
+    return [
+        ops.where(transposed, turned_row, straight_row)
+        for straight_row, turned_row in zip(straight, turning, strict=True)
+    ], clear
 
 
 def shuffle_twice(ops: Any, vectors: Sequence[Any], lanes: Sequence[Sequence[int]]) -> list[Any]:
-    """Lanes of the first two vectors together, in each of some orders, and of the last two likewise."""
-    return [ops.shuffled(vectors[at], each, vectors[at + 1]) for at in (0, 2) for each in lanes]
+    """Shuffle lanes of the first two vectors together, in each of some orders, and of the last two likewise."""
+    return [ops.shuffled(vectors[at], order, vectors[at + 1]) for at in (0, 2) for order in lanes]
 
 
 def spread_sight(clear: Any) -> Any:
-    """What is seen, of what lets see: a byte for each row of a view.
+    """Spread sight: return what is seen, of what lets see, a byte for each row of a view.
 
     A run of clear cells is seen as soon as one of them is, with what is beside it and ahead of all these.
     """
     pairs = clear >> 1 & clear  # and the cell to the left is clear, too
     fours = pairs >> 2 & pairs
-    ahead, seen = (clear & 0) + 8, clear & 0
+    ahead = (clear & 0) + 8
+    visible = clear & 0
     for number in reversed(range(USUAL_VIEW)):
-        lets, two, four = (each >> 8 * number & 127 for each in (clear, pairs, fours))
+        lets, two, four = (cells >> 8 * number & 127 for cells in (clear, pairs, fours))
         giving = ahead & lets
         giving = (giving + lets ^ lets | giving) & lets
         giving = giving >> 1 & lets | giving
         giving = giving >> 2 & two | giving
         giving = giving >> 4 & four | giving
-        beside = (giving << 1 | giving >> 1 | giving) & 127
-        seen = (ahead | beside) << 8 * number | seen
-        ahead = beside
-    return seen
+        sideways = (giving << 1 | giving >> 1 | giving) & 127
+        visible = (ahead | sideways) << 8 * number | visible
+        ahead = sideways
+    return visible
 
 
-def write_view(ops: Any, image: NDArray[np.uint8], columns: Sequence[Any], seen: Any) -> None:
+def write_view(ops: Any, image: NDArray[np.uint8], columns: Sequence[Any], visible: Any) -> None:
     """Write down the cells of a view that are seen. What is written too far, the next column overwrites."""
-    seen_lanes, written = ops.spread_bytes(seen), {}
+    seen_lanes = ops.spread_bytes(visible)
+    stores = {}
     for (left, right), codes in zip(PAIRS, columns, strict=True):
         bits = ops.these_16([1 << left] * 8 + [1 << right] * 8)
-        shown = ops.where((seen_lanes & bits) == bits, codes, 0)
-        looks, states = shown & 15 | (shown & 112) << 4, shown >> 7 & 3
+        visible_codes = ops.where((seen_lanes & bits) == bits, codes, 0)
+        looks = visible_codes & 15 | (visible_codes & 112) << 4
+        states = visible_codes >> 7 & 3
         for half, lanes in enumerate(_MERGED):
             cells = ops.view(ops.shuffled(looks, lanes, states), "uint8")  # kind, colour, state, 0
             cells = ops.shuffled(cells, _THREE_OF_FOUR)
-            written[left, half], written[right, half] = (ops.shuffled(cells, range(at, at + 16)) for at in (0, 16))
+            stores[left, half], stores[right, half] = (ops.shuffled(cells, range(at, at + 16)) for at in (0, 16))
     for column in range(USUAL_VIEW):
-        ops.store(image, 21 * column, written[column, 0])
-        ops.store(image, 21 * column + 12, ops.shuffled(written[column, 1], range(16 if column < 6 else 9)))
+        ops.store(image, 21 * column, stores[column, 0])
+        ops.store(image, 21 * column + 12, ops.shuffled(stores[column, 1], range(16 if column < 6 else 9)))
 
 
 @simd_function()
 def fetch_usual(ops: Any, row: Row) -> None:
     """Prefetch the cells that `see_usual` loads; near a border, cells outside the grid with them."""
-    x, y, direction = ops.number(row, X), ops.number(row, Y), ops.number(row, DIRECTION)
-    height, onward = ops.number(row, HEIGHT), (direction & 2) - 1
+    x = ops.number(row, X)
+    y = ops.number(row, Y)
+    direction = ops.number(row, DIRECTION)
+    height = ops.number(row, HEIGHT)
+    onward = (direction & 2) - 1
     turned = direction & 1
     middle = ops.where(turned == 1, y - (direction - 2) * 3, y) + HEADER
     first = (x - onward * (6 - turned * 3)) * height + middle
@@ -213,11 +228,16 @@ def fetch_header(ops: Any, row: Row) -> None:
 
 @device_function(force_inline=True)
 def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
-    """What `see` says, for a view of ``size`` cells. Without branches on what lies where: those cannot be foreseen."""
+    """Do what `see` says, for a view of ``size`` cells, without branches on what lies where: no CPU foresees those."""
     half = size // 2
     right, down = ahead(0, 0, row[DIRECTION])
-    x, y = row[X] + half * down, row[Y] - half * right  # the first cell of the agent's row
-    showing = int64(-1) if row[SEE_THROUGH] & 1 else int64(~(HIDING | hiding_looks(row)))
+    # the first cell of the agent's row
+    x = row[X] + half * down
+    y = row[Y] - half * right
+    if row[SEE_THROUGH] & 1:
+        showing = int64(-1)
+    else:
+        showing = int64(~(HIDING | hiding_looks(row)))
     reached = 1 << half  # bit i: cell i of the row is seen from the one before
     for distance in range(size):
         if reached == 0:
@@ -227,11 +247,13 @@ def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
         for i in range(size):
             clear |= (showing >> look_of(cell_at(row, x - i * down, y + i * right)) & 1) << i
         giving = spread(reached, clear, size)
-        beside = (giving << 1 | giving >> 1 | giving) & (1 << size) - 1
-        seen = reached | beside
+        sideways = (giving << 1 | giving >> 1 | giving) & (1 << size) - 1
+        visible = reached | sideways
         for i in range(size):
-            show(image, i, size - 1 - distance, cell_at(row, x - i * down, y + i * right) & -(seen >> i & 1))
-        reached, x, y = beside, x + right, y + down
+            show(image, i, size - 1 - distance, cell_at(row, x - i * down, y + i * right) & -(visible >> i & 1))
+        reached = sideways
+        x = x + right
+        y = y + down
     show(image, half, size - 1, int64(row[CARRYING]))
 
 
@@ -244,9 +266,9 @@ def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
 
 
 @inline
-def spread(seen: int, clear: int, size: int) -> int:
-    """The clear cells of a row in whose runs one is seen."""
-    giving = seen & clear
+def spread(reached: int, clear: int, size: int) -> int:
+    """Return the clear cells of a row in whose runs one is seen."""
+    giving = reached & clear
     giving = (giving + clear ^ clear | giving) & clear  # the sum's carry runs through the clear cells after each
     run = clear  # bit i: the cells from i to where a stride of this length starts are all clear
     stride = 1

@@ -65,7 +65,10 @@ class DrawnLevel(GridWorld):
         if agents > 1:
             raise WorldError(f"the diagram has {agents} agents; draw one, or none to have it placed at random")
         self._has_agent = agents == 1
-        limit = 4 * width * height if max_steps is None else max_steps
+        if max_steps is None:
+            limit = 4 * width * height
+        else:
+            limit = max_steps
         super().__init__(width=width, height=height, max_steps=limit, mission=mission, **options)
         from_text(self.diagram, Layout(self._row.copy(), self.np_random, mission))  # a wrong cell is refused at once
 

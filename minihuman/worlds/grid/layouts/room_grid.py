@@ -48,7 +48,13 @@ from minihuman.worlds.rng import RngState, integer
 
 Plan = NDArray[np.int64]  # (rooms, 15)
 
-DOOR_X, DOOR_Y, WAY, LOCKED_ROOM, SEEN, QUEUE = 0, 4, 8, 12, 13, 14  # where a line holds what
+# where a line holds what
+DOOR_X = 0
+DOOR_Y = 4
+WAY = 8
+LOCKED_ROOM = 12
+SEEN = 13
+QUEUE = 14
 NO_DOOR = -1  # a door's x where a wall has no neighbour behind it
 RIGHT, DOWN, LEFT, UP = range(4)
 
@@ -70,7 +76,8 @@ def rooms(row: Row, rng_state: RngState, columns: int, lines: int, size: int) ->
     for j in range(lines):
         for i in range(columns):
             room = j * columns + i
-            x, y = i * (size - 1), j * (size - 1)
+            x = i * (size - 1)
+            y = j * (size - 1)
             if i < columns - 1:
                 link(plan, room, room + 1, RIGHT, x + size - 1, integer(rng_state, y + 1, y + size - 1))
             if j < lines - 1:
@@ -82,13 +89,15 @@ def rooms(row: Row, rng_state: RngState, columns: int, lines: int, size: int) ->
 @inline
 def link(plan: Plan, room: int, other: int, wall: int, x: int, y: int) -> None:
     """Note the place of the door between two rooms, in both."""
-    plan[room, DOOR_X + wall], plan[room, DOOR_Y + wall] = x, y
-    plan[other, DOOR_X + wall + 2], plan[other, DOOR_Y + wall + 2] = x, y
+    plan[room, DOOR_X + wall] = x
+    plan[room, DOOR_Y + wall] = y
+    plan[other, DOOR_X + wall + 2] = x
+    plan[other, DOOR_Y + wall + 2] = y
 
 
 @inline
 def behind(room: int, wall: int, columns: int) -> int:
-    """The room on the other side of a wall."""
+    """Return the room on the other side of a wall."""
     step = 1 if wall % 2 == 0 else columns
     return room + step if wall < 2 else room - step
 
@@ -106,7 +115,8 @@ def add_door(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: i
 @device_function()
 def remove_wall(row: Row, plan: Plan, columns: int, size: int, room: int, wall: int) -> None:
     """Open the whole wall between two rooms, corners excluded."""
-    x, y = room % columns * (size - 1), room // columns * (size - 1)
+    x = room % columns * (size - 1)
+    y = room // columns * (size - 1)
     for k in range(1, size - 1):
         if wall == RIGHT:
             put(row, x + size - 1, y + k, EMPTY)
@@ -123,7 +133,8 @@ def remove_wall(row: Row, plan: Plan, columns: int, size: int, room: int, wall: 
 @device_function()
 def add_object(row: Row, rng_state: RngState, columns: int, size: int, room: int, code: int) -> None:
     """Put a code into a drawn free cell of a room, not beside the agent."""
-    left, top = room % columns * (size - 1), room // columns * (size - 1)
+    left = room % columns * (size - 1)
+    top = room // columns * (size - 1)
     for _ in range(PLACE_TRIES):
         x = integer(rng_state, left, min(left + size, row[WIDTH]))
         y = integer(rng_state, top, min(top + size, row[HEIGHT]))
@@ -136,7 +147,8 @@ def add_object(row: Row, rng_state: RngState, columns: int, size: int, room: int
 @device_function()
 def place_in_room(row: Row, rng_state: RngState, columns: int, size: int, room: int) -> None:
     """Put the agent into a drawn free cell of a room, not facing anything but a wall."""
-    x, y = room % columns * (size - 1), room // columns * (size - 1)
+    x = room % columns * (size - 1)
+    y = room // columns * (size - 1)
     for _ in range(AGENT_TRIES):
         place_agent(row, rng_state, x, y, size, size)
         ahead_x, ahead_y = cell_in_front(row)
@@ -148,10 +160,12 @@ def place_in_room(row: Row, rng_state: RngState, columns: int, size: int, room: 
 
 @device_function()
 def reachable(plan: Plan, columns: int, start: int) -> int:
-    """How many rooms can be reached through ways, locked doors included."""
+    """Return how many rooms can be reached through ways, locked doors included."""
     for room in range(len(plan)):
         plan[room, SEEN] = 0
-    plan[start, SEEN], plan[0, QUEUE], count = 1, start, 1
+    plan[start, SEEN] = 1
+    plan[0, QUEUE] = start
+    count = 1
     at = 0
     while at < count:
         room = plan[at, QUEUE]
@@ -173,7 +187,9 @@ def connect_all(row: Row, rng_state: RngState, plan: Plan, columns: int, size: i
     for _ in range(CONNECT_TRIES):
         if reachable(plan, columns, start) == len(plan):
             return
-        i, j, wall = integer(rng_state, 0, columns), integer(rng_state, 0, lines), integer(rng_state, 0, 4)
+        i = integer(rng_state, 0, columns)
+        j = integer(rng_state, 0, lines)
+        wall = integer(rng_state, 0, 4)
         room = j * columns + i
         if plan[room, DOOR_X + wall] == NO_DOOR or plan[room, WAY + wall]:
             continue
@@ -188,27 +204,29 @@ SIZE = 6  # of the rooms of all these worlds but KeyCorridor
 
 @device_function()
 def pick_task(row: Row, code: int, colour: int, kind: int) -> None:
-    """Success is to pick this object up."""
+    """Make it success to pick this object up."""
     row[TASK] = PICK
     row[TARGET] = identity_of(code)
-    row[MISSION], row[MISSION + 1] = colour, kind
+    row[MISSION] = colour
+    row[MISSION + 1] = kind
 
 
 @kernel("(int32[::1], uint64[::1])")
 def unlock(row: Row, rng_state: RngState) -> None:
-    """Two rooms, a locked door between them, its key with the agent."""
+    """Lay out two rooms, a locked door between them, its key with the agent."""
     plan = rooms(row, rng_state, 2, 1, SIZE)
     colour = draw_colour(rng_state)
     add_door(row, plan, 2, 0, RIGHT, colour, True)
     add_object(row, rng_state, 2, SIZE, 0, make(row, KEY, colour, 0))
     place_in_room(row, rng_state, 2, SIZE, 0)
     row[TASK] = OPEN_DOOR
-    row[TARGET], row[TARGET + 1] = plan[0, DOOR_X + RIGHT], plan[0, DOOR_Y + RIGHT]
+    row[TARGET] = plan[0, DOOR_X + RIGHT]
+    row[TARGET + 1] = plan[0, DOOR_Y + RIGHT]
 
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def unlock_pickup(row: Row, rng_state: RngState, blocked: int) -> None:
-    """A box behind a locked door, whose key lies with the agent; a ball before the door if ``blocked``."""
+    """Lay out a box behind a locked door, whose key lies with the agent; a ball before the door if ``blocked``."""
     plan = rooms(row, rng_state, 2, 1, SIZE)
     box_colour = draw_colour(rng_state)
     box = make(row, BOX, box_colour, 0)
@@ -225,7 +243,7 @@ def unlock_pickup(row: Row, rng_state: RngState, blocked: int) -> None:
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def key_corridor(row: Row, rng_state: RngState, lines: int, size: int, kind: int) -> None:
-    """A corridor between rooms: an object behind a locked door on the right, its key somewhere on the left."""
+    """Lay out a corridor between rooms: an object behind a locked door on the right, its key somewhere on the left."""
     plan = rooms(row, rng_state, 3, lines, size)
     for j in range(1, lines):
         remove_wall(row, plan, 3, size, 3 * j + 1, UP)
@@ -244,19 +262,19 @@ def key_corridor(row: Row, rng_state: RngState, lines: int, size: int, kind: int
 
 @device_function()
 def draw_door_colours(rng_state: RngState) -> NDArray[np.int64]:
-    """All six colours in a drawn order."""
+    """Draw an order of all six colours."""
     left = np.array(SORTED_COLOURS)
-    drawn = np.empty(6, np.int64)
+    shuffled = np.empty(6, np.int64)
     for k in range(6):
         place = integer(rng_state, 0, len(left))
-        drawn[k] = left[place]
+        shuffled[k] = left[place]
         left = np.concatenate((left[:place], left[place + 1 :]))
-    return drawn
+    return shuffled
 
 
 @device_function()
 def add_barrier(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: int, blocked: int) -> None:
-    """A locked door, a ball before it if ``blocked``."""
+    """Put a locked door, with a ball before it if ``blocked``."""
     add_door(row, plan, columns, room, wall, colour, True)
     if blocked:
         x = plan[room, DOOR_X + wall] - (1 - wall) * (1 - wall % 2)
@@ -266,7 +284,7 @@ def add_barrier(row: Row, plan: Plan, columns: int, room: int, wall: int, colour
 
 @device_function()
 def add_key(row: Row, rng_state: RngState, columns: int, room: int, colour: int, boxed: int) -> None:
-    """A key, inside a box if ``boxed``."""
+    """Put a key, inside a box if ``boxed``."""
     code = make(row, KEY, colour, 0)
     if boxed:
         key = code
@@ -277,7 +295,7 @@ def add_key(row: Row, rng_state: RngState, columns: int, room: int, colour: int,
 
 @kernel("(int32[::1], uint64[::1], int64, int64)")
 def obstructed_pair(row: Row, rng_state: RngState, boxed: int, blocked: int) -> None:
-    """Two rooms: a blue ball behind a locked door."""
+    """Lay out two rooms: a blue ball behind a locked door."""
     plan = rooms(row, rng_state, 2, 1, SIZE)
     colours = draw_door_colours(rng_state)
     add_barrier(row, plan, 2, 0, RIGHT, colours[0], blocked)
@@ -292,7 +310,7 @@ def obstructed_pair(row: Row, rng_state: RngState, boxed: int, blocked: int) -> 
 def obstructed_maze(
     row: Row, rng_state: RngState, start_room: int, boxed: int, blocked: int, quarters: int, keys_last: int
 ) -> None:
-    """Nine rooms: a blue ball in a corner, locked doors to all corners of the first ``quarters`` sides.
+    """Lay out nine rooms: a blue ball in a corner, locked doors to all corners of the first ``quarters`` sides.
 
     With ``keys_last`` (the worlds' version 1) a side's keys come after its doors and balls, so that no ball is put on
     a key.

@@ -39,13 +39,16 @@ from minihuman.worlds.rng import RngState, integer
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64, int64)")
 def four_rooms(row: Row, rng_state: RngState, agent_x: int, agent_y: int, goal_x: int, goal_y: int) -> None:
-    """Four rooms, a gap in each wall between them. A negative ``agent_x`` or ``goal_x`` draws the place."""
+    """Lay out four rooms, a gap in each wall between them. A negative ``agent_x`` or ``goal_x`` draws the place."""
     outer_walls(row)
-    room_width, room_height = row[WIDTH] // 2, row[HEIGHT] // 2
+    room_width = row[WIDTH] // 2
+    room_height = row[HEIGHT] // 2
     for j in range(2):
         for i in range(2):
-            left, top = i * room_width, j * room_height
-            right, bottom = left + room_width, top + room_height
+            left = i * room_width
+            top = j * room_height
+            right = left + room_width
+            bottom = top + room_height
             if i == 0:
                 wall_down(row, right, top, room_height, GREY_WALL)
                 put(row, right, integer(rng_state, top + 1, bottom), EMPTY)
@@ -65,8 +68,9 @@ def four_rooms(row: Row, rng_state: RngState, agent_x: int, agent_y: int, goal_x
 
 @kernel("(int32[::1], uint64[::1])")
 def door_key(row: Row, rng_state: RngState) -> None:
-    """Two rooms, a locked door between them, its key on the agent's side, the goal on the other."""
-    width, height = row[WIDTH], row[HEIGHT]
+    """Lay out two rooms, a locked door between them, its key on the agent's side, the goal on the other."""
+    width = row[WIDTH]
+    height = row[HEIGHT]
     outer_walls(row)
     put(row, width - 2, height - 2, GREEN_GOAL)
     split = integer(rng_state, 2, width - 2)
@@ -78,27 +82,32 @@ def door_key(row: Row, rng_state: RngState) -> None:
 
 @kernel("(int32[::1], uint64[::1])")
 def red_blue_doors(row: Row, rng_state: RngState) -> None:
-    """A room with a red door in its left wall and a blue one in its right wall."""
+    """Lay out a room with a red door in its left wall and a blue one in its right wall."""
     size = row[HEIGHT]
     wall_rect(row, 0, 0, 2 * size, size)
     wall_rect(row, size // 2, 0, size, size)
     place_agent(row, rng_state, size // 2, 0, size, size)
     row[TASK] = IN_ORDER
-    row[TARGET], row[TARGET + 1] = size // 2, integer(rng_state, 1, size - 1)
+    row[TARGET] = size // 2
+    row[TARGET + 1] = integer(rng_state, 1, size - 1)
     put(row, row[TARGET], row[TARGET + 1], make(row, DOOR, RED, CLOSED))
-    row[TARGET + 2], row[TARGET + 3] = size // 2 + size - 1, integer(rng_state, 1, size - 1)
+    row[TARGET + 2] = size // 2 + size - 1
+    row[TARGET + 3] = integer(rng_state, 1, size - 1)
     put(row, row[TARGET + 2], row[TARGET + 3], make(row, DOOR, BLUE, CLOSED))
 
 
 @kernel("(int32[::1], uint64[::1])")
 def locked_room(row: Row, rng_state: RngState) -> None:
-    """Six rooms along a corridor: the goal in a locked one, its key in another."""
-    width, height = row[WIDTH], row[HEIGHT]
+    """Lay out six rooms along a corridor: the goal in a locked one, its key in another."""
+    width = row[WIDTH]
+    height = row[HEIGHT]
     outer_walls(row)
-    left_wall, right_wall = width // 2 - 2, width // 2 + 2
+    left_wall = width // 2 - 2
+    right_wall = width // 2 + 2
     wall_down(row, left_wall, 0, height, GREY_WALL)
     wall_down(row, right_wall, 0, height, GREY_WALL)
-    room_width, room_height = left_wall + 1, height // 3 + 1
+    room_width = left_wall + 1
+    room_height = height // 3 + 1
     for n in range(3):
         wall_across(row, 0, n * (height // 3), left_wall, GREY_WALL)
         wall_across(row, right_wall, n * (height // 3), width - right_wall, GREY_WALL)
@@ -118,7 +127,9 @@ def locked_room(row: Row, rng_state: RngState) -> None:
         key_room = integer(rng_state, 0, 6)
     put_inside(row, rng_state, key_room, right_wall, room_width, room_height, make(row, KEY, colours[locked], 0))
     place_agent(row, rng_state, left_wall, 0, right_wall - left_wall, height)
-    row[MISSION], row[MISSION + 1], row[MISSION + 2] = colours[locked], colours[key_room], colours[locked]
+    row[MISSION] = colours[locked]
+    row[MISSION + 1] = colours[key_room]
+    row[MISSION + 2] = colours[locked]
 
 
 @device_function()
@@ -135,13 +146,16 @@ def put_inside(
 
 @kernel("(int32[::1], uint64[::1])")
 def playground(row: Row, rng_state: RngState) -> None:
-    """Nine rooms with doors between them and twelve objects."""
+    """Lay out nine rooms with doors between them and twelve objects."""
     outer_walls(row)
-    room_width, room_height = row[WIDTH] // 3, row[HEIGHT] // 3
+    room_width = row[WIDTH] // 3
+    room_height = row[HEIGHT] // 3
     for j in range(3):
         for i in range(3):
-            left, top = i * room_width, j * room_height
-            right, bottom = left + room_width, top + room_height
+            left = i * room_width
+            top = j * room_height
+            right = left + room_width
+            bottom = top + room_height
             if i < 2:
                 wall_down(row, right, top, room_height, GREY_WALL)
                 y = integer(rng_state, top + 1, bottom - 1)
@@ -164,16 +178,17 @@ TRIES = 8  # places tried for each next room
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def multi_room(row: Row, rng_state: RngState, fewest: int, most: int, largest: int) -> None:
-    """From ``fewest`` to ``most`` rooms of up to ``largest`` columns and rows."""
+    """Lay out from ``fewest`` to ``most`` rooms of up to ``largest`` columns and rows."""
     count = integer(rng_state, fewest, most + 1)
     rooms = np.empty((0, 6), np.int64)
     left = MOST_TRIED
     while len(rooms) < count:
-        door_x, door_y = integer(rng_state, 0, row[WIDTH] - 2), integer(rng_state, 0, row[WIDTH] - 2)
-        drawn = draw_chain(row, rng_state, count, largest, door_x, door_y)
-        if len(drawn) > len(rooms):
-            rooms = drawn
-        left -= TRIES + len(drawn)
+        door_x = integer(rng_state, 0, row[WIDTH] - 2)
+        door_y = integer(rng_state, 0, row[WIDTH] - 2)
+        chain = draw_chain(row, rng_state, count, largest, door_x, door_y)
+        if len(chain) > len(rooms):
+            rooms = chain
+        left -= TRIES + len(chain)
         if left < 0:
             row[FAILED] = 1
             return
@@ -216,8 +231,10 @@ def draw_chain(row: Row, rng_state: RngState, count: int, largest: int, door_x: 
             exit_wall = draw_other_wall(rng_state, entry_wall)
             wall = (exit_wall + 2) % 4
             door_x, door_y = draw_door(rng_state, rooms[placed - 1], exit_wall)
-        width, height = integer(rng_state, SMALLEST, largest + 1), integer(rng_state, SMALLEST, largest + 1)
-        x, y = door_x, door_y
+        width = integer(rng_state, SMALLEST, largest + 1)
+        height = integer(rng_state, SMALLEST, largest + 1)
+        x = door_x
+        y = door_y
         if placed > 0:
             if wall == RIGHT:
                 x = door_x - width + 1
@@ -228,8 +245,12 @@ def draw_chain(row: Row, rng_state: RngState, count: int, largest: int, door_x: 
             else:
                 x = integer(rng_state, door_x - width + 2, door_x)
         if fits(row, rooms, placed, x, y, width, height):
-            rooms[placed, 0], rooms[placed, 1], rooms[placed, 2], rooms[placed, 3] = x, y, width, height
-            rooms[placed, 4], rooms[placed, 5] = door_x, door_y
+            rooms[placed, 0] = x
+            rooms[placed, 1] = y
+            rooms[placed, 2] = width
+            rooms[placed, 3] = height
+            rooms[placed, 4] = door_x
+            rooms[placed, 5] = door_y
             placed += 1
             entry_wall = wall
             tries = 0
@@ -246,7 +267,10 @@ def draw_other_wall(rng_state: RngState, wall: int) -> int:
 @device_function()
 def draw_door(rng_state: RngState, room: NDArray[np.int64], wall: int) -> tuple[int, int]:
     """Draw a cell of a room's wall, corners excluded."""
-    x, y, width, height = room[0], room[1], room[2], room[3]
+    x = room[0]
+    y = room[1]
+    width = room[2]
+    height = room[3]
     if wall == RIGHT:
         return x + width - 1, y + integer(rng_state, 1, height - 1)
     if wall == BOTTOM:
@@ -258,11 +282,14 @@ def draw_door(rng_state: RngState, room: NDArray[np.int64], wall: int) -> tuple[
 
 @device_function()
 def fits(row: Row, rooms: NDArray[np.int64], placed: int, x: int, y: int, width: int, height: int) -> bool:
-    """Whether a room lies in the grid and overlaps none but the one it is entered from."""
+    """Return whether a room lies in the grid and overlaps none but the one it is entered from."""
     if x < 0 or y < 0 or x + width > row[WIDTH] or y + height >= row[HEIGHT]:
         return False
     for k in range(placed - 1):
-        other_x, other_y, other_width, other_height = rooms[k, 0], rooms[k, 1], rooms[k, 2], rooms[k, 3]
+        other_x = rooms[k, 0]
+        other_y = rooms[k, 1]
+        other_width = rooms[k, 2]
+        other_height = rooms[k, 3]
         apart = x + width < other_x or other_x + other_width <= x or y + height < other_y or other_y + other_height <= y
         if not apart:
             return False

@@ -54,9 +54,10 @@ def draw_kind(rng_state: RngState, kinds: int) -> int:
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def fetch(row: Row, rng_state: RngState, objects: int) -> None:
-    """Keys and balls; one is to be fetched."""
+    """Lay out keys and balls; one is to be fetched."""
     outer_walls(row)
-    kinds, colours = np.empty(objects, np.int64), np.empty(objects, np.int64)
+    kinds = np.empty(objects, np.int64)
+    colours = np.empty(objects, np.int64)
     for k in range(objects):
         kinds[k] = draw_kind(rng_state, 2)
         colours[k] = draw_colour(rng_state)
@@ -64,84 +65,101 @@ def fetch(row: Row, rng_state: RngState, objects: int) -> None:
     place_agent_anywhere(row, rng_state)
     k = integer(rng_state, 0, objects)
     row[TASK] = FETCH
-    row[TARGET], row[TARGET + 1] = kinds[k], colours[k]
-    row[MISSION], row[MISSION + 1], row[MISSION + 2] = integer(rng_state, 0, 5), colours[k], kinds[k]
+    row[TARGET] = kinds[k]
+    row[TARGET + 1] = colours[k]
+    row[MISSION] = integer(rng_state, 0, 5)
+    row[MISSION + 1] = colours[k]
+    row[MISSION + 2] = kinds[k]
 
 
 @device_function()
 def draw_objects(row: Row, rng_state: RngState, objects: int, apart: bool) -> NDArray[np.int64]:
     """Place different objects, ``apart`` none beside another: kind, colour, x, y of each."""
-    drawn = np.full((objects, 4), -9, np.int64)
+    placed = np.full((objects, 4), -9, np.int64)
     k = 0
     while k < objects and row[FAILED] == 0:
-        kind, colour = draw_kind(rng_state, 3), draw_colour(rng_state)
+        kind = draw_kind(rng_state, 3)
+        colour = draw_colour(rng_state)
         known = False
         for other in range(k):
-            known |= drawn[other, 0] == kind and drawn[other, 1] == colour
+            known |= placed[other, 0] == kind and placed[other, 1] == colour
         if known:
             continue
         x, y = draw_place(row, rng_state, 0, 0, row[WIDTH], row[HEIGHT], UNLIMITED_TRIES)
         tries = 0
-        while apart and beside_any(drawn, x, y) and row[FAILED] == 0:
+        while apart and beside_any(placed, x, y) and row[FAILED] == 0:
             x, y = draw_place(row, rng_state, 0, 0, row[WIDTH], row[HEIGHT], UNLIMITED_TRIES)
             tries += 1
             if tries > 10_000:
                 row[FAILED] = 1
         put(row, x, y, make(row, kind, colour, 0))
-        drawn[k, 0], drawn[k, 1], drawn[k, 2], drawn[k, 3] = kind, colour, x, y
+        placed[k, 0] = kind
+        placed[k, 1] = colour
+        placed[k, 2] = x
+        placed[k, 3] = y
         k += 1
-    return drawn
+    return placed
 
 
 @device_function()
-def beside_any(drawn: NDArray[np.int64], x: int, y: int) -> bool:
-    """Whether a cell touches one of the objects, corners included."""
-    for k in range(len(drawn)):
-        if abs(drawn[k, 2] - x) <= 1 and abs(drawn[k, 3] - y) <= 1:
+def beside_any(placed: NDArray[np.int64], x: int, y: int) -> bool:
+    """Return whether a cell touches one of the objects, corners included."""
+    for k in range(len(placed)):
+        if abs(placed[k, 2] - x) <= 1 and abs(placed[k, 3] - y) <= 1:
             return True
     return False
 
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def go_to_object(row: Row, rng_state: RngState, objects: int) -> None:
-    """Objects; the agent says "done" beside the one it is sent to."""
+    """Lay out objects; the agent says "done" beside the one it is sent to."""
     outer_walls(row)
-    drawn = draw_objects(row, rng_state, objects, False)
+    placed = draw_objects(row, rng_state, objects, False)
     place_agent_anywhere(row, rng_state)
-    kind, colour, x, y = drawn[integer(rng_state, 0, objects)]
+    kind, colour, x, y = placed[integer(rng_state, 0, objects)]
     row[TASK] = STAND_BY
-    row[TARGET], row[TARGET + 1] = x, y
-    row[MISSION], row[MISSION + 1] = colour, kind
+    row[TARGET] = x
+    row[TARGET + 1] = y
+    row[MISSION] = colour
+    row[MISSION + 1] = kind
 
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def put_near(row: Row, rng_state: RngState, objects: int) -> None:
-    """Objects; one is to be put near another."""
+    """Lay out objects; one is to be put near another."""
     outer_walls(row)
-    drawn = draw_objects(row, rng_state, objects, True)
+    placed = draw_objects(row, rng_state, objects, True)
     place_agent_anywhere(row, rng_state)
     moved = integer(rng_state, 0, objects)
     target = integer(rng_state, 0, objects)
     while target == moved:
         target = integer(rng_state, 0, objects)
     row[TASK] = PUT_NEAR
-    row[TARGET], row[TARGET + 1] = drawn[moved, 0], drawn[moved, 1]
-    row[TARGET + 2], row[TARGET + 3] = drawn[target, 2], drawn[target, 3]
-    row[MISSION], row[MISSION + 1] = drawn[moved, 1], drawn[moved, 0]
-    row[MISSION + 2], row[MISSION + 3] = drawn[target, 1], drawn[target, 0]
+    row[TARGET] = placed[moved, 0]
+    row[TARGET + 1] = placed[moved, 1]
+    row[TARGET + 2] = placed[target, 2]
+    row[TARGET + 3] = placed[target, 3]
+    row[MISSION] = placed[moved, 1]
+    row[MISSION + 1] = placed[moved, 0]
+    row[MISSION + 2] = placed[target, 1]
+    row[MISSION + 3] = placed[target, 0]
 
 
 @kernel("(int32[::1], uint64[::1])")
 def go_to_door(row: Row, rng_state: RngState) -> None:
-    """A room of drawn size with four doors; the agent says "done" beside the one it is sent to."""
+    """Lay out a room of drawn size with four doors; the agent says "done" beside the one it is sent to."""
     width = integer(rng_state, 5, row[WIDTH] + 1)
     height = integer(rng_state, 5, row[HEIGHT] + 1)
     wall_rect(row, 0, 0, width, height)
     places = np.empty((4, 2), np.int64)
-    places[0, 0], places[0, 1] = integer(rng_state, 2, width - 2), 0
-    places[1, 0], places[1, 1] = integer(rng_state, 2, width - 2), height - 1
-    places[2, 0], places[2, 1] = 0, integer(rng_state, 2, height - 2)
-    places[3, 0], places[3, 1] = width - 1, integer(rng_state, 2, height - 2)
+    places[0, 0] = integer(rng_state, 2, width - 2)
+    places[0, 1] = 0
+    places[1, 0] = integer(rng_state, 2, width - 2)
+    places[1, 1] = height - 1
+    places[2, 0] = 0
+    places[2, 1] = integer(rng_state, 2, height - 2)
+    places[3, 0] = width - 1
+    places[3, 1] = integer(rng_state, 2, height - 2)
     colours = np.full(4, -1, np.int64)
     k = 0
     while k < 4:
@@ -157,17 +175,22 @@ def go_to_door(row: Row, rng_state: RngState) -> None:
     place_agent(row, rng_state, 0, 0, width, height)
     k = integer(rng_state, 0, 4)
     row[TASK] = STAND_BY
-    row[TARGET], row[TARGET + 1] = places[k, 0], places[k, 1]
+    row[TARGET] = places[k, 0]
+    row[TARGET + 1] = places[k, 1]
     row[MISSION] = colours[k]
 
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def memory(row: Row, rng_state: RngState, random_length: int) -> None:
-    """An object seen at the start, two at the end of a corridor; go to the matching one."""
-    width, height = row[WIDTH], row[HEIGHT]
+    """Lay out an object seen at the start, two at the end of a corridor; go to the matching one."""
+    width = row[WIDTH]
+    height = row[HEIGHT]
     outer_walls(row)
     middle = height // 2
-    end = integer(rng_state, 4, width - 2) if random_length else width - 3
+    if random_length:
+        end = integer(rng_state, 4, width - 2)
+    else:
+        end = width - 3
     wall_across(row, 1, middle - 2, 4, GREY_WALL)
     wall_across(row, 1, middle + 2, 4, GREY_WALL)
     put(row, 4, middle - 1, GREY_WALL)
@@ -179,20 +202,22 @@ def memory(row: Row, rng_state: RngState, random_length: int) -> None:
             put(row, end, y, GREY_WALL)
         put(row, end + 2, y, GREY_WALL)
     stand(row, integer(rng_state, 1, end + 1), middle, 0)
-    shown = KEY if integer(rng_state, 0, 2) == 0 else BALL
-    put(row, 1, middle - 1, make(row, shown, GREEN, 0))
+    cue = KEY if integer(rng_state, 0, 2) == 0 else BALL
+    put(row, 1, middle - 1, make(row, cue, GREEN, 0))
     above = BALL if integer(rng_state, 0, 2) == 0 else KEY
     put(row, end + 1, middle - 2, make(row, above, GREEN, 0))
     put(row, end + 1, middle + 2, make(row, KEY if above == BALL else BALL, GREEN, 0))
-    up = -1 if shown == above else 1
+    up = -1 if cue == above else 1
     row[TASK] = MATCH
-    row[TARGET], row[TARGET + 1] = end + 1, middle + up
-    row[TARGET + 2], row[TARGET + 3] = end + 1, middle - up
+    row[TARGET] = end + 1
+    row[TARGET + 1] = middle + up
+    row[TARGET + 2] = end + 1
+    row[TARGET + 3] = middle - up
 
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def empty(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int) -> None:
-    """Nothing but a goal in the corner. A negative ``agent_x`` draws agent and direction."""
+    """Lay out nothing but a goal in the corner. A negative ``agent_x`` draws agent and direction."""
     outer_walls(row)
     put(row, row[WIDTH] - 2, row[HEIGHT] - 2, GREEN_GOAL)
     start(row, rng_state, agent_x, agent_y, direction)
@@ -209,7 +234,7 @@ def start(row: Row, rng_state: RngState, x: int, y: int, direction: int) -> None
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64, int64)")
 def dist_shift(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int, second_strip: int) -> None:
-    """Two strips of lava, one below the top wall and one in the row ``second_strip``."""
+    """Lay out two strips of lava, one below the top wall and one in the row ``second_strip``."""
     outer_walls(row)
     put(row, row[WIDTH] - 2, 1, GREEN_GOAL)
     wall_across(row, 3, 1, row[WIDTH] - 6, RED_LAVA)
@@ -219,7 +244,7 @@ def dist_shift(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direct
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def gap(row: Row, rng_state: RngState, obstacle: int) -> None:
-    """One column of lava (or of the code ``obstacle``) with a gap."""
+    """Lay out one column of lava (or of the code ``obstacle``) with a gap."""
     outer_walls(row)
     stand(row, 1, 1, 0)
     put(row, row[WIDTH] - 2, row[HEIGHT] - 2, GREEN_GOAL)
@@ -233,7 +258,7 @@ def gap(row: Row, rng_state: RngState, obstacle: int) -> None:
 def dynamic_obstacles(
     row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int, obstacles: int
 ) -> None:
-    """Balls that move by themselves."""
+    """Lay out balls that move by themselves."""
     outer_walls(row)
     put(row, row[WIDTH] - 2, row[HEIGHT] - 2, GREEN_GOAL)
     start(row, rng_state, agent_x, agent_y, direction)
@@ -246,19 +271,23 @@ def dynamic_obstacles(
     row[TARGET] = obstacles
 
 
-UPRIGHT, LEVEL = 0, 1  # directions of a river
+# directions of a river
+UPRIGHT = 0
+LEVEL = 1
 
 
 @kernel("(int32[::1], uint64[::1], int64, int64)")
 def crossing(row: Row, rng_state: RngState, rivers: int, obstacle: int) -> None:
-    """``rivers`` rivers of the code ``obstacle``; columns and rows of the grid are odd and the same."""
-    width, height = row[WIDTH], row[HEIGHT]
+    """Lay out ``rivers`` rivers of the code ``obstacle``; columns and rows of the grid are odd and the same."""
+    width = row[WIDTH]
+    height = row[HEIGHT]
     outer_walls(row)
     stand(row, 1, 1, 0)
     put(row, width - 2, height - 2, GREEN_GOAL)
     is_river = draw_rivers(rng_state, width, rivers)
     # columns and rows of the grid that bound its fields: outer walls and rivers
-    columns, rows = bounds(is_river[UPRIGHT]), bounds(is_river[LEVEL])
+    columns = bounds(is_river[UPRIGHT])
+    rows = bounds(is_river[LEVEL])
     for y in rows[1:-1]:
         wall_across(row, 1, y, width - 2, obstacle)
     for x in columns[1:-1]:
@@ -278,7 +307,7 @@ def crossing(row: Row, rng_state: RngState, rivers: int, obstacle: int) -> None:
 
 @device_function()
 def draw_rivers(rng_state: RngState, size: int, rivers: int) -> NDArray[np.bool_]:
-    """Whether a river runs there, (2, size): by column for the upright ones, by row for the level ones."""
+    """Draw whether a river runs there, (2, size): by column for the upright ones, by row for the level ones."""
     places = (size - 3) // 2  # of each direction: the even lines that do not touch the outer walls
     order = np.arange(2 * places)
     shuffle(rng_state, order)
@@ -290,7 +319,7 @@ def draw_rivers(rng_state: RngState, size: int, rivers: int) -> NDArray[np.bool_
 
 @device_function()
 def bounds(is_river: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """The lines with a river, between the first and the last line of the grid."""
+    """Return the lines with a river, between the first and the last line of the grid."""
     lines = np.empty(is_river.sum() + 2, np.int64)
     lines[0] = 0
     k = 1

@@ -85,15 +85,15 @@ def atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = 
 def _minigrid_atlas(
     tile_px: int, looks: list[int], number: NDArray[np.int64], kinds: "tuple[ObjectKind, ...]"
 ) -> Atlas:
-    """The agent is part of its tile, nothing lies over it; what is unseen is an empty cell."""
+    """Make Minigrid's atlas: the agent is part of its tile, nothing lies over it; what is unseen is an empty cell."""
     under = np.zeros((4, LOOKS), np.int64)
-    drawn: list[tuple[int, int | None]] = [(EMPTY, None), *((look, None) for look in looks)]
+    combinations: list[tuple[int, int | None]] = [(EMPTY, None), *((look, None) for look in looks)]
     for direction in range(4):
-        under[direction, looks] = len(drawn) + np.arange(len(looks))
-        drawn += [(look, direction) for look in looks]
+        under[direction, looks] = len(combinations) + np.arange(len(looks))
+        combinations += [(look, direction) for look in looks]
     tiles = np.stack(
         [
-            [minigrid_tile(look, tile_px, facing=way, lit=lit, kinds=kinds) for look, way in drawn]
+            [minigrid_tile(look, tile_px, facing=way, lit=lit, kinds=kinds) for look, way in combinations]
             for lit in (False, True)
         ]
     )
@@ -102,7 +102,9 @@ def _minigrid_atlas(
 
 
 def _in_runs(tiles: Pixels) -> Words:
-    return tiles.view(np.uint64) if tiles.shape[2] % 8 == 0 else tiles
+    if tiles.shape[2] % 8 == 0:
+        return tiles.view(np.uint64)
+    return tiles
 
 
 def draw_grid(
@@ -115,7 +117,7 @@ def draw_grid(
     kinds: "tuple[ObjectKind, ...]" = (),
     lit: bool = True,
 ) -> Pixels:
-    """A picture, uint8[rows * tile_px, columns * tile_px, 3].
+    """Draw a picture, uint8[rows * tile_px, columns * tile_px, 3].
 
     Args:
         row: The state.
@@ -126,17 +128,19 @@ def draw_grid(
         kinds: Kinds of the world's own.
         lit: In the full view, make the cells lighter that the agent sees.
     """
-    drawn = atlas(tile_px, palette, kinds)
+    tile_atlas = atlas(tile_px, palette, kinds)
     columns, rows = (view_size, view_size) if view == "partial" else (row[WIDTH], row[HEIGHT])
     out = np.empty((rows * tile_px, columns * tile_px, 3), np.uint8)
     lines = out.reshape(rows * tile_px, -1)
     image = np.zeros((view_size, view_size, 3), np.uint8)
     if lit or view == "partial":
         see(row, image)
-    words = lines.view(drawn.tiles.dtype)
-    full, in_view, seen = view == "full", palette == "minigrid", np.zeros((columns, rows), np.int64)
-    tables = drawn.number, drawn.under, drawn.tiles, drawn.agents, drawn.carried
-    draw_cells(row, image, full, in_view, seen, *tables, words, lines)
+    words = lines.view(tile_atlas.tiles.dtype)
+    full = view == "full"
+    in_view = palette == "minigrid"
+    visible = np.zeros((columns, rows), np.int64)
+    tables = tile_atlas.number, tile_atlas.under, tile_atlas.tiles, tile_atlas.agents, tile_atlas.carried
+    draw_cells(row, image, full, in_view, visible, *tables, words, lines)
     return out
 
 
@@ -180,17 +184,23 @@ def draw_cells(
     carries. ``lit`` (columns, lines) is written: 1 where a cell is lit. ``words`` and ``out`` (lines, bytes) are the
     same memory.
     """
-    view_size, px = image.shape[0], tiles.shape[2]
-    middle, bottom = view_size // 2, view_size - 1
-    width, height = row[WIDTH], row[HEIGHT]
-    x, y, direction = row[X], row[Y], row[DIRECTION]
+    view_size = image.shape[0]
+    px = tiles.shape[2]
+    middle = view_size // 2
+    bottom = view_size - 1
+    width = row[WIDTH]
+    height = row[HEIGHT]
+    x = row[X]
+    y = row[Y]
+    direction = row[DIRECTION]
     columns, lines = (width, height) if full else (view_size, view_size)
     lit[:] = 0
     if full:
         forward_x, forward_y = ahead(0, 0, direction)
         for i in range(view_size):
             for j in range(view_size):
-                far, aside = bottom - j, i - middle
+                far = bottom - j
+                aside = i - middle
                 column = x + forward_x * far - forward_y * aside
                 line = y + forward_y * far + forward_x * aside
                 if image[i, j, 0] != 0 and 0 <= column < width and 0 <= line < height:
@@ -206,12 +216,15 @@ def draw_cells(
             elif column == middle and line == bottom:
                 look = np.int64(row[HEADER + x * height + y])
             else:
-                kind, colour = np.int64(image[column, line, 0]), np.int64(image[column, line, 1])
+                kind = np.int64(image[column, line, 0])
+                colour = np.int64(image[column, line, 1])
                 look = kind | colour << 4 | np.int64(image[column, line, 2]) << 7
             lay_tile(tiles, lit[column, line], number[look & LOOKS - 1], column, line, words)
     look = np.int64(row[HEADER + x * height + y])
     if not full:
-        x, y, direction = middle, bottom, 3
+        x = middle
+        y = bottom
+        direction = 3
         look = np.int64(row[CARRYING])
     if in_view:  # there the agent is part of its tile
         lay_tile(tiles, lit[x, y], under[direction, look & LOOKS - 1], x, y, words)
@@ -221,20 +234,21 @@ def draw_cells(
 @device_function(force_inline=True)
 def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Words) -> None:
     """Copy a tile into a picture, to a column and row of cells."""
-    height, width = tiles.shape[2], tiles.shape[3]
+    height = tiles.shape[2]
+    width = tiles.shape[3]
     left = column * width
     if width < RUN:
         for v in range(height):
             for word in range(width):
                 words[row * height + v, left + word] = tiles[lit, tile, v, word]
         return
-    whole = width - width % RUN
+    run_end = width - width % RUN
     for v in range(height):
         line = row * height + v
-        for run in range(0, whole, RUN):
+        for run in range(0, run_end, RUN):
             for word in range(RUN):  # a number of turns that is known becomes one move or two
                 words[line, left + run + word] = tiles[lit, tile, v, run + word]
-        for word in range(whole, width):
+        for word in range(run_end, width):
             words[line, left + word] = tiles[lit, tile, v, word]
 
 

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 FINE = 3  # samples along a pixel's side
 LIT = 0.30
-LINE, EDGE = (100, 100, 100), 0.031  # of the grid: its colour, and how much of a tile it takes
+# of the grid: its colour, and how much of a tile it takes
+LINE = (100, 100, 100)
+EDGE = 0.031
 Samples = NDArray[np.uint8]  # (3 px, 3 px, 3)
 Inside = NDArray[np.bool_]  # (3 px, 3 px)
 
@@ -31,7 +33,7 @@ Inside = NDArray[np.bool_]  # (3 px, 3 px)
 def minigrid_tile(
     code: int, size_px: int, *, facing: int | None = None, lit: bool = False, kinds: "Sequence[ObjectKind]" = ()
 ) -> NDArray[np.uint8]:
-    """A cell as Minigrid draws it, uint8[px, px, 3], with the agent in it where it is said where that looks."""
+    """Draw a cell as Minigrid does, uint8[px, px, 3], with the agent in it if ``facing`` says where it looks."""
     board = _Board(FINE * size_px)
     board.fill(board.box(0, EDGE, 0, 1), LINE)
     board.fill(board.box(0, 1, 0, EDGE), LINE)
@@ -62,28 +64,37 @@ class _Board:
         return inside
 
     def bar(self, x0: float, y0: float, x1: float, y1: float, radius: float) -> Inside:
-        """All that lies within ``radius`` of a line; its ends in single precision, as Minigrid keeps them."""
-        start, end = np.array([x0, y0], np.float32), np.array([x1, y1], np.float32)
+        """Return all that lies within ``radius`` of a line; its ends in single precision, as Minigrid keeps them."""
+        start = np.array([x0, y0], np.float32)
+        end = np.array([x1, y1], np.float32)
         along = end - start
         length = np.linalg.norm(along)
         along = along / length
-        x, y = self.x - start[0].astype(float), self.y - start[1].astype(float)
-        done = np.clip(x * along[0] + y * along[1], 0, length)
-        near: Inside = np.hypot(x - done * along[0], y - done * along[1]) <= radius
+        x = self.x - start[0].astype(float)
+        y = self.y - start[1].astype(float)
+        projection = np.clip(x * along[0] + y * along[1], 0, length)
+        near: Inside = np.hypot(x - projection * along[0], y - projection * along[1]) <= radius
         return near & self.box(min(x0, x1) - radius, max(x0, x1) + radius, min(y0, y1) - radius, max(y0, y1) + radius)
 
     def arrow(self, facing: int) -> Inside:
-        """The agent: a triangle, turned about the tile's middle."""
+        """Return the agent: a triangle, turned about the tile's middle."""
         turn = -0.5 * np.pi * facing
-        x, y = self.x - 0.5, self.y - 0.5
+        x = self.x - 0.5
+        y = self.y - 0.5
         x, y = 0.5 + x * np.cos(turn) - y * np.sin(turn), 0.5 + y * np.cos(turn) + x * np.sin(turn)
         a, b, c = np.array([(0.12, 0.19), (0.87, 0.50), (0.12, 0.81)], np.float32)
-        to_c, to_b = c - a, b - a
-        x, y = x - a[0].astype(float), y - a[1].astype(float)
-        cc, cb, bb = np.dot(to_c, to_c), np.dot(to_c, to_b), np.dot(to_b, to_b)
-        cp, bp = to_c[0] * x + to_c[1] * y, to_b[0] * x + to_b[1] * y
-        whole = 1 / (cc * bb - cb * cb)
-        u, v = (bb * cp - cb * bp) * whole, (cc * bp - cb * cp) * whole
+        to_c = c - a
+        to_b = b - a
+        x = x - a[0].astype(float)
+        y = y - a[1].astype(float)
+        cc = np.dot(to_c, to_c)
+        cb = np.dot(to_c, to_b)
+        bb = np.dot(to_b, to_b)
+        cp = to_c[0] * x + to_c[1] * y
+        bp = to_b[0] * x + to_b[1] * y
+        scale = 1 / (cc * bb - cb * cb)
+        u = (bb * cp - cb * bp) * scale
+        v = (cc * bp - cb * cp) * scale
         inside: Inside = (u >= 0) & (v >= 0) & (u + v < 1)
         return inside
 
@@ -96,7 +107,9 @@ def _places(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def _draw(board: _Board, code: int, kinds: "Sequence[ObjectKind]") -> None:
-    colour, kind, state = colour_rgb(code, "minigrid"), kind_of(code), state_of(code)
+    colour = colour_rgb(code, "minigrid")
+    kind = kind_of(code)
+    state = state_of(code)
     if kind >= FIRST_OWN_KIND:
         canvas = Canvas(len(board.samples))
         kinds[kind - FIRST_OWN_KIND].draw(canvas, colour, cells.DOOR_STATES[state])

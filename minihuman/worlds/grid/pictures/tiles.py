@@ -55,12 +55,14 @@ WALL_COLOUR: RGB = (96, 101, 112)
 
 
 def colour_rgb(code: int, palette: GridPalette) -> RGB:
-    """The colour in which a thing is drawn."""
-    return LAVA_COLOURS[palette] if kind_of(code) == cells.LAVA else OBJECT_COLOURS[palette][colour_of(code)]
+    """Return the colour in which a thing is drawn."""
+    if kind_of(code) == cells.LAVA:
+        return LAVA_COLOURS[palette]
+    return OBJECT_COLOURS[palette][colour_of(code)]
 
 
 def hex_colour(code: int, palette: GridPalette) -> str:
-    """The colour of a thing as "#rrggbb"."""
+    """Return the colour of a thing as "#rrggbb"."""
     return "#{:02x}{:02x}{:02x}".format(*colour_rgb(code, palette))
 
 
@@ -86,28 +88,28 @@ class Canvas:
         self.alpha = alpha
 
     def everywhere(self) -> Plane:
-        """The whole tile."""
+        """Return the whole tile."""
         return np.full_like(self.u, -1.0)
 
     def disc(self, u: float, v: float, radius: float) -> Plane:
-        """A disc."""
+        """Return a disc."""
         return np.hypot(self.u - u, self.v - v) - radius
 
     def box(self, left: float, top: float, right: float, bottom: float, corner: float = 0.0) -> Plane:
-        """A rectangle with rounded corners."""
+        """Return a rectangle with rounded corners."""
         du = np.abs(self.u - (left + right) / 2) - (right - left) / 2 + corner
         dv = np.abs(self.v - (top + bottom) / 2) - (bottom - top) / 2 + corner
         return np.hypot(np.maximum(du, 0), np.maximum(dv, 0)) + np.minimum(np.maximum(du, dv), 0) - corner
 
     def bar(self, u0: float, v0: float, u1: float, v1: float, radius: float) -> Plane:
-        """A line with round ends."""
+        """Return a line with round ends."""
         along = np.clip(
             ((self.u - u0) * (u1 - u0) + (self.v - v0) * (v1 - v0)) / ((u1 - u0) ** 2 + (v1 - v0) ** 2), 0, 1
         )
         return np.hypot(self.u - u0 - along * (u1 - u0), self.v - v0 - along * (v1 - v0)) - radius
 
     def polygon(self, *corners: tuple[float, float], rounding: float = 0.0) -> Plane:
-        """A polygon (any, not crossing itself), its corners given in order, grown and rounded by ``rounding``."""
+        """Return a polygon (not crossing itself), its corners given in order, grown and rounded by ``rounding``."""
         distance = np.full_like(self.u, np.inf)
         inside = np.zeros(self.u.shape, bool)
         for (u0, v0), (u1, v1) in zip(corners, corners[1:] + corners[:1], strict=True):
@@ -122,14 +124,14 @@ Colour = tuple[float, float, float]
 
 
 def shade(colour: RGB, amount: float) -> Colour:
-    """A colour made lighter (above 0) or darker (below 0); -1 is black, 1 is white."""
+    """Make a colour lighter (above 0) or darker (below 0); -1 is black, 1 is white."""
     target = 255 if amount > 0 else 0
     red, green, blue = (part + (target - part) * abs(amount) for part in colour)
     return red, green, blue
 
 
 def tile(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
-    """A cell with what lies in it, opaque."""
+    """Draw a cell with what lies in it, opaque."""
     canvas = Canvas(size_px)
     kind = kind_of(code)
     colour = colour_rgb(code, palette)
@@ -150,14 +152,14 @@ def tile(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]"
 
 
 def unseen(size_px: int) -> Canvas:
-    """A cell the agent cannot see."""
+    """Draw a cell the agent cannot see."""
     canvas = Canvas(size_px)
     canvas.fill(canvas.everywhere(), UNSEEN)
     return canvas
 
 
 def in_hand(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
-    """A carried object on a dark plate, the corners transparent."""
+    """Draw a carried object on a dark plate, the corners transparent."""
     canvas = Canvas(size_px)
     canvas.fill(canvas.disc(0.5, 0.5, 0.5), UNSEEN, opacity=0.85)
     paint(canvas, code, palette, kinds)
@@ -165,7 +167,7 @@ def in_hand(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKin
 
 
 def agent(direction: int, size_px: int, palette: Palette, colour: RGB | None = None) -> Canvas:
-    """The agent, an arrowhead, its surroundings transparent; 0 right, 1 down, 2 left, 3 up.
+    """Draw the agent, an arrowhead, its surroundings transparent; 0 right, 1 down, 2 left, 3 up.
 
     It has the palette's colour of the only agent unless another is given.
     """
@@ -184,7 +186,9 @@ Part = tuple[Callable[..., Plane], tuple[Any, ...], float]  # a shape, its measu
 
 def paint(canvas: Canvas, code: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> None:
     """Paint an object on a canvas."""
-    colour, kind, state = colour_rgb(code, palette), kind_of(code), state_of(code)
+    colour = colour_rgb(code, palette)
+    kind = kind_of(code)
+    state = state_of(code)
     if kind >= FIRST_OWN_KIND:
         kinds[kind - FIRST_OWN_KIND].draw(canvas, colour, cells.DOOR_STATES[state])
     for shape, measures, lightness in _DOORS[state] if kind == cells.DOOR else _OBJECTS.get(kind, ()):

@@ -30,16 +30,16 @@ class Overlaps:
     Attributes:
         weights: float64[n], in how many orientations of the picture a pattern comes.
         walls: bool[n], whether the pattern's first cell is a wall.
-        beside: uint64[4, n, words], for each side the set of patterns that may have this one there.
+        adjacency: uint64[4, n, words], for each side the set of patterns that may have this one there.
     """
 
     weights: NDArray[np.float64]
     walls: NDArray[np.bool_]
-    beside: NDArray[np.uint64]
+    adjacency: NDArray[np.uint64]
 
 
 def overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8) -> Overlaps:
-    """What a picture, uint8[height, width, 3], says of layouts; what has no red in it is wall."""
+    """Learn from a picture, uint8[height, width, 3], how layouts look; what has no red in it is wall."""
     tiles = _codes(picture.reshape(-1, 3).astype(np.int64)).reshape(picture.shape[:2])
     wall_tiles = np.unique(tiles[picture[:, :, 0] == 0])
     times: dict[int, int] = {}
@@ -47,8 +47,8 @@ def overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8) -> O
     for turned in _orientations(tiles, orientations):
         around = np.pad(turned, ((0, width - 1), (0, width - 1)), mode="wrap")
         windows = sliding_window_view(around, (width, width)).reshape(-1, width * width)
-        found, first = np.unique(_codes(windows), return_index=True)
-        for code, window in zip(found.tolist(), windows[first], strict=True):
+        codes, first = np.unique(_codes(windows), return_index=True)
+        for code, window in zip(codes.tolist(), windows[first], strict=True):
             times[code] = times.get(code, 0) + 1
             cells[code] = window.reshape(width, width)
     order = sorted(times)
@@ -58,13 +58,13 @@ def overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8) -> O
 
 
 def _codes(values: NDArray[np.int64]) -> NDArray[np.int64]:
-    """A hash of each row of int64[n, k]."""
+    """Hash each row of int64[n, k]."""
     numbers = np.random.RandomState(0).randint(1 - (1 << 63), 1 << 63, values.shape[1], dtype=np.int64)
     return values @ numbers  # modulo 2**64
 
 
 def _orientations(tiles: NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
-    """The picture, and by turns its mirror image and the quarter turn of that."""
+    """Return the picture, and by turns its mirror image and the quarter turn of that."""
     turned = [tiles]
     for i in range(1, count):
         turned.append(np.fliplr(turned[-1]) if i % 2 else np.rot90(turned[-1], axes=(1, 0)))
@@ -73,14 +73,14 @@ def _orientations(tiles: NDArray[np.int64], count: int) -> list[NDArray[np.int64
 
 def _beside(patterns: NDArray[np.int64]) -> NDArray[np.uint64]:
     n, width = patterns.shape[:2]
-    beside = np.zeros((len(SIDES), n, -(-n // WORD)), np.uint64)
+    adjacency = np.zeros((len(SIDES), n, -(-n // WORD)), np.uint64)
     for side, (across, down) in enumerate(SIDES):  # of the pattern's columns and rows
-        mine = patterns[:, max(0, down) : width + min(0, down), max(0, across) : width + min(0, across)]
-        theirs = patterns[:, max(0, -down) : width + min(0, -down), max(0, -across) : width + min(0, -across)]
-        fits = (mine[:, None] == theirs[None]).all(axis=(2, 3))  # [mine, theirs]
+        pattern = patterns[:, max(0, down) : width + min(0, down), max(0, across) : width + min(0, across)]
+        neighbour = patterns[:, max(0, -down) : width + min(0, -down), max(0, -across) : width + min(0, -across)]
+        fits = (pattern[:, None] == neighbour[None]).all(axis=(2, 3))  # [pattern, neighbour]
         for k in range(n):
-            beside[side, :, k // WORD] |= fits[k].astype(np.uint64) << np.uint64(k % WORD)
-    return beside
+            adjacency[side, :, k // WORD] |= fits[k].astype(np.uint64) << np.uint64(k % WORD)
+    return adjacency
 
 
 Sets = NDArray[np.uint64]  # of patterns, (cells, words): one bit per pattern
@@ -91,9 +91,9 @@ _1 = np.uint64(1)
 
 @kernel("(uint64[::1], float64[::1], uint64[:, :, ::1], int64, boolean, int64)")
 def collapse(
-    rng_state: RngState, weights: NDArray[np.float64], beside: Sets, size: int, periodic: bool, attempts: int
+    rng_state: RngState, weights: NDArray[np.float64], adjacency: Sets, size: int, periodic: bool, attempts: int
 ) -> NDArray[np.int64]:
-    """One pattern per cell, int64[size * size]; empty if all ``attempts`` ended in contradiction.
+    """Collapse to one pattern per cell, int64[size * size]; empty if all ``attempts`` ended in contradiction.
 
     Draws what Minigrid's solver draws: one number per cell, once, which breaks ties between cells with as few patterns
     left, then one per cell that settles.
@@ -101,37 +101,43 @@ def collapse(
     Args:
         rng_state: The random stream.
         weights: How often each of n patterns comes.
-        beside: uint64[4, n, w], for each side the set of patterns that may have this one there.
+        adjacency: uint64[4, n, w], for each side the set of patterns that may have this one there.
         size: Cells on a side.
         periodic: The layout goes on over its edges.
         attempts: Collapses that are begun.
     """
-    cells, n = size * size, len(weights)
+    cells = size * size
+    n = len(weights)
     untied = np.empty(cells)
     for cell in range(cells):
         untied[cell] = unit(rng_state) * 2.0**-53 * 0.1
-    begun = np.zeros((cells, beside.shape[2]), np.uint64)
+    initial_sets = np.zeros((cells, adjacency.shape[2]), np.uint64)
     for p in range(n):
-        begun[:, p // 64] |= _1 << np.uint64(p % 64)
+        initial_sets[:, p // 64] |= _1 << np.uint64(p % 64)
     left = np.full(cells, n, np.int64)
-    waiting, waits = np.empty(cells, np.int64), np.zeros(cells, np.bool_)
-    possible = _borders(begun, left, beside)
+    waiting = np.empty(cells, np.int64)
+    waits = np.zeros(cells, np.bool_)
+    possible = _borders(initial_sets, left, adjacency)
     if possible:
         for cell in range(cells):
-            waiting[cell], waits[cell] = cell, True
-        possible = _spread(begun, left, beside, size, periodic, waiting, waits, cells)
-    sets, counts = np.empty_like(begun), np.empty_like(left)
+            waiting[cell] = cell
+            waits[cell] = True
+        possible = _spread(initial_sets, left, adjacency, size, periodic, waiting, waits, cells)
+    sets = np.empty_like(initial_sets)
+    counts = np.empty_like(left)
     for _ in range(attempts):
         if not possible:
             break
-        sets[:], counts[:] = begun, left
+        sets[:] = initial_sets
+        counts[:] = left
         settled = n == 1
         fits = True
         while fits and not settled:
             cell = _fewest(counts, untied)
             _settle(sets, counts, cell, _draw(rng_state, weights, sets[cell]))
-            waiting[0], waits[cell] = cell, True
-            fits = _spread(sets, counts, beside, size, periodic, waiting, waits, 1)
+            waiting[0] = cell
+            waits[cell] = True
+            fits = _spread(sets, counts, adjacency, size, periodic, waiting, waits, 1)
             settled = counts.max() == 1
         if fits:
             return _patterns(sets)
@@ -139,13 +145,13 @@ def collapse(
 
 
 @kernel("(uint64[:, ::1], int64[::1], uint64[:, :, ::1])")
-def _borders(sets: Sets, counts: NDArray[np.int64], beside: Sets) -> bool:
+def _borders(sets: Sets, counts: NDArray[np.int64], adjacency: Sets) -> bool:
     """Take away what nothing at all fits beside; at an edge that ends the layout anything may be beyond."""
-    n = beside.shape[1]
+    n = adjacency.shape[1]
     for side in range(4):
-        some = np.zeros(beside.shape[2], np.uint64)
+        some = np.zeros(adjacency.shape[2], np.uint64)
         for p in range(n):
-            some |= beside[side, p]
+            some |= adjacency[side, p]
         for cell in range(len(sets)):
             counts[cell] = _narrow(sets[cell], some)
             if counts[cell] == 0:
@@ -159,9 +165,9 @@ def _narrow(patterns: NDArray[np.uint64], allowed: NDArray[np.uint64]) -> int:
     count = 0
     for w in range(len(patterns)):
         patterns[w] &= allowed[w]
-        rest = patterns[w]
-        while rest != _0:
-            rest &= rest - _1
+        bits = patterns[w]
+        while bits != _0:
+            bits &= bits - _1
             count += 1
     return count
 
@@ -170,38 +176,42 @@ def _narrow(patterns: NDArray[np.uint64], allowed: NDArray[np.uint64]) -> int:
 def _spread(
     sets: Sets,
     counts: NDArray[np.int64],
-    beside: Sets,
+    adjacency: Sets,
     size: int,
     periodic: bool,
     waiting: NDArray[np.int64],
     waits: NDArray[np.bool_],
     many: int,
 ) -> bool:
-    """Let the cells that wait tell their neighbours, and those theirs. Whether every cell has a pattern left."""
+    """Let the cells that wait tell their neighbours, and those their own. Whether every cell has a pattern left."""
     cells = len(sets)
-    allowed = np.empty(beside.shape[2], np.uint64)
-    head, fits = 0, True
+    allowed = np.empty(adjacency.shape[2], np.uint64)
+    head = 0
+    fits = True
     while many > 0:
         cell = waiting[head]
-        head, many = (head + 1) % cells, many - 1
+        head = (head + 1) % cells
+        many = many - 1
         waits[cell] = False
         if not fits:
             continue  # only to empty the list
-        x, y = cell // size, cell % size
+        x = cell // size
+        y = cell % size
         for side in range(4):
             # SIDES say where a cell has its neighbour: here the cell is the neighbour, and its own lie opposite
             other_x = x - (0, 1, 0, -1)[side]
             other_y = y - (-1, 0, 1, 0)[side]
             if periodic:
-                other_x, other_y = (other_x + size) % size, (other_y + size) % size
+                other_x = (other_x + size) % size
+                other_y = (other_y + size) % size
             elif other_x < 0 or other_y < 0 or other_x >= size or other_y >= size:
                 continue
             other = other_x * size + other_y
             allowed[:] = _0
-            for p in range(beside.shape[1]):
+            for p in range(adjacency.shape[1]):
                 if sets[cell, p // 64] >> np.uint64(p % 64) & _1 != _0:
                     for w in range(len(allowed)):
-                        allowed[w] |= beside[side, p, w]
+                        allowed[w] |= adjacency[side, p, w]
             before = counts[other]
             counts[other] = _narrow(sets[other], allowed)
             if counts[other] == 0:
@@ -215,17 +225,19 @@ def _spread(
 
 @kernel("(int64[::1], float64[::1])")
 def _fewest(counts: NDArray[np.int64], untied: NDArray[np.float64]) -> int:
-    """The unsettled cell with the fewest patterns left; the first cell if all have settled."""
-    best, cell = np.inf, 0
+    """Find the unsettled cell with the fewest patterns left; the first cell if all have settled."""
+    best = np.inf
+    cell = 0
     for k in range(len(counts)):
         if counts[k] > 1 and untied[k] + counts[k] < best:
-            best, cell = untied[k] + counts[k], k
+            best = untied[k] + counts[k]
+            cell = k
     return cell
 
 
 @kernel("(uint64[::1], float64[::1], uint64[::1])")
 def _draw(rng_state: RngState, weights: NDArray[np.float64], patterns: NDArray[np.uint64]) -> int:
-    """One of the patterns by weight, as ``Generator.choice`` draws it."""
+    """Draw one of the patterns by weight, as ``Generator.choice`` does."""
     n = len(weights)
     shares = np.zeros(n)
     for p in range(n):
@@ -236,9 +248,9 @@ def _draw(rng_state: RngState, weights: NDArray[np.float64], patterns: NDArray[n
     for p in range(n):
         so_far += shares[p] / total
         shares[p] = so_far
-    drawn = unit(rng_state) * 2.0**-53
+    threshold = unit(rng_state) * 2.0**-53
     for p in range(n):
-        if shares[p] / so_far > drawn:
+        if shares[p] / so_far > threshold:
             return p
     return n - 1
 
@@ -264,31 +276,32 @@ Cell = tuple[int, int]
 
 
 def largest_part(free: list[Cell]) -> list[Cell]:
-    """The largest connected part of two cells or more, the first of several; empty if there is none.
+    """Find the largest connected part of two cells or more, the first of several; empty if there is none.
 
     Args:
         free: The free cells in the layout's order.
     """
     unseen = dict.fromkeys(free)
     largest: set[Cell] = set()
-    seen = 0
+    visited_count = 0
     for cell in free:
         if cell in unseen:
-            part = _reached(cell, unseen, len(free) - seen)
-            seen += len(part)
-            for each in part:
-                del unseen[each]
+            part = _reached(cell, unseen, len(free) - visited_count)
+            visited_count += len(part)
+            for member in part:
+                del unseen[member]
             if len(part) > max(1, len(largest)):
                 largest = part
     return _in_order(_in_order(largest, free), free)
 
 
 def _reached(source: Cell, unseen: dict[Cell, None], at_most: int) -> set[Cell]:
-    """The cells that can be reached, breadth first: up, left, down and right of each."""
+    """Find the cells that can be reached, breadth first: up, left, down and right of each."""
     reached = {source}
     level = [source]
     while level:
-        this, level = level, []
+        this = level
+        level = []
         for x, y in this:
             for cell in ((x - 1, y), (x, y - 1), (x + 1, y), (x, y + 1)):
                 if cell in unseen and cell not in reached:
@@ -301,4 +314,6 @@ def _reached(source: Cell, unseen: dict[Cell, None], at_most: int) -> set[Cell]:
 
 def _in_order(cells: Iterable[Cell], free: list[Cell]) -> list[Cell]:
     chosen = set(iter(cells))
-    return list(chosen) if 2 * len(chosen) < len(free) else [cell for cell in free if cell in chosen]
+    if 2 * len(chosen) < len(free):
+        return list(chosen)
+    return [cell for cell in free if cell in chosen]

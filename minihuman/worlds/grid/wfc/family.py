@@ -128,16 +128,21 @@ class WfcRecipe(Recipe):
         dig(row, rng_state, np.array(self._free(rng_state, int(row[WIDTH]) - 2), np.int64))
 
     def _free(self, rng_state: RngState, size: int) -> list[tuple[int, int]]:
-        """The free cells of a layout in which a goal can be reached."""
+        """Return the free cells of a layout in which a goal can be reached."""
         for _ in range(LAYOUTS):
-            patterns = collapse(rng_state, self.overlaps.weights, self.overlaps.beside, size, self.periodic, ATTEMPTS)
+            patterns = collapse(
+                rng_state, self.overlaps.weights, self.overlaps.adjacency, size, self.periodic, ATTEMPTS
+            )
             if not len(patterns):
                 raise WorldError(
                     f"{self.name}: {ATTEMPTS} attempts at {size} x {size} cells ended in contradiction; use another "
                     "size or picture"
                 )
             free = [(x, y) for x, y in np.argwhere(~self.overlaps.walls[patterns].reshape(size, size)).tolist()]
-            cells = largest_part(free) if self.connected else free
+            if self.connected:
+                cells = largest_part(free)
+            else:
+                cells = free
             if len(cells) > 1:
                 return cells
         raise WorldError(f"{self.name}: no two free cells of {size} x {size} are connected; use a larger size")
@@ -146,7 +151,7 @@ class WfcRecipe(Recipe):
 def wfc(
     *, wfc_config: str = "MazeSimple", size: int = 25, ensure_connected: bool = True, patterns: str | None = None
 ) -> WfcRecipe:
-    """A maze by Wave Function Collapse.
+    """Make the recipe of a maze by Wave Function Collapse.
 
     Args:
         wfc_config: The preset: a picture and how it is read.
@@ -157,7 +162,10 @@ def wfc(
     preset = PRESETS[check_one_of("wfc_config", wfc_config, tuple(PRESETS))]
     check_whole("size", size, 5, MAX_WFC_CELLS)
     check_bool("ensure_connected", ensure_connected)
-    read = _ours(preset.picture, preset.width) if patterns is None else _read(patterns, preset)
+    if patterns is None:
+        read = _ours(preset.picture, preset.width)
+    else:
+        read = _read(patterns, preset)
     return WfcRecipe(
         layout=dig,
         numbers=(),
@@ -210,6 +218,7 @@ def dig(row: Row, rng_state: RngState, free: NDArray[np.int64]) -> None:
         row[HEADER + (x + 1) * height + y + 1] = EMPTY
     order = np.arange(len(free))
     shuffle(rng_state, order)
-    start, goal = order[0], order[1]
+    start = order[0]
+    goal = order[1]
     put(row, free[goal, 0] + 1, free[goal, 1] + 1, GREEN_GOAL)
     stand(row, free[start, 0] + 1, free[start, 1] + 1, integer(rng_state, 0, 4))

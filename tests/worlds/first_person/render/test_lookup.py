@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from minihuman.worlds.first_person.render import drawing
+from minihuman.worlds.first_person.render.draw_buffers import drawn_in
 from minihuman.worlds.first_person.render.scene import Camera, Scene
 from minihuman.worlds.first_person.render.texture import MOST_SIZES
-from minihuman.worlds.first_person.render.visibility import drawn_in
 from tests.worlds.first_person.render.stages import two_rooms
 
 WIDTH, HEIGHT = 160, 120

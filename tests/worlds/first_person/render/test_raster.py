@@ -3,7 +3,8 @@
 import numpy as np
 
 from minihuman.worlds.first_person.render.kernel_tables import DrawBuffers
-from minihuman.worlds.first_person.render.rasterisation import TILES, claim
+from minihuman.worlds.first_person.render.rasterisation import TILES
+from minihuman.worlds.first_person.render.spans import claim
 from minihuman.worlds.kernels import kernel
 
 WIDTH = 8

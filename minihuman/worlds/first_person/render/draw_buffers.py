@@ -1,0 +1,174 @@
+"""The buffers that a picture is drawn in, and the tables of its faces and rooms, packed into two long arrays.
+
+A kernel takes few arrays: these functions cut its tables and buffers out of one of float64 and one of int32.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from minihuman.worlds.first_person.render.kernel_tables import (
+    F64,
+    I32,
+    OCCLUDER_SIZE,
+    DrawBuffers,
+    FaceTable,
+    RoomTable,
+)
+from minihuman.worlds.first_person.render.rasterisation import HEIGHT, PLACEMENT_SIZE, ROOM, TILES
+from minihuman.worlds.first_person.render.texture import LANES, MOST_TAPS, SCANLINE_BUFFER, TAP
+from minihuman.worlds.kernels import device_function, kernel
+
+VISITS_A_ROOM = 16
+
+
+class Sight(NamedTuple):
+    """Which rooms are in sight, and through which part of the picture: x0, y0, x1, y1 in whole pixels."""
+
+    order: I32  # (rooms,) nearest first
+    windows: F64  # (rooms, 4)
+    visits: I32  # (rooms,)
+    pending: I32  # (VISITS_A_ROOM * rooms,) rooms to visit
+    pending_windows: F64  # (VISITS_A_ROOM * rooms, 4) by which each is visited
+
+
+# Where in the whole numbers stand: the colours of what is looked up along a row; which sizes of a texture that takes,
+# under which light and at which places; the row's stretches; a row of the picture; the spans.
+SIZES = SCANLINE_BUFFER + LANES
+LIGHTS = SIZES + 5 * LANES
+PLACES = LIGHTS + 2 * LANES
+TAPS = PLACES + TAP * MOST_TAPS
+FRAGMENT_GROUPS = TAPS + SCANLINE_BUFFER // LANES
+MAX_FRAGMENT_GROUPS = 264
+LINE = FRAGMENT_GROUPS + 5 * (2 * MAX_FRAGMENT_GROUPS + 4)
+SPANS = LINE + 4096 + 2 * LANES
+
+
+def packed_faces(faces: FaceTable) -> tuple[F64, I32]:
+    """Pack a table of faces into two arrays; see `faces_of`."""
+    start, position, place, normal, colour, texture, plane = faces
+    floats = [position, place, normal, colour, plane]
+    sizes = np.array([len(position), len(texture)], np.int32)
+    return np.concatenate([table.ravel() for table in floats]), np.concatenate([sizes, start, texture])
+
+
+def packed_rooms(rooms: RoomTable) -> tuple[F64, I32]:
+    """Pack a table of rooms into two arrays; see `rooms_of`."""
+    sizes = np.array([len(rooms.bounds), len(rooms.edge), len(rooms.opening)], np.int32)
+    wholes = [sizes, rooms.first_face, rooms.first_edge, rooms.first_opening, rooms.opening_into]
+    floats = np.concatenate([table.ravel() for table in (rooms.bounds, rooms.edge, rooms.opening, rooms.occluder)])
+    return floats, np.concatenate([*wholes, rooms.roofed.astype(np.int32), rooms.first_occluder])
+
+
+@device_function(nogil=True)
+def faces_of(floats: F64, wholes: I32) -> FaceTable:
+    """Unpack a table of faces."""
+    corners = int(wholes[0])
+    faces = int(wholes[1])
+    position = 3 * corners
+    place = 5 * corners
+    normal = 8 * corners
+    colour = normal + 3 * faces
+    plane = normal + 7 * faces
+    return FaceTable(
+        wholes[2 : 3 + faces],
+        floats[:position].reshape(corners, 3),
+        floats[position:place].reshape(corners, 2),
+        floats[place:normal].reshape(corners, 3),
+        floats[normal:colour].reshape(faces, 3),
+        wholes[3 + faces : 3 + 2 * faces],
+        floats[colour:plane].reshape(faces, 4),
+    )
+
+
+@device_function(nogil=True)
+def rooms_of(floats: F64, wholes: I32) -> RoomTable:
+    """Unpack a table of rooms."""
+    rooms = int(wholes[0])
+    edges = int(wholes[1])
+    openings = int(wholes[2])
+    bounds = 4 * rooms
+    edge = 4 * rooms + 3 * edges
+    opening = 4 * rooms + 3 * edges + 12 * openings
+    first_edge = 4 + rooms
+    first_opening = 5 + 2 * rooms
+    into = 6 + 3 * rooms
+    roofed = into + openings
+    return RoomTable(
+        wholes[3:first_edge],
+        floats[:bounds].reshape(rooms, 4),
+        wholes[first_edge:first_opening],
+        floats[bounds:edge].reshape(edges, 3),
+        wholes[first_opening:into],
+        floats[edge:opening].reshape(openings, 4, 3),
+        wholes[into:roofed],
+        wholes[roofed : roofed + rooms],
+        wholes[:0],
+        floats[:0].reshape(0, OCCLUDER_SIZE),
+    )
+
+
+@device_function(nogil=True)
+def occluders_of(floats: F64, wholes: I32) -> tuple[I32, F64]:
+    """Return what darkens each face of the rooms, at the end of their faces and tables; see `RoomTable`."""
+    size = wholes.shape[0]
+    count = int(wholes[wholes.shape[0] - 1])
+    occluders = floats[floats.shape[0] - OCCLUDER_SIZE * count :].reshape(count, OCCLUDER_SIZE)
+    return wholes[size - int(wholes[1]) - 1 :] if count > 0 else wholes[:0], occluders
+
+
+@kernel("UniTuple(int64, 2)(int64, int64, int64, int64, int64)", only=True, hold_gil=True)
+def size_of(height: int, spans: int, faces: int, corners: int, rooms: int) -> tuple[int, int]:
+    """Count the float64 and int32 that a picture needs, with so many spans per row and corners per face at most."""
+    rows = 4 * height
+    floats = 21 * faces + 11 * corners + 21 + TILES * TILES + 4 + PLACEMENT_SIZE + 4 * (1 + VISITS_A_ROOM) * rooms
+    wholes = 3 * (rows * spans + 3 * spans + 8) + rows + 2 * (rows + 8) + 3 * faces
+    return floats, SPANS + wholes + (2 + VISITS_A_ROOM) * rooms
+
+
+@device_function(nogil=True)
+def drawn_in(view: F64, floats: F64, wholes: I32) -> tuple[DrawBuffers, int, int]:
+    """Return the buffers that faces are drawn in, and where in each of the arrays there is more."""
+    rows = 4 * int(view[HEIGHT])
+    spans = int(view[ROOM])
+    faces = int(view[ROOM + 1])
+    corners = int(view[ROOM + 2])
+    merged = SPANS + 3 * rows * spans
+    counts = merged + 3 * (3 * spans + 8)
+    left = counts + rows
+    right = left + rows + 8
+    kind = right + rows + 8
+    run = kind + 2 * faces
+    planes = 21 * faces
+    cut = planes + 9 * corners
+    screen = cut + 2 * corners
+    tiles = screen + 21 + TILES * TILES
+    buffers = DrawBuffers(
+        wholes[SPANS:merged].reshape(rows, spans, 3),
+        wholes[counts:left],
+        wholes[merged:counts].reshape(3 * spans + 8, 3),
+        floats[:planes].reshape(faces, 21),
+        wholes[kind:run].reshape(faces, 2),
+        wholes[run : run + faces],
+        wholes[left:right],
+        wholes[right:kind],
+        floats[planes:cut].reshape(3, corners, 3),
+        floats[cut:screen].reshape(corners, 2),
+        floats[screen : screen + 9].reshape(3, 3),
+        floats[screen + 9 : screen + 21].reshape(4, 3),
+        floats[screen + 21 : tiles].reshape(TILES, TILES),
+    )
+    return buffers, tiles, run + faces
+
+
+@device_function(nogil=True)
+def sight_in(floats: F64, wholes: I32, rooms: int) -> Sight:
+    """Return the lists of rooms in sight, at the start of what is left."""
+    most = VISITS_A_ROOM * rooms
+    return Sight(
+        wholes[:rooms],
+        floats[: 4 * rooms].reshape(rooms, 4),
+        wholes[rooms : 2 * rooms],
+        wholes[2 * rooms : 2 * rooms + most],
+        floats[4 * rooms : 4 * rooms + 4 * most].reshape(most, 4),
+    )

@@ -1,0 +1,105 @@
+"""Exact copies of a first-person world's state in mid-episode."""
+
+import copy
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from minihuman.worlds.first_person.entities import Entity
+from minihuman.worlds.first_person.parameters import Parameters
+from minihuman.worlds.first_person.rooms import FloorPlan, Room
+from minihuman.worlds.first_person.state import WorldState
+
+_UNCHANGING = frozenset(
+    {int, float, bool, str, bytes, type(None), np.float32, np.float64, np.int64, np.bool_, FloorPlan, Room, Parameters}
+)
+
+
+class _Held(NamedTuple):
+    """What a thing, the stage or the world held: what can be given back as it is, and what has to be copied."""
+
+    plain: dict[str, Any]
+    copied: dict[str, Any]
+
+
+class FirstPersonSnapshot(NamedTuple):
+    """A state of one world in mid-episode; made by ``save`` and read by ``restore`` only."""
+
+    world: str
+    over: bool
+    stage: WorldState  # the one it was saved from, to be known again: what it held then is on the shelf
+    own: _Held
+    shelf: tuple[tuple[Any, _Held], ...]  # the stage and each thing
+    streams: tuple[tuple[np.random.Generator, Any], ...]
+
+
+def save_state(world: str, over: bool, state: dict[str, Any]) -> FirstPersonSnapshot:
+    """Copy a world's state, the attributes that make it up."""
+    shelf: dict[int, tuple[Any, _Held]] = {}
+    streams: dict[int, tuple[np.random.Generator, Any]] = {}
+
+    def split_attributes(attributes: dict[str, Any], into: _Held) -> _Held:
+        plain, copied = into
+        for name, value in attributes.items():
+            kind = type(value)
+            if kind in _UNCHANGING or (kind is tuple and _UNCHANGING.issuperset(map(type, value))):
+                plain[name] = value
+            else:
+                copied[name] = copy_inner(value)
+        return into
+
+    def copy_inner(value: Any) -> Any:
+        kind = type(value)
+        if kind in _UNCHANGING:
+            return value
+        if kind is tuple or kind is list:
+            return kind(map(copy_inner, value))
+        if isinstance(value, Entity | WorldState):
+            if id(value) not in shelf:
+                shelf[id(value)] = value, (empty := _Held({}, {}))  # first, as what it holds may lead back to it
+                split_attributes(vars(value), empty)
+            return value
+        if isinstance(value, np.random.Generator):
+            if id(value) not in streams:
+                streams[id(value)] = value, value.bit_generator.state
+            return value
+        if kind is dict:
+            return {name: copy_inner(inner) for name, inner in value.items()}
+        return copy.deepcopy(value)
+
+    own = split_attributes(state, _Held({}, {}))
+    return FirstPersonSnapshot(world, over, state["_stage"], own, tuple(shelf.values()), tuple(streams.values()))
+
+
+def restore_state(saved: FirstPersonSnapshot, *, in_place: bool) -> dict[str, Any]:
+    """Return the attributes of a saved state, to be set on a world; the copy is not consumed.
+
+    With ``in_place``, the things that were there get back what they held; otherwise things like them are made.
+    """
+    instead: dict[int, Any] = {}
+    if not in_place:
+        instead = {id(thing): object.__new__(type(thing)) for thing, _ in saved.shelf}
+        instead |= {id(stream): np.random.Generator(type(stream.bit_generator)()) for stream, _ in saved.streams}
+
+    def restore_inner(value: Any) -> Any:
+        kind = type(value)
+        if kind in _UNCHANGING:
+            return value
+        if kind is tuple or kind is list:
+            return kind(map(restore_inner, value))
+        if isinstance(value, Entity | WorldState | np.random.Generator):
+            return instead.get(id(value), value)
+        if kind is dict:
+            return {name: restore_inner(inner) for name, inner in value.items()}
+        return copy.deepcopy(value)
+
+    def restore_attributes(saved_attributes: _Held) -> dict[str, Any]:
+        return saved_attributes.plain | {name: restore_inner(value) for name, value in saved_attributes.copied.items()}
+
+    for stream, state in saved.streams:
+        instead.get(id(stream), stream).bit_generator.state = state
+    for thing, saved_attributes in saved.shelf:
+        attributes = vars(instead.get(id(thing), thing))
+        attributes.clear()
+        attributes.update(restore_attributes(saved_attributes))
+    return restore_attributes(saved.own)
