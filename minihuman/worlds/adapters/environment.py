@@ -84,7 +84,7 @@ def _render_modes(world_id: str, env: gymnasium.Env[Any, Any]) -> Collection[Any
     )
 
 
-def require_space(world_id: str, env: gymnasium.Env[Any, Any], name: str) -> None:
+def require_stated_space(world_id: str, env: gymnasium.Env[Any, Any], name: str) -> None:
     """Refuse an environment that does not say what it takes, or what it shows.
 
     Raises:

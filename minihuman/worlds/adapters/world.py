@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.trust import locate_world
-from minihuman.worlds.adapters.environment import has_own_rule, is_built_in, make_environment, require_space
+from minihuman.worlds.adapters.environment import has_own_rule, is_built_in, make_environment, require_stated_space
 from minihuman.worlds.adapters.foreign_code import WorldCodeError, contain_errors
 from minihuman.worlds.adapters.returned_values import (
     explain_unhashable,
@@ -64,9 +64,9 @@ class World:
             native = self._env.unwrapped
             self.drawn = isinstance(native, NativeWorld) and native.drawn  # see there
             self.reward_means_success = has_own_rule(native)
-            require_space(world_id, self._env, "action_space")
+            require_stated_space(world_id, self._env, "action_space")
             self.actions = build_actions(world_id, self._env)
-            require_space(world_id, self._env, "observation_space")
+            require_stated_space(world_id, self._env, "observation_space")
             self._wrappers = WrapperState(self._env)
         self.action_names = self.actions.names
         self._known: NativeWorld | None = None

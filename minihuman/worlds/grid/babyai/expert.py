@@ -252,15 +252,15 @@ def _orders(row: Row) -> Iterator[tuple[int, ...]]:
     numbers = block(row)
     left = int(numbers[encoding.LEFT])
     right = int(numbers[encoding.RIGHT])
-    first_part = tuple(range(left))
-    second_part = tuple(range(left, left + right))
+    earlier_part = tuple(range(left))
+    later_part = tuple(range(left, left + right))
     if numbers[encoding.JOIN] == encoding.AFTER:
-        first_part, second_part = second_part, first_part
+        earlier_part, later_part = later_part, earlier_part
     waiting = [
         tuple(
             k for k in part if numbers[encoding.CLAUSES + k * encoding.CLAUSE + encoding.STATUS] != encoding.SATISFIED
         )
-        for part in (first_part, second_part)
+        for part in (earlier_part, later_part)
     ]
     if numbers[encoding.JOIN] == encoding.ALONE:
         waiting = waiting[:1]
