@@ -9,7 +9,7 @@ import msgspec
 
 from minihuman.dataset.annotations import annotations_path
 from minihuman.dataset.caches import describe_file, is_same_content
-from minihuman.dataset.log_files import SkippedLog, list_readable_logs
+from minihuman.dataset.log_files import SkippedLog, find_containing_folder, list_readable_logs
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.dataset.selection import SelectionSummary, find_practice_blocks
 from minihuman.dataset.sessions import SessionRows
@@ -56,18 +56,22 @@ class KnownLog(NamedTuple):
     metadata: bytes  # its first, as MessagePack
 
 
-def build_cached_session(one: SessionRows) -> CachedSession:
+def build_cached_session(session: SessionRows) -> CachedSession:
     """Build what the cache holds of a session; its path is left to the cache's key."""
-    account = one.account
+    account = session.account
     versions = tuple((*whose, count) for whose, count in account.versions.items())
-    wanted = one.rows.count("participants") > 0
+    outline: PlanOutline | None = None
+    quality: RecordingQuality | None = None
+    if session.rows.count("participants"):
+        outline = PlanOutline.of(session.plan)
+        quality = session.quality
     return CachedSession(
         path="",
-        study=one.plan.study,
-        blocks=len({facts["block"] for facts in one.facts}),
-        practice=tuple(sorted(find_practice_blocks(one.plan))),
-        outline=PlanOutline.of(one.plan) if wanted else None,
-        quality=one.quality if wanted else None,
+        study=session.plan.study,
+        blocks=len({facts["block"] for facts in session.facts}),
+        practice=tuple(sorted(find_practice_blocks(session.plan))),
+        outline=outline,
+        quality=quality,
         account=(account.sessions, account.episodes, versions, tuple(account.excluded_episodes.items())),
         excluded=tuple(sorted(account.excluded_participants)),
     )
@@ -82,7 +86,7 @@ def list_logs(source: Path, known: Mapping[str, KnownLog]) -> tuple[dict[str, Li
     Raises:
         LogError: if there is no such file or folder.
     """
-    folder = source if source.is_dir() else source.parent
+    folder = find_containing_folder(source)
     key_start = len(os.fspath(folder / "_")) - 1
     fingerprints: dict[str, str] = {}
     metadata: dict[str, dict[str, str]] = {}
@@ -119,7 +123,7 @@ def _fingerprint_log(first: str, known: str, of_participant: dict[str, str]) -> 
         folders = sorted(
             entry.path for entry in os.scandir(participant or ".") if entry.name.startswith("ses-") and entry.is_dir()
         )
-        of_participant[participant] = "\n".join(_describe_files(one, "", known) for one in folders)
+        of_participant[participant] = "\n".join(_describe_files(folder_path, "", known) for folder_path in folders)
     return of_participant[participant]
 
 

@@ -152,9 +152,9 @@ def describe_file(file: str | Path, facts: os.stat_result | None = None, *, name
     return head + ends + end
 
 
-def is_same_content(one: str, other: str) -> bool:
+def is_same_content(description: str, other: str) -> bool:
     """Whether two descriptions of files, a line each, are of the same content, whenever it was put there."""
-    return one == other or [line.rpartition(" ")[0] for line in one.split("\n")] == [
+    return description == other or [line.rpartition(" ")[0] for line in description.split("\n")] == [
         line.rpartition(" ")[0] for line in other.split("\n")
     ]
 

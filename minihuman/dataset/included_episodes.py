@@ -37,7 +37,7 @@ class IncludedEpisodes:
 
     Args:
         sessions: where they are, and what counts of them.
-        taken: called with each episode's log and facts as it is taken.
+        on_included: called with each episode's log and facts as it is taken.
         stored_frames: whether observations are those that the logs hold.
         with_messages: whether an archive of logs takes those with messages between participants, too.
     """
@@ -46,13 +46,13 @@ class IncludedEpisodes:
         self,
         sessions: StudySessions,
         *,
-        taken: Callable[[Path, Mapping[str, Any]], None] = lambda path, facts: None,
+        on_included: Callable[[Path, Mapping[str, Any]], None] = lambda path, facts: None,
         stored_frames: bool = False,
         with_messages: bool = False,
     ) -> None:
         self.sessions = sessions
         self.with_messages = with_messages
-        self._taken = taken
+        self._on_included = on_included
         self._stored_frames = stored_frames
 
     def __iter__(self) -> Iterator[IncludedEpisode]:
@@ -61,10 +61,10 @@ class IncludedEpisodes:
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
         """
-        for counted in self.sessions:
-            for episode in counted.episodes:
-                item = IncludedEpisode(counted.session, episode, self._stored_frames)
-                self._taken(counted.log.path, item.facts)
+        for session in self.sessions:
+            for episode in session.episodes:
+                item = IncludedEpisode(session.session, episode, self._stored_frames)
+                self._on_included(session.log.path, item.facts)
                 yield item
 
     def counted(self) -> Iterator[SelectedSession]:
@@ -73,11 +73,11 @@ class IncludedEpisodes:
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
         """
-        for counted in self.sessions:
-            if counted.wanted:
-                for episode in counted.episodes:
-                    self._taken(counted.log.path, build_episode_facts(counted.log, episode))
-                yield counted
+        for session in self.sessions:
+            if session.is_selected:
+                for episode in session.episodes:
+                    self._on_included(session.log.path, build_episode_facts(session.log, episode))
+                yield session
 
     def rows(self) -> Iterator[SessionRows]:
         """Every session's rows of every table, several read side by side; what does not count has its reason there.
@@ -86,10 +86,10 @@ class IncludedEpisodes:
             LogError: if the source does not exist, or is a single log that cannot be read.
             ReportError: if a protocol excludes by a measure that there is not.
         """
-        for found in self.sessions.rows(with_shortest=False):
-            for facts in found.facts:
-                self._taken(found.path, facts)
-            yield found
+        for session in self.sessions.rows(with_shortest=False):
+            for facts in session.facts:
+                self._on_included(session.path, facts)
+            yield session
 
     def tables(self) -> Tables:
         """The same rows kept in a file, those of many sessions together; to be used in a ``with``.
@@ -99,7 +99,7 @@ class IncludedEpisodes:
         """
         tables = Tables(self.sessions)
         for path, facts in tables.included_facts():
-            self._taken(path, facts)
+            self._on_included(path, facts)
         return tables
 
     def store(self) -> "StudyStore":

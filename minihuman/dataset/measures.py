@@ -59,9 +59,11 @@ def response_ms(episode: EpisodeLog) -> NDArray[np.float64]:
     latest = np.searchsorted(flips_ns, episode.key_t_ns[keyed], side="right") - 1
     onset_of, places = np.unique(latest, return_index=True)
     for onset, step in zip(onset_of.tolist(), keyed[places].tolist(), strict=True):
-        begin_ns = flips_ns[onset] if onset >= 0 else 0
+        if onset < 0:  # a key before the first onset
+            continue
+        begin_ns = flips_ns[onset]
         end_ns = episode.key_t_ns[step]
-        if onset >= 0 and not any(begin_ns < pause_end and pause < end_ns for pause, pause_end in episode.pauses):
+        if not any(begin_ns < pause_end and pause < end_ns for pause, pause_end in episode.pauses):
             times[step] = (end_ns - begin_ns) / 1e6
     return times
 
@@ -94,8 +96,9 @@ def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
     """The paths of several episodes; it takes hardly longer for twenty than for one."""
     poses = np.concatenate([_APART, *(part for episode in episodes for part in (episode.poses, _APART))])
     begins = np.cumsum([1, *(len(episode.poses) + 1 for episode in episodes)])
-    covered, (_, turned, _) = _strides(poses), _turning(poses)
-    turns = np.bincount(np.searchsorted(begins, turned, side="right") - 1, minlength=len(episodes))
+    covered = _strides(poses)
+    _, turn_ends, _ = _turning(poses)
+    turns = np.bincount(np.searchsorted(begins, turn_ends, side="right") - 1, minlength=len(episodes))
     walked = []
     for episode, begin, number in zip(episodes, begins[:-1].tolist(), turns.tolist(), strict=True):
         length = float(covered[begin : begin + len(episode.poses) - 1].sum())
@@ -109,7 +112,8 @@ def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
 
 def net_displacement(episode: EpisodeLog) -> float:
     """Straight distance from the first place to the last, in cells or metres."""
-    (x0, _, z0, _), (x1, _, z1, _) = episode.poses[0], episode.poses[-1]
+    x0, _, z0, _ = episode.poses[0]
+    x1, _, z1, _ = episode.poses[-1]
     return float(np.hypot(x1 - x0, z1 - z0))
 
 
@@ -166,7 +170,7 @@ def log_excess_steps(steps: int, best: int | None, limit: int, outcome: str) -> 
     """
     if best is None or outcome not in ("goal", "timeout", "failure"):
         return None
-    return math.log1p(max((steps if outcome == "goal" else limit) - best, 0))
+    return math.log1p(max(_steps_at_limit(steps, limit, outcome) - best, 0))
 
 
 def log_steps_ratio(steps: int, best: int | None, limit: int, outcome: str) -> float | None:
@@ -178,7 +182,14 @@ def log_steps_ratio(steps: int, best: int | None, limit: int, outcome: str) -> f
     """
     if best is None or best < 1 or outcome not in ("goal", "timeout", "failure"):
         return None
-    return math.log(max(steps if outcome == "goal" else limit, best) / best)
+    return math.log(max(_steps_at_limit(steps, limit, outcome), best) / best)
+
+
+def _steps_at_limit(steps: int, limit: int, outcome: str) -> int:
+    """Return an episode's steps, or its step limit if it did not reach the goal."""
+    if outcome == "goal":
+        return steps
+    return limit
 
 
 def spl(steps: int, best: int | None, outcome: str) -> float | None:
@@ -202,11 +213,11 @@ def slope_per_episode(values: Sequence[float], *, first: int = FIRST_EPISODES) -
     NaN values, of episodes that do not count, are excluded.
     """
     early = np.asarray(values[:first], float)
-    there = ~np.isnan(early)
-    if there.sum() < 2:
+    is_known = ~np.isnan(early)
+    if is_known.sum() < 2:
         return math.nan
-    centred = np.flatnonzero(there) - np.flatnonzero(there).mean()
-    values_there = early[there]
+    centred = np.flatnonzero(is_known) - np.flatnonzero(is_known).mean()
+    values_there = early[is_known]
     rises = values_there - values_there[0]  # all 0 for equal values: a spread of rounding errors is no spread
     return float((centred * rises).sum() / (centred**2).sum())
 
@@ -268,6 +279,10 @@ class KeyTally:
         )
 
 
+_Discovery = tuple[float | None, int | None]  # when a key's action first showed: playing time in s, and steps
+_UNDISCOVERED: _Discovery = (None, None)
+
+
 def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
     """How every key was used, one row for each key of each key map, and for each other key that was tried."""
     rows: list[KeyUse] = []
@@ -276,11 +291,13 @@ def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
             _total(getattr(tally, name) for tally in under)
             for name in ("presses", "refused", "steps", "ineffective_steps")
         )
-        found = _found(under)
-        others = {*key_map.spare_keys, *+presses, *+steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
-        for key in (*sorted(key_map.keys), *sorted(others)):
+        discoveries = _find_discoveries(under)
+        further_keys = {*key_map.spare_keys, *+presses, *+steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
+        for key in (*sorted(key_map.keys), *sorted(further_keys)):
             action = key_map.keys.get(key)
-            discovered_s, discovered_steps = found.get(key, (None, None)) if action is not None else (None, None)
+            discovered_s, discovered_steps = _UNDISCOVERED
+            if action is not None:
+                discovered_s, discovered_steps = discoveries.get(key, _UNDISCOVERED)
             rows.append(
                 KeyUse(
                     key=key,
@@ -299,12 +316,11 @@ def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
 
 def key_discovery_times(tallies: Sequence[KeyTally]) -> list[float | None]:
     """``KeyUse.discovered_s`` of every key that has an action."""
-    return [
-        found[key][0] if key in found else None
-        for key_map, under in _by_key_map(tallies)
-        for found in [_found(under)]
-        for key in key_map.keys
-    ]
+    times_s: list[float | None] = []
+    for key_map, under in _by_key_map(tallies):
+        discoveries = _find_discoveries(under)
+        times_s += [discoveries.get(key, _UNDISCOVERED)[0] for key in key_map.keys]
+    return times_s
 
 
 def _by_key_map(tallies: Iterable[KeyTally]) -> Iterator[tuple[KeyMap, list[KeyTally]]]:
@@ -320,19 +336,20 @@ def _total(counts: Iterable[Counter[str]]) -> Counter[str]:
     return total
 
 
-def _found(under: Sequence[KeyTally]) -> dict[str, tuple[float, int]]:
-    """Playing time, s, pauses excluded, and steps under one key map until each key's action first showed."""
-    found: dict[str, tuple[float, int]] = {}
-    done = before_ns = 0
+def _find_discoveries(under: Sequence[KeyTally]) -> dict[str, _Discovery]:
+    """Find, for each key whose action showed, the playing time in s and the steps under its key map until then."""
+    discoveries: dict[str, _Discovery] = {}
+    steps_before = 0
+    before_ns = 0
     for tally in under:
         episode = tally.episode
         for key, step in tally.first_shown.items():
-            if key not in found:
+            if key not in discoveries:
                 since_ns = before_ns + played_ns(episode, int(episode.key_t_ns[step]))
-                found[key] = (since_ns / 1e9, done + step + 1)
-        done += len(episode.actions)
+                discoveries[key] = (since_ns / 1e9, steps_before + step + 1)
+        steps_before += len(episode.actions)
         before_ns += played_ns(episode)
-    return found
+    return discoveries
 
 
 def world_options_json(plan: EpisodePlan) -> str:

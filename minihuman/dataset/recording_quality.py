@@ -95,10 +95,10 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
     """Measure one session's recording."""
     waited_ms = [np.asarray(segment.keys.column("waited_ns")) / _NS_PER_MS for segment in log.segments]
     down = [np.asarray(segment.keys.column("down"), bool) for segment in log.segments]
-    pressed = _joined(waited[is_down] for waited, is_down in zip(waited_ms, down, strict=True))
+    pressed = _joined(segment_waits_ms[is_down] for segment_waits_ms, is_down in zip(waited_ms, down, strict=True))
     to_flip = list_key_to_flip_ms(log)
     if to_flip.size:
-        spread = tuple(float(one) for one in np.percentile(to_flip, (50, 95, 99)))
+        spread = tuple(float(percentile_ms) for percentile_ms in np.percentile(to_flip, (50, 95, 99)))
     else:
         spread = (np.nan,) * 3
     pauses = [pause for segment in log.segments for pause in segment.pauses]
@@ -127,8 +127,8 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
 
 def _of_segments(log: SessionLog, names: Sequence[str]) -> tuple[dict[str, str], ...]:
     """Some facts of the stations that a session's segments were played at, each other one once."""
-    found = [{name: segment.facts[name] for name in names if name in segment.facts} for segment in log.segments]
-    return tuple(facts for place, facts in enumerate(found) if facts not in found[:place])
+    segment_facts = [{name: segment.facts[name] for name in names if name in segment.facts} for segment in log.segments]
+    return tuple(facts for place, facts in enumerate(segment_facts) if facts not in segment_facts[:place])
 
 
 def list_key_to_flip_ms(log: SessionLog) -> NDArray[np.float64]:
@@ -142,8 +142,8 @@ def _joined(parts: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
 
 def _missing(episode: EpisodeLog) -> int:
     """Pictures of an episode that were not shown; the reset has one too."""
-    shown = set(np.asarray(episode.frames.column("step")).tolist())
-    return len(episode.actions) + 1 - len(shown)
+    shown_steps = set(np.asarray(episode.frames.column("step")).tolist())
+    return len(episode.actions) + 1 - len(shown_steps)
 
 
 def _periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> NDArray[np.int64]:

@@ -58,7 +58,8 @@ class RowWriter:
             if not rows:
                 continue
             practice = {
-                number: msgspec.msgpack.decode(about, type=CachedSession).practice for _, number, about, _ in rows
+                number: msgspec.msgpack.decode(cached_session, type=CachedSession).practice
+                for _, number, cached_session, _ in rows
             }
             with transaction(self._tables.connection):
                 self._tables.add_path_measures(list(practice), practice)
@@ -104,8 +105,8 @@ class RowWriter:
 
         def list_rows() -> Iterator[tuple[int, SessionTables]]:
             for number, ((key, log), session) in sessions:
-                about, facts = self._describe(session)
-                encoded = msgspec.msgpack.encode(log.metadata), msgspec.msgpack.encode(about)
+                cached_session, facts = self._describe(session)
+                encoded = msgspec.msgpack.encode(log.metadata), msgspec.msgpack.encode(cached_session)
                 lines[number] = (key, log.fingerprint, self._with_shortest, *encoded, facts)
                 if not isinstance(session, SkippedLog):
                     yield number, session.rows

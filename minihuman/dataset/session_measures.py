@@ -46,10 +46,10 @@ class SessionMeasures:
     def of(cls, log: SessionLog, planner: PathPlanner) -> "SessionMeasures":
         """Measure every episode; ``planner`` says how few steps one could have taken."""
         tallies = tuple(KeyTally.of(episode) for episode in log.episodes)
-        rows = (
-            (row := _episode(tally, walk)) | compare_with_shortest_path(row, planner(tally.episode.plan))
-            for tally, walk in zip(tallies, measure_paths(log.episodes), strict=True)
-        )
+        rows: list[MeasureRow] = []
+        for tally, walk in zip(tallies, measure_paths(log.episodes), strict=True):
+            row = _episode(tally, walk)
+            rows.append(row | compare_with_shortest_path(row, planner(tally.episode.plan)))
         return cls(tuple(rows), tallies)
 
     def over(self, places: Sequence[int]) -> MeasureRow:
@@ -141,16 +141,19 @@ def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) 
     }
 
 
-def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun: Sequence[KeyTally]) -> MeasureRow:
+def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun_tallies: Sequence[KeyTally]) -> MeasureRow:
     """What a block's or a session's episodes that count amount to; None where nothing tells."""
     rewards = [row["reward"] for row in rows]
     steps = [row["steps"] for row in rows]
     times_ms, responses_ms = (
-        mean_and_median(np.concatenate([np.zeros(0), *(of(tally.episode) for tally in tallies)]))
-        for of in (operator.attrgetter("rt_ms"), response_ms)
+        mean_and_median(np.concatenate([np.zeros(0), *(measure_ms(tally.episode) for tally in tallies)]))
+        for measure_ms in (operator.attrgetter("rt_ms"), response_ms)
     )
-    to_find = key_discovery_times(begun)
-    found = [discovered_s for discovered_s in to_find if discovered_s is not None]
+    to_find = key_discovery_times(begun_tallies)
+    discovered = [discovered_s for discovered_s in to_find if discovered_s is not None]
+    all_keys_discovered_s: float | None = None
+    if discovered and len(discovered) == len(to_find):
+        all_keys_discovered_s = max(discovered)
     return {
         "episodes": len(rows),
         "success": _mean([row["success"] for row in rows]),
@@ -167,9 +170,9 @@ def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun: Sequen
         "path_efficiency_mean": _mean([row["path_efficiency"] for row in rows]),
         "ineffective_share": sum(row["ineffective_steps"] for row in rows) / sum(steps) if sum(steps) else None,
         "refused": sum(row["refused"] for row in rows),
-        "keys_discovered": len(found),
+        "keys_discovered": len(discovered),
         "keys_total": len(to_find),
-        "all_keys_discovered_s": max(found) if found and len(found) == len(to_find) else None,
+        "all_keys_discovered_s": all_keys_discovered_s,
     }
 
 
@@ -177,7 +180,8 @@ def _steps_at_limit(row: MeasureRow) -> float | None:
     """An episode's steps, its step limit without the goal; None where success is not known."""
     if row["success"] is None:
         return None
-    steps: float = row["steps"] if row["success"] else row["max_steps"]
+    column = "steps" if row["success"] else "max_steps"
+    steps: float = row[column]
     return steps
 
 
@@ -199,8 +203,12 @@ def _slope(rows: Sequence[MeasureRow]) -> float | None:
 
 def _mean(values: Iterable[float | None]) -> float | None:
     known = [value for value in values if value is not None]
-    return statistics.fmean(known) if known else None
+    if not known:
+        return None
+    return statistics.fmean(known)
 
 
 def _none_if_nan(value: float) -> float | None:
-    return None if math.isnan(value) else value
+    if math.isnan(value):
+        return None
+    return value

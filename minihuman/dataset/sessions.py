@@ -90,7 +90,7 @@ class StudySessions:
         """
         for result in self._go_through(partial(_process_session, self.selection, work), processes=self.processes):
             self.account.add(result.account)
-            yield from result.made
+            yield from result.outputs
 
     def rows(self, *, with_shortest: bool) -> Iterator["SessionRows"]:
         """Every session's rows of every table, those that do not count with the reason.
@@ -100,31 +100,31 @@ class StudySessions:
             ReportError: if a protocol excludes by a measure that there is not.
         """
         work = partial(read_session_rows, selection=self.selection, with_shortest=with_shortest)
-        for found in self._go_through(work, processes=self.processes):
-            self.account.add(found.account)
-            if found.rows.count("participants"):
-                yield found
+        for session in self._go_through(work, processes=self.processes):
+            self.account.add(session.account)
+            if session.rows.count("participants"):
+                yield session
 
     def _go_through(self, work: Callable[[SessionLog], T], *, processes: int | None) -> Iterator[T]:
         paths, skipped = list_readable_logs(self.source)
-        for one in skipped:
-            self.skip(one)
+        for log in skipped:
+            self.skip(log)
         engine = "local" if processes == 1 else self.engine
-        for found in map_logs(paths, work, processes=processes, engine=engine):
-            if isinstance(found, SkippedLog):
+        for outcome in map_logs(paths, work, processes=processes, engine=engine):
+            if isinstance(outcome, SkippedLog):
                 if not self.source.is_dir():
-                    raise LogError(found.reason)
-                self.skip(found)
+                    raise LogError(outcome.reason)
+                self.skip(outcome)
             else:
-                if isinstance(found, SelectedSession):
-                    self.account.take(found)
-                yield found
+                if isinstance(outcome, SelectedSession):
+                    self.account.take(outcome)
+                yield outcome
 
-    def skip(self, one: SkippedLog) -> None:
+    def skip(self, log: SkippedLog) -> None:
         """Put what cannot be read into the account, and say so."""
-        one = one.relative_to(self.source)
-        self.account.skipped.append(one)
-        self._say(one.line())
+        log = log.relative_to(self.source)
+        self.account.skipped.append(log)
+        self._say(log.line())
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +149,7 @@ def read_selected_sessions(sources: Iterable[Path], selection: Selection) -> tup
     logs = list[SessionLog]()
     for source in sources:
         sessions = StudySessions(source, selection)
-        logs += [counted.session for counted in sessions if counted.places]
+        logs += [session.session for session in sessions if session.places]
         account.add(sessions.account)
     if not logs:
         raise LogError(
@@ -169,32 +169,34 @@ def read_session_rows(log: SessionLog, *, selection: Selection, with_shortest: b
     from minihuman.dataset.session_tables import build_session_tables
 
     measured = SessionMeasures.of(log, selection.planner(log.plan, with_shortest=with_shortest))
-    counted = selection.judge(log, measured=measured)
-    facts = tuple(build_episode_facts(log, episode) for episode in counted.episodes)
+    session = selection.judge(log, measured=measured)
+    facts = tuple(build_episode_facts(log, episode) for episode in session.episodes)
     return SessionRows(
         log.path,
         log.plan,
-        build_session_tables(counted, measured),
+        build_session_tables(session, measured),
         facts,
-        _account(counted),
+        _account(session),
         measure_recording_quality(log),
     )
 
 
 @dataclass(frozen=True, slots=True)
 class _SessionResult(Generic[T]):
-    made: tuple[T, ...]  # one, or none where no episode counts
+    outputs: tuple[T, ...]  # one, or none where no episode counts
     account: SelectionSummary
 
 
 def _process_session(selection: Selection, work: Callable[[SelectedSession], T], log: SessionLog) -> _SessionResult[T]:
-    counted = selection.judge(log)
-    return _SessionResult((work(counted),) if counted.places else (), _account(counted))
+    session = selection.judge(log)
+    if not session.places:
+        return _SessionResult((), _account(session))
+    return _SessionResult((work(session),), _account(session))
 
 
-def _account(counted: SelectedSession) -> SelectionSummary:
+def _account(session: SelectedSession) -> SelectionSummary:
     account = SelectionSummary()
-    account.take(counted)
+    account.take(session)
     return account
 
 

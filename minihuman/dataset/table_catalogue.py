@@ -77,8 +77,8 @@ def describe_columns(columns: Iterable[TableColumn]) -> dict[str, dict[str, str]
 def _history(column: TableColumn) -> dict[str, str]:
     """The number of a column's definition and its name in earlier versions, where it has them."""
     old = next((old for old, now in COLUMN_ALIASES.items() if now == column.name), "")
-    found = {"definition": str(column.definition or ""), "earlier_name": old}
-    return {name: value for name, value in found.items() if value}
+    history = {"definition": str(column.definition or ""), "earlier_name": old}
+    return {name: value for name, value in history.items() if value}
 
 
 _TYPES = {"text": "string", "key": "string", "integer": "integer", "number": "number", "boolean": "boolean"}
@@ -128,10 +128,10 @@ class TablePartition:
     @classmethod
     def parse(cls, name: str) -> "TablePartition | None":
         """Read a file's name, whoever gave it; None where it is no partition's."""
-        found = _PARTITION.fullmatch(name)
-        if found is None or any(explain_refused_name(part) for part in found.group(1, 2, 3)):
+        match = _PARTITION.fullmatch(name)
+        if match is None or any(explain_refused_name(part) for part in match.group(1, 2, 3)):
             return None
-        return cls(found[1], found[2], found[3], int(found[4]), found[5])
+        return cls(match[1], match[2], match[3], int(match[4]), match[5])
 
     @property
     def of_session(self) -> tuple[str, str, int]:

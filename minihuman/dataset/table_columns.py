@@ -91,7 +91,7 @@ _SQL_NAMES = re.compile(
 
 def use_current_columns(sql: str) -> str:
     """A query with the columns' earlier names replaced by their present ones; literals and comments stay."""
-    return _SQL_NAMES.sub(lambda found: found["text"] or COLUMN_ALIASES[found["column"].lower()], sql)
+    return _SQL_NAMES.sub(lambda match: match["text"] or COLUMN_ALIASES[match["column"].lower()], sql)
 
 
 STEPS = (

@@ -68,8 +68,10 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         self.read_only = read_only
         self.connection = connect_cache(path, read_only=read_only)
         try:
-            there = self.connection.execute("SELECT 1 FROM duckdb_tables() WHERE table_name = 'made_by'").fetchall()
-            if not there:
+            version_tables = self.connection.execute(
+                "SELECT 1 FROM duckdb_tables() WHERE table_name = 'made_by'"
+            ).fetchall()
+            if not version_tables:
                 if read_only:  # it has the session index alone
                     raise StoreVersionError
                 self._lay_out()
@@ -89,13 +91,13 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         waiting: dict[str, dict[int, RowBatch]] = {name: {} for name in TABLES}
         for number, rows in sessions:
             digests[number] = [0] * len(TABLES)
-            for name, its in waiting.items():
+            for name, batches in waiting.items():
                 if rows.count(name):
-                    its[number] = rows.parts[name]
-                if sum(part.count for part in its.values()) >= _ROWS_PER_INSERT:
-                    self._insert(name, its, digests)
-        for name, its in waiting.items():
-            self._insert(name, its, digests)
+                    batches[number] = rows.parts[name]
+                if sum(part.count for part in batches.values()) >= _ROWS_PER_INSERT:
+                    self._insert(name, batches, digests)
+        for name, batches in waiting.items():
+            self._insert(name, batches, digests)
         return digests
 
     def _insert(self, name: str, parts: dict[int, RowBatch], digests: Mapping[int, list[int]]) -> None:
@@ -119,42 +121,51 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             numbers: of sessions that no rule excludes: others' rows do not tell which episodes count.
             practice: each session's blocks that are not analysed.
         """
-        found = self.connection.execute(
+        episodes = self._measure_paths(numbers)
+        if not episodes:  # none of these sessions had one
+            return
+        by_block: dict[tuple[int, str], list[dict[str, Any]]] = {}
+        by_session: dict[tuple[int, str], list[dict[str, Any]]] = {}
+        for row in episodes:
+            log = row["log"]
+            block = row["block"]
+            of_block = by_block.setdefault((log, block), [])
+            of_session = by_session.setdefault((log, ""), [])
+            if row["counts"]:
+                of_block.append(row)
+                if block not in practice[log]:
+                    of_session.append(row)
+        self._update_world_columns("episodes", episodes)
+        for name, groups in (("blocks", by_block), ("participants", by_session)):
+            means = [
+                {"log": log, "block": block, **average_path_measures(rows)} for (log, block), rows in groups.items()
+            ]
+            self._update_world_columns(name, means)
+
+    def _measure_paths(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
+        """Compare some sessions' episodes with their shortest paths; return what is known of each."""
+        episode_rows = self.connection.execute(
             "SELECT log, e.row, e.block, steps, e.max_steps, outcome, exclusion_reason IS NULL AS counts, p.world, "
             "options, p.seed FROM kept.episodes e JOIN kept.plan p USING (log, episode) "
             "WHERE log IN (SELECT unnest(?)) ORDER BY log, e.row",
             (list(numbers),),
         )
-        names = [column[0] for column in found.description]
-        new: dict[str, list[dict[str, Any]]] = {name: [] for name in PLANNED_TABLES}
-        means: dict[str, dict[tuple[int, str], list[dict[str, Any]]]] = {"blocks": {}, "participants": {}}
-        for values in found.fetchall():
-            row = dict(zip(names, values, strict=True))
-            least = find_layout_bounds(row["world"], row["options"], row["seed"])
-            row |= compare_with_shortest_path(row, least)
-            new["episodes"].append(row)
-            log = row["log"]
-            block = row["block"]
-            of_block = means["blocks"].setdefault((log, block), [])
-            of_session = means["participants"].setdefault((log, ""), [])
-            if row["counts"]:
-                of_block.append(row)
-                if block not in practice[log]:
-                    of_session.append(row)
-        for name, groups in means.items():
-            new[name] = [
-                {"log": log, "block": block, **average_path_measures(rows)} for (log, block), rows in groups.items()
-            ]
-        for name, key in PLANNED_TABLES.items():
-            if not new[name]:  # none of these sessions had an episode
-                continue
-            changed = [column for column in arrow_schema(name).names if column in COLUMNS_NEEDING_WORLD]
-            assigned = ", ".join(f'"{column}" = new."{column}"' for column in changed)
-            found_out = pa.Table.from_pylist(new[name]).select(list({"log", key}) + changed)  # noqa: F841 - SQL reads it
-            self.connection.execute(
-                f"UPDATE kept.{name} SET {assigned} FROM found_out AS new "
-                f"WHERE {name}.log = new.log AND {name}.{key} = new.{key}"
-            )
+        names = [column[0] for column in episode_rows.description]
+        rows = [dict(zip(names, cells, strict=True)) for cells in episode_rows.fetchall()]
+        for row in rows:
+            row |= compare_with_shortest_path(row, find_layout_bounds(row["world"], row["options"], row["seed"]))
+        return rows
+
+    def _update_world_columns(self, name: str, rows: list[dict[str, Any]]) -> None:
+        """Store a planned table's columns that take the worlds; each row names its session and its key."""
+        key = PLANNED_TABLES[name]
+        changed = [column for column in arrow_schema(name).names if column in COLUMNS_NEEDING_WORLD]
+        assigned = ", ".join(f'"{column}" = new."{column}"' for column in changed)
+        measured = pa.Table.from_pylist(rows).select(list({"log", key}) + changed)  # noqa: F841 - SQL reads it
+        self.connection.execute(
+            f"UPDATE kept.{name} SET {assigned} FROM measured AS new "
+            f"WHERE {name}.log = new.log AND {name}.{key} = new.{key}"
+        )
 
     def remove(self, numbers: Sequence[int]) -> None:
         """Take sessions' rows out."""
@@ -171,26 +182,26 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def find_changed(self, name: str) -> set[int]:
         """The sessions whose rows in a table are not those that were put in; those of no session among them."""
         place = list(TABLES).index(name) + 1
-        found = self.connection.execute(
+        changed = self.connection.execute(
             f"SELECT log FROM (SELECT {_row_digest(name)} FROM kept.{name} GROUP BY log) AS held "
             "FULL JOIN (SELECT log, row_digests FROM kept.logs) AS stored USING (log) "
             f"WHERE coalesce(held.digest, 0) IS DISTINCT FROM stored.row_digests[{place}]"
         )
-        return {log for (log,) in found.fetchall()}
+        return {log for (log,) in changed.fetchall()}
 
     def _digest_catalogue(self) -> str:
         """Digest the definitions of all tables, views and macros, any of which could stand for one of ours.
 
         But for the session index, which is made anew whatever is in its schema.
         """
-        found = self.connection.execute(
+        definitions = self.connection.execute(
             f"SELECT schema_name || table_name || sql FROM duckdb_tables() WHERE schema_name <> '{INDEX_SCHEMA}' "
             "UNION ALL "
             "SELECT schema_name || view_name || sql FROM duckdb_views() WHERE NOT internal UNION ALL "
             "SELECT schema_name || function_name || macro_definition FROM duckdb_functions() WHERE NOT internal "
             "ORDER BY 1"
         ).fetchall()
-        return blake2b(repr(found).encode(), digest_size=16).hexdigest()
+        return blake2b(repr(definitions).encode(), digest_size=16).hexdigest()
 
     def put_in_order(self, numbers: Sequence[int]) -> None:
         """Say in which order sessions are to be handed out."""
@@ -219,23 +230,25 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         ``counting`` leaves out what does not count, and what belongs to an episode or a session that does not.
         """
         self._require_checked({name, *(COUNTED_BY if counting else ())})
-        wanted = arrow_schema(name, without=without)
-        columns = ", ".join(f'"{column}"' for column in wanted.names)
-        found = f"FROM kept.{name}"
+        schema = arrow_schema(name, without=without)
+        columns = ", ".join(f'"{column}"' for column in schema.names)
+        source = f"FROM kept.{name}"
         if counting and "exclusion_reason" in arrow_schema(name).names:
-            found += f" SEMI JOIN (SELECT log, row FROM kept.{name} WHERE exclusion_reason IS NULL) USING (log, row)"
+            source += f" SEMI JOIN (SELECT log, row FROM kept.{name} WHERE exclusion_reason IS NULL) USING (log, row)"
         elif counting and is_episode_table(name):
-            theirs = "SELECT log, episode, attempt FROM kept.episodes WHERE exclusion_reason IS NULL"
-            found += f" SEMI JOIN ({theirs}) USING (log, episode, attempt)"
+            included_episodes = "SELECT log, episode, attempt FROM kept.episodes WHERE exclusion_reason IS NULL"
+            source += f" SEMI JOIN ({included_episodes}) USING (log, episode, attempt)"
         elif counting:
-            found += " SEMI JOIN (SELECT log FROM kept.participants WHERE exclusion_reason IS NULL) USING (log)"
+            source += " SEMI JOIN (SELECT log FROM kept.participants WHERE exclusion_reason IS NULL) USING (log)"
         if self.order is not None and not self._is_placed:
             self._place_sessions(self.order)
         if counting or self.order is not None:
-            order, place = ("JOIN placed USING (log)", "place") if self.order is not None else ("", "log")
-            found += f" {order} ORDER BY {place}, row"
-        for batch in _even(self.connection.sql(f"SELECT {columns} {found}").to_arrow_reader(_ROWS)):
-            yield _cast(batch, wanted)
+            if self.order is None:
+                source += " ORDER BY log, row"
+            else:
+                source += " JOIN placed USING (log) ORDER BY place, row"
+        for batch in _even(self.connection.sql(f"SELECT {columns} {source}").to_arrow_reader(_ROWS)):
+            yield _cast(batch, schema)
 
     def session_batches(
         self, name: str, numbers: Sequence[int], *, without: frozenset[str] = frozenset()
@@ -245,28 +258,31 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         Use up a session's batches before the next session's. As in ``batches``, equal rows make equal batches.
         """
         self._require_checked({name})
-        wanted = arrow_schema(name, without=without)
-        columns = ", ".join(f'"{column}"' for column in wanted.names)
+        schema = arrow_schema(name, without=without)
+        columns = ", ".join(f'"{column}"' for column in schema.names)
         logs = ", ".join(map(str, numbers))
-        found = self.connection.sql(f"SELECT log, {columns} FROM kept.{name} WHERE log IN ({logs}) ORDER BY log, row")
-        parts = (part for batch in found.to_arrow_reader(_ROWS) for part in _split_sessions(batch))
-        for number, theirs in groupby(parts, key=lambda part: int(part.column(0)[0].as_py())):
-            yield number, (_cast(batch, wanted) for batch in _even(part.select(wanted.names) for part in theirs))
+        rows = self.connection.sql(f"SELECT log, {columns} FROM kept.{name} WHERE log IN ({logs}) ORDER BY log, row")
+        parts = (part for batch in rows.to_arrow_reader(_ROWS) for part in _split_sessions(batch))
+        for number, session_parts in groupby(parts, key=lambda part: int(part.column(0)[0].as_py())):
+            yield number, (_cast(batch, schema) for batch in _even(part.select(schema.names) for part in session_parts))
 
     def table(self, name: str, columns: Sequence[str] | None = None, *, counting: bool = False) -> pa.Table:
         """A table, or some columns of it; ``counting`` as in ``batches``."""
-        names = [column.name for column in TABLES[name]]
-        without = frozenset(names) - set(names if columns is None else columns)
+        without = frozenset[str]()
+        if columns is not None:
+            without = frozenset(column.name for column in TABLES[name]).difference(columns)
         table = pa.Table.from_batches(
             self.batches(name, without=without, counting=counting), arrow_schema(name, without=without)
         )
-        return table if columns is None else table.select(columns)
+        if columns is None:
+            return table
+        return table.select(columns)
 
     def count(self, name: str) -> int:
         """How many rows a table has."""
         self._require_checked({name})
-        counted = self.connection.execute(f"SELECT count(*) FROM kept.{name}").fetchall()
-        return int(counted[0][0])
+        counts = self.connection.execute(f"SELECT count(*) FROM kept.{name}").fetchall()
+        return int(counts[0][0])
 
     def query(self, sql: str) -> pa.Table:
         """Answer SQL about the tables, by present or earlier column names. It reads and writes no other file.
@@ -277,15 +293,15 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         self._require_checked(find_queried_tables(sql))
         self._connect_for_queries()
         try:
-            if any(str(each.type) not in _READING for each in self.connection.extract_statements(sql)):
+            if any(str(statement.type) not in _READING for statement in self.connection.extract_statements(sql)):
                 raise QueryError(f"{sql!r} is not a SELECT statement; use SELECT to read the study's tables")
             try:
-                found = self.connection.sql(sql)
+                relation = self.connection.sql(sql)
             except duckdb.BinderException:
-                found = self.connection.sql(use_current_columns(sql))
-            if found is None:
+                relation = self.connection.sql(use_current_columns(sql))
+            if relation is None:
                 raise QueryError(f"{sql!r} returns no rows; a query must be a SELECT over the study's tables")
-            return found.to_arrow_table()
+            return relation.to_arrow_table()
         except duckdb.PermissionException as error:
             raise QueryError(f"{sql!r} uses a file; a query may only read the study's tables") from error
         except duckdb.Error as error:
@@ -340,15 +356,15 @@ def _row_digest(name: str, *, without: frozenset[str] = frozenset()) -> str:
     return f"log, (sum(hash(row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT AS digest"
 
 
-def _even(found: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+def _even(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
     """The same rows in batches of ``_ROWS``: DuckDB's own follow where its file has gaps."""
     waiting: list[pa.RecordBatch] = []
-    for batch in found:
+    for batch in batches:
         waiting.append(batch)
         if sum(map(len, waiting)) >= _ROWS:
-            whole = _one(waiting)
-            yield whole.slice(0, _ROWS)
-            waiting = [whole.slice(_ROWS)]
+            joined = _one(waiting)
+            yield joined.slice(0, _ROWS)
+            waiting = [joined.slice(_ROWS)]
     if any(map(len, waiting)):
         yield _one(waiting)
 
@@ -365,8 +381,8 @@ def _split_sessions(batch: pa.RecordBatch) -> Iterator[pa.RecordBatch]:
 
 
 def _one(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
-    [one] = pa.Table.from_batches(batches).combine_chunks().to_batches()
-    return one
+    [batch] = pa.Table.from_batches(batches).combine_chunks().to_batches()
+    return batch
 
 
 def software_digest() -> str:

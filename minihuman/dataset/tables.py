@@ -88,7 +88,7 @@ class Tables(AbstractContextManager["Tables", None]):
     @property
     def sessions(self) -> tuple["CachedSession", ...]:
         """What is known of every log, in order of path; of one that is not selected or not readable, little."""
-        return self.store.kept
+        return self.store.cached_sessions
 
     def arrow(self, name: str, columns: Sequence[str] | None = None, *, included: bool = False) -> "pa.Table":
         """Return a table, or some of its columns; ``included`` leaves out the rows that do not count."""

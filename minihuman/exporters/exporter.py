@@ -149,7 +149,9 @@ def export_study(
         )
     unfinished.mkdir(parents=True)
     try:
-        episodes = IncludedEpisodes(sessions, taken=taken, stored_frames=stored_frames, with_messages=with_messages)
+        episodes = IncludedEpisodes(
+            sessions, on_included=taken, stored_frames=stored_frames, with_messages=with_messages
+        )
         written = exporter(episodes, unfinished)
         if not written.episodes + written.marked + written.sessions:
             why = "; ".join((*written.left_out, *sessions.account.lines()))

@@ -136,7 +136,7 @@ class _Dataset:
         stem = f"{who}_{session}_task-{self._task}"
         folder = out / who / session
         counting = frozenset((episode.number, episode.attempt) for episode in counted.episodes)
-        asked = [episode for episode, is_asked in zip(log.episodes, counted.asked, strict=True) if is_asked]
+        asked = [episode for episode, is_asked in zip(log.episodes, counted.selected, strict=True) if is_asked]
         devices = get_plan_devices(log.plan)
         scans: list[dict[str, str]] = []
         for segment in log.segments:
