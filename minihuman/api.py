@@ -347,7 +347,7 @@ def verify(
             one study's tables, or nothing is at a path.
     """
     from minihuman.admin.verify.episodes import verify_teams
-    from minihuman.admin.verify.log import find_sessions, find_studies, verify_enrolment, verify_manifest
+    from minihuman.admin.verify.study import find_sessions, find_studies, verify_enrolment, verify_manifest
     from minihuman.dataset.log_files import map_paths
 
     if manifest is not None and (trust or policies):
@@ -387,7 +387,7 @@ def verify(
 
 def _obey_withdrawals(paths: Iterable[Path | str]) -> Iterator[VerificationLine]:
     from minihuman.admin.local_copies import obey_withdrawals
-    from minihuman.admin.verify.log import find_studies
+    from minihuman.admin.verify.study import find_studies
 
     for study in dict.fromkeys(study for path in paths for study in find_studies(Path(path))):
         lines: list[str] = []

@@ -152,6 +152,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.rating.rows",
         f"{_NEW}.team.rows",
     ),
+    "minihuman.admin.verify.log": ("minihuman.admin.verify.study", "minihuman.admin.verify.messages"),
     "minihuman.log.system": ("minihuman.storage.system", "minihuman.storage.durable_files"),
     "minihuman.operating_system": ("minihuman.storage.durable_files",),
     "minihuman.workflow": ("minihuman.api",),

@@ -167,14 +167,14 @@ EnrolmentEntry = (
 
 
 def read_enrolled(study_dir: Path) -> tuple[SlotTaken, ...]:
-    """Who is in the study, in order of taking their slots; those who withdrew are not."""
+    """Read who is in the study, in order of taking their slots, without those who withdrew."""
     lines = read_enrolment_log(study_dir)
     gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     return tuple(line for line in list_taken_slots(lines) if line.participant not in gone)
 
 
 def read_enrolment_log(study_dir: Path) -> tuple[EnrolmentEntry, ...]:
-    """All that the register says, in order of writing; nothing if the study has not begun.
+    """Read all entries of the enrolment log, in order of writing; none if the study has not begun.
 
     Raises:
         AllocationError: if a whole line cannot be read.
@@ -183,7 +183,7 @@ def read_enrolment_log(study_dir: Path) -> tuple[EnrolmentEntry, ...]:
 
 
 def list_team_entries(study_dir: Path) -> tuple[TeamRecorded, ...]:
-    """The study's teams in the order of forming, each block's once; who withdrew is in none of them."""
+    """List the study's teams in the order of forming, each block's once, without members who withdrew."""
     lines = read_enrolment_log(study_dir)
     gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     return tuple(
@@ -194,12 +194,12 @@ def list_team_entries(study_dir: Path) -> tuple[TeamRecorded, ...]:
 
 
 def open_enrolment_log(study_dir: Path) -> Journal[EnrolmentEntry]:
-    """A study's register."""
+    """Open a study's enrolment log."""
     return open_journal(study_dir, ENROLMENT_FILE_NAME, _decode_entry, chained=True, declaration=_DECLARATION)
 
 
 def read_chain_heads(study_dir: Path, log: str) -> dict[str, str]:
-    """By what the register says a log's segments ended with: the head of the chain, the latest of each segment."""
+    """Read the chain heads with which a log's segments ended, by the enrolment log; the latest of each segment."""
     lines = read_enrolment_log(study_dir)
     return {line.segment: line.chain for line in lines if isinstance(line, ChainHeadRecorded) and line.sealed == log}
 
@@ -250,19 +250,19 @@ def find_slots_without_log(
 
 
 def list_taken_slots(lines: Sequence[EnrolmentEntry]) -> tuple[SlotTaken, ...]:
-    """The slots that were taken and not freed, in order, each as the last draw left it."""
-    taken: dict[str, SlotTaken] = {}
+    """List the slots that were taken and not freed, in order, each as the last draw left it."""
+    slots: dict[str, SlotTaken] = {}
     for line in lines:
         match line:
             case SlotTaken():
-                taken[line.participant] = line
-            case GroupDrawn() if (before := taken.get(line.drawn)) is not None:
-                taken[line.drawn] = msgspec.structs.replace(
+                slots[line.participant] = line
+            case GroupDrawn() if (before := slots.get(line.drawn)) is not None:
+                slots[line.drawn] = msgspec.structs.replace(
                     before, group=line.group, stratum=line.stratum, slot=line.slot, assigned=line.assigned
                 )
             case SlotFreed():
-                taken.pop(line.freed, None)
-    return tuple(taken.values())
+                slots.pop(line.freed, None)
+    return tuple(slots.values())
 
 
 def count_interventions(lines: Sequence[EnrolmentEntry]) -> dict[str, int]:
@@ -277,11 +277,11 @@ def count_interventions(lines: Sequence[EnrolmentEntry]) -> dict[str, int]:
     by_hand = [line for line in lines if isinstance(line, tuple(kinds)) and getattr(line, "overridden", True)]
     counts = Counter(kinds[type(line)] for line in by_hand)
     counts["without a reason"] = sum(not getattr(line, "reason", "") for line in by_hand)
-    return {what: counts[what] for what in (*kinds.values(), "without a reason") if counts[what]}
+    return {kind: counts[kind] for kind in (*kinds.values(), "without a reason") if counts[kind]}
 
 
 def list_replaced(lines: Sequence[EnrolmentEntry]) -> tuple[str, ...]:
-    """Who does not come back, in the order in which that was said; whose slot was freed since is nobody."""
+    """List the participants who do not come back, in the order of replacing them; none whose slot was freed."""
     replaced: dict[str, None] = {}
     for line in lines:
         match line:
@@ -298,10 +298,14 @@ def _decode_entry(line: bytes, number: int) -> EnrolmentEntry | None:
     Raises:
         AllocationError: if a whole line cannot be read, or a newer version wrote it.
     """
+    if not line:
+        return None
     try:
-        found = msgspec.json.decode(line, type=dict[str, Any]) if line else {}
-        kind = next((kind for field, kind in _ENTRY_TYPES.items() if field in found), None)
-        entry = None if kind is None else msgspec.convert(found, kind)
+        fields = msgspec.json.decode(line, type=dict[str, Any])
+        kind = next((kind for field, kind in _ENTRY_TYPES.items() if field in fields), None)
+        if kind is None:
+            return None
+        entry = msgspec.convert(fields, kind)
     except (msgspec.DecodeError, UnicodeDecodeError):
         raise AllocationError(
             f"{ENROLMENT_FILE_NAME}:{number}: {line[:60]!r} cannot be read; restore the file from a copy"

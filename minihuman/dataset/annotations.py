@@ -37,7 +37,7 @@ class Annotation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def annotations_path(log: Path) -> Path:
-    """Where a log's marks are; the same for a live, a cut-off and a finished log, and for a session's folder."""
+    """Return where a log's marks are; the same for a live, a cut-off and a finished log, and for a session's folder."""
     if not log.is_dir():
         return log.with_name(_LOG_ENDING.sub("", log.name) + ANNOTATIONS_SUFFIX)
     stems = {_LOG_ENDING.sub("", path.name) for path in log.iterdir() if _LOG_ENDING.search(path.name)}
@@ -68,7 +68,7 @@ def read_annotation_file(path: Path) -> tuple[Annotation, ...]:
 
 
 def open_annotations(path: Path) -> FileJournal[Annotation]:
-    """The journal of annotations in a file."""
+    """Open the journal of annotations in a file."""
     return FileJournal(path, partial(_decode, path), chained=True)
 
 
@@ -143,7 +143,7 @@ def describe_useless_annotation(annotation: Annotation) -> str:
 
 
 def collect_tags(marks: Iterable[Annotation]) -> dict[int | None, frozenset[str]]:
-    """The tags in force, by episode number; under None those of the whole session."""
+    """Collect the tags in force, by episode number; under None those of the whole session."""
     tags_by_episode: dict[int | None, set[str]] = defaultdict(set)
     for mark in marks:
         if mark.taken_back:
@@ -154,5 +154,5 @@ def collect_tags(marks: Iterable[Annotation]) -> dict[int | None, frozenset[str]
 
 
 def list_episode_tags(episode: EpisodeLog, in_force: Mapping[int | None, frozenset[str]]) -> frozenset[str]:
-    """The tags of one episode, the whole session's included."""
+    """List the tags of one episode, the whole session's included."""
     return in_force.get(episode.number, frozenset()) | in_force.get(None, frozenset())

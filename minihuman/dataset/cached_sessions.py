@@ -30,7 +30,7 @@ class CachedSession(msgspec.Struct, frozen=True):
     excluded: tuple[tuple[str, str, str], ...] = ()  # the participant, where a rule excludes them: reason, study, code
 
     def to_summary(self) -> SelectionSummary:
-        """The account of this log alone."""
+        """Summarize this log alone."""
         sessions, episodes, versions, excluded_episodes = self.account
         account = SelectionSummary(sessions=sessions, episodes=episodes)
         account.versions.update({(study, version): count for study, version, count in versions})
@@ -110,7 +110,7 @@ def list_logs(source: Path, known: Mapping[str, KnownLog]) -> tuple[dict[str, Li
 
 
 def _fingerprint_log(first: str, known: str, of_participant: dict[str, str]) -> str:
-    """Of a log, by the file that it begins in, of the marks beside it, and of the participant's other sessions.
+    """Fingerprint a log by its first file, the marks beside it and the participant's other sessions.
 
     A rule that excludes a participant may be broken in any of their sessions, so each one's rows depend on all.
     """

@@ -25,7 +25,7 @@ class IncludedEpisode:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What travels with every exported episode: who, under which rule, with which keys, and how it ended.
+        """Return the facts that every exported episode carries: participant, rule, keys, and how it ended.
 
         ``session``, ``segment``, ``episode`` and ``attempt`` count from 1, as in the tables: they join with them.
         """
@@ -56,7 +56,7 @@ class IncludedEpisodes:
         self._stored_frames = stored_frames
 
     def __iter__(self) -> Iterator[IncludedEpisode]:
-        """One episode that counts after the other, one session in memory at a time.
+        """Yield the included episodes in order, with one session in memory at a time.
 
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
@@ -68,7 +68,7 @@ class IncludedEpisodes:
                 yield item
 
     def counted(self) -> Iterator[SelectedSession]:
-        """Every session that is asked for, one in memory at a time, with what counts of it and what does not.
+        """Yield every selected session, one in memory at a time, with its included and excluded episodes.
 
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
@@ -80,7 +80,7 @@ class IncludedEpisodes:
                 yield session
 
     def rows(self) -> Iterator[SessionRows]:
-        """Every session's rows of every table, several read side by side; what does not count has its reason there.
+        """Yield every session's rows of every table, several read side by side; excluded rows have their reason.
 
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
@@ -92,7 +92,7 @@ class IncludedEpisodes:
             yield session
 
     def tables(self) -> Tables:
-        """The same rows kept in a file, those of many sessions together; to be used in a ``with``.
+        """Open the same rows in a file, those of many sessions together; use it in a ``with``.
 
         Raises:
             LogError, ReportError: as ``rows``.
@@ -103,7 +103,7 @@ class IncludedEpisodes:
         return tables
 
     def store(self) -> "StudyStore":
-        """The store of these tables: a name of an earlier version, which goes with the next one."""
+        """Return the store of these tables: a name of an earlier version, which goes with the next one."""
         warnings.warn(
             "IncludedEpisodes.store is now IncludedEpisodes.tables; the old name goes with the next version",
             DeprecationWarning,

@@ -58,7 +58,7 @@ class SkippedLog:
         return f"skipped {self.path}: {self.reason}"
 
     def relative_to(self, source: Path) -> "SkippedLog":
-        """The same, named as seen from a study's folder: what is written names no folder outside the study."""
+        """Return the same, named as seen from a study's folder: what is written names no folder outside the study."""
         if source in self.path.parents:
             path = self.path.relative_to(source)
         else:
@@ -121,11 +121,11 @@ def list_readable_logs(
 
 
 def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
-    """What gives the codes of those who withdrew from the study that a log lies in; many lie in the same one."""
+    """Return a function that gives the codes of those who withdrew from the study that a log lies in."""
 
     @cache
     def read(folder: str, up: int) -> frozenset[str]:
-        """Of a folder, and of so many above it."""
+        """Read the codes of a folder, and of so many folders above it."""
         above = os.path.dirname(folder)
         places = (
             os.path.join(folder, ENROLMENT_FILE_NAME),
@@ -202,7 +202,7 @@ def _find_sessions(source: Path) -> tuple[list[tuple[Path, Path]], list[Path]]:
 
 
 def _session_of(facts: dict[str, str]) -> tuple[str, ...]:
-    """Which session a log says it is of; () where it does not say all of that, being damaged."""
+    """Return which session a log says it is of; () where it does not say all of that, being damaged."""
     session_key = tuple(facts.get(name, "") for name in ("study", "participant", "session"))
     if not all(session_key):
         return ()
@@ -210,7 +210,7 @@ def _session_of(facts: dict[str, str]) -> tuple[str, ...]:
 
 
 def _in_place(path: Path, facts: dict[str, str]) -> bool:
-    """Whether a log lies where its session's is recorded, under that exact name: a copy beside it has another."""
+    """Tell whether a log lies where its session's is recorded, under that exact name: a copy beside it has another."""
     folder = find_containing_folder(path)
     participant = facts.get("participant", "")
     session = f"ses-{facts.get('session', ''):0>2}"
@@ -308,7 +308,7 @@ def _oldest(waiting: "deque[_Batch[T]]", work_on_batch: Callable[[list[Path]], l
 
 @contextmanager
 def infrequent_collection() -> Iterator[None]:
-    """Meanwhile look for cycles seldom: a tenth of drawing figures, and holds little back."""
+    """Collect garbage less often inside: it took a tenth of the time of drawing figures, and freed little."""
     usual = gc.get_threshold()
     gc.set_threshold(*_SELDOM)
     try:

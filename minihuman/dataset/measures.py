@@ -28,19 +28,19 @@ if TYPE_CHECKING:
 
 
 def played_ns(episode: EpisodeLog, until_ns: int | None = None) -> int:
-    """Playing time from the reset to a moment of session time, by default the last step: pauses in between excluded."""
+    """Return the playing time from the reset to a moment of session time, by default the last step, without pauses."""
     first = int(episode.t_ns[0])
     last = int(episode.t_ns[-1]) if until_ns is None else until_ns
     return last - first - sum(max(0, min(last, end) - max(first, begin)) for begin, end in episode.pauses)
 
 
 def playing_s(episode: EpisodeLog) -> float:
-    """Seconds from the reset to the last step, without the pauses in between."""
+    """Return the seconds from the reset to the last step, without the pauses in between."""
     return played_ns(episode) / 1e9
 
 
 def response_ms(episode: EpisodeLog) -> NDArray[np.float64]:
-    """Reaction time of each step, (n,) in ms; NaN without one.
+    """Return the reaction time of each step, (n,) in ms; NaN without one.
 
     Turn-based, every picture is an onset: the key press minus the flip of the latest picture. In real time a tick's
     picture asks for nothing, so the time runs from a stimulus onset that the world or the block names, to the first
@@ -93,7 +93,7 @@ class PathMeasures(NamedTuple):
 
 
 def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
-    """The paths of several episodes; it takes hardly longer for twenty than for one."""
+    """Measure the paths of several episodes; twenty take hardly longer than one."""
     poses = np.concatenate([_APART, *(part for episode in episodes for part in (episode.poses, _APART))])
     begins = np.cumsum([1, *(len(episode.poses) + 1 for episode in episodes)])
     covered = _strides(poses)
@@ -111,19 +111,19 @@ def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
 
 
 def net_displacement(episode: EpisodeLog) -> float:
-    """Straight distance from the first place to the last, in cells or metres."""
+    """Return the straight distance from the first place to the last, in cells or metres."""
     x0, _, z0, _ = episode.poses[0]
     x1, _, z1, _ = episode.poses[-1]
     return float(np.hypot(x1 - x0, z1 - z0))
 
 
 def turned_rad(episode: EpisodeLog) -> NDArray[np.float64]:
-    """Angle turned by each step, (n,), in [-pi, pi], counter-clockwise positive seen from above."""
+    """Return the angle turned by each step, (n,), in [-pi, pi], counter-clockwise positive seen from above."""
     return _turned_rad(episode.poses)
 
 
 def turns_in_place(episode: EpisodeLog) -> NDArray[np.void]:
-    """Runs of turning on the spot: ``row`` of the pose they end at, ``turned_rad`` in all (unsigned), ``steps``.
+    """Find the runs of turning in place: ``row`` of the pose at the end, ``turned_rad`` in all (unsigned), ``steps``.
 
     A run lasts while the place stays the same; it counts where the heading changed at least once in it.
     """
@@ -133,7 +133,7 @@ def turns_in_place(episode: EpisodeLog) -> NDArray[np.void]:
 
 
 def _strides(poses: PoseArray) -> NDArray[np.float64]:
-    """Distance from each place to the next, (n,)."""
+    """Return the distance from each place to the next, (n,)."""
     moved = poses[1:] - poses[:-1]
     return np.asarray(np.hypot(moved[:, 0], moved[:, 2]))
 
@@ -145,7 +145,7 @@ def _turned_rad(poses: PoseArray) -> NDArray[np.float64]:
 
 
 def _turning(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """The runs of turning on the spot: their first and last row, and in how many steps the heading changed."""
+    """Find the runs of turning in place: their first and last row, and in how many steps the heading changed."""
     still = _strides(poses) < _STILL
     between = np.concatenate([[False], still, [False]])
     edges = np.flatnonzero(between[1:] != between[:-1]).reshape(-1, 2)
@@ -156,14 +156,14 @@ def _turning(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64], ND
 
 
 def excess_steps(steps: int, best: int | None, *, success: bool) -> float | None:
-    """Steps over the best known way, of an episode that reached its goal; None of others, or where no way is known."""
+    """Return the steps over the best known path to the goal; None without the goal, or without a known path."""
     if success and best is not None:
         return float(steps - best)
     return None
 
 
 def log_excess_steps(steps: int, best: int | None, limit: int, outcome: str) -> float | None:
-    """The natural logarithm of one more than the excess steps; who did not get there counts as at the step limit.
+    """Return ln(1 + excess steps); an episode that missed the goal counts with its step limit.
 
     Steps are multiplied by what makes people slow, so their logarithm is what is compared; and a group that fails more
     must not look better by being excluded. None for an episode that was broken off, or where no way is known.
@@ -174,7 +174,7 @@ def log_excess_steps(steps: int, best: int | None, limit: int, outcome: str) -> 
 
 
 def log_steps_ratio(steps: int, best: int | None, limit: int, outcome: str) -> float | None:
-    """The natural logarithm of the steps over those of the best known way; who did not get there took all there were.
+    """Return ln(steps / steps of the best known path); an episode that missed the goal counts with its step limit.
 
     Differences are ratios of steps: -0.36 is 30 % fewer. ``log_excess_steps`` weighs a step most where hardly any was
     too many, so a layout on which everybody is nearly perfect tells as much there as all others together; here a step
@@ -193,7 +193,7 @@ def _steps_at_limit(steps: int, limit: int, outcome: str) -> int:
 
 
 def spl(steps: int, best: int | None, outcome: str) -> float | None:
-    """Success weighted by path length, in steps (Anderson et al., 2018): best / steps of who got there, 0 of others.
+    """Return success weighted by path length, in steps (Anderson et al., 2018): best / steps with the goal, else 0.
 
     None for an episode that was broken off, or where no way is known.
     """
@@ -208,7 +208,7 @@ FIRST_EPISODES = 5  # episodes that count as the first
 
 
 def slope_per_episode(values: Sequence[float], *, first: int = FIRST_EPISODES) -> float:
-    """Least-squares slope over the first episodes, a change in the measure an episode; NaN with fewer than two.
+    """Fit the measure's change per episode over the first episodes by least squares; NaN with fewer than two.
 
     NaN values, of episodes that do not count, are excluded.
     """
@@ -245,7 +245,7 @@ class KeyUse:
 
 
 def visible_effect(episode: EpisodeLog) -> NDArray[np.bool_]:
-    """Whether each step changed what is seen, (n,)."""
+    """Return whether each step changed what is seen, (n,)."""
     return np.not_equal(episode.observation_hashes[1:], episode.observation_hashes[:-1])
 
 
@@ -284,7 +284,7 @@ _UNDISCOVERED: _Discovery = (None, None)
 
 
 def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
-    """How every key was used, one row for each key of each key map, and for each other key that was tried."""
+    """Summarize the use of each key of each key map, and of each other key that was tried."""
     rows: list[KeyUse] = []
     for key_map, under in _by_key_map(tallies):
         presses, refused, steps, ineffective_steps = (
@@ -315,7 +315,7 @@ def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
 
 
 def key_discovery_times(tallies: Sequence[KeyTally]) -> list[float | None]:
-    """``KeyUse.discovered_s`` of every key that has an action."""
+    """Return ``KeyUse.discovered_s`` of every key that has an action."""
     times_s: list[float | None] = []
     for key_map, under in _by_key_map(tallies):
         discoveries = _find_discoveries(under)
@@ -324,7 +324,7 @@ def key_discovery_times(tallies: Sequence[KeyTally]) -> list[float | None]:
 
 
 def _by_key_map(tallies: Iterable[KeyTally]) -> Iterator[tuple[KeyMap, list[KeyTally]]]:
-    """The episodes that were played one after the other under the same key map."""
+    """Group the episodes that were played one after the other under the same key map."""
     for key_map, run in groupby(tallies, key=lambda tally: tally.episode.plan.key_map):
         yield key_map, list(run)
 
@@ -353,13 +353,13 @@ def _find_discoveries(under: Sequence[KeyTally]) -> dict[str, _Discovery]:
 
 
 def world_options_json(plan: EpisodePlan) -> str:
-    """A world's options as the table "plan" has them."""
+    """Encode a world's options as the table "plan" has them."""
     return json.dumps(plan.options, sort_keys=True, default=str)
 
 
 @lru_cache(maxsize=100_000)
 def layout_path_bounds(world_id: str, options: str, seed: int) -> PathLengthBounds:
-    """The fewest steps in a world from its seed; ``options`` are JSON with sorted keys.
+    """Return the fewest steps in a world from its seed; ``options`` are JSON with sorted keys.
 
     Raises:
         WorldError: if the world cannot be made here.

@@ -67,7 +67,7 @@ class PlanOutline(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, plan: SessionPlan) -> "PlanOutline":
-        """A plan's."""
+        """Outline a plan."""
         first: dict[str, EpisodePlan] = {}
         for episode in plan.episodes:
             first.setdefault(episode.block_name, episode)
@@ -126,13 +126,13 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
 
 
 def _of_segments(log: SessionLog, names: Sequence[str]) -> tuple[dict[str, str], ...]:
-    """Some facts of the stations that a session's segments were played at, each other one once."""
+    """List some facts of the stations that a session's segments were played at, each distinct one once."""
     segment_facts = [{name: segment.facts[name] for name in names if name in segment.facts} for segment in log.segments]
     return tuple(facts for place, facts in enumerate(segment_facts) if facts not in segment_facts[:place])
 
 
 def list_key_to_flip_ms(log: SessionLog) -> NDArray[np.float64]:
-    """From each step's key to the first flip of its picture, in ms, of all episodes."""
+    """List the times from each step's key to the first flip of its picture, in ms, of all episodes."""
     return _joined(_key_to_flip_ms(episode) for episode in log.episodes)
 
 
@@ -141,13 +141,13 @@ def _joined(parts: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
 
 
 def _missing(episode: EpisodeLog) -> int:
-    """Pictures of an episode that were not shown; the reset has one too."""
+    """Count an episode's pictures that were not shown; the reset has one too."""
     shown_steps = set(np.asarray(episode.frames.column("step")).tolist())
     return len(episode.actions) + 1 - len(shown_steps)
 
 
 def _periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
-    """How many periods lie between a step and the next, in real time without a pause between; [] if keys make steps."""
+    """Count the periods between each step and the next, in real time without a pause; [] where keys make the steps."""
     if episode.plan.pace != "real_time" or episode.plan.noop is None:
         return np.empty(0, np.int64)
     made_ns = episode.t_ns[1:]
@@ -160,7 +160,7 @@ def _periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> NDArray[
 
 
 def _key_to_flip_ms(episode: EpisodeLog) -> NDArray[np.float64]:
-    """From each step's key to the first flip of its picture, where there was a key and a picture."""
+    """List the times from each step's key to the first flip of its picture, where there was a key and a picture."""
     # backwards: of several pictures of a step the first is kept
     steps, flips_ns = (np.asarray(episode.frames.column(name), np.int64)[::-1] for name in ("step", "flip_ns"))
     is_done = (steps > 0) & (steps <= len(episode.actions))  # a log may break off between a picture and its step

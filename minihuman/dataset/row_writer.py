@@ -120,7 +120,7 @@ class RowWriter:
         self._digest_logs()
 
     def _describe(self, session: SessionRows | SkippedLog) -> tuple[CachedSession, bytes | None]:
-        """What the file says of a session, and of its episodes that count; None for those of an unreadable log."""
+        """Describe a session for the file, and its included episodes; None for those of an unreadable log."""
         if not isinstance(session, SkippedLog):
             return build_cached_session(session), msgspec.msgpack.encode(session.facts)
         source = self._sessions.source

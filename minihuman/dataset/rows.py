@@ -21,7 +21,7 @@ _ARROW = {"text": pa.string(), "key": pa.string(), "integer": pa.int64(), "numbe
 
 
 def arrow_schema(table: str, *, without: frozenset[str] = frozenset()) -> pa.Schema:
-    """The table's Arrow schema, some columns excluded, each field with its unit and meaning as metadata."""
+    """Build a table's Arrow schema, some columns excluded, each field with its unit and meaning as metadata."""
     return _build_schema(list_tables(), table, without)
 
 
@@ -48,7 +48,7 @@ class RowBatch:
 
     @classmethod
     def of(cls, rows: Sequence[Mapping[str, Any]]) -> "RowBatch":
-        """As many rows as there are mappings from column to value; each has the same columns."""
+        """Make a batch of mappings from column to value; each has the same columns."""
         if not rows:
             return cls(0, {})
         return cls(len(rows), {name: [row[name] for row in rows] for name in rows[0]})
@@ -96,12 +96,12 @@ class SessionTables(Mapping[str, pa.Table]):
         return len(TABLES)
 
     def count(self, name: str) -> int:
-        """How many rows one of the tables has."""
+        """Count the rows of one of the tables."""
         return self.parts[name].count
 
 
 def arrow_columns(name: str, parts: Sequence[RowBatch]) -> list[pa.Array]:
-    """One table's columns of several sessions' rows, texts as places in a dictionary.
+    """Build one table's columns from several sessions' rows, texts as places in a dictionary.
 
     A NaN becomes NULL, and so does an empty text: nothing is said there.
     """
@@ -138,7 +138,7 @@ def _texts(values: CategoricalTexts | list[str | None], name: Callable[[str], st
 
 
 def as_int64(numbers: NDArray[np.integer[Any]]) -> pa.Array:
-    """Counts and places as Arrow's int64."""
+    """Convert counts and places to Arrow's int64."""
     return pa.Array.from_buffers(pa.int64(), len(numbers), [None, pa.py_buffer(numbers.astype(np.int64, copy=False))])
 
 

@@ -40,12 +40,12 @@ _ENOUGH = 6  # letters of a SHA-256 that name a protocol
 
 
 def format_version(plan: SessionPlan) -> str:
-    """The version of the protocol a session was played by, told apart from another of that name: "1 (d3b07384)"."""
+    """Format the version of a session's protocol, told apart from another of that name: "1 (d3b07384)"."""
     return f"{plan.study_version} ({plan.protocol_sha256[:8]})"
 
 
 def matches_version(plan: SessionPlan, version: str) -> bool:
-    """Whether a session was played by a version: by its own name, as above, or by the start of its SHA-256."""
+    """Tell whether a session was played by a version: by its own name, as above, or by the start of its SHA-256."""
     by_hash = len(version) >= _ENOUGH and plan.protocol_sha256.startswith(version)
     return by_hash or version in (plan.study_version, format_version(plan))
 
@@ -79,7 +79,7 @@ def _exclusions(protocol_toml: bytes, source: str) -> tuple[ExclusionSpec, ...]:
 
 
 def find_practice_blocks(plan: SessionPlan) -> frozenset[str]:
-    """The names of a session's blocks that its protocol does not analyse.
+    """Find the names of a session's blocks that its protocol does not analyse.
 
     Raises:
         ProtocolError: if the protocol in the log cannot be understood.
@@ -99,11 +99,11 @@ class ExclusionRule:
 
     @property
     def needs_world(self) -> bool:
-        """Whether it asks for a measure that only the world itself can tell."""
+        """Tell whether it asks for a measure that only the world itself can tell."""
         return self.exclusion.measure in COLUMNS_NEEDING_WORLD
 
     def broken_by(self, row: Mapping[str, Any]) -> bool:
-        """Whether a row's measure lies outside what the rule allows; a measure that nothing tells does not."""
+        """Tell whether a row's measure lies outside what the rule allows; an unknown measure does not."""
         rule = self.exclusion
         labels = json.loads(row.get("labels") or "{}")
         if any(labels.get(name) != level for name, level in rule.where.items()):
@@ -118,7 +118,7 @@ class ExclusionRule:
 
 
 def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
-    """The rules of a session's own protocol, in the order in which they are tried.
+    """Read the rules of a session's own protocol, in the order in which they are tried.
 
     Raises:
         ReportError: if a rule names a column that its table does not have.
@@ -132,7 +132,7 @@ def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
 
 
 def find_broken_rule(rules: Sequence[ExclusionRule], level: str, row: Mapping[str, Any]) -> str:
-    """The reason of the first rule that an episode's or a participant's row breaks; "" if it breaks none."""
+    """Return the reason of the first rule that an episode's or a participant's row breaks; "" if it breaks none."""
     return next((rule.exclusion.reason for rule in rules if rule.exclusion.level == level and rule.broken_by(row)), "")
 
 
@@ -165,12 +165,12 @@ class SelectedSession:
 
     @property
     def episodes(self) -> tuple[EpisodeLog, ...]:
-        """Those that count, in the order played."""
+        """Return the included episodes, in the order played."""
         return tuple(self.log.episodes[place] for place in self.places)
 
     @property
     def places(self) -> tuple[int, ...]:
-        """Where those that count stand among all of the session's."""
+        """Return the places of the included episodes among all of the session's."""
         if self.session_reason:
             return ()
         return tuple(
@@ -181,18 +181,18 @@ class SelectedSession:
 
     @property
     def counts(self) -> bool:
-        """Whether the session does: with an episode that counts, or where there was none to play."""
+        """Tell whether the session is included: with an included episode, or without any to play."""
         nothing_to_play = self.is_selected and not self.session_reason and not self.log.plan.episodes
         return bool(self.places) or nothing_to_play
 
     @property
     def session(self) -> SessionLog:
-        """The session with the episodes that count, and no others."""
+        """Return the session with its included episodes alone."""
         return replace(self.log, episodes=self.episodes)
 
     @property
     def left_out(self) -> tuple[ExcludedItem, ...]:
-        """What was asked for and does not count; of a participant who does not count, nothing more is said."""
+        """List what was selected and is excluded; of an excluded participant, nothing more."""
         session_key = self.log.plan.participant.id, self.log.plan.session
         if self.session_reason and self.is_selected:
             return (ExcludedItem(self.session_reason, "participant", *session_key),)
@@ -218,7 +218,7 @@ class SelectionSummary:
 
     @property
     def left_out(self) -> Counter[tuple[ExclusionLevel, str]]:
-        """How many episodes and participants were excluded, by reason; a participant counts once per study."""
+        """Count the excluded episodes and participants by reason; a participant counts once per study."""
         excluded: Counter[tuple[ExclusionLevel, str]] = Counter()
         excluded.update({("episode", reason): count for reason, count in self.excluded_episodes.items()})
         excluded.update(("participant", reason) for reason, _, _ in self.excluded_participants)
@@ -247,7 +247,7 @@ class SelectionSummary:
         self.notes += other.notes
 
     def lines(self) -> Iterator[str]:
-        """Say it, a line a fact; the first always."""
+        """Yield the summary, one line for each fact; the first always."""
         included = f"{_format_count(self.episodes, 'episode')} of {_format_count(self.sessions, 'session')} included"
         if self.selection:
             included += f" ({self.selection})"
@@ -294,7 +294,7 @@ class Selection:
     with_: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """As the command line takes it: "--block grid --with exclude"; "" for the default."""
+        """Format it as the command line takes it: "--block grid --with exclude"; "" for the default."""
         return " ".join(
             f"--{field.name.rstrip('_')} {value}" for field in fields(self) for value in getattr(self, field.name)
         )
@@ -306,7 +306,7 @@ class Selection:
         measured: SessionMeasures | None = None,
         marks: Iterable[Annotation] | None = None,
     ) -> SelectedSession:
-        """Say of each of a session's episodes whether it is asked for, and whether it counts.
+        """Decide of each of a session's episodes whether it is selected, and whether it is included.
 
         The protocol's rules are judged by the whole session, whatever part of it is asked for. ``measured`` spares
         measuring for them; ``marks`` are otherwise read from beside the log.
@@ -346,7 +346,7 @@ class Selection:
         measured: SessionMeasures | None,
         episode_tags: Sequence[frozenset[str]],
     ) -> tuple[list[str], str]:
-        """The reason against each episode, and the reason that this session gives against its participant."""
+        """Return the reason against each episode, and the reason that this session gives against its participant."""
         reasons = [self._reason(episode, tags) for episode, tags in zip(log.episodes, episode_tags, strict=True)]
         if not rules or measured is None:
             return reasons, ""
@@ -363,7 +363,7 @@ class Selection:
         return reasons, find_broken_rule(rules, "participant", measured.over(counting) | summarize_session(log))
 
     def _find_participant_reason(self, log: SessionLog, own: str) -> str:
-        """The reason against the participant: of their first session that breaks a rule, this one's or another's.
+        """Find the reason against the participant: of their first session that breaks a rule, this one's or another's.
 
         A participant is excluded whole, so one session's answer depends on the logs of the others.
         """
@@ -372,7 +372,7 @@ class Selection:
         return next((reason for _, reason in sorted([(log.plan.session, own), *other_reasons]) if reason), "")
 
     def _judge_participant(self, log: SessionLog) -> tuple[int, str]:
-        """A session's number, and the reason that it alone gives against its participant."""
+        """Return a session's number, and the reason that it alone gives against its participant."""
         rules = read_exclusion_rules(log.plan)
         in_force = collect_tags(read_annotations(log.path))
         episode_tags = [list_episode_tags(episode, in_force) for episode in log.episodes]
@@ -383,7 +383,7 @@ class Selection:
         return log.plan.session, self._apply_rules(log, rules, measured, episode_tags)[1]
 
     def planner(self, plan: SessionPlan, *, with_shortest: bool) -> PathPlanner:
-        """Who says how few steps an episode could have taken: None, unless that is wanted or a rule asks for it."""
+        """Return what finds shortest paths; it finds none, unless paths are wanted or a rule asks for them."""
         if with_shortest or any(rule.needs_world for rule in self._read_rules(plan)):
             return find_path_bounds
         return skip_path_bounds
@@ -418,7 +418,7 @@ class Selection:
 
 
 def summarize_session(log: SessionLog) -> MeasureRow:
-    """What the table "participants" says of a session as a whole; ``completed_share`` is of the planned episodes."""
+    """Summarize a session for the table "participants"; ``completed_share`` is of the planned episodes."""
     completed = {episode.number for episode in log.episodes if episode.outcome_word not in UNFINISHED_OUTCOMES}
     skipped = sum(event.count for event in log.part_events if isinstance(event, EpisodesSkipped))
     planned = len(log.plan.episodes) - skipped

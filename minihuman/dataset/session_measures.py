@@ -53,7 +53,7 @@ class SessionMeasures:
         return cls(tuple(rows), tallies)
 
     def over(self, places: Sequence[int]) -> MeasureRow:
-        """What some of the episodes amount to; None where nothing tells.
+        """Aggregate some of the episodes; None where a measure is unknown.
 
         When a key was found does not hang on which episodes count: all that were begun in their blocks tell it.
         """
@@ -64,17 +64,17 @@ class SessionMeasures:
         )
 
     def of_blocks(self, blocks: Collection[str]) -> list[KeyTally]:
-        """The tallies of all episodes that were begun in some blocks."""
+        """Return the tallies of all episodes that were begun in some blocks."""
         return [tally for row, tally in zip(self.rows, self.tallies, strict=True) if row["block"] in blocks]
 
 
 def find_path_bounds(plan: EpisodePlan) -> PathLengthBounds:
-    """The fewest steps of an episode; unknown where the world cannot be made here."""
+    """Find the fewest steps of an episode; unknown where the world cannot be made here."""
     return find_layout_bounds(plan.world, world_options_json(plan), plan.seed)
 
 
 def find_layout_bounds(world_id: str, options: str, seed: int) -> PathLengthBounds:
-    """The fewest steps in a world from its seed, ``options`` as JSON; unknown where it cannot be made here."""
+    """Find the fewest steps in a world from its seed, ``options`` as JSON; unknown where it cannot be made here."""
     try:
         return layout_path_bounds(world_id, options, seed)
     except WorldError:
@@ -87,7 +87,7 @@ def skip_path_bounds(plan: EpisodePlan) -> PathLengthBounds:
 
 
 def locate_episode(episode: EpisodeLog) -> MeasureRow:
-    """Which episode of the session it is, as every table names it."""
+    """Return the columns by which every table identifies an episode within its session."""
     return {
         "block": episode.plan.block_name,
         "segment": episode.segment,
@@ -127,7 +127,7 @@ def _episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
 
 
 def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) -> MeasureRow:
-    """The fewest possible steps, and how an episode's stand to those of the best way that is known."""
+    """Compare an episode's steps with the fewest possible and with the best known path."""
     steps = row["steps"]
     limit = row["max_steps"]
     outcome = row["outcome"]
@@ -142,7 +142,7 @@ def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) 
 
 
 def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun_tallies: Sequence[KeyTally]) -> MeasureRow:
-    """What a block's or a session's episodes that count amount to; None where nothing tells."""
+    """Aggregate the included episodes of a block or a session; None where a measure is unknown."""
     rewards = [row["reward"] for row in rows]
     steps = [row["steps"] for row in rows]
     times_ms, responses_ms = (
@@ -177,7 +177,7 @@ def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun_tallies
 
 
 def _steps_at_limit(row: MeasureRow) -> float | None:
-    """An episode's steps, its step limit without the goal; None where success is not known."""
+    """Return an episode's steps, its step limit without the goal; None where success is not known."""
     if row["success"] is None:
         return None
     column = "steps" if row["success"] else "max_steps"
@@ -186,13 +186,13 @@ def _steps_at_limit(row: MeasureRow) -> float | None:
 
 
 def average_path_measures(rows: Sequence[Mapping[str, Any]]) -> MeasureRow:
-    """The means, over episodes, of what the shortest path tells; None where nothing tells."""
+    """Average the measures of the shortest path over episodes; None where none is known."""
     names = ("excess_steps", "log_excess_steps", "log_steps_ratio", "spl")
     return {f"{name}_mean": _mean(row[name] for row in rows) for name in names}
 
 
 def _slope(rows: Sequence[MeasureRow]) -> float | None:
-    """The reward's change an episode over a block's first, with a gap where one does not count; None of many blocks."""
+    """Fit the reward's change per episode over one block, excluded episodes as gaps; None of several blocks."""
     if len({row["block"] for row in rows}) != 1:
         return None
     rewards = [math.nan] * max(row["episode_in_block"] for row in rows)

@@ -52,7 +52,7 @@ def build_context_rows(
     *,
     is_selected: bool = True,
 ) -> dict[str, RowBatch]:
-    """The rows of these tables, none where the session is not wanted; beginnings and pictures of these episodes."""
+    """Build these tables' rows, none of a session that is not selected; starts and frames are of the given episodes."""
     if not is_selected:
         return dict.fromkeys(_TABLE_BUILDERS, RowBatch(0, {}))
     attempts = Counter(episode.number for episode in log.episodes)
@@ -167,7 +167,7 @@ def _frames(episode: EpisodeLog) -> RowBatch:
 
 
 def _other_presses(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch:
-    """The keys that moved while no episode ran: those of a segment that are in none of its episodes."""
+    """Return the key events while no episode ran: those of a segment that are in none of its episodes."""
     keys = segment.keys
     outside = np.ones(len(keys), bool)
     for episode in episodes:
@@ -189,7 +189,7 @@ def _note(note: SegmentNote) -> TableRow:
 
 
 def _sample(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[TableRow]:
-    """A row a number; one without a number where there is none."""
+    """Make a row for each number of a sample; one row without a number where there is none."""
     names = channels.get(sampled.device, ())
     shared = {"t_ns": sampled.t_ns, "device": sampled.device, "said": sampled.text}
     if not sampled.values:
@@ -201,7 +201,7 @@ def _sample(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[Tab
 
 
 def _channels(log: SessionLog) -> dict[str, tuple[str, ...]]:
-    """What the protocol calls the numbers of each device's samples."""
+    """Return the protocol's names for the numbers of each device's samples."""
     if not any(segment.samples for segment in log.segments):
         return {}
     try:
@@ -220,7 +220,7 @@ _MS = 1e-6
 def build_activity_rows(
     log: SessionLog, session_key: Mapping[str, Any], *, is_selected: bool = True
 ) -> dict[str, RowBatch]:
-    """The rows of the tables that events fill, none where the session is not wanted."""
+    """Build the rows of the tables that events fill, none of a session that is not selected."""
     tables = [table for table in (*_EVENT_TABLES, *list_activity_tables()) if table.episode_row is None]
     makers = defaultdict[type, list[tuple[str, RowMaker]]](list)  # by the class of an event
     for table in tables:
@@ -237,7 +237,7 @@ def build_activity_rows(
 
 
 def build_episode_rows(episodes: Sequence[EpisodeLog], session_key: SessionKey) -> dict[str, RowBatch]:
-    """The rows of the tables that a kind of activity fills from episodes."""
+    """Build the rows of the tables that a kind of activity fills from episodes."""
     return {
         table.name: RowBatch.of(list(_episode_rows(table, episodes, session_key)))
         for table in list_activity_tables()
@@ -319,7 +319,7 @@ NO_EPISODE_INCLUDED = "no episode counts"
 
 
 def build_session_tables(session: SelectedSession, measured: SessionMeasures) -> SessionTables:
-    """Every table's rows of one session: of the episodes that are asked for.
+    """Build one session's rows of every table, from the selected episodes.
 
     Rows that do not count stay in the tables, with the reason in ``exclusion_reason``; block and participant rows are
     over the episodes that count, keys' rows over all that were begun in those blocks.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def build_episode_facts(log: SessionLog, episode: EpisodeLog) -> dict[str, Any]:
-    """The facts of one episode; ``session``, ``segment``, ``episode`` and ``attempt`` count from 1."""
+    """Build the facts of one episode; ``session``, ``segment``, ``episode`` and ``attempt`` count from 1."""
     plan = episode.plan
     return {
         "study": log.plan.study,
@@ -73,7 +73,7 @@ class StudySessions:
         self.engine = engine
 
     def __iter__(self) -> Iterator[SelectedSession]:
-        """One session in memory at a time.
+        """Yield the sessions, one in memory at a time.
 
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
@@ -81,7 +81,7 @@ class StudySessions:
         return self._go_through(self.selection.judge, processes=1)
 
     def each(self, work: Callable[[SelectedSession], T]) -> Iterator[T]:
-        """What ``work`` makes of each session with an episode that counts, several worked on side by side.
+        """Yield what ``work`` makes of each session with an included episode, several worked on side by side.
 
         ``work`` may run in another process: it and its results can be pickled.
 
@@ -93,7 +93,7 @@ class StudySessions:
             yield from result.outputs
 
     def rows(self, *, with_shortest: bool) -> Iterator["SessionRows"]:
-        """Every session's rows of every table, those that do not count with the reason.
+        """Yield every session's rows of every table, excluded ones with the reason.
 
         Raises:
             LogError: as ``__iter__``.
@@ -140,7 +140,7 @@ class SessionRows:
 
 
 def read_selected_sessions(sources: Iterable[Path], selection: Selection) -> tuple[list[SessionLog], SelectionSummary]:
-    """Every session of several logs and folders, with the episodes that count, and the account of them.
+    """Read every session of several logs and folders, with the included episodes, and the account of them.
 
     Raises:
         LogError: if there is no such file or folder, or no session to be read in them.

@@ -89,11 +89,11 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
 
     @property
     def is_temporary(self) -> bool:
-        """Whether the tables lie in a file that goes away, not in the study's own."""
+        """Tell whether the tables lie in a file that goes away, not in the study's own."""
         return self._file.is_temporary
 
     def facts(self) -> Iterator[tuple[Path, dict[str, Any]]]:
-        """Every log with the facts of each episode in it that counts."""
+        """Yield every log with the facts of each included episode in it."""
         paths = {key: self._sessions.source / key for key in self._keys}
         rows = self.tables.connection.execute("SELECT key, facts FROM kept.logs WHERE facts IS NOT NULL")
         while lines := rows.fetchmany(SESSIONS_PER_COMMIT):
@@ -130,7 +130,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         return logs
 
     def _list_known(self) -> dict[str, KnownLog]:
-        """What the file says of each log, once."""
+        """List what the file says of each log."""
         rows = self.tables.connection.execute("SELECT key, log, fingerprint, with_shortest, metadata FROM kept.logs")
         return {key: KnownLog(*facts) for key, *facts in rows.fetchall()}
 

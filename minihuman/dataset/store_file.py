@@ -26,7 +26,7 @@ class StoreFile:
 
     @property
     def is_temporary(self) -> bool:
-        """Whether the tables lie in a file that goes away, not in the study's own."""
+        """Tell whether the tables lie in a file that goes away, not in the study's own."""
         return self._temporary is not None
 
     def open_database(self, *, read_only: bool) -> TableDatabase:

@@ -27,7 +27,7 @@ class TableColumn:
 
 
 def table_key_name(key: str) -> str:
-    """A physical key's name as it stands in tables: "key_1", "key_q"; longer names, such as "enter", as they are.
+    """Name a physical key as tables do: "key_1", "key_q"; longer names, such as "enter", as they are.
 
     A column of "1" and "2" is one of numbers to most readers, and "t" and "f" are yes and no to some.
     """
@@ -90,7 +90,7 @@ _SQL_NAMES = re.compile(
 
 
 def use_current_columns(sql: str) -> str:
-    """A query with the columns' earlier names replaced by their present ones; literals and comments stay."""
+    """Replace the columns' earlier names in a query by their present ones; literals and comments stay."""
     return _SQL_NAMES.sub(lambda match: match["text"] or COLUMN_ALIASES[match["column"].lower()], sql)
 
 

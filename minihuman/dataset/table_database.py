@@ -173,14 +173,14 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             self.connection.execute(f"DELETE FROM kept.{name} WHERE log IN (SELECT unnest(?))", (list(numbers),))
 
     def digest_rows(self, name: str, *, without: frozenset[str] = frozenset()) -> dict[int, int]:
-        """The digest of each session's rows in a table, of those that have any, some columns excluded.
+        """Digest each session's rows in a table, of those that have any, some columns excluded.
 
         Any edit changes it. Equal rows have equal digests, whatever the session's number.
         """
         return digest_relation(self.connection.sql(f"FROM kept.{name}"), name, without=without)
 
     def find_changed(self, name: str) -> set[int]:
-        """The sessions whose rows in a table are not those that were put in; those of no session among them."""
+        """Find the sessions whose rows in a table are not those that were put in; rows of no session among them."""
         place = list(TABLES).index(name) + 1
         changed = self.connection.execute(
             f"SELECT log FROM (SELECT {_row_digest(name)} FROM kept.{name} GROUP BY log) AS held "
@@ -222,7 +222,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def batches(
         self, name: str, *, without: frozenset[str] = frozenset(), counting: bool = False
     ) -> Iterator[pa.RecordBatch]:
-        """One table's rows, session by session, some columns excluded; only a few are in memory at a time.
+        """Yield one table's rows, session by session, some columns excluded; only a few are in memory at a time.
 
         All but the last batch have the same number of rows, whatever was put in and taken out before: equal rows make
         equal files.
@@ -253,7 +253,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def session_batches(
         self, name: str, numbers: Sequence[int], *, without: frozenset[str] = frozenset()
     ) -> Iterator[tuple[int, Iterator[pa.RecordBatch]]]:
-        """One table's rows of some sessions, session by session, some columns excluded; others are not read.
+        """Yield one table's rows of some sessions, session by session, some columns excluded; others are not read.
 
         Use up a session's batches before the next session's. As in ``batches``, equal rows make equal batches.
         """
@@ -267,7 +267,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             yield number, (_cast(batch, schema) for batch in _even(part.select(schema.names) for part in session_parts))
 
     def table(self, name: str, columns: Sequence[str] | None = None, *, counting: bool = False) -> pa.Table:
-        """A table, or some columns of it; ``counting`` as in ``batches``."""
+        """Read a table, or some columns of it; ``counting`` as in ``batches``."""
         without = frozenset[str]()
         if columns is not None:
             without = frozenset(column.name for column in TABLES[name]).difference(columns)
@@ -279,7 +279,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         return table.select(columns)
 
     def count(self, name: str) -> int:
-        """How many rows a table has."""
+        """Count the rows of a table."""
         self._require_checked({name})
         counts = self.connection.execute(f"SELECT count(*) FROM kept.{name}").fetchall()
         return int(counts[0][0])
@@ -351,13 +351,13 @@ def digest_relation(
 
 
 def _row_digest(name: str, *, without: frozenset[str] = frozenset()) -> str:
-    """The columns of a query that digests a table's rows by session."""
+    """Return the columns of a query that digests a table's rows by session."""
     columns = ", ".join(f'"{column}"' for column in arrow_schema(name, without=without).names)
     return f"log, (sum(hash(row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT AS digest"
 
 
 def _even(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """The same rows in batches of ``_ROWS``: DuckDB's own follow where its file has gaps."""
+    """Yield the same rows in batches of ``_ROWS``: DuckDB's own follow where its file has gaps."""
     waiting: list[pa.RecordBatch] = []
     for batch in batches:
         waiting.append(batch)
@@ -375,7 +375,7 @@ def _cast(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
 
 
 def _split_sessions(batch: pa.RecordBatch) -> Iterator[pa.RecordBatch]:
-    """The same rows, one session each; the first column is the session's number."""
+    """Yield the same rows by session; the first column is the session's number."""
     edges = [0, *(np.flatnonzero(np.diff(batch.column(0))) + 1).tolist(), len(batch)]
     yield from (batch.slice(begin, end - begin) for begin, end in pairwise(edges) if begin < end)
 
@@ -386,6 +386,6 @@ def _one(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
 
 
 def software_digest() -> str:
-    """What makes the rows: other code makes others, so a file made by it is not gone on with."""
+    """Digest the software that makes the rows: a file that other software made is not continued."""
     sources = f"{digest_sources(*_MAKERS)} {digest_files(list_table_sources())}"
     return f"{minihuman.__version__} duckdb {duckdb.__version__} {sources}"

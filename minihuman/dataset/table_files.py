@@ -39,7 +39,7 @@ TableFormat = Literal["parquet", "csv"]
 
 
 def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
-    """A writer that keeps a dictionary of what recurs.
+    """Open a writer that keeps a dictionary of what recurs.
 
     The smallest and largest value of a piece of a column are kept of numbers: who reads them skips pieces by them.
     Of texts, which stand in the order of sessions, they would take a third of the time.
@@ -115,7 +115,7 @@ def write_tables(
 
 
 def list_partitions(store: StudyStore) -> dict[TablePartition, int]:
-    """The partitions that hold a store's tables, without columns that take the worlds, each with its session's number.
+    """List the partitions of a store's tables, without columns that take the worlds, each with its session's number.
 
     Equal rows have equal partitions on every machine with the same version of DuckDB.
     """

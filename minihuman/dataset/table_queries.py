@@ -23,7 +23,7 @@ QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables o
 
 
 def find_queried_tables(sql: str) -> frozenset[str]:
-    """The tables that a query reads; all of them if the query alone does not tell."""
+    """Find the tables that a query reads; all of them if the query alone does not tell."""
     try:
         with duckdb.connect(config=dict(QUERY_SETTINGS)) as parser:
             names = frozenset(name.lower() for name in parser.get_table_names(sql))
@@ -36,7 +36,7 @@ def find_queried_tables(sql: str) -> frozenset[str]:
 
 
 def needs_shortest_paths(sql: str) -> bool:
-    """Whether a query may read a column that takes the worlds themselves; True if the query alone does not tell."""
+    """Tell whether a query may read a column that takes the worlds themselves; True if that is not clear."""
     names = find_queried_tables(sql)
     if not any(has_world_columns(name) for name in names):
         return False
@@ -72,7 +72,7 @@ def _walk(tree: Any) -> Iterator[dict[str, Any]]:
 
 
 def has_world_columns(name: str) -> bool:
-    """Whether a table has columns that take the worlds themselves."""
+    """Tell whether a table has columns that take the worlds themselves."""
     return any(column.name in COLUMNS_NEEDING_WORLD for column in TABLES[name])
 
 
@@ -80,14 +80,14 @@ MAX_SHOWN_ROWS = 100  # rows; more are for a file
 
 
 def format_result_csv(answer: pa.Table) -> str:
-    """Every row, under the columns' names."""
+    """Format every row as CSV, under the columns' names."""
     file = io.BytesIO()
     pa.csv.write_csv(answer, file)
     return file.getvalue().decode()
 
 
 def format_result_lines(answer: pa.Table) -> Iterator[str]:
-    """The first rows, in columns; what is missing is a dot."""
+    """Yield the first rows in aligned columns; a missing value is a dot."""
     rows = [list(map(_format_cell, row.values())) for row in answer.slice(0, MAX_SHOWN_ROWS).to_pylist()]
     widths = [max(map(len, column)) for column in zip(answer.column_names, *rows, strict=True)]
     numbers = [pa.types.is_integer(kind) or pa.types.is_floating(kind) for kind in answer.schema.types]
