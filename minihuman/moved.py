@@ -108,6 +108,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
     "minihuman.dataset.sessions": ("minihuman.dataset.included_episodes",),
     "minihuman.dataset.store": ("minihuman.dataset.table_queries", "minihuman.dataset.table_database"),
     "minihuman.dataset.table_columns": (
+        "minihuman.dataset.column_aliases",
         "minihuman.dataset.table_catalogue",
         f"{_NEW}.agent_blocks.columns",
         f"{_NEW}.correction.columns",
@@ -153,8 +154,9 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.team.rows",
     ),
     "minihuman.admin.verify.log": ("minihuman.admin.verify.study", "minihuman.admin.verify.messages"),
+    "minihuman.exporters.flat_observations": ("minihuman.exporters.environment_specs",),
     "minihuman.log.system": ("minihuman.storage.system", "minihuman.storage.durable_files"),
-    "minihuman.operating_system": ("minihuman.storage.durable_files",),
+    "minihuman.operating_system": ("minihuman.storage.durable_files", "minihuman.portable_names"),
     "minihuman.workflow": ("minihuman.api",),
 }
 

@@ -34,7 +34,8 @@ from minihuman.experiment.plan.expansion import assign_slot, enrol_participant
 from minihuman.experiment.plan.participant_codes import format_participant_code, parse_participant_code
 from minihuman.experiment.plan.session_plan import Participant
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.operating_system import find_case_twin, make_private_folder
+from minihuman.operating_system import make_private_folder
+from minihuman.portable_names import find_case_twin
 from minihuman.storage.journal import Journal, JournalState
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from minihuman.storage.system import now_text

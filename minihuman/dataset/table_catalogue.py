@@ -15,8 +15,9 @@ from types import MappingProxyType
 from typing import Any
 
 from minihuman.dataset.activity_tables import ActivityTable, list_activity_tables
+from minihuman.dataset.column_aliases import COLUMN_ALIASES
 from minihuman.dataset.episode_columns import EpisodeColumn, list_episode_columns
-from minihuman.dataset.table_columns import COLUMN_ALIASES, SESSION_TABLES, TableColumn
+from minihuman.dataset.table_columns import SESSION_TABLES, TableColumn
 from minihuman.storage.outside_names import explain_refused_name
 
 

@@ -10,8 +10,9 @@ import pyarrow as pa
 import pyarrow.csv
 
 from minihuman.dataset.caches import CACHE_SETTINGS
+from minihuman.dataset.column_aliases import use_current_columns
 from minihuman.dataset.table_catalogue import TABLES
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, use_current_columns
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 
 QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables of this program
     **CACHE_SETTINGS,
