@@ -19,6 +19,7 @@ from minihuman.web.eligibility import get_page_texts
 from minihuman.web.key_codes import KEY_CODES
 from minihuman.web.message_codec import decode_page_message
 from minihuman.web.outbox import PageSettings
+from minihuman.web.page_presence import find_sign_interval_ms
 from minihuman.web.page_protocol import PageProtocol, PageSession, ServerMessages, StreamNames
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.source_digest import kernels_digest
@@ -123,6 +124,7 @@ class VirtualConnection(PageSession):
             get_page_texts(language),
             0,
             False,
+            sign_ms=find_sign_interval_ms(self.host.session.plan),
         )
         self._protocol = PageProtocol(self, welcome, 0, 0.0)
         return self._protocol.encode_welcome()
