@@ -187,6 +187,13 @@ def _get_moved(old_module: str, name: str) -> Any:
     return contents
 
 
+def warn_of_old_name(old_name: str, name: str) -> None:
+    """Warn the caller of the function that has the earlier name."""
+    warnings.warn(
+        f"{old_name} is now {name}; the old name goes with the next version", DeprecationWarning, stacklevel=3
+    )
+
+
 def forward_names(module: str) -> Callable[[str], Any]:
     """Make the ``__getattr__`` of a module that some names have left."""
 

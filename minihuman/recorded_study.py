@@ -418,20 +418,20 @@ class Study:
         logs = [session._selected.session for session in self.sessions]
         played = [episode for log in logs for episode in log.episodes]
         if name == "learning":
-            of = of or (played[-1].plan.block_name if played else "")
+            place = of or (played[-1].plan.block_name if played else "")
             rewards = collect_rewards(logs)
-            episodes = rewards[rewards["block"] == of]
+            episodes = rewards[rewards["block"] == place]
             curves = collect_learning_curves(episodes)
             if curves:
-                title = name_measure("reward", of)
+                title = name_measure("reward", place)
                 return learning_figure(curves, measure="reward", limits=find_reward_limits(episodes), title=title)
         else:
-            of = of or (played[-1].plan.world if played else "")
-            groups = group_participants_by_group(logs, of)
+            place = of or (played[-1].plan.world if played else "")
+            groups = group_participants_by_group(logs, place)
             if groups:
-                return occupancy_figure(of, groups)
+                return occupancy_figure(place, groups)
         raise LogError(
-            f"{self.path} has no included episode of {of!r} that can be drawn; choose another block or world"
+            f"{self.path} has no included episode of {place!r} that can be drawn; choose another block or world"
         )
 
     def __getitem__(self, key: str | tuple[str, int]) -> Session:

@@ -1,6 +1,5 @@
 """What an exporter receives: the included episodes one by one, rows session by session, or the rows in a store."""
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from minihuman.dataset.selection import SelectedSession
 from minihuman.dataset.sessions import SessionRows, StudySessions, build_episode_facts
 from minihuman.dataset.tables import Tables
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.moved import warn_of_old_name
 
 if TYPE_CHECKING:
     from minihuman.dataset.store import StudyStore
@@ -49,7 +49,11 @@ class IncludedEpisodes:
         on_included: Callable[[Path, Mapping[str, Any]], None] = lambda path, facts: None,
         stored_frames: bool = False,
         with_messages: bool = False,
+        taken: Callable[[Path, Mapping[str, Any]], None] | None = None,
     ) -> None:
+        if taken is not None:  # the name of an earlier version
+            warn_of_old_name("IncludedEpisodes(taken=...)", "IncludedEpisodes(on_included=...)")
+            on_included = taken
         self.sessions = sessions
         self.with_messages = with_messages
         self._on_included = on_included
@@ -104,9 +108,5 @@ class IncludedEpisodes:
 
     def store(self) -> "StudyStore":
         """Return the store of these tables: a name of an earlier version, which goes with the next one."""
-        warnings.warn(
-            "IncludedEpisodes.store is now IncludedEpisodes.tables; the old name goes with the next version",
-            DeprecationWarning,
-            stacklevel=2,
-        )
+        warn_of_old_name("IncludedEpisodes.store", "IncludedEpisodes.tables")
         return self.tables().store

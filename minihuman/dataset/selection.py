@@ -35,6 +35,7 @@ from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_
 from minihuman.experiment.protocol.specs import apply_overrides
 from minihuman.log.evidence import find_evidence
 from minihuman.log.model.session_log import CUT_OFF, EpisodeLog, SessionLog
+from minihuman.moved import warn_of_old_name
 
 _ENOUGH = 6  # letters of a SHA-256 that name a protocol
 
@@ -162,6 +163,18 @@ class SelectedSession:
     is_selected: bool = True  # whether the session is asked for at all; one without an episode may be
     marks: tuple[Annotation, ...] = ()  # beside the log, those that were taken back among them
     session_reason: str = ""  # why the participant does not count, "" if nothing speaks against that
+
+    @property
+    def asked(self) -> tuple[bool, ...]:
+        """Return ``selected``, by the name of an earlier version, which goes with the next one."""
+        warn_of_old_name("SelectedSession.asked", "SelectedSession.selected")
+        return self.selected
+
+    @property
+    def wanted(self) -> bool:
+        """Return ``is_selected``, by the name of an earlier version, which goes with the next one."""
+        warn_of_old_name("SelectedSession.wanted", "SelectedSession.is_selected")
+        return self.is_selected
 
     @property
     def episodes(self) -> tuple[EpisodeLog, ...]:

@@ -5,7 +5,7 @@ Hugging Face data set.
 import json
 from pathlib import Path
 from textwrap import shorten
-from typing import Literal
+from typing import Any, Literal
 
 import pyarrow.compute as pc
 
@@ -108,8 +108,11 @@ def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "d
             labels = {column.name: _label(column, kind) for column in described}
             answers = {flag: {0.0: "no", 1.0: "yes"} for flag in flags}
             paths.append(out / f"{name}.{kind}")
-            writers = {"sav": pyreadstat.write_sav, "dta": pyreadstat.write_dta}
-            writers[kind](frame, str(paths[-1]), column_labels=labels, variable_value_labels=answers)
+            options: dict[str, Any] = {"column_labels": labels, "variable_value_labels": answers}
+            if kind == "sav":
+                pyreadstat.write_sav(frame, str(paths[-1]), **options)
+            else:
+                pyreadstat.write_dta(frame, str(paths[-1]), **options)
         return count_included(tables).with_files(tuple(paths))
 
 
