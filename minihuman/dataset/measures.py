@@ -96,8 +96,8 @@ def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
     """Measure the paths of several episodes; twenty take hardly longer than one."""
     poses = np.concatenate([_APART, *(part for episode in episodes for part in (episode.poses, _APART))])
     begins = np.cumsum([1, *(len(episode.poses) + 1 for episode in episodes)])
-    covered = _strides(poses)
-    _, turn_ends, _ = _turning(poses)
+    covered = _measure_strides(poses)
+    _, turn_ends, _ = _find_turns(poses)
     turns = np.bincount(np.searchsorted(begins, turn_ends, side="right") - 1, minlength=len(episodes))
     walked = []
     for episode, begin, number in zip(episodes, begins[:-1].tolist(), turns.tolist(), strict=True):
@@ -128,11 +128,11 @@ def turns_in_place(episode: EpisodeLog) -> NDArray[np.void]:
     A run lasts while the place stays the same; it counts where the heading changed at least once in it.
     """
     turned = np.abs(turned_rad(episode))
-    runs = zip(*(places.tolist() for places in _turning(episode.poses)), strict=True)
+    runs = zip(*(places.tolist() for places in _find_turns(episode.poses)), strict=True)
     return np.array([(end, turned[begin:end].sum(), steps) for begin, end, steps in runs], dtype=TURN_DTYPE)
 
 
-def _strides(poses: PoseArray) -> NDArray[np.float64]:
+def _measure_strides(poses: PoseArray) -> NDArray[np.float64]:
     """Return the distance from each place to the next, (n,)."""
     moved = poses[1:] - poses[:-1]
     return np.asarray(np.hypot(moved[:, 0], moved[:, 2]))
@@ -144,9 +144,9 @@ def _turned_rad(poses: PoseArray) -> NDArray[np.float64]:
     return (change + math.pi) % (2 * math.pi) - math.pi
 
 
-def _turning(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+def _find_turns(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Find the runs of turning in place: their first and last row, and in how many steps the heading changed."""
-    still = _strides(poses) < _STILL
+    still = _measure_strides(poses) < _STILL
     between = np.concatenate([[False], still, [False]])
     edges = np.flatnonzero(between[1:] != between[:-1]).reshape(-1, 2)
     turned = still & (np.abs(_turned_rad(poses)) > _STILL)
@@ -286,12 +286,12 @@ _UNDISCOVERED: _Discovery = (None, None)
 def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
     """Summarize the use of each key of each key map, and of each other key that was tried."""
     rows: list[KeyUse] = []
-    for key_map, under in _by_key_map(tallies):
+    for key_map, group in _group_by_key_map(tallies):
         presses, refused, steps, ineffective_steps = (
-            _total(getattr(tally, name) for tally in under)
+            _total(getattr(tally, name) for tally in group)
             for name in ("presses", "refused", "steps", "ineffective_steps")
         )
-        discoveries = _find_discoveries(under)
+        discoveries = _find_discoveries(group)
         further_keys = {*key_map.spare_keys, *+presses, *+steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
         for key in (*sorted(key_map.keys), *sorted(further_keys)):
             action = key_map.keys.get(key)
@@ -302,7 +302,7 @@ def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
                 KeyUse(
                     key=key,
                     action=action,
-                    first_episode=under[0].episode.number,
+                    first_episode=group[0].episode.number,
                     presses=presses[key],
                     steps=steps[key],
                     ineffective_steps=ineffective_steps[key],
@@ -317,13 +317,13 @@ def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
 def key_discovery_times(tallies: Sequence[KeyTally]) -> list[float | None]:
     """Return ``KeyUse.discovered_s`` of every key that has an action."""
     times_s: list[float | None] = []
-    for key_map, under in _by_key_map(tallies):
-        discoveries = _find_discoveries(under)
+    for key_map, group in _group_by_key_map(tallies):
+        discoveries = _find_discoveries(group)
         times_s += [discoveries.get(key, _UNDISCOVERED)[0] for key in key_map.keys]
     return times_s
 
 
-def _by_key_map(tallies: Iterable[KeyTally]) -> Iterator[tuple[KeyMap, list[KeyTally]]]:
+def _group_by_key_map(tallies: Iterable[KeyTally]) -> Iterator[tuple[KeyMap, list[KeyTally]]]:
     """Group the episodes that were played one after the other under the same key map."""
     for key_map, run in groupby(tallies, key=lambda tally: tally.episode.plan.key_map):
         yield key_map, list(run)
@@ -336,12 +336,12 @@ def _total(counts: Iterable[Counter[str]]) -> Counter[str]:
     return total
 
 
-def _find_discoveries(under: Sequence[KeyTally]) -> dict[str, _Discovery]:
+def _find_discoveries(group: Sequence[KeyTally]) -> dict[str, _Discovery]:
     """Find, for each key whose action showed, the playing time in s and the steps under its key map until then."""
     discoveries: dict[str, _Discovery] = {}
     steps_before = 0
     before_ns = 0
-    for tally in under:
+    for tally in group:
         episode = tally.episode
         for key, step in tally.first_shown.items():
             if key not in discoveries:

@@ -54,17 +54,17 @@ class RowBatch:
         return cls(len(rows), {name: [row[name] for row in rows] for name in rows[0]})
 
     @classmethod
-    def below(cls, parts: Sequence["RowBatch"], **shared: Any) -> "RowBatch":
+    def stack(cls, parts: Sequence["RowBatch"], **shared: Any) -> "RowBatch":
         """Put parts of one table one below the other; ``shared`` are further columns with one value for all rows."""
         if not parts:
             return cls(0, shared)
         filled = [part for part in parts if part.count]
         counts = [part.count for part in filled]
-        columns = {name: _below([part.columns[name] for part in filled], counts) for name in parts[0].columns}
+        columns = {name: _stack_columns([part.columns[name] for part in filled], counts) for name in parts[0].columns}
         return cls(sum(counts), columns | shared)
 
 
-def _below(values: Sequence[Any], counts: Sequence[int]) -> Any:
+def _stack_columns(values: Sequence[Any], counts: Sequence[int]) -> Any:
     match values:
         case [np.ndarray(), *_]:
             return np.concatenate(values)
@@ -105,7 +105,7 @@ def arrow_columns(name: str, parts: Sequence[RowBatch]) -> list[pa.Array]:
 
     A NaN becomes NULL, and so does an empty text: nothing is said there.
     """
-    columns = RowBatch.below([part for part in parts if part.count]).columns
+    columns = RowBatch.stack([part for part in parts if part.count]).columns
     return [_arrow_column(column.kind, columns.get(column.name, [])) for column in TABLES[name]]
 
 

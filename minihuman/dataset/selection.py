@@ -373,7 +373,7 @@ class Selection:
             for place, (reason, row) in enumerate(zip(reasons, measured.rows, strict=True))
             if not reason and row["block"] not in practice
         ]
-        return reasons, find_broken_rule(rules, "participant", measured.over(counting) | summarize_session(log))
+        return reasons, find_broken_rule(rules, "participant", measured.aggregate(counting) | summarize_session(log))
 
     def _find_participant_reason(self, log: SessionLog, own: str) -> str:
         """Find the reason against the participant: of their first session that breaks a rule, this one's or another's.

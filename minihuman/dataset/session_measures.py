@@ -48,22 +48,22 @@ class SessionMeasures:
         tallies = tuple(KeyTally.of(episode) for episode in log.episodes)
         rows: list[MeasureRow] = []
         for tally, walk in zip(tallies, measure_paths(log.episodes), strict=True):
-            row = _episode(tally, walk)
+            row = _measure_episode(tally, walk)
             rows.append(row | compare_with_shortest_path(row, planner(tally.episode.plan)))
         return cls(tuple(rows), tallies)
 
-    def over(self, places: Sequence[int]) -> MeasureRow:
+    def aggregate(self, places: Sequence[int]) -> MeasureRow:
         """Aggregate some of the episodes; None where a measure is unknown.
 
         When a key was found does not hang on which episodes count: all that were begun in their blocks tell it.
         """
-        return _over(
+        return _aggregate(
             [self.rows[place] for place in places],
             [self.tallies[place] for place in places],
-            self.of_blocks({self.rows[place]["block"] for place in places}),
+            self.select_blocks({self.rows[place]["block"] for place in places}),
         )
 
-    def of_blocks(self, blocks: Collection[str]) -> list[KeyTally]:
+    def select_blocks(self, blocks: Collection[str]) -> list[KeyTally]:
         """Return the tallies of all episodes that were begun in some blocks."""
         return [tally for row, tally in zip(self.rows, self.tallies, strict=True) if row["block"] in blocks]
 
@@ -96,7 +96,7 @@ def locate_episode(episode: EpisodeLog) -> MeasureRow:
     }
 
 
-def _episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
+def _measure_episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
     episode = tally.episode
     plan = episode.plan
     mean_ms, median_ms = mean_and_median(episode.rt_ms)
@@ -141,7 +141,9 @@ def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) 
     }
 
 
-def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun_tallies: Sequence[KeyTally]) -> MeasureRow:
+def _aggregate(
+    rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun_tallies: Sequence[KeyTally]
+) -> MeasureRow:
     """Aggregate the included episodes of a block or a session; None where a measure is unknown."""
     rewards = [row["reward"] for row in rows]
     steps = [row["steps"] for row in rows]
@@ -160,7 +162,7 @@ def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun_tallies
         "reward_mean": _mean(rewards),
         "reward_sd": float(np.std(rewards, ddof=1)) if len(rewards) > 1 else None,
         "reward_first": rewards[0] if rewards else None,
-        "reward_slope": _slope(rows),
+        "reward_slope": _fit_reward_slope(rows),
         "steps_mean": _mean(steps),
         "steps_at_limit_mean": _mean(map(_steps_at_limit, rows)),
         **average_path_measures(rows),
@@ -191,7 +193,7 @@ def average_path_measures(rows: Sequence[Mapping[str, Any]]) -> MeasureRow:
     return {f"{name}_mean": _mean(row[name] for row in rows) for name in names}
 
 
-def _slope(rows: Sequence[MeasureRow]) -> float | None:
+def _fit_reward_slope(rows: Sequence[MeasureRow]) -> float | None:
     """Fit the reward's change per episode over one block, excluded episodes as gaps; None of several blocks."""
     if len({row["block"] for row in rows}) != 1:
         return None

@@ -63,8 +63,8 @@ def build_context_rows(
             [{**session_key, **_planned(plan, attempts[plan.episode + 1])} for plan in log.plan.episodes]
         ),
         "starts": RowBatch.of([{**session_key, **_place(episode), **_start(episode)} for episode in episodes]),
-        "frames": RowBatch.below([_frames(episode) for episode in episodes], **session_key),
-        "other_presses": RowBatch.below(
+        "frames": RowBatch.stack([_frames(episode) for episode in episodes], **session_key),
+        "other_presses": RowBatch.stack(
             [_other_presses(segment, log.episodes) for segment in log.segments], **session_key
         ),
         "notes": RowBatch.of(
@@ -340,9 +340,9 @@ def build_session_tables(session: SelectedSession, measured: SessionMeasures) ->
         participants = [session_key | _participant(session, measured, places)]
     return SessionTables(
         {
-            "steps": RowBatch.below([_steps(episode) for episode in played], **session_key),
-            "presses": RowBatch.below([_presses(episode) for episode in played], **session_key),
-            "keys": RowBatch.of([session_key | row for row in _keys(measured.of_blocks(blocks.keys()))]),
+            "steps": RowBatch.stack([_steps(episode) for episode in played], **session_key),
+            "presses": RowBatch.stack([_presses(episode) for episode in played], **session_key),
+            "keys": RowBatch.of([session_key | row for row in _keys(measured.select_blocks(blocks.keys()))]),
             "episodes": RowBatch.of([session_key | _episode(session, measured, place) for place in places]),
             "blocks": RowBatch.of([session_key | _block(session, measured, places, name) for name in blocks]),
             "participants": RowBatch.of(participants),
@@ -366,7 +366,7 @@ def _block(session: SelectedSession, measured: SessionMeasures, places: Sequence
     included = [place for place in places if not session.reasons[place] and measured.rows[place]["block"] == name]
     return (
         {"block": name}
-        | measured.over(included)
+        | measured.aggregate(included)
         | {"exclusion_reason": _exclusion_reason(session, counts=bool(included))}
     )
 
@@ -379,7 +379,7 @@ def _participant(session: SelectedSession, measured: SessionMeasures, places: Se
     ]
     return (
         summarize_session(session.log)
-        | measured.over(analysed)
+        | measured.aggregate(analysed)
         | {"exclusion_reason": _exclusion_reason(session, counts=session.counts)}
     )
 

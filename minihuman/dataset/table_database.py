@@ -248,7 +248,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
                 source += " ORDER BY log, row"
             else:
                 source += " JOIN placed USING (log) ORDER BY place, row"
-        for batch in _even(self.connection.sql(f"SELECT {columns} {source}").to_arrow_reader(_ROWS)):
+        for batch in _split_evenly(self.connection.sql(f"SELECT {columns} {source}").to_arrow_reader(_ROWS)):
             yield _cast(batch, schema)
 
     def session_batches(
@@ -265,7 +265,10 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         rows = self.connection.sql(f"SELECT log, {columns} FROM kept.{name} WHERE log IN ({logs}) ORDER BY log, row")
         parts = (part for batch in rows.to_arrow_reader(_ROWS) for part in _split_sessions(batch))
         for number, session_parts in groupby(parts, key=lambda part: int(part.column(0)[0].as_py())):
-            yield number, (_cast(batch, schema) for batch in _even(part.select(schema.names) for part in session_parts))
+            yield (
+                number,
+                (_cast(batch, schema) for batch in _split_evenly(part.select(schema.names) for part in session_parts)),
+            )
 
     def table(self, name: str, columns: Sequence[str] | None = None, *, counting: bool = False) -> pa.Table:
         """Read a table, or some columns of it; ``counting`` as in ``batches``."""
@@ -357,17 +360,17 @@ def _row_digest(name: str, *, without: frozenset[str] = frozenset()) -> str:
     return f"log, (sum(hash(row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT AS digest"
 
 
-def _even(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+def _split_evenly(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
     """Yield the same rows in batches of ``_ROWS``: DuckDB's own follow where its file has gaps."""
     waiting: list[pa.RecordBatch] = []
     for batch in batches:
         waiting.append(batch)
         if sum(map(len, waiting)) >= _ROWS:
-            joined = _one(waiting)
+            joined = _combine(waiting)
             yield joined.slice(0, _ROWS)
             waiting = [joined.slice(_ROWS)]
     if any(map(len, waiting)):
-        yield _one(waiting)
+        yield _combine(waiting)
 
 
 def _cast(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
@@ -381,7 +384,7 @@ def _split_sessions(batch: pa.RecordBatch) -> Iterator[pa.RecordBatch]:
     yield from (batch.slice(begin, end - begin) for begin, end in pairwise(edges) if begin < end)
 
 
-def _one(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
+def _combine(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
     [batch] = pa.Table.from_batches(batches).combine_chunks().to_batches()
     return batch
 
