@@ -119,8 +119,8 @@ def _latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], dict[s
             continue
         if summary.participant in latest_sessions and latest_sessions[summary.participant].session > summary.session:
             continue
-        is_complete = summary.complete or summary.end_reason in FINAL_END_REASONS
-        latest_sessions[summary.participant] = _LatestSession(row, summary.session, is_complete)
+        is_ended = summary.complete or summary.end_reason in FINAL_END_REASONS
+        latest_sessions[summary.participant] = _LatestSession(row, summary.session, is_ended)
     return latest_sessions, unreadable
 
 

@@ -150,16 +150,16 @@ def power(
     measures: tuple[str, ...] = (measure,)
     if measure == "all":
         measures = (*MEASURES, TWO_PARTS)
-    curves = []
+    estimates_by_measure = []
     for name in measures:
         with_effect = compute_values(affected, name)
         without_effect = compute_values(pool.episodes, name)
-        curves.append(power_curve(name, with_effect, without_effect, sizes, studies=studies, seed=seed))
-    curve = tuple(chain.from_iterable(curves))
-    print_result(curve, lambda: describe_power(pool, assumed, curve, player=player), json=json)
+        estimates_by_measure.append(power_curve(name, with_effect, without_effect, sizes, studies=studies, seed=seed))
+    all_estimates = tuple(chain.from_iterable(estimates_by_measure))
+    print_result(all_estimates, lambda: describe_power(pool, assumed, all_estimates, player=player), json=json)
     if out is not None:
         with name_output_when_full(out):
-            paths = write_power(curve, out)
+            paths = write_power(all_estimates, out)
         print_account(map(str, paths))
 
 

@@ -127,8 +127,8 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
 
 def _list_station_facts(log: SessionLog, names: Sequence[str]) -> tuple[dict[str, str], ...]:
     """List some facts of the stations that a session's segments were played at, each distinct one once."""
-    segment_facts = [{name: segment.facts[name] for name in names if name in segment.facts} for segment in log.segments]
-    return tuple(facts for place, facts in enumerate(segment_facts) if facts not in segment_facts[:place])
+    station_facts = [{name: segment.facts[name] for name in names if name in segment.facts} for segment in log.segments]
+    return tuple(facts for place, facts in enumerate(station_facts) if facts not in station_facts[:place])
 
 
 def list_key_to_flip_ms(log: SessionLog) -> NDArray[np.float64]:

@@ -190,8 +190,8 @@ class _ContentsReader:
         """Return what verifies the segment's messages, from its first one on."""
         if self._verifier is None:
             assert self._decode is not None  # its segment's metadata came first
-            is_live = self._path.name.endswith(PART_SUFFIX)
-            self._verifier = MessageVerifier(int(segment.facts["started_unix_ns"]), self._decode, live=is_live)
+            is_unfinished = self._path.name.endswith(PART_SUFFIX)
+            self._verifier = MessageVerifier(int(segment.facts["started_unix_ns"]), self._decode, live=is_unfinished)
         return self._verifier
 
     def _finish_messages(self) -> None:

@@ -3,7 +3,7 @@
 The logs of a team's members are compared with each other too; a member who withdrew is only named.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import groupby, permutations
@@ -217,47 +217,40 @@ def _compare_members(played_by_seat: dict[int, _Played]) -> Iterator[str]:
     lines = dict[str, None]()  # in order, each once
     for (seat, played), (other_seat, other_played) in permutations(played_by_seat.items(), 2):
         for (number, attempt), (episode, team) in played.items():
-            acted = any(sources[other_seat] != "agent" for sources in team.sources)
-            if acted:
-                attempts = {
-                    at: record for (episode_number, at), record in other_played.items() if episode_number == number
-                }
-            else:
-                attempts = {}
+            if all(sources[other_seat] == "agent" for sources in team.sources):
+                continue
+            attempts = {key[1]: record for key, record in other_played.items() if key[0] == number}
             if not attempts:
                 continue
-            same = {at: _count_same(team, record) for at, (_, record) in attempts.items()}
-            best = max(same, key=lambda at: (same[at], at == attempt))
-            other, other_team = attempts[best]
-            n = min(len(team.actions), len(other_team.actions))
-            records = sorted(((seat, episode, team), (other_seat, other, other_team)), key=lambda record: record[0])
-            seats = " and ".join(str(record[0]) for record in records)
-            place = f"episode {number + 1} of the block"
-            hashes = episode.state_hashes[: n + 1] == other.state_hashes[: n + 1]
-            if same[best] < n:
-                logged = ", ".join(
-                    f"seat {logged_seat} logged {logged_team.actions[same[best]].tolist()}"
-                    for logged_seat, _, logged_team in records
-                )
-                lines[f"{place} step {same[best] + 1}: {logged}"] = None
-            elif not hashes.all():
-                lines[f"{place} step {int((~hashes).argmax())}: seats {seats} logged different states"] = None
-            elif len(team.actions) == len(other_team.actions) and team.digest != other_team.digest:
-                lines[f"{place}: seats {seats} logged different digests"] = None
+            n_same = {key: _count_same(team, other_team) for key, (_, other_team) in attempts.items()}
+            best = max(n_same, key=lambda key: (n_same[key], key == attempt))
+            records = {seat: (episode, team), other_seat: attempts[best]}
+            difference = _find_record_difference(dict(sorted(records.items())), n_same[best])
+            if difference:
+                lines[f"episode {number + 1} of the block{difference}"] = None
     yield from lines
+
+
+def _find_record_difference(records: Mapping[int, tuple[EpisodeLog, TeamRecord]], n_same: int) -> str:
+    """Say where two seats' records of an episode differ, whose first joint steps are the same; "" if nowhere."""
+    (episode, team), (other, other_team) = records.values()
+    seats = " and ".join(map(str, records))
+    n = min(len(team.actions), len(other_team.actions))
+    if n_same < n:
+        logged = (f"seat {seat} logged {record.actions[n_same].tolist()}" for seat, (_, record) in records.items())
+        return f" step {n_same + 1}: {', '.join(logged)}"
+    is_equal = episode.state_hashes[: n + 1] == other.state_hashes[: n + 1]
+    if not is_equal.all():
+        return f" step {int((~is_equal).argmax())}: seats {seats} logged different states"
+    if len(team.actions) == len(other_team.actions) and team.digest != other_team.digest:
+        return f": seats {seats} logged different digests"
+    return ""
 
 
 def _compare_messages(logs: dict[int, SessionLog | None], played_by_seat: dict[int, _Played]) -> Iterator[str]:
     """Name the messages that a seat was shown, but that their author's log, if here and whole, does not have."""
     shown_messages = {
-        seat: [
-            event
-            for played in [{episode.plan.episode for episode, _ in played_by_seat[seat].values()}]
-            for event in log.part_events
-            if isinstance(event, MessageShown) and event.episode in played
-        ]
-        for seat, log in logs.items()
-        if log is not None
+        seat: _list_shown_messages(log, played_by_seat[seat]) for seat, log in logs.items() if log is not None
     }
     sent = {
         seat: {message.digest for message in shown_messages[seat] if message.seat == seat}
@@ -270,6 +263,12 @@ def _compare_messages(logs: dict[int, SessionLog | None], played_by_seat: dict[i
         for message in messages
         if message.digest not in sent.get(message.seat, {message.digest})
     )
+
+
+def _list_shown_messages(log: SessionLog, played: _Played) -> list[MessageShown]:
+    """List the messages that a seat was shown in the team's episodes."""
+    episodes = {episode.plan.episode for episode, _ in played.values()}
+    return [event for event in log.part_events if isinstance(event, MessageShown) and event.episode in episodes]
 
 
 def _count_same(record: TeamRecord, other: TeamRecord) -> int:
