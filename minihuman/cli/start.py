@@ -20,6 +20,8 @@ from minihuman.errors import MinihumanError, name_output_when_full
 
 if TYPE_CHECKING:
     from minihuman.admin.protocol_file import ProtocolDraft
+    from minihuman.experiment.plan.session_plan import SessionPlan
+    from minihuman.experiment.protocol.protocol import Protocol
 
 
 WindowOption = Annotated[str, Option("--window", help="The kind of window: auto, pygame, pyglet or a plug-in's name.")]
@@ -173,28 +175,35 @@ def check(
     )
     print_result(plan, lambda: "\n".join(lines), json=json)
     if pictures is not None:
-        from minihuman.runtime.screenshots import save_screenshots
-
-        with show_progress("drawing every screen"), name_output_when_full(pictures):
-            screenshots = save_screenshots(plans, pictures)
-        if len(study.groups) > 1:
-            which = f" (of group {enrolled.group}; --group draws another's)"
-        else:
-            which = ""
-        print(f"{len(screenshots.screens)} screens{which} in {pictures}; all at a glance in {screenshots.sheet}")
-        if screenshots.missing:
-            print(
-                f"not drawn, as no simulated participant reaches them: {', '.join(screenshots.missing)}",
-                file=sys.stderr,
-            )
+        _save_pictures(study, plans, pictures)
     if preregistration is not None:
-        from minihuman.planning.preregistration import describe_planned_power, write_preregistration
+        _write_preregistration(study, plan, preregistration, effect)
 
-        power = ""
-        with show_progress("writing the preregistration"):
-            if effect:
-                power = describe_planned_power(study.toml, effect)
-        print(write_preregistration(study, plan, preregistration, power))
+
+def _save_pictures(study: "Protocol", plans: "list[SessionPlan]", pictures: Path) -> None:
+    """Save a picture of every screen of some sessions, and say which and where."""
+    from minihuman.runtime.screenshots import save_screenshots
+
+    with show_progress("drawing every screen"), name_output_when_full(pictures):
+        screenshots = save_screenshots(plans, pictures)
+    which = ""
+    if len(study.groups) > 1:
+        which = f" (of group {plans[0].participant.group}; --group draws another's)"
+    print(f"{len(screenshots.screens)} screens{which} in {pictures}; all at a glance in {screenshots.sheet}")
+    if screenshots.missing:
+        missing = ", ".join(screenshots.missing)
+        print(f"not drawn, as no simulated participant reaches them: {missing}", file=sys.stderr)
+
+
+def _write_preregistration(study: "Protocol", plan: "SessionPlan", path: Path, effect: str) -> None:
+    """Write a preregistration with a power estimate for an effect, if there is one; say where."""
+    from minihuman.planning.preregistration import describe_planned_power, write_preregistration
+
+    power = ""
+    with show_progress("writing the preregistration"):
+        if effect:
+            power = describe_planned_power(study.toml, effect)
+    print(write_preregistration(study, plan, path, power))
 
 
 def doctor(

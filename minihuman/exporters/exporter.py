@@ -7,7 +7,8 @@ holds, where it came from and what was excluded.
 
 import shutil
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -103,6 +104,34 @@ class ExportCard:
         return "\n".join(lines) + "\n"
 
 
+def _require_new_folder(out: Path) -> None:
+    """Refuse a folder that has something in it, or that the program was started in."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise ExportError(f"{out} already exists; choose another folder, or move that one away")
+    if _is_current_folder(out):
+        raise ExportError(f"{out} is the current folder; choose a new folder")
+
+
+@contextmanager
+def _write_whole(out: Path) -> Iterator[Path]:
+    """Give a folder beside ``out`` that takes its name once all is written; an error inside removes it."""
+    unfinished = out.resolve().with_name(out.name + ".unfinished")  # Minari joins a relative path to itself
+    if unfinished.exists():
+        raise ExportError(
+            f"{unfinished} belongs to an export that is running or was interrupted; if none is running, remove it and "
+            "export again"
+        )
+    unfinished.mkdir(parents=True)
+    try:
+        yield unfinished
+        if out.exists():
+            out.rmdir()
+        unfinished.rename(out)
+    except BaseException:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise
+
+
 def _is_current_folder(path: Path) -> bool:
     if not path.exists():
         return not path.name
@@ -131,10 +160,7 @@ def export_study(
         LogError: if the source cannot be read.
     """
     exporter = find_exporter(format_name)
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise ExportError(f"{out} already exists; choose another folder, or move that one away")
-    if _is_current_folder(out):
-        raise ExportError(f"{out} is the current folder; choose a new folder")
+    _require_new_folder(out)
     sessions = StudySessions(source, selection, engine=engine)
     card = ExportCard(format_name, sessions.account, stored_frames=stored_frames)
 
@@ -147,14 +173,7 @@ def export_study(
             progress(log)
         latest_log = log
 
-    unfinished = out.resolve().with_name(out.name + ".unfinished")  # Minari joins a relative path to itself
-    if unfinished.exists():
-        raise ExportError(
-            f"{unfinished} belongs to an export that is running or was interrupted; if none is running, remove it and "
-            "export again"
-        )
-    unfinished.mkdir(parents=True)
-    try:
+    with _write_whole(out) as unfinished:
         episodes = IncludedEpisodes(
             sessions, on_included=count_episode, stored_frames=stored_frames, with_messages=with_messages
         )
@@ -163,11 +182,5 @@ def export_study(
             why = "; ".join((*export.left_out, *sessions.account.lines()))
             raise ExportError(f"{source} has nothing to export: {why}; select other episodes")
         card.write(unfinished, export)
-        if out.exists():
-            out.rmdir()
-        unfinished.rename(out)
-    except BaseException:
-        shutil.rmtree(unfinished, ignore_errors=True)
-        raise
     moved = tuple(out / path.relative_to(unfinished) for path in export.paths)
     return replace(export, paths=moved), card

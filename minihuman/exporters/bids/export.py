@@ -198,24 +198,7 @@ class _Dataset:
         write_json(out / "sessions.json", {"acq_time": meaning})
         write_json(out / "scans.json", {"acq_time": {"Description": "When the run began, UTC."}})
         people = write_participants(out, source, self._study_facts, list(self._people.values()))
-        described = write_json(
-            out / "dataset_description.json",
-            {
-                "Name": self._study_facts.title or self._study,
-                "BIDSVersion": BIDS_VERSION,
-                "DatasetType": "raw",
-                "HEDVersion": HED_VERSION,
-                "License": self._study_facts.licence,
-                "Authors": [author.name for author in self._study_facts.authors],
-                "Keywords": list(self._study_facts.keywords),
-                "HowToAcknowledge": self._study_facts.how_to_acknowledge,
-                "Funding": list(self._study_facts.funding),
-                "EthicsApprovals": list(self._study_facts.ethics_approvals),
-                "ReferencesAndLinks": list(self._study_facts.references),
-                "DatasetDOI": f"doi:{self._study_facts.doi}" if self._study_facts.doi else "",
-                "GeneratedBy": [GENERATED_BY],
-            },
-        )
+        described = write_json(out / "dataset_description.json", self._describe())
         write_json(
             out / _DERIVATIVES / "dataset_description.json",
             {
@@ -228,6 +211,25 @@ class _Dataset:
         )
         answered = self._phenotype.write(out)
         return (described, people, *answered, *(out / subject for subject in self._people), out / "sourcedata")
+
+    def _describe(self) -> dict[str, Any]:
+        """Describe the dataset by what the protocol says of the study."""
+        facts = self._study_facts
+        return {
+            "Name": facts.title or self._study,
+            "BIDSVersion": BIDS_VERSION,
+            "DatasetType": "raw",
+            "HEDVersion": HED_VERSION,
+            "License": facts.licence,
+            "Authors": [author.name for author in facts.authors],
+            "Keywords": list(facts.keywords),
+            "HowToAcknowledge": facts.how_to_acknowledge,
+            "Funding": list(facts.funding),
+            "EthicsApprovals": list(facts.ethics_approvals),
+            "ReferencesAndLinks": list(facts.references),
+            "DatasetDOI": f"doi:{facts.doi}" if facts.doi else "",
+            "GeneratedBy": [GENERATED_BY],
+        }
 
     def _keep_log(self, session: SelectedSession, folder: Path) -> None:
         """Copy the log and the annotations beside it as they are; a log with words to others only where asked."""
