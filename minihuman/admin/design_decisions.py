@@ -181,7 +181,7 @@ def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[s
 
 @dataclass(frozen=True, slots=True)
 class _LoggedDecision:
-    """What a line of the enrolment log says that a design decided."""
+    """A design's decision, as a line of the enrolment log has it."""
 
     name: str  # of the look or the participant
     spec: DesignSpec | None  # None: the protocol has no such design

@@ -39,7 +39,7 @@ _STATES: dict[DueState, tuple[str, str]] = {  # what is expected, and how it goe
 
 
 class DueSession(msgspec.Struct, frozen=True):
-    """What is expected of a participant; dates are calendar days where the participant was."""
+    """A session that is expected of a participant; dates are calendar days where the participant was."""
 
     participant: str
     group: str
@@ -61,7 +61,7 @@ class DueSession(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True)
 class _LatestSession:
-    """The furthest session of a participant."""
+    """The latest session of a participant."""
 
     row: SessionRow
     session: int

@@ -18,7 +18,7 @@ from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, open_journal
 
 
 class AuditNote(msgspec.Struct, frozen=True):
-    """Why something was done by hand, and who did it."""
+    """The reason for something done by hand, and who did it."""
 
     reason: str = ""
     experimenter: str = ""  # their code
@@ -43,7 +43,7 @@ class FormatDeclared(msgspec.Struct, frozen=True):
 
 
 class SlotTaken(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One line of the register: a place, and the allocation list it was taken from."""
+    """A participant took a slot; the entry says of which allocation list."""
 
     allocation_sha256: str
     list_length: int
@@ -61,7 +61,7 @@ class SlotTaken(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class GroupDrawn(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Somebody's group was drawn after an answer; the last such line counts."""
+    """A participant's group was drawn after an answer; the last such entry counts."""
 
     drawn: str  # the code
     stratum: str
@@ -94,7 +94,7 @@ class ParticipantWithdrawn(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class ParticipantReplaced(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Somebody does not come back: what they did counts, and their slot is free again."""
+    """A participant does not come back: their data count, and their slot is free again."""
 
     replaced: str  # the code
     at: str  # ISO 8601 UTC
@@ -103,7 +103,7 @@ class ParticipantReplaced(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class SlotFreed(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Somebody took a slot and left no data: slot and code are as if they had never come."""
+    """A participant took a slot and left no data: slot and code are as if they had never come."""
 
     freed: str  # the code, which the next one gets
     at: str  # ISO 8601 UTC
@@ -111,7 +111,7 @@ class SlotFreed(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class ChainHeadRecorded(msgspec.Struct, frozen=True):
-    """How a segment's log ended: the head of its hash chain."""
+    """The head of the hash chain with which a segment's log ended."""
 
     sealed: str  # the log's name
     segment: str
@@ -139,7 +139,7 @@ class LogRecovered(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class TeamRecorded(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Who sat where in a team: the only place that maps a team's id to codes."""
+    """The seats of a team: the only place that maps a team's id to codes."""
 
     team: str  # its random id, as in the members' logs
     index: int  # of the team in the study

@@ -271,7 +271,7 @@ def free_slot(study_dir: Path, code: str, why: str) -> None:
 
 
 class _SlotHolders:
-    """Who holds which slot, from the register's lines."""
+    """The participants who hold slots, by the entries of the enrolment log."""
 
     def __init__(self) -> None:
         self.slots: dict[str, SlotTaken] = {}  # as `list_taken_slots` lists them, by participant

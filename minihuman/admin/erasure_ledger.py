@@ -26,7 +26,7 @@ SHOWN_DIGITS = 8  # of a machine's number
 
 
 class ErasureLedger:
-    """The ledger of one study, as a machine of it reads and writes it.
+    """The erasure ledger of one study, as one of its machines reads and writes it.
 
     Args:
         study_dir: the study's folder in the data folder.

@@ -85,7 +85,7 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
 
 @dataclass(slots=True)
 class _SessionTally:
-    """How far a session is, by its messages so far."""
+    """A session's progress, by its messages so far."""
 
     started: events.SessionStarted | None = None  # by its first segment
     completed: set[int] = field(default_factory=set)  # episodes
@@ -223,7 +223,7 @@ def _episode_facts(episode: EpisodeLog) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class RecoveryResult:
-    """What became of a log: a line on it, and whether something in it was damaged."""
+    """The outcome of recovering a log: a line on it, and whether something in it was damaged."""
 
     line: str
     damaged: bool = False

@@ -28,7 +28,7 @@ GONE = " is gone"  # the end of a line about a file that was sealed and is not t
 
 
 class StudyManifest(msgspec.Struct, frozen=True):
-    """A study as it was: its digest, and the SHA-256 of every file, by its path within the study's folder."""
+    """A study's digest, and the SHA-256 of every file, by its path within the study's folder."""
 
     digest: str
     files: dict[str, str]

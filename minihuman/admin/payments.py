@@ -17,7 +17,7 @@ from minihuman.log.read.session_reader import read_log
 
 @dataclass(frozen=True, slots=True)
 class Payment:
-    """One session of one participant."""
+    """The payment for one session of one participant."""
 
     participant: str
     session: int

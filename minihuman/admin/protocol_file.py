@@ -62,7 +62,7 @@ _STAGES = {"practice": 0, "task-a": 0, "task-b": -1}  # each with the place of i
 
 @dataclass(frozen=True, slots=True)
 class ProtocolDraft:
-    """What a new study is to be."""
+    """The answers from which a new study's protocol is written."""
 
     name: str = "my-study"
     world: str = ""  # or several, with commas; "": the template's

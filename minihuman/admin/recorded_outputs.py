@@ -21,7 +21,7 @@ TABLES = "tables"  # the kind of a folder that `minihuman gather --tables` fille
 
 
 class RecordedOutput(msgspec.Struct, frozen=True):
-    """One output."""
+    """An export, a report or tables that were made of a study."""
 
     study: str
     kind: str  # "report", "export csv", "tables"

@@ -35,7 +35,7 @@ class LinkIssued(msgspec.Struct, frozen=True):
 
 
 class ParticipantArrived(msgspec.Struct, frozen=True):
-    """Somebody came and has this slot; whoever comes by the same again is them."""
+    """A participant came and has this slot; who comes by the same link or id again is the same participant."""
 
     came: str  # "link:..." or "prolific:..." with an HMAC
     participant: str
@@ -43,14 +43,14 @@ class ParticipantArrived(msgspec.Struct, frozen=True):
 
 
 class RecruitmentSwitched(msgspec.Struct, frozen=True):
-    """Whether new people may come; who has a slot may always go on."""
+    """Recruitment was opened or closed; participants with a slot may always resume."""
 
     recruiting: bool
     at: str
 
 
 class PlatformId(msgspec.Struct, frozen=True):
-    """Who a participant is on the platform that sent them."""
+    """A participant's id on the platform that sent them."""
 
     participant: str
     platform: str
@@ -58,7 +58,7 @@ class PlatformId(msgspec.Struct, frozen=True):
 
 
 class PlatformSecret(msgspec.Struct, frozen=True):
-    """What platforms' ids are hashed with."""
+    """The secret with which platforms' ids are hashed."""
 
     secret: str  # hexadecimal
 
@@ -73,7 +73,7 @@ _ENTRY_TYPES: dict[str, type[RecruitmentEntry]] = {
 
 @dataclass(slots=True)
 class RecruitmentState:
-    """What all lines together say."""
+    """The state of recruitment after all entries."""
 
     issued: set[str] = field(default_factory=set)
     came: dict[str, str] = field(default_factory=dict)  # by what they came -> participant
@@ -186,7 +186,7 @@ class Recruitment:
 
 @dataclass(frozen=True, slots=True)
 class RecruitmentTransaction:
-    """The arrivals while nobody else can add to them."""
+    """The arrivals while no other process can add to them."""
 
     journal: LockedJournal[RecruitmentEntry]
     standing: RecruitmentState

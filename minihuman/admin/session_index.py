@@ -65,7 +65,7 @@ _Storing = Literal["never", "anew", "added"]
 
 @dataclass(frozen=True, slots=True)
 class SessionRow:
-    """One session of a study: where it is, and what is in it or why it cannot be read."""
+    """One session of a study: where it is, and its summary or why it cannot be read."""
 
     path: Path  # the finished log; the live or cut-off segment where there is none yet
     summary: SessionSummary | None  # None: unreadable

@@ -54,7 +54,7 @@ _LEFT = "left before anything was recorded"
 
 @dataclass(frozen=True, slots=True)
 class SessionFlow:
-    """What became of one session; counts of participants by group."""
+    """The flow of participants through one session; counts by group."""
 
     began: GroupCounts
     complete: GroupCounts
@@ -65,7 +65,7 @@ class SessionFlow:
 
 @dataclass(frozen=True, slots=True)
 class ParticipantFlow:
-    """Counts of participants. Who declined and came again came twice: nothing is kept that could tell."""
+    """Counts of participants. Those who declined and came again count twice: no record could tell."""
 
     came: int
     before: Mapping[str, int]  # who left no data, by what they did

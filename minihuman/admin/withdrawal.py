@@ -39,7 +39,7 @@ class ErasureError(LogError):
 
 @dataclass(frozen=True, slots=True)
 class WithdrawalResult:
-    """What was taken out of a study's folder."""
+    """The data that were taken out of a study's folder."""
 
     files: int
     bytes: int

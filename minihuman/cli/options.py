@@ -22,7 +22,7 @@ from minihuman.trust import Permission
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """A parameter that is given by its place."""
+    """A positional parameter of a command."""
 
     help: str
     metavar: str
@@ -30,7 +30,7 @@ class Argument:
 
 @dataclass(frozen=True, slots=True, init=False)
 class Option:
-    """A parameter that is given by a name: the names declared, or the parameter's own."""
+    """A named parameter of a command: by the names declared, or the parameter's own."""
 
     names: tuple[str, ...]
     help: str

@@ -17,7 +17,7 @@ from minihuman.log.salvage.summary_section import read_first_metadata
 
 
 class CachedSession(msgspec.Struct, frozen=True):
-    """What is known of a log whose rows are cached: where it is, what counts of it, or why it cannot be read."""
+    """A cached log: where it is, how much of it is included, or why it cannot be read."""
 
     path: str  # "" in the file, which names no folder outside the study
     problem: str = ""
@@ -40,7 +40,7 @@ class CachedSession(msgspec.Struct, frozen=True):
 
 
 class ListedLog(NamedTuple):
-    """What a log's files say before it is read."""
+    """A log as its files describe it, before it is read."""
 
     path: Path
     fingerprint: str
@@ -48,7 +48,7 @@ class ListedLog(NamedTuple):
 
 
 class KnownLog(NamedTuple):
-    """What the file says of a log."""
+    """A log as the cache describes it."""
 
     number: int
     fingerprint: str

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IncludedEpisode:
-    """One episode that counts, and the session it belongs to."""
+    """An included episode, and the session it belongs to."""
 
     log: SessionLog
     episode: EpisodeLog
@@ -33,7 +33,7 @@ class IncludedEpisode:
 
 
 class IncludedEpisodes:
-    """The episodes that an export takes. To be gone through once, in one of two ways.
+    """The episodes that an export includes. Iterate over them once, in one of two ways.
 
     Args:
         sessions: where they are, and what counts of them.

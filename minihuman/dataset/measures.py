@@ -85,7 +85,7 @@ PoseArray = NDArray[np.float64]  # (n + 1, 4) of an episode; of several with a r
 
 
 class PathMeasures(NamedTuple):
-    """An episode's path in numbers."""
+    """The measures of an episode's path."""
 
     length: float  # ground covered, in cells or metres; NaN where the world tells no pose
     efficiency: float  # straight distance over ground covered: 1 is a straight line; NaN for one who never moved
@@ -227,7 +227,7 @@ _TAKEN = ("accepted", "queued")  # verdicts of presses that were answered by a s
 
 @dataclass(frozen=True, slots=True)
 class KeyUse:
-    """One key under one key map: how it was used, and when what it does first showed.
+    """The use of one key under one key map, and when its action was discovered.
 
     ``discovered_s`` is playing time in episodes, and ``discovered_steps`` the steps done up to and with that press,
     since the key map came into force; both None while its action never showed.

@@ -27,7 +27,7 @@ _SOFTWARE = (
 
 @dataclass(frozen=True, slots=True)
 class RecordingQuality:
-    """One session. Times in ms; NaN where there was nothing to measure."""
+    """The recording quality of one session. Times in ms; NaN where there was nothing to measure."""
 
     participant: str
     session: int
@@ -50,7 +50,7 @@ class RecordingQuality:
 
 
 class PlanOutline(msgspec.Struct, frozen=True):
-    """A session's plan as far as a methods section tells it."""
+    """An outline of a session's plan, as a methods section reports it."""
 
     study: str
     version: str

@@ -28,7 +28,7 @@ _INCLUDED_SESSIONS = """
 
 
 class RowWriter:
-    """Writes rows and digests in one transaction: a session is whole in the file, or to be read again.
+    """Writes rows and digests in one transaction: a session is complete in the file, or is read again.
 
     Args:
         tables: the file.

@@ -41,7 +41,7 @@ _NUMPY: dict[pa.DataType, type] = {pa.int64(): np.int64, pa.float64(): np.float6
 
 @dataclass(frozen=True, slots=True)
 class RowBatch:
-    """Some rows of a table: of each column n values, in an array, a list or ``Words``, or the one that all have."""
+    """Some rows of a table: each column has n values, in an array, a list or categories, or one value for all rows."""
 
     count: int  # n
     columns: Mapping[str, Any]

@@ -94,7 +94,7 @@ def find_practice_blocks(plan: SessionPlan) -> frozenset[str]:
 
 @dataclass(frozen=True, slots=True)
 class ExclusionRule:
-    """One rule of a protocol's own."""
+    """An exclusion rule of a protocol."""
 
     exclusion: ExclusionSpec
 
@@ -142,7 +142,7 @@ ExclusionLevel = Literal["participant", "episode"]
 
 @dataclass(frozen=True, slots=True)
 class ExcludedItem:
-    """An episode, or all that a participant did in a session, that was asked for and does not count."""
+    """A selected episode, or all selected episodes of a participant in a session, that are excluded."""
 
     reason: str
     level: ExclusionLevel
@@ -154,7 +154,7 @@ class ExcludedItem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelectedSession:
-    """A session as a selection sees it: each episode's tags, whether it is asked for, and why it does not count."""
+    """A session under a selection: each episode's tags, whether it is selected, and why it is excluded."""
 
     log: SessionLog
     tags: tuple[frozenset[str], ...]
@@ -218,7 +218,7 @@ class SelectedSession:
 
 @dataclass(slots=True)
 class SelectionSummary:
-    """What an output is made of: how much counts, what was excluded and why, what could not be read."""
+    """A summary of an output's data: how much is included, what is excluded and why, what could not be read."""
 
     selection: str = ""  # as the command line takes it
     sessions: int = 0  # with an episode that counts, or without any to play
@@ -292,7 +292,7 @@ AGENT_FAILED = "the agent failed"
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What is asked for, and what of it counts. Several values of one field mean any of them; none means all.
+    """Which episodes are selected and included. Several values of one field mean any of them; none means all.
 
     ``outcome`` to ``only`` say what is asked for. ``without`` are further tags that leave an episode out, and
     ``with_`` takes back in what is excluded by default: "exclude" or another tag, "unfinished", "rules".

@@ -37,7 +37,7 @@ MeasureRow = dict[str, Any]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionMeasures:
-    """A session's episodes in the order played: one row of numbers for each, and its keys counted."""
+    """A session's measures: a row for each episode in the order played, and its key counts."""
 
     rows: tuple[MeasureRow, ...]  # columns of the table "episodes"
     tallies: tuple[KeyTally, ...]

@@ -47,7 +47,7 @@ T = TypeVar("T")
 
 
 class StudySessions:
-    """The sessions of a log, or of all logs below a folder. Going through them fills the ``account``.
+    """The sessions of a log, or of all logs below a folder. Iterating over them fills the ``account``.
 
     A log that cannot be read, a second log of the same session and withdrawn participants are skipped by name, and the
     rest is read; ``say`` is called with each at once. ``from_logs`` believes no cache: tables are made from
@@ -129,7 +129,7 @@ class StudySessions:
 
 @dataclass(frozen=True, slots=True)
 class SessionRows:
-    """One session's plan and rows, and what counts of it."""
+    """One session's plan and rows, and how much of it is included."""
 
     path: Path
     plan: SessionPlan

@@ -34,7 +34,7 @@ _MAX_OPENINGS = 5  # to look, to write, to read; another command may write meanw
 
 
 class _Damage(NamedTuple):
-    """What in a file is not as it was written."""
+    """The parts of a file that are not as they were written."""
 
     changed: set[int]  # the sessions with other rows, or whose line is another; numbers of no session among them
     doubled: set[str]  # the logs that are in it more than once

@@ -13,7 +13,7 @@ from minihuman.errors import QueryError
 
 
 class StoreFile:
-    """Opens the file, and makes it anew where it holds something else.
+    """Opens the file, and makes it again where it holds something else.
 
     Args:
         sessions: of which study, and what counts; what is done without the study's own file is noted in their account.

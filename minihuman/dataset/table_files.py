@@ -51,7 +51,7 @@ def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
 
 
 class _Csv:
-    """CSV as pandas, polars, R and DuckDB read it alike: TRUE and FALSE, and nothing at all where nothing is known."""
+    """A CSV writer for pandas, polars, R and DuckDB alike: TRUE and FALSE, and nothing where a value is missing."""
 
     def __init__(self, path: Path, columns: pa.Schema) -> None:
         self._yes_no = [name for name in columns.names if pa.types.is_boolean(columns.field(name).type)]

@@ -25,7 +25,7 @@ GROUP = "minihuman.exporters"
 
 @dataclass(frozen=True, slots=True)
 class ExportResult:
-    """What an exporter wrote: its data files and folders, and how much is in them."""
+    """An exporter's output: its data files and folders, and how much is in them."""
 
     paths: tuple[Path, ...]
     episodes: int  # that count
@@ -60,7 +60,7 @@ def find_exporter(name: str) -> Exporter:
 
 @dataclass(slots=True)
 class ExportCard:
-    """Counts what passes on its way to an exporter."""
+    """Counts the episodes of an export, and writes its card."""
 
     format: str
     account: SelectionSummary

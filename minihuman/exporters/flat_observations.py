@@ -287,7 +287,7 @@ def build_actions(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict
 
 
 class Resimulator:
-    """Gives episodes their observations, keeping the world of the last one for the next.
+    """Replays episodes for their observations, and reuses the world of the last one for the next.
 
     Args:
         picture_px: width and height within which pictures are drawn, too, of what the participant saw; by default none
@@ -365,7 +365,7 @@ def require_regular(item: IncludedEpisode, demonstration: ReplayedEpisode) -> No
 
 
 class ReplayedStudy:
-    """Goes through the episodes that have a step, each with its dataset's name and what was observed; counts them.
+    """Replays the episodes that have a step, each with its dataset's name and its observations; counts them.
 
     Args:
         chosen: the episodes.

@@ -39,7 +39,7 @@ _Key = tuple[int, int, int, int]  # episode, attempt, first step and last
 
 
 class FragmentWriter:
-    """Gathers the stretches of one session after the other as its episodes come by."""
+    """Gathers the compared fragments of one session after the other."""
 
     def __init__(self) -> None:
         self._log: SessionLog | None = None
@@ -128,7 +128,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 class _Writers:
-    """A file a dataset, opened when its first row comes."""
+    """A file for each dataset, opened when its first row comes."""
 
     def __init__(self, out: Path) -> None:
         self._out = out

@@ -45,7 +45,7 @@ QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
 class FeatureStatistics:
-    """Statistics of one feature. Quantiles over episodes are means of theirs by frames, as LeRobot's own are.
+    """Statistics of one feature. Quantiles over episodes are their means weighted by frames, as LeRobot's own are.
 
     Args:
         values: an episode's, a row per frame; of a picture (frames, H, W, 3) bytes, whose channels are told apart and

@@ -30,7 +30,7 @@ _KNOWN_METADATA = (
 
 @dataclass(slots=True)
 class LogSegment:
-    """A segment of a log, as its records say."""
+    """A segment of a log, as its records describe it."""
 
     facts: dict[str, str]
     station: dict[str, str] | None = None
@@ -68,7 +68,7 @@ class LogSegment:
 
 @dataclass(slots=True)
 class LogContents:
-    """All that a log holds."""
+    """The contents of a log."""
 
     segments: list[LogSegment] = field(default_factory=list)
     finished: bool = False
@@ -88,7 +88,7 @@ def read_log_contents(path: Path) -> LogContents:
 
 
 class _ContentsReader:
-    """Takes a log's records in their order.
+    """Reads a log's records in order.
 
     Args:
         path: the log.

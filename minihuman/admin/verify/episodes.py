@@ -27,7 +27,7 @@ from minihuman.worlds.source_digest import rules_digest
 
 @dataclass(frozen=True, slots=True)
 class EpisodeVerification:
-    """What playing a log again gave."""
+    """The outcome of replaying a log's episodes."""
 
     episodes: int
     steps: int

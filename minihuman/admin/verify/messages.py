@@ -21,7 +21,7 @@ _FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.is_previ
 
 
 class MessageVerifier:
-    """Takes a segment's messages in their order.
+    """Verifies a segment's messages in order.
 
     Args:
         started_ns: the wall clock at the segment's time 0.

@@ -28,7 +28,7 @@ _NOT_COMPARED = ("version_minihuman", "version_mcap")  # which draw nothing of w
 
 @dataclass(frozen=True, slots=True)
 class PictureVerification:
-    """What drawing the shown pictures again gave.
+    """The outcome of drawing the shown pictures again.
 
     Attributes:
         verdict: of them all.
