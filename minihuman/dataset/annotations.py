@@ -26,7 +26,7 @@ _TAG = re.compile(r"[a-z][a-z0-9_-]*")
 
 
 class Annotation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A reviewer's annotation. ``episode`` None is the whole session; ``taken_back`` revokes an earlier one of that tag."""
+    """An annotation. ``episode`` None is the whole session; ``taken_back`` revokes an earlier one of that tag."""
 
     tag: str
     at: str  # ISO 8601 UTC
