@@ -65,10 +65,10 @@ class IncludedEpisodes:
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
         """
-        for session in self.sessions:
-            for episode in session.episodes:
-                item = IncludedEpisode(session.session, episode, self._stored_frames)
-                self._on_included(session.log.path, item.facts)
+        for selected in self.sessions:
+            for episode in selected.episodes:
+                item = IncludedEpisode(selected.session, episode, self._stored_frames)
+                self._on_included(selected.log.path, item.facts)
                 yield item
 
     def counted(self) -> Iterator[SelectedSession]:
@@ -77,11 +77,11 @@ class IncludedEpisodes:
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
         """
-        for session in self.sessions:
-            if session.is_selected:
-                for episode in session.episodes:
-                    self._on_included(session.log.path, build_episode_facts(session.log, episode))
-                yield session
+        for selected in self.sessions:
+            if selected.is_selected:
+                for episode in selected.episodes:
+                    self._on_included(selected.log.path, build_episode_facts(selected.log, episode))
+                yield selected
 
     def rows(self) -> Iterator[SessionRows]:
         """Yield every session's rows of every table, several read side by side; excluded rows have their reason.

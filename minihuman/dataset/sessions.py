@@ -149,7 +149,7 @@ def read_selected_sessions(sources: Iterable[Path], selection: Selection) -> tup
     logs = list[SessionLog]()
     for source in sources:
         sessions = StudySessions(source, selection)
-        logs += [session.session for session in sessions if session.places]
+        logs += [selected.session for selected in sessions if selected.places]
         account.add(sessions.account)
     if not logs:
         raise LogError(
