@@ -2,9 +2,9 @@
 
 python analysis/readers/code_sample.py FOLDER --seed 1
 
-It writes `functions.txt` (40 functions of 4 to 40 lines) and `docstrings.txt` (40
-docstrings under the line that defines what they describe), each numbered. Kernels' generated tables and protobuf's files
-are left out. `--also PACKAGE` draws as many from another package and mixes them in; `key.tsv` says which are whose.
+It writes `functions.txt` (40 functions of 4 to 40 lines) and `docstrings.txt` (40 docstrings, each under the line that
+defines what it describes), numbered. Files that protobuf generates are left out. `--also PACKAGE` draws as many from
+another package and mixes them in; `functions-key.tsv` and `docstrings-key.tsv` say which are whose.
 """
 
 import argparse
