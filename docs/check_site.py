@@ -29,7 +29,6 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 PAGES = (
     "index",
-    "first-study",
     "tutorial-first",
     "tutorial-desk",
     "protocols",
