@@ -86,9 +86,12 @@ def on_page_markdown(markdown: str, *, page: Page, **_: Any) -> str:
 
 
 def on_post_page(output: str, **_: Any) -> str:
-    """Mend two things that the theme leaves: a search dialog without a name, and hidden inputs that Tab reaches."""
-    dialog, hidden = 'data-md-component="search" role="dialog"', '<input class="md-option"'
-    return output.replace(dialog, f'{dialog} aria-label="Search"').replace(hidden, f'{hidden} tabindex="-1"')
+    """Mend what the theme leaves: a search dialog without a name, hidden inputs that Tab reaches, and eager galleries."""
+    dialog = 'data-md-component="search" role="dialog"'
+    hidden = '<input class="md-option"'
+    picture = ' src="gallery-'
+    output = output.replace(dialog, f'{dialog} aria-label="Search"').replace(hidden, f'{hidden} tabindex="-1"')
+    return output.replace(picture, f' loading="lazy"{picture}')
 
 
 def _write_section(write: Callable[[str], str], marker: str) -> str:
