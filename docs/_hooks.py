@@ -86,7 +86,7 @@ def on_page_markdown(markdown: str, *, page: Page, **_: Any) -> str:
 
 
 def on_post_page(output: str, **_: Any) -> str:
-    """Mend what the theme leaves: a search dialog without a name, hidden inputs that Tab reaches, and eager galleries."""
+    """Mend a search dialog without a name, inputs that Tab should not reach, and galleries that load at once."""
     dialog = 'data-md-component="search" role="dialog"'
     hidden = '<input class="md-option"'
     picture = ' src="gallery-'
