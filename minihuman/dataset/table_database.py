@@ -314,7 +314,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def _lay_out(self) -> None:
         with transaction(self.connection):
             self.connection.execute("CREATE SCHEMA kept")
-            self.connection.execute("\n".join(map(_write_definition, TABLES)))
+            self.connection.execute("\n".join(map(_write_definition, TABLES)))  # at once: each call takes a millisecond
             self.connection.execute(
                 "CREATE TABLE kept.logs (log INTEGER NOT NULL, key TEXT, fingerprint TEXT, with_shortest BOOLEAN, "
                 "row_digests UBIGINT[], metadata BLOB, about BLOB, facts BLOB, digest UBIGINT)"
@@ -326,7 +326,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
 
 
 def _write_definition(name: str) -> str:
-    """Write the SQL that lays out a table, and the view of it that queries read: at once for all, as each takes 1 ms."""
+    """Write the SQL that lays out a table, and the view of it that queries read."""
     types = {field.name: _SQL_TYPES[field.type] for field in arrow_schema(name)}
     columns = ", ".join(f'"{column}" {sql_type}' for column, sql_type in types.items())
     shown = ", ".join(f'"{column}"' for column in types)

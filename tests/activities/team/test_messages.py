@@ -1,12 +1,11 @@
 """What people of a team write and mark: who sees it, which log holds it, and what is left when its author withdraws."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
 from minihuman.activities.team.message_events import MessageShown
 from minihuman.activities.team.messages import MESSAGE_LETTERS
@@ -14,6 +13,7 @@ from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.withdrawal import withdraw_participant
 from minihuman.api import export
+from minihuman.cli.command_line import make_command_line
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import TextInput
@@ -226,9 +226,9 @@ def test_no_export_holds_what_was_written(tmp_path: Path) -> None:
         write(seat, SECRET)
     end(*seats)
     for kind in ("csv", "parquet", "pettingzoo", "bids"):
-        command = [sys.executable, "-m", "minihuman", "export", kind, str(tmp_path / "duet"), str(tmp_path / kind)]
-        made = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert made.returncode == 0, made.stderr
+        words = ["export", kind, str(tmp_path / "duet"), str(tmp_path / kind)]
+        exported = CliRunner().invoke(make_command_line(), words)
+        assert exported.exit_code == 0, exported.output
         files = [path for path in (tmp_path / kind).rglob("*") if path.is_file()]
         assert files
         assert not [path for path in files if SECRET.encode() in path.read_bytes()]
