@@ -51,7 +51,7 @@ def write(seat: Seat, text: str, *, sends: bool = True) -> None:
 
 
 def lines(seat: Seat) -> list[tuple[str, str]]:
-    return seat.machine.screen.messages["lines"]
+    return seat.machine.screen.page_fields["messages"]["lines"]
 
 
 def end(*seats: Seat) -> None:
@@ -144,11 +144,11 @@ def test_a_message_has_a_bound_and_a_second_one_waits_in_its_line(tmp_path: Path
     write(one, "x" * 3 * MESSAGE_LETTERS)
     write(one, "again")
     assert [event.text for event in one.of(MessageShown)] == ["x" * MESSAGE_LETTERS]
-    assert one.machine.screen.messages["entry"].text == "again"
+    assert one.machine.screen.page_fields["messages"]["entry"].text == "again"
     one.wait(2000)
     one.press("enter")
     assert one.of(MessageShown)[-1].text == "again"
-    assert one.machine.screen.messages["entry"] is None
+    assert one.machine.screen.page_fields["messages"]["entry"] is None
     write(one, "   ")
     assert len(one.of(MessageShown)) == 2
     assert list(compare_replay(one.events, World)) == []
@@ -184,15 +184,15 @@ def test_a_mark_is_on_the_cell_in_front_on_both_screens_for_two_seconds(tmp_path
     pose = one.machine.play.world.pose()
     [cell] = {event.cell for seat in (one, two) for event in seat.of(MessageShown)}
     assert abs(cell[0] - pose.x) + abs(cell[1] - pose.z) == 1
-    assert one.machine.screen.messages["cells"] == [(*cell, True)]
-    assert two.machine.screen.messages["cells"] == [(*cell, False)]
-    assert two.machine.screen.messages["bounds"] == two.machine.play.world.map().bounds
+    assert one.machine.screen.page_fields["messages"]["cells"] == [(*cell, True)]
+    assert two.machine.screen.page_fields["messages"]["cells"] == [(*cell, False)]
+    assert two.machine.screen.page_fields["messages"]["bounds"] == two.machine.play.world.map().bounds
     for seat in (one, two):
         assert seat.machine.next_tick_ns <= seat.of(MessageShown)[0].t_ns + 2_000_000_000
         seat.wait(1990)
-        assert len(seat.machine.screen.messages["cells"]) == 1
+        assert len(seat.machine.screen.page_fields["messages"]["cells"]) == 1
         seat.wait(20)
-        assert seat.machine.screen.messages["cells"] == []
+        assert seat.machine.screen.page_fields["messages"]["cells"] == []
     end(one, two)
     assert proven(one, two)
     assert [good for _, good in verify_teams(tmp_path / "duet")] == [True]
@@ -274,7 +274,7 @@ def test_without_either_nothing_is_written_or_shown(tmp_path: Path) -> None:
     one.press("m", "f2")
     two.wait(1)
     assert one.of(MessageShown) == []
-    assert one.machine.screen.messages is None
+    assert one.machine.screen.page_fields == {}
 
 
 def test_messages_of_a_page_that_moves_its_clock_reach_the_partner_at_the_servers_interval(tmp_path: Path) -> None:
