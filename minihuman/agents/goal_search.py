@@ -119,16 +119,16 @@ class RoomSearch(GoalSearch):
 
         self._world, self._env, self._noise, self._rng = world, world.unwrapped, noise, rng
         self._memory = ExploredFloor(self._env)
-        self._shown = FullViewSearch(world)  # once all targets have been seen
+        self._known_path = FullViewSearch(world)  # once all targets have been seen
 
     def plan(self) -> list[str]:
         """Go to the targets once all have been seen, else to where more can be seen."""
         memory = self._memory
         memory.look()
         targets = self._env.targets()
-        if all(any(thing is one for one in memory.things) for thing in targets):
+        if all(any(thing is known for known in memory.things) for thing in targets):
             if type(self._env).shortest_path is not GoalEnv.shortest_path:
-                return self._shown.plan()
+                return self._known_path.plan()
             move = memory.step_to(targets[0])
             if move is not None:
                 return [move]
@@ -144,7 +144,7 @@ class RoomSearch(GoalSearch):
 
     def observe_action(self, action: str, *, no_effect: bool) -> None:
         """Remember an obstacle where a step forward had no effect."""
-        self._shown.observe_action(action, no_effect=no_effect)
+        self._known_path.observe_action(action, no_effect=no_effect)
         if action == "move_forward":
             self._memory.bumped() if no_effect else self._memory.moved()
 

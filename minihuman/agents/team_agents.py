@@ -102,9 +102,9 @@ class KitchenView:
         row = self.row = kitchen.row
         width, height, cooks = row[:3].tolist()
         every = row[fields.COOK : fields.COOK + 4 * cooks].reshape(cooks, 4).tolist()
-        x, y, self.facing, self.held = every.pop(seat)
-        self.place, self.others = (x, y), {(other[0], other[1]) for other in every}
-        self.others_hold = [other[3] for other in every]
+        x, y, self.facing, self.held_thing = every.pop(seat)
+        self.place, self.other_places = (x, y), {(other[0], other[1]) for other in every}
+        self.held_by_others = [other[3] for other in every]
         cells = [divmod(cell, height) for cell in range(width * height)]
         terrain, things = row[fields.COOK + 4 * cooks :].reshape(2, -1).tolist()
         self.terrain, self.things = dict(zip(cells, terrain, strict=True)), dict(zip(cells, things, strict=True))
@@ -115,15 +115,15 @@ class KitchenView:
 
     def choose(self) -> tuple[int, bool]:
         """The next action, and whether somebody is in its way."""
-        for wanted in self._wishes():
-            if self._reaches(wanted):
-                return self._approach(wanted)
-        return fields.STAY, bool(self.others)
+        for stations in self._wishes():
+            if self._reaches(stations):
+                return self._approach(stations)
+        return fields.STAY, bool(self.other_places)
 
     def _wishes(self) -> list[list[Cell]]:
         """Stations to act on, the most urgent first."""
         pots = self._cells(fields.POT)
-        kind = kind_of(self.held)
+        kind = kind_of(self.held_thing)
         active = [cell for cell in pots if self.things[cell] and clock_of(self.things[cell]) >= 0]
         if kind == fields.SOUP:
             return [self._cells(fields.HATCH), self._shared_counters()]
@@ -133,7 +133,7 @@ class KitchenView:
         if kind != fields.NOTHING:
             return [[cell for cell in pots if self._takes(cell, kind)], self._shared_counters(), self._counters(0)]
         dishes = self._counters(fields.DISH)
-        brought = self.others_hold.count(fields.DISH) + (0 if self._reaches(active) else len(dishes))
+        brought = self.held_by_others.count(fields.DISH) + (0 if self._reaches(active) else len(dishes))
         wishes = [[cell for cell in pots if self._is_complete(cell)], self._counters(fields.SOUP)]
         wishes += [dishes + self._cells(fields.DISHES)] if len(active) > brought else []
         for kind, source in ((fields.ONION, fields.ONIONS), (fields.TOMATO, fields.TOMATOES)):
@@ -142,7 +142,7 @@ class KitchenView:
         return wishes
 
     def _cells(self, terrain: int) -> list[Cell]:
-        return [cell for cell, its in self.terrain.items() if its == terrain]
+        return [cell for cell, cell_terrain in self.terrain.items() if cell_terrain == terrain]
 
     def _counters(self, kind: int) -> list[Cell]:
         """The counters on which a thing of a kind lies, 0 for none."""
@@ -150,18 +150,18 @@ class KitchenView:
 
     def _shared_counters(self) -> list[Cell]:
         """Free counters that another cook reaches who does not stand where this one can go."""
-        apart = [self._region(other) for other in self.others if other not in self.region]
+        apart = [self._region(other) for other in self.other_places if other not in self.region]
         return [cell for cell in self._counters(0) if any(not region.isdisjoint(beside(cell)) for region in apart)]
 
     def _region(self, place: Cell) -> set[Cell]:
         """The floor that can be walked to, if the others make way."""
-        found = {place}
+        region = {place}
         waiting = [place]
         while waiting:
-            new = beside(waiting.pop()) & self.floor - found
-            found |= new
+            new = beside(waiting.pop()) & self.floor - region
+            region |= new
             waiting += new
-        return found
+        return region
 
     def _reaches(self, cells: list[Cell]) -> bool:
         return any(not self.region.isdisjoint(beside(cell)) for cell in cells)
@@ -184,21 +184,21 @@ class KitchenView:
         waits = self.things[cell] and clock_of(self.things[cell]) < 0 and not self.row[fields.AUTOMATIC]
         return bool(waits) and not (self._takes(cell, fields.ONION) or self._takes(cell, fields.TOMATO))
 
-    def _approach(self, wanted: list[Cell]) -> tuple[int, bool]:
+    def _approach(self, stations: list[Cell]) -> tuple[int, bool]:
         """Go to the nearest of these stations, turn to it and use it; wait there for a pot that still cooks."""
 
         def is_there(cell: Cell) -> bool:
-            return not beside(cell).isdisjoint(wanted)
+            return not beside(cell).isdisjoint(stations)
 
-        way = find_way(self.place, is_there, self.floor - self.others)
+        way = find_way(self.place, is_there, self.floor - self.other_places)
         blocked = way is None
         way = find_way(self.place, is_there, self.floor) or [] if way is None else way
         if way:
-            return towards(self.place, way[0]), blocked or not beside(way[0]).isdisjoint(self.others)
-        station = next(cell for cell in wanted if cell in beside(self.place))
+            return towards(self.place, way[0]), blocked or not beside(way[0]).isdisjoint(self.other_places)
+        station = next(cell for cell in stations if cell in beside(self.place))
         if self.facing != towards(self.place, station):
             return towards(self.place, station), False
-        cooks = self.terrain[station] == fields.POT and kind_of(self.held) == fields.DISH
+        cooks = self.terrain[station] == fields.POT and kind_of(self.held_thing) == fields.DISH
         return (fields.STAY if cooks and not self._is_ready(station) else fields.INTERACT), False
 
 
@@ -230,15 +230,15 @@ class CorridorAgent(BaseAgent):
         pose = team.pose(seat)
         place = int(pose.x), int(pose.z)
         free = {(x, y) for x, y in np.argwhere(state.kinds != WALL).tolist()}
-        others = {(int(other.x), int(other.z)) for other in map(team.pose, range(team.bodies))} - {place}
+        other_cells = {(int(other.x), int(other.z)) for other in map(team.pose, range(team.bodies))} - {place}
         is_own = (state.kinds == GOAL) & (state.colours == BODY_COLOURS[seat])
         own = {(x, y) for x, y in np.argwhere(is_own).tolist()}
         bay = {cell for cell in free if cell[1] == 1}
-        way = find_way(place, own.__contains__, free - others)
+        way = find_way(place, own.__contains__, free - other_cells)
         if way is None and self.argument == "insist":
             way = find_way(place, own.__contains__, free)
         elif way is None:
-            way = find_way(place, bay.__contains__, free - others) or []
+            way = find_way(place, bay.__contains__, free - other_cells) or []
         action = "stay"
         if way:
             turns = ((3, 1, 0, 2)[towards(place, way[0])] - round(-pose.yaw_rad / (np.pi / 2))) % 4

@@ -134,14 +134,14 @@ def select_faces(text: str, faces: TypefaceSet) -> list[Typeface]:
 
     Signs, blanks and marks go with what they follow. A character that no face has is drawn as the shipped face's box.
     """
-    wanted = {character: faces.of(character) for character in dict.fromkeys(text) if not character.isspace()}
-    used = set(wanted.values())
+    preferred = {character: faces.of(character) for character in dict.fromkeys(text) if not character.isspace()}
+    used = set(preferred.values())
     if len(used) == 1 and (face := used.pop()) is not None:
         return [face] * len(text)
     chosen: list[Typeface] = []
     for character in text:
-        face = wanted.get(character)
-        if chosen and (character not in wanted or _can_follow(character, face, chosen[-1])):
+        face = preferred.get(character)
+        if chosen and (character not in preferred or _can_follow(character, face, chosen[-1])):
             face = chosen[-1]
         chosen.append(face or shipped_typeface())
     return chosen

@@ -234,9 +234,9 @@ def _without_heading(lines: list[str], room: int) -> int:
     last = room
     while last > 1 and not lines[last - 1].strip():
         last -= 1
-    alone = last == 1 or lines[last - 2].endswith("\n")
+    is_single_line = last == 1 or lines[last - 2].endswith("\n")
     follows = lines[last - 1].endswith("\n") and len(lines[last - 1]) < _HEADING
-    return last - 1 if alone and follows and last > 1 else room
+    return last - 1 if is_single_line and follows and last > 1 else room
 
 
 def _marked_lines(text: str) -> list[str]:

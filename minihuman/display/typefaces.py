@@ -209,9 +209,11 @@ def _installed_typefaces(language: str) -> tuple[Typeface, ...]:
         if name in paths
     ]
     suffix = _CJK_SUFFIX.get(language, "SC")
-    others = sorted(name for name in paths if _OTHERS.fullmatch(name) and name not in _NOTO)
-    others.sort(key=lambda name: not name.removesuffix(name[-4:]).removesuffix("-Regular").upper().endswith(suffix))
-    return tuple(faces + [Typeface(paths[name]) for name in others])
+    other_names = sorted(name for name in paths if _OTHERS.fullmatch(name) and name not in _NOTO)
+    other_names.sort(
+        key=lambda name: not name.removesuffix(name[-4:]).removesuffix("-Regular").upper().endswith(suffix)
+    )
+    return tuple(faces + [Typeface(paths[name]) for name in other_names])
 
 
 @cache

@@ -58,12 +58,12 @@ class VideoWriter:
     """
 
     def __init__(self, file: Path | IO[bytes], encoding: str, *, fps: int) -> None:
-        how = ENCODINGS[encoding]
+        settings = ENCODINGS[encoding]
         self.frames = 0
-        self._container: Any = av.open(str(file) if isinstance(file, Path) else file, "w", format=how.container)
-        stream: Any = self._container.add_stream(how.codec, rate=Fraction(fps), options=how.options)
+        self._container: Any = av.open(str(file) if isinstance(file, Path) else file, "w", format=settings.container)
+        stream: Any = self._container.add_stream(settings.codec, rate=Fraction(fps), options=settings.options)
         self._stream = stream
-        self._stream.pix_fmt = how.pixel_format
+        self._stream.pix_fmt = settings.pixel_format
         self._stream.thread_count = 1  # the same pictures make the same bytes
 
     def write(self, pictures: Iterable[NDArray[np.uint8]]) -> None:

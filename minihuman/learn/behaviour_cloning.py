@@ -103,8 +103,8 @@ def make_sampling_policy(policy: Policy, seed: int) -> ChooseAction:
     """A policy that draws each action from its own probabilities, repeatably."""
     random = torch.Generator().manual_seed(seed)
 
-    def choose(seen: Observation) -> int:
-        return int(torch.multinomial(policy.probabilities(seen), 1, generator=random))
+    def choose(observation: Observation) -> int:
+        return int(torch.multinomial(policy.probabilities(observation), 1, generator=random))
 
     return choose
 
@@ -151,9 +151,9 @@ def split_by_participant(
     Raises:
         LearnError: if only one participant, or one team, took part.
     """
-    teams = [(one.team, one.participant) for one in demonstrations.episodes if one.team]
+    teams = [(episode.team, episode.participant) for episode in demonstrations.episodes if episode.team]
     unit_of = find_units(pd.DataFrame(teams, columns=["team", "participant"]))
-    people = list(dict.fromkeys(unit_of.get(who, who) for who in demonstrations.participants))
+    people = list(dict.fromkeys(unit_of.get(participant, participant) for participant in demonstrations.participants))
     if len(people) < 2:
         raise LearnError(
             f"{demonstrations.world} was played by only one participant or team, {', '.join(people)}; splitting the "
@@ -161,8 +161,12 @@ def split_by_participant(
         )
     order = [people[index] for index in np.random.default_rng(seed).permutation(len(people))]
     held_out = order[: max(1, round(share * len(people)))]
-    held = [who for who in demonstrations.participants if unit_of.get(who, who) in held_out]
-    return demonstrations.by([who for who in demonstrations.participants if who not in held]), demonstrations.by(held)
+    validation_participants = [
+        participant for participant in demonstrations.participants if unit_of.get(participant, participant) in held_out
+    ]
+    return demonstrations.by(
+        [participant for participant in demonstrations.participants if participant not in validation_participants]
+    ), demonstrations.by(validation_participants)
 
 
 def clone_policy(
@@ -184,7 +188,7 @@ def clone_policy(
     best_epoch = 0
     best_training = float("nan")
     agreement = 0.0
-    kept = policy.state_dict()
+    best_weights = policy.state_dict()
     for epoch in range(1, settings.most_epochs + 1):
         losses = []
         for rows in torch.split(torch.randperm(len(actions)), settings.batch_size):
@@ -194,17 +198,17 @@ def clone_policy(
             optimiser.step()
             losses.append(loss.item())
         with torch.no_grad():
-            judged = policy.log_probabilities(_pick(*held_out[:2], slice(None)))
-        validation_loss = float(functional.nll_loss(judged, held_out[2]))
+            log_probs = policy.log_probabilities(_pick(*held_out[:2], slice(None)))
+        validation_loss = float(functional.nll_loss(log_probs, held_out[2]))
         if validation_loss < best:
             best = validation_loss
             best_epoch = epoch
             best_training = float(np.mean(losses))
-            agreement = float((judged.argmax(dim=1) == held_out[2]).float().mean())
-            kept = {name: value.clone() for name, value in policy.state_dict().items()}
+            agreement = float((log_probs.argmax(dim=1) == held_out[2]).float().mean())
+            best_weights = {name: value.clone() for name, value in policy.state_dict().items()}
         elif epoch - best_epoch >= settings.patience:
             break
-    policy.load_state_dict(kept)
+    policy.load_state_dict(best_weights)
     policy.set_training_mode(False)
     return policy, CloningResult(
         epochs=best_epoch,
@@ -222,11 +226,11 @@ Steps = tuple[torch.Tensor, torch.Tensor | None, torch.Tensor]  # images, missio
 
 
 def _stack(demonstrations: Demonstrations) -> Steps:
-    seen = [observation for episode in demonstrations.episodes for observation in episode.observations]
-    images = torch.as_tensor(np.stack([observation["image"] for observation in seen]))
+    observations = [observation for episode in demonstrations.episodes for observation in episode.observations]
+    images = torch.as_tensor(np.stack([observation["image"] for observation in observations]))
     missions = None
-    if "mission" in seen[0]:
-        missions = torch.as_tensor(np.stack([observation["mission"] for observation in seen]))
+    if "mission" in observations[0]:
+        missions = torch.as_tensor(np.stack([observation["mission"] for observation in observations]))
     return images, missions, torch.as_tensor(np.concatenate([episode.actions for episode in demonstrations.episodes]))
 
 
@@ -284,14 +288,14 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str) -> 
     """
     torch.set_num_threads(1)  # such small networks are faster so, and sums come in one order
     files = {kind: out.with_name(out.name + kind) for kind in ("", ".md", ".json")}
-    if there := [path for path in files.values() if path.exists()]:
-        raise LearnError(f"{there[0]} already exists; choose another file with --out")
+    if existing_paths := [path for path in files.values() if path.exists()]:
+        raise LearnError(f"{existing_paths[0]} already exists; choose another file with --out")
     if odd := [size for size in study.sizes if size < 1]:
         raise LearnError(f"{odd[0]} is not a valid number of demonstrations; use 1 or more")
     demonstrations = read_demonstrations(
         source, study.world, ObservationEncoder(study.missions, sight=study.sight), study.selection
     )
-    if any(one.team for one in demonstrations.episodes) and study.cloning.mirrored:
+    if any(episode.team for episode in demonstrations.episodes) and study.cloning.mirrored:
         raise LearnError(f"{study.world} is a world of teams; remove --mirrored, which needs a world of one body")
     channels, height, _ = get_image_shape(demonstrations.space)
     small: EncoderName = "grid" if channels == 3 else "planes"
@@ -340,7 +344,7 @@ def build_card_text(
         f"Validation participants: {', '.join(last.validation_participants)}.",
         "",
         f"Success over {study.evaluation_episodes} held-out episodes, each action drawn from the policy"
-        + (" in every seat" if any(one.team for one in demonstrations.episodes) else "")
+        + (" in every seat" if any(episode.team for episode in demonstrations.episodes) else "")
         + ", with its 95 %",
         "Wilson interval:",
         "",

@@ -59,7 +59,7 @@ class Demonstrations:
 
     def first(self, count: int) -> "Demonstrations":
         """The first ``count``, taking turns between participants."""
-        queues = [[e for e in self.episodes if e.participant == who] for who in self.participants]
+        queues = [[e for e in self.episodes if e.participant == participant] for participant in self.participants]
         turns = [queue[turn] for turn in range(max(map(len, queues))) for queue in queues if turn < len(queue)]
         return replace(self, episodes=tuple(turns[:count]))
 
@@ -73,12 +73,12 @@ def replay_demonstration(log: SessionLog, episode: EpisodeLog, world: World, enc
     Raises:
         LearnError: if the world's observations are not those of the log.
     """
-    seen = tuple(replay_observations(log, episode, world, encoder))
+    observations = tuple(replay_observations(log, episode, world, encoder))
     team = episode.team
-    own = [step for step in range(len(seen)) if team is None or team.sources[step][team.seat] == "person"]
+    own = [step for step in range(len(observations)) if team is None or team.sources[step][team.seat] == "person"]
     actions = episode.actions[np.array(own, np.int64)]
     name = "" if team is None else team.team
-    return Demonstration(log.plan.participant.id, log.player, actions, tuple(seen[step] for step in own), name)
+    return Demonstration(log.plan.participant.id, log.player, actions, tuple(observations[step] for step in own), name)
 
 
 def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, selection: Selection) -> Demonstrations:
@@ -87,21 +87,20 @@ def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, 
     Raises:
         LearnError: if there is none, they were made under different options, or one does not replay.
     """
-    found, account = select_episodes(source, world, selection)
-    plan = check_equal_options(found)
+    episodes, account = select_episodes(source, world, selection)
+    plan = check_equal_options(episodes)
     player = World(plan.world, plan.options)
     player.reset(plan.seed)
     encoder = eyesight.episode_encoder()
+    replayed = [replay_demonstration(log, episode, player, encoder) for log, episode in episodes]
     return Demonstrations(
         world=world,
         options=plan.options,
-        action_names=list_used_actions(found),
-        most_steps=max(episode.plan.max_steps for _, episode in found),
+        action_names=list_used_actions(episodes),
+        most_steps=max(episode.plan.max_steps for _, episode in episodes),
         eyesight=eyesight,
         space=eyesight.space(player.unwrapped),
-        episodes=tuple(
-            one for log, episode in found if len((one := replay_demonstration(log, episode, player, encoder)).actions)
-        ),
+        episodes=tuple(demonstration for demonstration in replayed if len(demonstration.actions)),
         account=account,
     )
 
@@ -113,17 +112,17 @@ def select_episodes(source: Path, world: str, selection: Selection) -> tuple[lis
         LearnError: if there is none.
     """
     sessions = StudySessions(source, selection)
-    found = [
+    episodes = [
         (item.log, item.episode)
         for item in IncludedEpisodes(sessions)
         if item.episode.plan.world == world and len(item.episode.actions)
     ]
-    if not found:
+    if not episodes:
         summary = "; ".join(sessions.account.lines())
         raise LearnError(
             f"{source} has no included episode of {world} ({summary}); see its episodes with `minihuman info`"
         )
-    return found, sessions.account
+    return episodes, sessions.account
 
 
 def check_equal_options(episodes: Sequence[LoggedEpisode]) -> EpisodePlan:
@@ -133,7 +132,7 @@ def check_equal_options(episodes: Sequence[LoggedEpisode]) -> EpisodePlan:
         LearnError: if another episode's world has other options.
     """
     log, first = episodes[0]
-    if odd := next((one for _, one in episodes if one.shared_options != first.shared_options), None):
+    if odd := next((episode for _, episode in episodes if episode.shared_options != first.shared_options), None):
         raise LearnError(
             f"{log.path}: {first.plan.world} has options {first.shared_options} in some episodes and "
             f"{odd.shared_options} in others; select episodes with the same options by --block"

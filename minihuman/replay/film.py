@@ -96,31 +96,31 @@ def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Pat
         raise LogError(
             f"{out} does not have a video file extension; use one of {', '.join('.' + name for name in FORMATS)}"
         )
-    numbers = sorted({one.number for one in log.episodes})
+    numbers = sorted({recorded.number for recorded in log.episodes})
     if episode is not None and episode not in numbers:
         raise LogError(
             f"{log.path} has no episode {episode}; its episodes are {', '.join(map(str, numbers)) or 'none'}"
         )
     if episode is None:
-        wanted = [one for one in log.episodes if len(one.actions)]
+        episodes = [recorded for recorded in log.episodes if len(recorded.actions)]
     else:
-        wanted = [[one for one in log.episodes if one.number == episode][-1]]
-    if not any(len(one.actions) for one in wanted):
+        episodes = [[recorded for recorded in log.episodes if recorded.number == episode][-1]]
+    if not any(len(recorded.actions) for recorded in episodes):
         raise LogError(f"{log.path}: there is no step to film; choose another episode")
     out.parent.mkdir(parents=True, exist_ok=True)
     if kind == "png":
-        draw_contact_sheet(log, wanted).save(out)
+        draw_contact_sheet(log, episodes).save(out)
         return out
     unfinished = out.with_name(f"{out.name}.unfinished")
     try:
-        images = (image for one in wanted for image in compose_frames(log, one))
+        images = (image for recorded in episodes for image in compose_frames(log, recorded))
         if kind == "gif":
-            first, *others = (
+            first, *other_images = (
                 image.resize(_GIF_PX, Image.Resampling.LANCZOS).quantize(_GIF_COLOURS, dither=Image.Dither.NONE)
                 for image in images
             )
             duration_ms = 1000 // STEPS_PER_S
-            first.save(unfinished, "gif", save_all=True, append_images=others, duration=duration_ms, loop=0)
+            first.save(unfinished, "gif", save_all=True, append_images=other_images, duration=duration_ms, loop=0)
         else:
             with VideoWriter(unfinished, kind, fps=STEPS_PER_S) as video:
                 video.write(np.asarray(image) for image in images)
@@ -150,8 +150,8 @@ def _compose(
     left = VIEW_PX[0] + 20
     right = SIZE_PX[0] - 20
     draw_label(draw, (left, 14), episode.plan.world.rpartition("/")[2].rpartition(":")[2][:32], INK, TITLE)
-    who = f"{log.plan.participant.id}, episode {episode.number}, {episode.plan.block_name}"
-    draw_label(draw, (left, 40), who[:48], FAINT, TEXT)
+    caption = f"{log.plan.participant.id}, episode {episode.number}, {episode.plan.block_name}"
+    draw_label(draw, (left, 40), caption[:48], FAINT, TEXT)
     pressed = episode.step_keys[step - 1] if step else ""
     for place, (key, action) in enumerate(sorted(episode.plan.key_map.keys.items())[:_MOST_KEYS]):
         x = left + place % 3 * 62
@@ -165,14 +165,14 @@ def _compose(
     seconds = (episode.t_ns[step] - episode.t_ns[0]) / 1e9
     end = f": {episode.outcome_word}" if step == len(episode.actions) else ""
     draw_label(draw, (left, 250), f"step {step} of {len(episode.actions)}, {seconds:.1f} s{end}", INK, TEXT)
-    for line, one in enumerate(range(max(0, step - _LINES), step)):
-        waited = times_ms[one]
+    for line, index in enumerate(range(max(0, step - _LINES), step)):
+        reaction_ms = times_ms[index]
         text = (
-            f"{(episode.t_ns[one + 1] - episode.t_ns[0]) / 1e9:7.2f} s  {episode.step_keys[one] or '-':>5}  "
-            f"{episode.start.action_names[episode.actions[one]].rpartition('_')[2][:10]:<10}"
-            f"{'' if np.isnan(waited) else f'{waited:6.0f} ms'}"
+            f"{(episode.t_ns[index + 1] - episode.t_ns[0]) / 1e9:7.2f} s  {episode.step_keys[index] or '-':>5}  "
+            f"{episode.start.action_names[episode.actions[index]].rpartition('_')[2][:10]:<10}"
+            f"{'' if np.isnan(reaction_ms) else f'{reaction_ms:6.0f} ms'}"
         )
-        draw_label(draw, (left, 278 + 19 * line), text, INK if one == step - 1 else FAINT, MONO)
+        draw_label(draw, (left, 278 + 19 * line), text, INK if index == step - 1 else FAINT, MONO)
     return image
 
 
@@ -205,7 +205,7 @@ def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tu
 def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image.Image:
     """A row per episode: its words, its map with the whole path, and pictures from its beginning to its end."""
     width, height = _THUMB_PX
-    rows = [one for one in episodes if len(one.actions)]
+    rows = [episode for episode in episodes if len(episode.actions)]
     left = 190
     sheet = Image.new("RGB", (left + (_SHEET + 1) * (width + 6), 40 + len(rows) * (height + 8)), PAPER)
     draw = ImageDraw.Draw(sheet)

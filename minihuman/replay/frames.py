@@ -58,12 +58,12 @@ def render_frames(episode: EpisodeLog, size_px: tuple[int, int] = SIZE_PX) -> li
 
 def _redrawn(episode: EpisodeLog, world: World, size_px: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
     plan = episode.plan
-    seen = world.reset(plan.seed).observation_hash
+    observation_hash = world.reset(plan.seed).observation_hash
     actions = episode.actions_taken
     for step in range(len(episode.actions) + 1):
         if step:
-            seen = world.step(actions[step - 1]).observation_hash
-        if seen != int(episode.observation_hashes[step]):
+            observation_hash = world.step(actions[step - 1]).observation_hash
+        if observation_hash != int(episode.observation_hashes[step]):
             raise LogError(
                 f"{episode.name} step {step}: {plan.world} no longer shows what the participant saw; "
                 "replay without --view, or install the version of the world that the session used"

@@ -52,8 +52,8 @@ def _single(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
         steering = [rrb.StateTimelineView(origin=f"{root}/steering", name="Policy and person")]
     else:
         steering = []
-    others = sorted({seat for episode in log.episodes for seat in list_partner_seats(episode)})
-    names = {"view": "View", **{f"view-seat-{seat}": f"View of seat {seat}" for seat in others}}
+    partner_seats = sorted({seat for episode in log.episodes for seat in list_partner_seats(episode)})
+    names = {"view": "View", **{f"view-seat-{seat}": f"View of seat {seat}" for seat in partner_seats}}
     views = [rrb.Spatial2DView(origin=f"{root}/{view}", name=name) for view, name in names.items()]
     pictures = [_maps(log), *([views[0] if len(views) == 1 else rrb.Horizontal(*views)] if with_view else [])]
     return rrb.Horizontal(
@@ -91,7 +91,7 @@ def _maps(log: SessionLog, name: str = "") -> rrb.Spatial2DView | rrb.Tabs:
             bounds.setdefault(episode.plan.block_name, []).append(episode.start.map.bounds)
     if len(bounds) < 2:
         return _map_view(log, f"{name}map", next(iter(bounds.values()), []))
-    return rrb.Tabs(*(_map_view(log, f"{name}map of {block}", theirs) for block, theirs in bounds.items()))
+    return rrb.Tabs(*(_map_view(log, f"{name}map of {block}", block_bounds) for block, block_bounds in bounds.items()))
 
 
 def _map_view(log: SessionLog, name: str, bounds: Sequence[Bounds]) -> rrb.Spatial2DView:
@@ -194,6 +194,6 @@ def show_recording(recording: Path, *, web: bool) -> int:
 
 
 def _free_port() -> int:
-    with socket.socket() as taken:
-        taken.bind((ADDRESS, 0))
-        return int(taken.getsockname()[1])
+    with socket.socket() as probe:
+        probe.bind((ADDRESS, 0))
+        return int(probe.getsockname()[1])

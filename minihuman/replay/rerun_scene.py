@@ -229,13 +229,13 @@ def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, moment
 def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
     """The agent at every step; path and trail whenever it moved."""
     placed = [(episode, ~np.isnan(episode.poses[:, 0])) for episode in log.episodes]
-    placed = [(episode, here) for episode, here in placed if here.any()]
+    placed = [(episode, has_pose) for episode, has_pose in placed if has_pose.any()]
     if not placed:
         return
-    times = np.concatenate([episode.t_ns[here] for episode, here in placed])
-    poses = np.concatenate([episode.poses[here] for episode, here in placed])
+    times = np.concatenate([episode.t_ns[has_pose] for episode, has_pose in placed])
+    poses = np.concatenate([episode.poses[has_pose] for episode, has_pose in placed])
     places = poses[:, [0, 2]].astype(np.float32)
-    length = np.concatenate([np.full(here.sum(), _heading(episode), np.float32) for episode, here in placed])
+    length = np.concatenate([np.full(has_pose.sum(), _heading(episode), np.float32) for episode, has_pose in placed])
     heading = np.stack([np.cos(poses[:, 3]), -np.sin(poses[:, 3])], axis=1)
     arrows = rr.Arrows2D.columns(
         origins=places,
@@ -244,7 +244,7 @@ def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, mome
         radii=length / 8,
     )
     recording.send_columns(f"{root}/map/agent", moments.columns(times), arrows)
-    ends = np.cumsum([here.sum() for _, here in placed])
+    ends = np.cumsum([has_pose.sum() for _, has_pose in placed])
     moves = [start + _moves(places[start:end]) for start, end in pairwise([0, *ends])]
     _send_lines(recording, root, moments, times[np.concatenate(moves)], places[np.concatenate(moves)], moves)
 
@@ -255,16 +255,16 @@ def _send_partners(recording: rr.RecordingStream, root: str, log: SessionLog, mo
         for seat in list_partner_seats(episode):
             assert episode.team is not None
             poses = episode.team.poses[:, seat]
-            here = ~np.isnan(poses[:, 0])
-            places = poses[here][:, [0, 2]].astype(np.float32)
-            heading = np.stack([np.cos(poses[here, 3]), -np.sin(poses[here, 3])], axis=1)
+            has_pose = ~np.isnan(poses[:, 0])
+            places = poses[has_pose][:, [0, 2]].astype(np.float32)
+            heading = np.stack([np.cos(poses[has_pose, 3]), -np.sin(poses[has_pose, 3])], axis=1)
             arrows = rr.Arrows2D.columns(
                 origins=places,
                 vectors=(_heading(episode) * heading).astype(np.float32),
                 colors=np.full(len(places), PARTNER, np.uint32),
                 radii=np.full(len(places), _heading(episode) / 8, np.float32),
             )
-            times = moments.columns(episode.t_ns[here])
+            times = moments.columns(episode.t_ns[has_pose])
             recording.send_columns(f"{root}/map/seat-{seat}", times, arrows)
             strips = _strips(places, [(0, row + 1) for row in range(len(places))])
             lines = rr.LineStrips2D.columns(strips=strips, colors=np.full(len(places), PARTNER, np.uint32))
@@ -369,14 +369,14 @@ def _send_steering(recording: rr.RecordingStream, root: str, log: SessionLog, mo
     for episode in log.episodes:
         if (taught := episode.taught) is None:
             continue
-        said = episode.start.action_names
+        action_names = episode.start.action_names
         for step, t_ns in enumerate(episode.t_ns[:-1].tolist()):
             policy = int(taught.policy_actions[step])
-            lanes["policy"].append((t_ns, "" if policy == NO_ADVICE else said[policy]))
-            lanes["person"].append((t_ns, said[int(episode.actions[step])] if taught.by_person[step] else ""))
+            lanes["policy"].append((t_ns, "" if policy == NO_ADVICE else action_names[policy]))
+            lanes["person"].append((t_ns, action_names[int(episode.actions[step])] if taught.by_person[step] else ""))
         for lane in lanes.values():
             lane.append((int(episode.t_ns[-1]), ""))
-        names |= dict.fromkeys(said)
+        names |= dict.fromkeys(action_names)
     for name, changes in lanes.items():
         if changes:
             states = list(names)

@@ -178,14 +178,14 @@ class ChatClient(ModelClient):
 
     def _read(self, content: bytes, latency_ms: float) -> ChatAnswer:
         try:
-            found = json.loads(content)
-            choice = found["choices"][0]
-            usage = found.get("usage") or {}
+            completion = json.loads(content)
+            choice = completion["choices"][0]
+            usage = completion.get("usage") or {}
             message = choice["message"]
             return ChatAnswer(
                 text=self._clean(message.get("content")),
                 reasoning=self._clean(message.get("reasoning") or message.get("reasoning_content")),
-                model=_FOLDER.sub("", self._clean(found.get("model"))) or self.model,
+                model=_FOLDER.sub("", self._clean(completion.get("model"))) or self.model,
                 finish_reason=self._clean(choice.get("finish_reason")),
                 prompt_tokens=min(MAX_TOKENS, max(0, int(usage.get("prompt_tokens") or 0))),
                 completion_tokens=min(MAX_TOKENS, max(0, int(usage.get("completion_tokens") or 0))),
@@ -197,10 +197,10 @@ class ChatClient(ModelClient):
     def _read_error(self, content: bytes) -> str:
         """What the provider says of an error, in one line without what is private; "" where it says nothing."""
         try:
-            said = self._clean(json.loads(content)["error"]["message"])
+            message = self._clean(json.loads(content)["error"]["message"])
         except _NOT_A_COMPLETION:
             return ""
-        return _PRIVATE.sub("[...]", " ".join(said.replace(self._host, "[...]").split()))[:MAX_ERROR]
+        return _PRIVATE.sub("[...]", " ".join(message.replace(self._host, "[...]").split()))[:MAX_ERROR]
 
     def _clean(self, text: Any) -> str:
         """A text without the key, whatever a server echoes."""

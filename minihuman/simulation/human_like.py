@@ -102,18 +102,18 @@ class ParticipantParameters:
         ``state``, (2,) and 0 at first, holds what the next time shares with this one, where they are autocorrelated.
         """
         if state is None or not self.autocorrelation:
-            drawn = rng.normal(self.mu_ms, self.sigma_ms) + rng.exponential(self.tau_ms)
+            sampled_ms = rng.normal(self.mu_ms, self.sigma_ms) + rng.exponential(self.tau_ms)
         else:  # both parts keep their distribution: normal, and exponential by the normal's quantiles
-            rest = math.sqrt(1 - self.autocorrelation**2)
-            state[:] = self.autocorrelation * state + rest * rng.standard_normal(2)
-            drawn = (
+            innovation_sd = math.sqrt(1 - self.autocorrelation**2)
+            state[:] = self.autocorrelation * state + innovation_sd * rng.standard_normal(2)
+            sampled_ms = (
                 self.mu_ms + self.sigma_ms * state[0] - self.tau_ms * math.log(math.erfc(state[1] / math.sqrt(2)) / 2)
             )
         if self.pause and rng.random() < self.pause:
             extra_ms += rng.uniform(1500, 5000)
         factor = self.practice_factor(presses) * (1 + self.fatigue * presses / 1000)
         factor *= self.repeat_factor if again else 1.0
-        return float(min(max(self.floor_ms, drawn * factor + extra_ms), _LONGEST_S * 1000))
+        return float(min(max(self.floor_ms, sampled_ms * factor + extra_ms), _LONGEST_S * 1000))
 
 
 PARAMETER_SPREADS = {  # the standard deviation of each parameter's logarithm between people
@@ -157,13 +157,13 @@ class ParticipantPopulation:
 
     def draw(self, rng: np.random.Generator) -> ParticipantParameters:
         """Draw one person."""
-        drawn = {}
+        parameters = {}
         for name, spread in PARAMETER_SPREADS.items():
             factor = math.exp(self.spread * spread * float(rng.standard_normal()))  # the same draws whatever is fixed
             if name not in self.fixed:
                 value = getattr(self.median, name) * factor
-                drawn[name] = min(value, 0.9) if name in _CHANCES else value
-        return replace(self.median, **drawn)
+                parameters[name] = min(value, 0.9) if name in _CHANCES else value
+        return replace(self.median, **parameters)
 
 
 class HumanLikeParticipant(SimulatedParticipant):
@@ -197,8 +197,8 @@ class HumanLikeParticipant(SimulatedParticipant):
             self._understood = {}
             self._fruitless = {}
         elif plan.block != before.block:
-            kept = [key for key in self._understood if self._rng.random() >= self.person.key_forgetting]
-            self._understood = {key: plan.key_map.keys[key] for key in kept}
+            remembered = [key for key in self._understood if self._rng.random() >= self.person.key_forgetting]
+            self._understood = {key: plan.key_map.keys[key] for key in remembered}
             self._fruitless = {}
         if plan.show_keys:
             self._understood = dict(plan.key_map.keys)
@@ -221,19 +221,19 @@ class HumanLikeParticipant(SimulatedParticipant):
         if (stimulus := find_stimulus(world.unwrapped)) is not None:
             return self._respond(stimulus)
         assert self._search is not None, "begin() comes first"
-        seen = hash64([repr(world.pose()), world.observation])
+        view_hash = hash64([repr(world.pose()), world.observation])
         extra_ms = self.person.post_error_slowing_ms if self._no_effect else 0.0
         if self._last is None:
             extra_ms = float(self._rng.exponential(self.person.orientation_ms))
         else:
-            self._learn(*self._last, seen)
+            self._learn(*self._last, view_hash)
             self._search.forget(-math.expm1(-self.person.forgetting_rate_per_s * self._passed_ms / 1000))
         key = self._choose(self._search)
         again = self._last is not None and key == self._last[0]
         self._passed_ms = self.person.reaction_ms(
             self._rng, presses=self._presses, again=again, extra_ms=extra_ms, state=self._state
         )
-        self._last = key, seen
+        self._last = key, view_hash
         self._presses += 1
         return KeyPress(key, self._passed_ms)
 
@@ -247,12 +247,12 @@ class HumanLikeParticipant(SimulatedParticipant):
             return KeyPress(keys[response.response], response.time_ms)
         return NoPress()
 
-    def _learn(self, key: str, before: int, seen: int) -> None:
+    def _learn(self, key: str, previous_hash: int, view_hash: int) -> None:
         """Learn from what the last key did."""
         assert self._plan is not None
         assert self._search is not None
         action = self._plan.key_map.keys.get(key)
-        self._no_effect = seen == before or action is None
+        self._no_effect = view_hash == previous_hash or action is None
         if self._no_effect:
             self._fruitless[key] = self._fruitless.get(key, 0) + 1
         if action is not None:

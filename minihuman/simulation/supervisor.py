@@ -52,8 +52,8 @@ class Supervisor:
         self._searcher: GridExplorer | None = None
         self._path: list[str] = []
         self._left = 0  # steps of the way when counting began
-        self._made = 0  # steps made since
-        self._begun = False  # whether counting has begun in this episode
+        self._n_counted = 0  # steps made since
+        self._is_counting = False  # whether counting has begun in this episode
         self._due_ms: float | None = None  # when the key will go down
         self._steered = 0
 
@@ -61,7 +61,7 @@ class Supervisor:
         """Start an episode; the agent is in control."""
         self._searcher = None if self._is.full_knowledge else GridExplorer(world)
         self._path = []
-        self._begun = False
+        self._is_counting = False
         self._due_ms = None
         self._steered = 0
 
@@ -71,11 +71,11 @@ class Supervisor:
         if self._searcher is None:
             self._path = find_shortest_path(world)
         else:
-            seen = self._searcher.n_seen_cells
+            n_seen_before = self._searcher.n_seen_cells
             self._path = list(self._searcher.plan())
-            more = self._searcher.n_seen_cells > seen
-        self._made += 1
-        if more or not self._begun:
+            more = self._searcher.n_seen_cells > n_seen_before
+        self._n_counted += 1
+        if more or not self._is_counting:
             self._count_anew()
         return self._path
 
@@ -87,7 +87,7 @@ class Supervisor:
     @property
     def excess_steps(self) -> int:
         """The steps by which the agent is worse than the supervisor would have been."""
-        return self._made + len(self._path) - self._left
+        return self._n_counted + len(self._path) - self._left
 
     @property
     def exceeds_patience(self) -> bool:
@@ -115,8 +115,8 @@ class Supervisor:
 
     def _count_anew(self) -> None:
         self._left = len(self._path)
-        self._made = 0
-        self._begun = True
+        self._n_counted = 0
+        self._is_counting = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,9 @@ class ContractError(MinihumanError, AssertionError):
     exit_code = 1  # a check failed
 
 
-def require(kept: bool, broken: str) -> None:
+def require(is_kept: bool, broken: str) -> None:
     """Raise `ContractError`, saying what is broken, unless the promise is kept."""
-    if not kept:
+    if not is_kept:
         raise ContractError(broken)
 
 
@@ -61,7 +61,7 @@ def _format_value(value: Any) -> str:
     """A value in TOML, on one line."""
     match value:
         case dict():
-            return "{ " + ", ".join(f"{name} = {_format_value(one)}" for name, one in value.items()) + " }"
+            return "{ " + ", ".join(f"{name} = {_format_value(field)}" for name, field in value.items()) + " }"
         case list() | tuple():
             return f"[{', '.join(map(_format_value, value))}]"
     return msgspec.json.encode(value).decode()

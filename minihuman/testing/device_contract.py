@@ -50,18 +50,18 @@ def check_device(
         DeviceError: if the device is not there or cannot be used.
     """
     for _ in range(2):
-        made = make_device(device) if isinstance(device, str) else device()
-        require(isinstance(made, Device), f"{type(made).__name__} is not a minihuman.ext.Device")
+        opened = make_device(device) if isinstance(device, str) else device()
+        require(isinstance(opened, Device), f"{type(opened).__name__} is not a minihuman.ext.Device")
         clock = SessionClock()
-        facts = made.open(clock)
+        facts = opened.open(clock)
         try:
             require(
                 isinstance(facts, dict) and all(isinstance(text, str) for pair in facts.items() for text in pair),
                 f"open() returned {facts!r}; the log takes a dict of texts",
             )
-            samples = _read_samples(made, clock, n_samples, timeout_s, now_s)
+            samples = _read_samples(opened, clock, n_samples, timeout_s, now_s)
         finally:
-            made.close()
+            opened.close()
         for sample in samples:
             _check_shape(sample, n_channels)
 
@@ -165,16 +165,16 @@ def check_window(typed: TypedWindow) -> None:
 
 def list_strokes(inputs: Iterable[Input]) -> list[tuple[str, bool]]:
     """Which keys went down and up."""
-    return [(one.key, isinstance(one, KeyDown)) for one in inputs if isinstance(one, KeyDown | KeyUp)]
+    return [(event.key, isinstance(event, KeyDown)) for event in inputs if isinstance(event, KeyDown | KeyUp)]
 
 
 def a_screen_is_submitted_then_flipped(typed: TypedWindow) -> None:
     """Of every kind of screen."""
     for screen in SCREENS:
         before_ns = typed.now_ns()
-        shown = typed.window.show(screen)
-        in_order = before_ns <= shown.submit_ns <= shown.flip_ns == shown.t_ns <= typed.now_ns()
-        require(in_order, f"{type(screen).__name__}: shown at {before_ns} to {typed.now_ns()} ns, and says {shown}")
+        flip = typed.window.show(screen)
+        in_order = before_ns <= flip.submit_ns <= flip.flip_ns == flip.t_ns <= typed.now_ns()
+        require(in_order, f"{type(screen).__name__}: shown at {before_ns} to {typed.now_ns()} ns, and says {flip}")
 
 
 def waiting_ends_at_the_deadline_and_not_before(typed: TypedWindow) -> None:
@@ -206,13 +206,13 @@ def rolling_from_key_to_key_keeps_the_order(typed: TypedWindow) -> None:
 def of_hundreds_of_strokes_none_is_lost_or_doubled(typed: TypedWindow) -> None:
     """Typed at once."""
     chance = random.Random(7)
-    held: set[str] = set()
+    keys_down: set[str] = set()
     strokes = []
     for _ in range(400):
         key = chance.choice(sorted(DIGITS))
-        strokes.append((key, key not in held))
-        held ^= {key}
-    _typed(typed, strokes + [(key, False) for key in sorted(held)])
+        strokes.append((key, key not in keys_down))
+        keys_down ^= {key}
+    _typed(typed, strokes + [(key, False) for key in sorted(keys_down)])
 
 
 def strokes_during_a_flip_are_kept(typed: TypedWindow) -> None:
@@ -227,7 +227,7 @@ def stamps_never_go_back_and_lie_between_stroke_and_receipt(typed: TypedWindow) 
     """On the window's clock."""
     before_ns = typed.now_ns()
     typed.type([("6", True), ("6", False)] * 5)
-    stamps = [one.t_ns for one in typed.hear(10)]
+    stamps = [event.t_ns for event in typed.hear(10)]
     require(stamps == sorted(stamps), f"the stamps go back: {stamps}")
     within = bool(stamps) and before_ns <= stamps[0] <= stamps[-1] <= typed.now_ns()
     require(within, f"typed at {before_ns} ns or later, heard by {typed.now_ns()} ns, stamped {stamps}")
@@ -263,12 +263,12 @@ CHECKS: Mapping[str, Callable[[TypedWindow], None]] = MappingProxyType(
 def _typed(typed: TypedWindow, strokes: KeyStrokes) -> None:
     typed.type(strokes)
     heard = typed.hear(len(strokes))
-    _heard(strokes, [one for one in heard if not getattr(one, "repeat", False)])
+    _heard(strokes, [event for event in heard if not getattr(event, "repeat", False)])
 
 
 def _heard(strokes: KeyStrokes, heard: Sequence[Input]) -> None:
-    found = list_strokes(heard)
-    require(found == list(strokes), f"typed {_spelt(strokes)}, heard {_spelt(found)}")
+    heard_strokes = list_strokes(heard)
+    require(heard_strokes == list(strokes), f"typed {_spelt(strokes)}, heard {_spelt(heard_strokes)}")
 
 
 def _spelt(strokes: KeyStrokes) -> str:

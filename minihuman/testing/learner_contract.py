@@ -173,11 +173,11 @@ def _learn(
     return result
 
 
-def _require_plain(values: dict[str, Any], what: str) -> None:
+def _require_plain(values: dict[str, Any], field: str) -> None:
     try:
         json.dumps(values)
     except TypeError as error:
-        require(False, f"{what} cannot be written into the policy's file ({error}); use numbers, text and lists")
+        require(False, f"{field} cannot be written into the policy's file ({error}); use numbers, text and lists")
 
 
 def _refuse_nothing(make: "str | Callable[[str], Learner]", settings: str, dataset: "Dataset") -> None:

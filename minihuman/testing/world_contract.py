@@ -165,8 +165,8 @@ def _play(world: World, seed: int, actions: list[int]) -> list[Step]:
     """An episode's first steps; the reset comes first, as a step that earns nothing."""
     observed = world.reset(seed)
     _require_inside(world, "reset")
-    said: list[Step] = [(0.0, False, False, observed.observation_hash, world.state_hash())]
-    return said + list(_go_on(world, actions))
+    steps: list[Step] = [(0.0, False, False, observed.observation_hash, world.state_hash())]
+    return steps + list(_go_on(world, actions))
 
 
 def _go_on(world: World, actions: list[int]) -> Iterator[Step]:
@@ -232,30 +232,30 @@ def _search(world: World, seed: int, most_steps: int) -> WorldSearch:
         return search
     first = world.reset(seed)
     waiting = deque([world.save()])
-    seen = {_situation(world, first.observation_hash)}
+    situations = {_situation(world, first.observation_hash)}
     while waiting and search.steps < most_steps:
         saved = waiting.popleft()
         world.restore(saved)
         own = _own_attributes(world)
         for action in range(len(world.action_names)):
-            taken = list(_go_on(world, [action] * (STRIDE if world.drawn else 1)))
-            reward, terminated, truncated, observed, _ = taken[-1]
-            search.steps += len(taken)
+            steps = list(_go_on(world, [action] * (STRIDE if world.drawn else 1)))
+            reward, terminated, truncated, observed, _ = steps[-1]
+            search.steps += len(steps)
             search.rewarded += reward != 0
             search.ended += terminated
             place = _situation(world, observed)
-            if not (terminated or truncated or place in seen):
-                seen.add(place)
+            if not (terminated or truncated or place in situations):
+                situations.add(place)
                 waiting.append(world.save())
             changed = [name for name, value in _own_attributes(world).items() if value != own.get(name)]
             search.changed.update(changed)
             world.restore(saved)
             if changed or reward != 0:
                 _require_restored(world, own)
-                again = list(_go_on(world, [action] * len(taken)))
-                _same(f"{world.id}: {world.action_names[action]} after a restore", taken, again)
+                again = list(_go_on(world, [action] * len(steps)))
+                _same(f"{world.id}: {world.action_names[action]} after a restore", steps, again)
                 world.restore(saved)
-    search.situations = len(seen)
+    search.situations = len(situations)
     return search
 
 
@@ -306,15 +306,15 @@ def _is_drawn(world: World, seed: int, actions: list[int]) -> None:
             again = world.frame(view, SIZE_PX, palette)
             require(np.array_equal(picture, again), f"{world.id}: drawn twice, it looks different")
     require(world.state_hash() == before, f"{world.id}: drawing it changes its state")
-    shown = world.env
-    while isinstance(shown, gymnasium.Wrapper):
-        if "render" in vars(type(shown)) and not type(shown).__module__.startswith("gymnasium."):
+    layer = world.env
+    while isinstance(layer, gymnasium.Wrapper):
+        if "render" in vars(type(layer)) and not type(layer).__module__.startswith("gymnasium."):
             require(
                 np.array_equal(world.frame("partial", SIZE_PX), np.asarray(world.env.render())),
-                f"{world.id}: the wrapper {type(shown).__name__} draws another picture than the participant sees",
+                f"{world.id}: the wrapper {type(layer).__name__} draws another picture than the participant sees",
             )
             return
-        shown = shown.env
+        layer = layer.env
 
 
 def _ends(world: World, seed: int) -> bool:
@@ -323,8 +323,8 @@ def _ends(world: World, seed: int) -> bool:
         return False
     chance = np.random.default_rng(seed)
     actions = chance.integers(len(world.action_names), size=MAX_STEPS).tolist()
-    said = _play(world, seed, actions)
-    if not (said[-1][1] or said[-1][2]):
+    steps = _play(world, seed, actions)
+    if not (steps[-1][1] or steps[-1][2]):
         return False  # an episode without an end in sight
     before = world.state_hash()
     try:
@@ -354,12 +354,12 @@ def _describe_plan(world: World, seed: int) -> str:
     return f"shortest_path() has {len(path)} steps, path_length_bounds() {bounds.at_least} to {bounds.feasible}"
 
 
-def _same(when: str, expected: list[Step], found: list[Step]) -> None:
+def _same(when: str, expected: list[Step], actual: list[Step]) -> None:
     names = "reward", "terminated", "truncated", "observation", "state"
-    for number, (one, other) in enumerate(zip(expected, found, strict=False)):
-        for name, a, b in zip(names, one, other, strict=True):
+    for number, (before, now) in enumerate(zip(expected, actual, strict=False)):
+        for name, a, b in zip(names, before, now, strict=True):
             require(a == b, f"{when}: step {number} has another {name}: {a} before, {b} now")
-    require(len(expected) == len(found), f"{when}: it ends after {len(found) - 1} steps, not {len(expected) - 1}")
+    require(len(expected) == len(actual), f"{when}: it ends after {len(actual) - 1} steps, not {len(expected) - 1}")
 
 
 @contextmanager

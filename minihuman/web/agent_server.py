@@ -225,10 +225,10 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
                 self._reply(201, {"session": f"/sessions/{secret}", **client.read_screen()})
 
         def _client(self) -> ProgramClient | None:
-            found = programs.clients.get(self.path.removeprefix("/sessions/"))
-            if found is None:
+            client = programs.clients.get(self.path.removeprefix("/sessions/"))
+            if client is None:
                 self._reply(404, {"error": "this session does not exist; begin a session with POST /sessions"})
-            return found
+            return client
 
         def _is_local(self) -> bool:
             """Whether a program asks; a web page's request, or one by another name of this machine, is refused."""
@@ -250,13 +250,13 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
                 self._refuse(415, "send JSON, with the header Content-Type: application/json")
                 return None
             try:
-                found = json.loads(self.rfile.read(length))
+                body = json.loads(self.rfile.read(length))
             except (ValueError, RecursionError):
-                found = None
-            if not isinstance(found, dict):
+                body = None
+            if not isinstance(body, dict):
                 self._reply(400, {"error": "send a JSON object"})
                 return None
-            return found
+            return body
 
         def _reply(self, status: int, values: dict[str, Any]) -> None:
             content = json.dumps(values).encode()

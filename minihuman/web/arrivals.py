@@ -75,10 +75,12 @@ class PlatformVisitor:
 def identify_visitor(parameters: Mapping[str, str], allowed: tuple[RecruitmentPlatform, ...]) -> PlatformVisitor | None:
     """Identify a visitor by a link's parameters, on the study's platforms; None without a valid id."""
     for platform in allowed:
-        who = parameters.get(_PARAMETERS[platform], "")
-        if _ID.fullmatch(who):
+        visitor_id = parameters.get(_PARAMETERS[platform], "")
+        if _ID.fullmatch(visitor_id):
             preview = parameters.get("assignmentId") == _PREVIEW
-            return PlatformVisitor(platform, who, preview=preview, signature=parameters.get(SIGNATURE_PARAMETER, ""))
+            return PlatformVisitor(
+                platform, visitor_id, preview=preview, signature=parameters.get(SIGNATURE_PARAMETER, "")
+            )
     return None
 
 
@@ -156,13 +158,13 @@ class Arrivals:
         Raises:
             OSError: if the study's folder cannot be read or written.
         """
-        who = identify_visitor(arrival.platform, self.protocol.web.recruitment_platforms)
-        if who is not None and who.preview:
+        visitor = identify_visitor(arrival.platform, self.protocol.web.recruitment_platforms)
+        if visitor is not None and visitor.preview:
             return Rejection("preview")
-        if not self._is_proven(arrival, who):
+        if not self._is_proven(arrival, visitor):
             return Rejection("unknown")
         try:
-            return self._admit(arrival, who)
+            return self._admit(arrival, visitor)
         except LeaseHeldError:
             return Rejection("wait")
         except (AllocationError, LogError) as error:
@@ -177,12 +179,14 @@ class Arrivals:
         """
         return is_token(token) and self.recruits.has_issued(hash_link_token(token))
 
-    def _is_proven(self, arrival: Arrival, who: PlatformVisitor | None) -> bool:
+    def _is_proven(self, arrival: Arrival, visitor: PlatformVisitor | None) -> bool:
         """Whether a visitor has a link of the study's, or a signature where that is required."""
         if not self.protocol.web.require_signed_arrival or self.is_invited(arrival.token):
             return True
         study = self.protocol.study.name
-        return who is not None and is_signed(self._arrival_key, study, who.platform, who.id, who.signature)
+        return visitor is not None and is_signed(
+            self._arrival_key, study, visitor.platform, visitor.id, visitor.signature
+        )
 
     def plan(self, admission: Admission) -> SessionPlan:
         """Plan a participant's next segment; a log that was cut off is finished first.
@@ -222,15 +226,15 @@ class Arrivals:
 
     def id_on_platform(self, participant: str) -> str:
         """A participant's id on the platform that sent them, for the link back; "" for the others."""
-        who = self.recruits.ids().get(participant)
-        return who.id if who else ""
+        visitor = self.recruits.ids().get(participant)
+        return visitor.id if visitor else ""
 
-    def _admit(self, arrival: Arrival, who: PlatformVisitor | None) -> Admission | Rejection:
-        given = hash_link_token(arrival.token) if is_token(arrival.token) else ""
-        key = given or (self.recruits.hash_platform_id(who.platform, who.id) if who else "")
+    def _admit(self, arrival: Arrival, visitor: PlatformVisitor | None) -> Admission | Rejection:
+        link_key = hash_link_token(arrival.token) if is_token(arrival.token) else ""
+        key = link_key or (self.recruits.hash_platform_id(visitor.platform, visitor.id) if visitor else "")
         if not key and not self.protocol.web.open_access:
             return Rejection("unknown")
-        is_invited = bool(given) and self.recruits.has_issued(given)
+        is_invited = bool(link_key) and self.recruits.has_issued(link_key)
         token = ""
         if not key:
             (token,) = self.recruits.issue(1)
@@ -238,15 +242,15 @@ class Arrivals:
         participant = self.recruits.find_participant(key)
         plan = None
         if participant is None:
-            first = self._first_time(key, who)
+            first = self._first_time(key, visitor)
             if isinstance(first, Rejection):
                 return first
             participant, plan = first
-        found = self._next_session(participant)
-        if isinstance(found, str):
+        next_session = self._next_session(participant)
+        if isinstance(next_session, str):
             last = max(1, len(self.protocol.sessions))
-            return Rejection("finished", found, last, self.id_on_platform(participant))
-        session, lease = found
+            return Rejection("finished", next_session, last, self.id_on_platform(participant))
+        session, lease = next_session
         try:
             admission = self._plan_admission(participant, session, plan, arrival.utc_offset_min)
         except BaseException:
@@ -278,7 +282,7 @@ class Arrivals:
             ended = self._read_end(participant, session - 1)
             return Rejection("not_today", ended, session - 1, self.id_on_platform(participant))
 
-    def _first_time(self, key: str, who: PlatformVisitor | None) -> tuple[str, SessionPlan | None] | Rejection:
+    def _first_time(self, key: str, visitor: PlatformVisitor | None) -> tuple[str, SessionPlan | None] | Rejection:
         """Give a new visitor the next slot; return its plan if they just got it."""
         with self.recruits.exclusive() as file:
             if key in file.standing.came:
@@ -293,8 +297,8 @@ class Arrivals:
             except AllocationError:
                 return Rejection("full")
             participant = plan.participant.id
-            if who is not None:
-                self.recruits.remember(PlatformId(participant, who.platform, who.id))
+            if visitor is not None:
+                self.recruits.remember(PlatformId(participant, visitor.platform, visitor.id))
             issued = [] if known else [LinkIssued(key, now_text())]  # made by the page, in an open study
             file.journal.append(*issued, ParticipantArrived(key, participant, now_text()))
             return participant, plan

@@ -106,8 +106,8 @@ class ComputedEpisode:
         if stepped is None:
             cause = f"key {message.key}" if isinstance(message, KeyMessage) else "time"
             return f"{cause} made a step of episode {self.play.plan.episode + 1} in the page, and none here"
-        where = f"step {stepped.step} of episode {stepped.episode + 1}"
-        return f"{where} was computed otherwise in the page: its digest is {message.digest}, here it is {own}"
+        place = f"step {stepped.step} of episode {stepped.episode + 1}"
+        return f"{place} was computed otherwise in the page: its digest is {message.digest}, here it is {own}"
 
 
 def _describe_grid(
@@ -152,11 +152,11 @@ def _run_lengths(row: NDArray[np.int32]) -> list[int]:
 @lru_cache(maxsize=16)
 def pack_atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = ()) -> ArraysMessage:
     """Draw the tiles of a size and palette once, and pack them for pages."""
-    drawn = atlas(tile_px, palette, kinds)
+    tile_atlas = atlas(tile_px, palette, kinds)
     names = ("number", "under", "tiles", "agents", "carried")
-    sizes = np.array([tile_px, drawn.carried.shape[1]], np.int32)
-    arrays = {name: getattr(drawn, name) for name in names}
-    return pack_arrays({"px": sizes, **arrays, "tiles": drawn.tiles.view(np.uint8)})
+    sizes = np.array([tile_px, tile_atlas.carried.shape[1]], np.int32)
+    arrays = {name: getattr(tile_atlas, name) for name in names}
+    return pack_arrays({"px": sizes, **arrays, "tiles": tile_atlas.tiles.view(np.uint8)})
 
 
 def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> ArraysMessage:

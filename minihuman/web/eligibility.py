@@ -62,10 +62,14 @@ def collect_browser_facts(facts_given: Mapping[str, bool | float | str]) -> dict
 
 def find_utc_offset_min(facts_given: Mapping[str, bool | float | str]) -> int | None:
     """How many minutes a browser's local time is ahead of UTC; None where it says no such thing."""
-    told = facts_given.get("utc_offset_min")  # a whole number, which arrives as a float
-    if not isinstance(told, int | float) or isinstance(told, bool) or not abs(told) <= _MAX_UTC_OFFSET_MIN:
+    offset_min = facts_given.get("utc_offset_min")  # a whole number, which arrives as a float
+    if (
+        not isinstance(offset_min, int | float)
+        or isinstance(offset_min, bool)
+        or not abs(offset_min) <= _MAX_UTC_OFFSET_MIN
+    ):
         return None
-    return int(told) if told == int(told) else None
+    return int(offset_min) if offset_min == int(offset_min) else None
 
 
 Ineligibility = Literal["", "browser", "window", "latency", "keyboard", "gamepad"]

@@ -83,12 +83,12 @@ def _expand(short: Any) -> NumberedMessage:
         raise ValueError("a time is before the session's start")
     if kind is _Press:
         stamp_ns = at_ns - 1000 * short.ago
-        what = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
-        return NumberedMessage(short.n, at_ns, what)
+        press = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
+        return NumberedMessage(short.n, at_ns, press)
     flip_ns = at_ns - 1000 * short.flip
     submit_ns = at_ns - 1000 * short.submit
-    shown = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
-    return NumberedMessage(short.n, at_ns, shown)
+    display = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
+    return NumberedMessage(short.n, at_ns, display)
 
 
 _ENCODER = msgspec.json.Encoder()

@@ -17,18 +17,18 @@ class OutgoingStream(Generic[Message]):
     """This side's messages, from 1 on."""
 
     def __init__(self) -> None:
-        self._kept: deque[tuple[int, Message]] = deque()
+        self._unacknowledged: deque[tuple[int, Message]] = deque()
         self.last_number = 0  # of the last message
 
     @property
-    def kept(self) -> int:
+    def n_unacknowledged(self) -> int:
         """How many messages are not acknowledged yet."""
-        return len(self._kept)
+        return len(self._unacknowledged)
 
     def add(self, message: Message) -> None:
         """Number a message and keep it until it is acknowledged."""
         self.last_number += 1
-        self._kept.append((self.last_number, message))
+        self._unacknowledged.append((self.last_number, message))
 
     def acknowledge(self, number: int) -> None:
         """Forget the messages up to a number: the other side has them.
@@ -40,12 +40,12 @@ class OutgoingStream(Generic[Message]):
             raise MessageError(
                 f"message {number} was acknowledged, but the last one sent is {self.last_number}; reload the page"
             )
-        while self._kept and self._kept[0][0] <= number:
-            self._kept.popleft()
+        while self._unacknowledged and self._unacknowledged[0][0] <= number:
+            self._unacknowledged.popleft()
 
     def after(self, number: int) -> Iterator[tuple[int, Message]]:
         """The kept messages behind a number."""
-        return (kept for kept in tuple(self._kept) if kept[0] > number)
+        return (numbered for numbered in tuple(self._unacknowledged) if numbered[0] > number)
 
 
 class IncomingStream:

@@ -188,7 +188,7 @@ class Outbox:
         ``send_prefetched`` sends what was found. ``rtt_ns`` is the round trip.
         """
         session = self._session
-        if session.over or self.outgoing.kept > PREFETCH_BACKLOG:
+        if session.over or self.outgoing.n_unacknowledged > PREFETCH_BACKLOG:
             return False
         if self._page.grow(session, rtt_ns):
             return True
@@ -202,18 +202,18 @@ class Outbox:
         self._page.send_prefetched()
         self._page.send_scenes(self._ahead.graph)
 
-    def restart(self, asked: Iterable[int], *, begun: bool) -> None:
+    def restart(self, open_questions: Iterable[int], *, has_begun: bool) -> None:
         """Tell everything from the start.
 
         Args:
-            asked: what the page was asked and has not answered.
-            begun: whether there is anything to tell.
+            open_questions: the numbers of the questions that the page has not answered.
+            has_begun: whether there is anything to send.
         """
         self._page = PageContents(self._settings.encoding, self._ahead.lend)
-        for number in asked:
+        for number in open_questions:
             self.outgoing.add(messages.CommandMessage(number))
         self._ahead.forget(keeps_computed=self.page_computes)
-        if not self._session.over and begun:
+        if not self._session.over and has_begun:
             play = self._session.part.play or self._session.part.next_play  # also behind a pause
             if play is not None:
                 self._begin_episode(play)
@@ -255,18 +255,18 @@ class Outbox:
     def _send_position(self, play: RunningEpisode | None, steering: Steering | None, tick_ns: int | None) -> None:
         """Tell where the session is in its episode; the page knows how far it went where it computes."""
         step = -1 if play is None else play.steps
-        who = ""
+        controller = ""
         limit_ns = None
         action = None if play is None else play.open_action
         if steering is not None:
-            who = steering.controller
+            controller = steering.controller
             limit_ns = steering.limit_ns
             action = steering.action
         if action is None:
             action = -1
         known_step = min(step, 0) if self.is_computed else step
         waited_for = 0 if play is None else self.moved
-        if self._page.has_state((tick_ns, waited_for, known_step, who, action, limit_ns)):
+        if self._page.has_state((tick_ns, waited_for, known_step, controller, action, limit_ns)):
             return
         episode = -1 if play is None else self.steps.episode
         self.outgoing.add(
@@ -276,7 +276,7 @@ class Outbox:
                 episode,
                 step,
                 self.steps.find_scene(step),
-                who,
+                controller,
                 action,
                 limit_ns,
                 self._pace_ns,

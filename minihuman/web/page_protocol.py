@@ -164,7 +164,7 @@ class PageProtocol:
 
     def _acknowledge(self, number: int) -> None:
         outgoing = self._session.outgoing
-        was_behind = outgoing.kept > PREFETCH_BACKLOG
+        was_behind = outgoing.n_unacknowledged > PREFETCH_BACKLOG
         outgoing.acknowledge(number)
         self._was_behind |= was_behind
 
@@ -175,7 +175,7 @@ class PageProtocol:
             MessageError: if too many of the server's messages have not been acknowledged.
         """
         outgoing = self._session.outgoing
-        if outgoing.kept > MAX_BACKLOG:
+        if outgoing.n_unacknowledged > MAX_BACKLOG:
             self._session.forget()
             raise messages.MessageError(f"more than {MAX_BACKLOG} messages have not been acknowledged; reload the page")
         has_grown = outgoing.last_number != self._last_number

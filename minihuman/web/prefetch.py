@@ -147,9 +147,9 @@ class LookAheadGraph:
         if truncated and not terminated:
             root.closed = True  # the copy is too old to go on from; nothing is known of a younger one
             return False
-        found = self._scene(world, closed=terminated)
-        root.edges[action] = found, terminated
-        self._new_edges.append((root.name, action, found.name, terminated))
+        scene = self._scene(world, closed=terminated)
+        root.edges[action] = scene, terminated
+        self._new_edges.append((root.name, action, scene.name, terminated))
         return True
 
     @property
@@ -169,8 +169,8 @@ class LookAheadGraph:
 
     def _scene(self, world: World, *, closed: bool = False) -> SceneNode:
         """The scene that a world is in."""
-        here = world.scene_hash()
-        known = self._scenes.get(here)
+        scene_hash = world.scene_hash()
+        known = self._scenes.get(scene_hash)
         if known is not None and (closed or not known.closed):
             return known
         look = (self.plan.view, self._picture_px, self.plan.palette)
@@ -180,16 +180,16 @@ class LookAheadGraph:
         if tiles is not None:
             picture = cache.number_tiles(tiles)
         else:
-            drawn = np.ascontiguousarray(world.frame(*look))
-            picture = cache.number(drawn)
-            picture_hash = 0 if world.is_built_in else hash_picture(drawn)
+            pixels = np.ascontiguousarray(world.frame(*look))
+            picture = cache.number(pixels)
+            picture_hash = 0 if world.is_built_in else hash_picture(pixels)
         saved = None
         if not closed and not self.blind:
             try:
                 saved = world.save()
             except MinihumanError:
                 self.blind = True
-        scene = self._scenes[here] = SceneNode(here, picture, saved, closed or self.blind)
+        scene = self._scenes[scene_hash] = SceneNode(scene_hash, picture, saved, closed or self.blind)
         self.pictures[scene.name] = picture
         self._picture_hashes[scene.name] = picture_hash
         self._new_nodes.append((scene.name, picture))
@@ -314,8 +314,8 @@ def describe_screen(session: SessionMachine, number: NumberPicture, known: int =
 
 
 def _name(looks: object, session: SessionMachine) -> int:
-    stands = (session.part.number, session.phase, session.next_episode)
-    digest = hashlib.blake2b(msgspec.json.encode((looks, stands)), digest_size=8).digest()
+    position = (session.part.number, session.phase, session.next_episode)
+    digest = hashlib.blake2b(msgspec.json.encode((looks, position)), digest_size=8).digest()
     return name_scene(int.from_bytes(digest, "little"))
 
 
@@ -340,7 +340,12 @@ def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
         case QuestionScreen(item=item, buttons=buttons):
             yield from ("key:enter", "key:tab", "point:go_on")
             yield from _answers(item)
-            yield from (one for button in buttons if button.name == "back" for one in ("key:page_up", "point:back"))
+            yield from (
+                input_name
+                for button in buttons
+                if button.name == "back"
+                for input_name in ("key:page_up", "point:back")
+            )
 
 
 def _answers(item: object) -> Iterator[str]:
@@ -363,12 +368,12 @@ def _mark_shown(session: SessionMachine) -> tuple[int, int]:
 
 
 def _input(input_name: str, at_ns: int) -> Input:
-    kind, _, what = input_name.partition(":")
+    kind, _, target = input_name.partition(":")
     match kind:
         case "key":
-            return KeyDown(at_ns, what, "")
+            return KeyDown(at_ns, target, "")
         case "point":
-            return PointerPressed(at_ns, 0.5, 0.5, what, 0.5)
+            return PointerPressed(at_ns, 0.5, 0.5, target, 0.5)
     return Tick(at_ns)
 
 

@@ -129,8 +129,8 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> PlayValues:
 
 def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
     """Number the picture of a film that is seen; the others, which are drawn later, are `PENDING_PICTURE`."""
-    seen = min(step, len(pictures) - 1)
-    return [number(pictures[index]) if index == seen else PENDING_PICTURE for index in range(len(pictures))]
+    current = min(step, len(pictures) - 1)
+    return [number(pictures[index]) if index == current else PENDING_PICTURE for index in range(len(pictures))]
 
 
 def _page(screen: screens.PageScreen, number: NumberPicture) -> PageValues:
@@ -196,19 +196,19 @@ class _SharedImages:
     """Packed pictures by what they show, the latest: in grids many people see the same ones."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[tuple[bytes, ImageEncoding], tuple[int, bytes]] = OrderedDict()
+        self._packed: OrderedDict[tuple[bytes, ImageEncoding], tuple[int, bytes]] = OrderedDict()
         self._bytes = 0
 
     def of(self, digest: bytes, encoding: ImageEncoding, picture: NDArray[np.uint8]) -> tuple[int, bytes]:
         """A picture's packing and its bytes."""
-        known = self._kept.get((digest, encoding))
+        known = self._packed.get((digest, encoding))
         if known is not None:
-            self._kept.move_to_end((digest, encoding))
+            self._packed.move_to_end((digest, encoding))
             return known
-        packed = self._kept[digest, encoding] = _encode_picture(encoding, picture)
+        packed = self._packed[digest, encoding] = _encode_picture(encoding, picture)
         self._bytes += len(packed[1])
         while self._bytes > _SHARED_BYTES:
-            self._bytes -= len(self._kept.popitem(last=False)[1][1])
+            self._bytes -= len(self._packed.popitem(last=False)[1][1])
         return packed
 
 

@@ -60,7 +60,7 @@ class SessionHost:
         self._is_announced = False  # the page was asked when it is to be taken
         self._inputs = PageInputs((*logged, *unwritten))
         self._writer = SessionWriter(session, recorder)
-        self._begun = bool(logged)  # the session knows what time it is
+        self._has_begun = bool(logged)  # the session knows what time it is
         self._draws = True  # the page does not know the screen
         self._notes: list[str] = []  # of the page, that come with its next message
         self.has_stepped = any(isinstance(event, Stepped) for event in logged)
@@ -180,9 +180,9 @@ class SessionHost:
         self.outbox.at_ns = at_ns
         if arrival_ns is not None:
             self.note(self.link.arrive(at_ns, arrival_ns))
-        if not self._begun and not isinstance(message, messages.TickMessage):
+        if not self._has_begun and not isinstance(message, messages.TickMessage):
             self._writer.write(self.session.receive(inputs.Tick(at_ns)))
-        self._begun = True
+        self._has_begun = True
 
     def stop(self, stop: inputs.Stop | inputs.ExperimenterCommand) -> None:
         """End the session from outside, or do what the experimenter asks while no page is there.
@@ -192,9 +192,9 @@ class SessionHost:
         """
         self._writer.write(self.session.receive(stop))
 
-    def ask(self, what: str, text: str) -> None:
+    def ask(self, command: str, text: str) -> None:
         """Let the page say when the experimenter's wish reached it."""
-        self._ask_page(lambda at_ns: inputs.ExperimenterCommand(at_ns, what, text))  # type: ignore[arg-type]
+        self._ask_page(lambda at_ns: inputs.ExperimenterCommand(at_ns, command, text))  # type: ignore[arg-type]
 
     def _ask_page(self, make_input: MakeInput) -> None:
         self.outgoing.add(messages.CommandMessage(self._inputs.ask(make_input)))
@@ -262,17 +262,17 @@ class SessionHost:
                 self.note("" if arrival_ns is None else self.link.look(linked, arrival_ns))
                 return [linked]
             case messages.GamepadMessage(id=name, axes=axes, buttons=buttons):
-                what = f"{axes} axes of -1 to 1, {buttons} buttons, dead zone {PAD_DEAD_ZONE}, read once a frame"
-                return [Noted(at_ns, BROWSER_NOTE, f"gamepad {name}: {what}")]
+                detail = f"{axes} axes of -1 to 1, {buttons} buttons, dead zone {PAD_DEAD_ZONE}, read once a frame"
+                return [Noted(at_ns, BROWSER_NOTE, f"gamepad {name}: {detail}")]
             case messages.LateInputMessage():
                 self._unheard += 1
                 if self._unheard > _MOST_UNHEARD:
                     return []
                 return [Noted(at_ns, BROWSER_NOTE, f"not taken: {message.text}")]
             case messages.KeyMessage(trusted=False):
-                what = "down" if message.down else "up"
+                detail = "down" if message.down else "up"
                 note = Noted(
-                    at_ns, BROWSER_NOTE, f"key {message.key} {what} at {message.stamp} ns was made by a script"
+                    at_ns, BROWSER_NOTE, f"key {message.key} {detail} at {message.stamp} ns was made by a script"
                 )
                 return [note, *self._play(message, at_ns)]
             case messages.DisplayedMessage(step=step) if step >= 0:
@@ -298,8 +298,8 @@ class SessionHost:
             return [correction]
         difference = steps.difference(message)
         notes: list[Event] = [Noted(at_ns, BROWSER_NOTE, difference)] if difference else []
-        shown = inputs.ScreenShown(at_ns, submit_ns, flip_ns, message.step)
-        return [*notes, *self.session.receive(shown, at_ns=at_ns, draws=self._draws)]
+        display = inputs.ScreenShown(at_ns, submit_ns, flip_ns, message.step)
+        return [*notes, *self.session.receive(display, at_ns=at_ns, draws=self._draws)]
 
     # Messages to the page
 
@@ -314,8 +314,8 @@ class SessionHost:
         """
         if computes is not None:
             self.outbox.page_computes = computes
-        self.outbox.restart(self._inputs.asked, begun=self._begun)
-        if not self.over and self._begun:
+        self.outbox.restart(self._inputs.open_questions, has_begun=self._has_begun)
+        if not self.over and self._has_begun:
             self._answer()
 
     def close_agent(self) -> None:

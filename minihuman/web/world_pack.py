@@ -188,13 +188,13 @@ def _write_texture(folder: Path, pixels: bytes) -> str:
 
 def _write_atlas(folder: Path) -> dict[str, Any]:
     """Pack the tiles; return where each array of theirs begins."""
-    drawn = atlas(TILE_PX, "classic")
+    tile_atlas = atlas(TILE_PX, "classic")
     content = b""
     arrays: dict[str, Any] = {}
     for name in ("number", "under", "tiles", "agents", "carried"):
-        array = getattr(drawn, name)
+        array = getattr(tile_atlas, name)
         array = array.view(np.uint8) if name == "tiles" else array
         arrays[name] = {"at": len(content), "bytes": array.nbytes, "kind": str(array.dtype)}
         content += array.tobytes()
     (folder / "atlas.z").write_bytes(zlib.compress(content, 9))
-    return {"tile_px": TILE_PX, "small_px": drawn.carried.shape[1], "arrays": arrays}
+    return {"tile_px": TILE_PX, "small_px": tile_atlas.carried.shape[1], "arrays": arrays}

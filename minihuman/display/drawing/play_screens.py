@@ -76,8 +76,8 @@ def paint_picture(frame: NDArray[np.uint8], picture: NDArray[np.uint8]) -> Box:
 
 def locate_picture(picture: NDArray[np.uint8], size_px: Size) -> Box:
     """Where a world's picture is drawn."""
-    shown = _fit(picture, *picture_size_px(size_px))
-    return _place(shown.shape[1], shown.shape[0], size_px)
+    fitted = _fit(picture, *picture_size_px(size_px))
+    return _place(fitted.shape[1], fitted.shape[0], size_px)
 
 
 def _place(width: int, height: int, size_px: Size) -> Box:
@@ -98,8 +98,10 @@ def _fit(picture: NDArray[np.uint8], room_width: int, room_height: int) -> NDArr
     factor = min(room_width / width, room_height / height)
     if scale == 1 and factor < _WORTH_ENLARGING:
         return picture
-    how = Image.Resampling.BILINEAR if scale else Image.Resampling.BOX
-    return np.asarray(Image.fromarray(picture).resize((max(1, int(width * factor)), max(1, int(height * factor))), how))
+    resampling = Image.Resampling.BILINEAR if scale else Image.Resampling.BOX
+    return np.asarray(
+        Image.fromarray(picture).resize((max(1, int(width * factor)), max(1, int(height * factor))), resampling)
+    )
 
 
 def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:
@@ -118,10 +120,10 @@ def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
     """A frame around the held picture in the outcome's colour, and its sign and sum in a corner; the rest clear."""
     height, width = screen.picture.shape[:2]
     if width:
-        shown = _fit(screen.picture, *picture_size_px(size_px))
+        fitted = _fit(screen.picture, *picture_size_px(size_px))
     else:
-        shown = screen.picture
-    left, top, width, height = _place(shown.shape[1], shown.shape[0], size_px)
+        fitted = screen.picture
+    left, top, width, height = _place(fitted.shape[1], fitted.shape[0], size_px)
     layer = Image.new("RGBA", size_px, (0, 0, 0, 0))
     draw = ImageDraw.Draw(layer)
     colour = _MARKS[screen.mark]

@@ -95,9 +95,9 @@ def _option_rows(sheet: Sheet, item: OptionList, wide: float, high: float) -> tu
 def _choices(sheet: Sheet, item: OptionList, box: tuple[float, float, float, float]) -> None:
     """Options below each other, each with its number and a circle, or a box to tick."""
     left, top, right, bottom = box
-    found = _option_rows(sheet, item, right - left, bottom - top)
+    fitted = _option_rows(sheet, item, right - left, bottom - top)
     type_px = sheet.min_type_px
-    rows, type_px = found or ([[option] for option in item.options], type_px)
+    rows, type_px = fitted or ([[option] for option in item.options], type_px)
     y = top
     for number, lines in enumerate(rows):
         tall = len(lines) * type_px * 1.2 + type_px * 0.6
@@ -122,9 +122,9 @@ def _choices(sheet: Sheet, item: OptionList, box: tuple[float, float, float, flo
             sheet.put(place, line, type_px, theme.INK, "r" if sheet.locale.rtl else "l")
             line_y += type_px * 1.2
         if number < 9:
-            where = left + type_px * 0.9 if sheet.locale.rtl else right - type_px * 0.9
+            number_x = left + type_px * 0.9 if sheet.locale.rtl else right - type_px * 0.9
             small = max(sheet.min_type_px, round(type_px * 0.75))
-            sheet.put((where, y + tall / 2), str(number + 1), small, theme.MUTED_INK, "m")
+            sheet.put((number_x, y + tall / 2), str(number + 1), small, theme.MUTED_INK, "m")
         y += tall + type_px * 0.15
 
 
@@ -300,10 +300,10 @@ def _entry(sheet: Sheet, item: TextField, box: tuple[float, float, float, float]
     wide = field[2] - field[0] - 2 * pad
     lines = sheet.wrap(item.text, type_px, wide) if item.text else [""]
     room = max(1, int((tall - pad) / (type_px * LINE_HEIGHT)))
-    shown = lines[-room:]
-    sheet.column(shown, left + pad, field[2] - pad, top + (tall - room * type_px * LINE_HEIGHT) / 2, type_px)
+    visible_lines = lines[-room:]
+    sheet.column(visible_lines, left + pad, field[2] - pad, top + (tall - room * type_px * LINE_HEIGHT) / 2, type_px)
     caret_lines = sheet.wrap(before, type_px, wide) if before else [""]
-    row = min(len(shown) - 1, max(0, len(caret_lines) - 1 - (len(lines) - len(shown))))
+    row = min(len(visible_lines) - 1, max(0, len(caret_lines) - 1 - (len(lines) - len(visible_lines))))
     x = sheet.width_px(caret_lines[-1] + (" " if before.endswith(" ") else ""), type_px)
     x = field[2] - pad - x if sheet.locale.rtl else left + pad + x
     y = top + (tall - room * type_px * LINE_HEIGHT) / 2 + (row + 0.5) * type_px * LINE_HEIGHT

@@ -67,7 +67,7 @@ def compose_screen(screen: Screen, size_px: Size) -> NDArray[np.uint8]:
             return np.array(getattr(import_module(module), function)(screen, size_px).page)
 
 
-def repaint_screen(frame: NDArray[np.uint8], shown: Screen | None, screen: Screen) -> Box:
+def repaint_screen(frame: NDArray[np.uint8], previous: Screen | None, screen: Screen) -> Box:
     """Make a frame that shows one screen show the next one; the box is what changed, so only that need travel.
 
     Args:
@@ -76,9 +76,9 @@ def repaint_screen(frame: NDArray[np.uint8], shown: Screen | None, screen: Scree
         screen: what it is to show.
     """
     height, width = frame.shape[:2]
-    if isinstance(shown, PlayScreen) and isinstance(screen, PlayScreen) and not (shown.mark or screen.mark):
-        same = shown.picture.shape == screen.picture.shape and _play_frame(shown) == _play_frame(screen)
-        if same and bool(shown.controller) == bool(screen.controller):
+    if isinstance(previous, PlayScreen) and isinstance(screen, PlayScreen) and not (previous.mark or screen.mark):
+        same = previous.picture.shape == screen.picture.shape and _play_frame(previous) == _play_frame(screen)
+        if same and bool(previous.controller) == bool(screen.controller):
             return _paint(frame, screen)
     frame[:] = compose_screen(screen, (width, height))
     return 0, 0, width, height

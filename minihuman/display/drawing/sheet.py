@@ -60,11 +60,11 @@ class LightDraw(ImageDraw.ImageDraw):
 
 
 def _draw_light(draw: Callable[..., None]) -> Callable[..., None]:
-    def drawn(self: LightDraw, *args: Any, **named: Any) -> None:
+    def draw_in_light(self: LightDraw, *args: Any, **named: Any) -> None:
         light = {name: find_colour(value, "light") for name, value in named.items() if name in ("fill", "outline")}
         draw(self, *args, **{**named, **light})
 
-    return drawn
+    return draw_in_light
 
 
 for _name in ("bitmap", "ellipse", "line", "rectangle", "rounded_rectangle"):

@@ -172,8 +172,8 @@ def _picture(
         size_px = type_px
         while size_px > sheet.min_type_px and sheet.width_px(mark.label, size_px) > room:
             size_px -= 1
-        beside = end + reach * 0.4 if on_right else end - reach * 0.4
+        label_x = end + reach * 0.4 if on_right else end - reach * 0.4
         lines = sheet.wrap(mark.label, size_px, room)
         for row, line in enumerate(lines):
-            place = (beside, y + (row - (len(lines) - 1) / 2) * size_px * TIGHT_LINE_HEIGHT)
+            place = (label_x, y + (row - (len(lines) - 1) / 2) * size_px * TIGHT_LINE_HEIGHT)
             sheet.put(place, line, size_px, theme.ACCENT, "l" if on_right else "r")

@@ -76,8 +76,8 @@ class Gamepad:
 
     @staticmethod
     def _open() -> "controller.Controller | None":
-        found = [number for number in range(controller.get_count()) if controller.is_controller(number)]
-        return controller.Controller(found[0]) if found else None
+        numbers = [number for number in range(controller.get_count()) if controller.is_controller(number)]
+        return controller.Controller(numbers[0]) if numbers else None
 
     def facts(self) -> dict[str, str]:
         """Device, axes, dead zone and how often it is read."""
@@ -244,7 +244,7 @@ class PygameWindow(BlockingWindow):
 
     def _release_unseen_key(self, key: str, t_ns: int) -> list[Input]:
         self._down_at_focus = [other for other in self._down_at_focus if other != key]
-        if self._held.is_down(key):
+        if self._repeater.is_down(key):
             return self._key(False, key, "", t_ns)
         return []
 
@@ -398,14 +398,14 @@ def _drop_invented_releases(
     timed: list[tuple[pygame.event.Event, KeyMove]],
 ) -> list[tuple[pygame.event.Event, KeyMove]]:
     """Drop the releases that SDL makes up as the focus goes, just before it says so: the window marks its own."""
-    kept: list[tuple[pygame.event.Event, KeyMove]] = []
+    real_moves: list[tuple[pygame.event.Event, KeyMove]] = []
     for event, move in timed:
         if event.type == pygame.WINDOWFOCUSLOST:
-            releases = list(takewhile(lambda pair: pair[0].type == pygame.KEYUP, reversed(kept)))
-            kept = kept[: len(kept) - len(releases)]
-            kept += [pair for pair in reversed(releases) if pair[1].t_ns is not None and pair[1].is_in_window]
-        kept.append((event, move))
-    return kept
+            releases = list(takewhile(lambda pair: pair[0].type == pygame.KEYUP, reversed(real_moves)))
+            real_moves = real_moves[: len(real_moves) - len(releases)]
+            real_moves += [pair for pair in reversed(releases) if pair[1].t_ns is not None and pair[1].is_in_window]
+        real_moves.append((event, move))
+    return real_moves
 
 
 def _symbol(event: pygame.event.Event) -> str:

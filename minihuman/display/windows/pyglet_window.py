@@ -101,7 +101,7 @@ class PygletWindow(BlockingWindow):
         t_ns = self._time(server_ms)
         if not down:
             self._inputs += self._key(False, key, symbol, t_ns)
-        elif not self._held.is_down(key):  # else it is the system's auto-repeat
+        elif not self._repeater.is_down(key):  # else it is the system's auto-repeat
             cause: PressCause = "shortcut" if is_shortcut else "finger"
             if (
                 self._record is not None

@@ -21,15 +21,15 @@ class Window(abc.ABC):
     def show(self, screen: Screen) -> ScreenShown:
         """Draw a screen, flip, and say when it was submitted and when the flip returned."""
 
-    def show_after(self, screen: Screen, written: Callable[[], None]) -> ScreenShown | None:
-        """Show a screen when ``written`` has returned; until then a window may draw it, but not flip.
+    def show_after(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown | None:
+        """Show a screen once ``await_log`` has returned; until then a window may draw it, but not flip.
 
         None where another thread shows it: that it was is then one of the inputs of `wait`.
 
         Raises:
-            LogError: as ``written`` does; then the screen is not shown.
+            LogError: as ``await_log`` does; then the screen is not shown.
         """
-        written()
+        await_log()
         return self.show(screen)
 
     @abc.abstractmethod

@@ -219,6 +219,25 @@ class KeyMove(NamedTuple):
     is_in_window: bool
 
 
+def _match_moves(keys: Sequence[tuple[str, bool]], recorded: Sequence[_Move]) -> list[int | None]:
+    """Find each key move (name, down) in the record, the latest before the next one's; None where it is not there."""
+    places: list[int | None] = []
+    end = len(recorded)
+    for key_move in reversed(keys):
+        place = _find_last_move(key_move, recorded[:end])
+        if place is not None:
+            end = place
+        places.append(place)
+    return places[::-1]
+
+
+def _find_last_move(key_move: tuple[str, bool], recorded: Sequence[_Move]) -> int | None:
+    for place in range(len(recorded) - 1, -1, -1):
+        if (recorded[place].key, recorded[place].down) == key_move:
+            return place
+    return None
+
+
 class X11InputRecord(_Server):
     """Records each event of a key or the mouse's main button, and whether the window had the focus then.
 
@@ -258,28 +277,27 @@ class X11InputRecord(_Server):
         self._read()
         if keys and keys[-1] not in [(move.key, move.down) for move in self._moves]:
             self._wait()
-        heard = list(self._moves)
-        places: list[int | None] = []
-        before = len(heard)
-        for wanted in reversed(keys):
-            place = next(
-                (place for place in range(before - 1, -1, -1) if (heard[place].key, heard[place].down) == wanted), None
-            )
-            before = before if place is None else place
-            places.append(place)
-        last = max((place for place in places if place is not None), default=-1)
-        self._moves = deque(heard[last + 1 :], maxlen=_MAX_KEY_TIMES)
-        return [
-            self._unheard(*wanted) if place is None else self._heard(heard[place])
-            for wanted, place in zip(keys, reversed(places), strict=True)
-        ]
+        recorded = list(self._moves)
+        matches = _match_moves(keys, recorded)
+        last = max((place for place in matches if place is not None), default=-1)
+        self._moves = deque(recorded[last + 1 :], maxlen=_MAX_KEY_TIMES)
+        moves: list[KeyMove] = []
+        for (key, down), place in zip(keys, matches, strict=True):
+            if place is None:
+                moves.append(self._describe_unrecorded(key, down))
+            else:
+                moves.append(self._describe_recorded(recorded[place]))
+        return moves
 
-    def _heard(self, move: _Move) -> KeyMove:
+    def _describe_recorded(self, move: _Move) -> KeyMove:
         return KeyMove(convert_server_time(move.server_ms, self._clock), move.is_in_window)
 
-    def _unheard(self, key: str, down: bool) -> KeyMove:
+    def _describe_unrecorded(self, key: str, down: bool) -> KeyMove:
+        """Describe a move that the server does not report, by the last press of its key."""
         presses = self._presses.get(key)
-        return KeyMove(None, presses[-1].is_in_window if down and presses else True)
+        if down and presses:
+            return KeyMove(None, presses[-1].is_in_window)
+        return KeyMove(None, True)
 
     def is_press_in_window(self, key: str, server_ms: int) -> bool:
         """Whether a press that a window received was made in it; a repeat is the press's that it repeats."""

@@ -115,9 +115,14 @@ def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
         extractor = MissionImageExtractor(card.observation_space, card.eyes).state_dict()
     shapes = {f"features_extractor.{name}": tuple(value.shape) for name, value in extractor.items()}
     shapes[f"{ACTOR_HEAD}bias"] = (len(card.action_names),)
-    found = {name: tuple(weights[name].shape) if name in weights else "absent" for name in shapes}
+    weight_shapes = {name: tuple(weights[name].shape) if name in weights else "absent" for name in shapes}
     return next(
-        (f"{name} is {found[name]}, not {shape}" for name, shape in shapes.items() if found[name] != shape), None
+        (
+            f"{name} is {weight_shapes[name]}, not {shape}"
+            for name, shape in shapes.items()
+            if weight_shapes[name] != shape
+        ),
+        None,
     )
 
 

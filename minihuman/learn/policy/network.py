@@ -207,9 +207,9 @@ class Policy(MultiInputActorCriticPolicy):
         chosen = log_probs.gather(1, actions.long().unsqueeze(1)).squeeze(1)
         return values, chosen, -(log_probs.exp() * log_probs).sum(dim=1)
 
-    def probabilities(self, seen: Observation) -> torch.Tensor:
+    def probabilities(self, observation: Observation) -> torch.Tensor:
         """The probability of each action for one observation, float32[actions]."""
-        return self.think_of(seen)[0].exp()
+        return self.think_of(observation)[0].exp()
 
     def log_probabilities(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
         """The logarithm of each action's probability, float32[batch, actions]; gradients flow."""
@@ -219,13 +219,13 @@ class Policy(MultiInputActorCriticPolicy):
         """Log-probabilities float32[batch, actions] and values float32[batch, 1]; gradients flow."""
         return self._judge(self._see(obs))
 
-    def think_of(self, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
+    def think_of(self, observation: Observation) -> tuple[torch.Tensor, torch.Tensor]:
         """The same for one observation: log-probabilities float32[actions] and the value float32[1]; no gradients.
 
         A memory takes it in: to be asked once at each step, and told by `forget` where an episode begins.
         """
         with torch.no_grad():
-            obs = {name: torch.as_tensor(part)[None] for name, part in seen.items()}
+            obs = {name: torch.as_tensor(part)[None] for name, part in observation.items()}
             log_probs, values, self._hidden = self.think_on(obs, self._hidden, torch.zeros(1))
         return log_probs[0], values[0]
 
@@ -254,11 +254,11 @@ class Policy(MultiInputActorCriticPolicy):
         """`think` of steps one after the other, all float32 or uint8[steps, batch, ...], flattened; gradients flow."""
         features = self._see({name: part.flatten(0, 1) for name, part in obs.items()})
         if self.memory is not None:
-            found = []
+            hidden_states = []
             for now, start in zip(features.view(*starts.shape, -1), starts, strict=True):
                 hidden = self.memory(now, hidden * (1 - start)[:, None])
-                found.append(hidden)
-            features = torch.cat(found)
+                hidden_states.append(hidden)
+            features = torch.cat(hidden_states)
         return self._judge(features)
 
     def _see(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
@@ -315,12 +315,14 @@ def make_forward(policy: Policy) -> Callable[[Observation], ForwardPass]:
     assert isinstance(action_net, nn.Linear)
     assert isinstance(value_net, nn.Linear)
 
-    def think(seen: Observation) -> ForwardPass:
+    def think(observation: Observation) -> ForwardPass:
         with torch.no_grad():
-            found = see(torch.as_tensor(seen["image"]))
+            image_mission = see(torch.as_tensor(observation["image"]))
             if mission is not None:
-                found = torch.cat((found, _linear(mission, torch.as_tensor(seen["mission"]))))
-            return _linear(action_net, _tanh_layers(actor, found)), _linear(value_net, _tanh_layers(critic, found))
+                image_mission = torch.cat((image_mission, _linear(mission, torch.as_tensor(observation["mission"]))))
+            return _linear(action_net, _tanh_layers(actor, image_mission)), _linear(
+                value_net, _tanh_layers(critic, image_mission)
+            )
 
     return think
 

@@ -92,10 +92,10 @@ class ObservationEncoder:
                 image = raw
         if codes and self.scaling == "spread":
             image = image * np.array(SPREAD, np.uint8)
-        seen: Observation = {"image": np.ascontiguousarray(np.moveaxis(image, -1, 0))}
+        observation: Observation = {"image": np.ascontiguousarray(np.moveaxis(image, -1, 0))}
         if self.missions:
-            seen["mission"] = encode_mission(world.mission)
-        return seen
+            observation["mission"] = encode_mission(world.mission)
+        return observation
 
     def _image_shape(self, world: Any) -> tuple[int, int, int]:
         if self.sight != "view":
@@ -103,8 +103,8 @@ class ObservationEncoder:
                 raise LearnError(
                     f"{world} is not a minihuman grid world, which --sight {self.sight} needs; use --sight view"
                 )
-            whole = 2 * max(world.state.width, world.state.height) - 1
-            side = whole if self.sight == "whole" else min(whole, 2 * REACH + 1)
+            whole_side = 2 * max(world.state.width, world.state.height) - 1
+            side = whole_side if self.sight == "whole" else min(whole_side, 2 * REACH + 1)
             return 3, side, side
         inner = world.observation_space
         if isinstance(inner, spaces.Dict) and "image" in inner.spaces:
@@ -174,10 +174,10 @@ def encode_whole_grid(world: GridEngine) -> NDArray[np.uint8]:
     return _around(world, max(world.state.width, world.state.height) - 1, _codes(world.state.cells))
 
 
-def encode_remembered_grid(world: GridEngine, seen: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def encode_remembered_grid(world: GridEngine, seen_cells: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """The same of the cells that were seen, at most ``REACH`` to each side; the agent's cell shows what it carries."""
     state = world.state
-    codes = _codes(state.cells) * seen.reshape(state.width, state.height, 1)
+    codes = _codes(state.cells) * seen_cells.reshape(state.width, state.height, 1)
     codes[state.position] = _codes(state.row[CARRYING])
     return _around(world, min(REACH, max(state.width, state.height) - 1), codes)
 

@@ -60,7 +60,7 @@ class Lesson:
     def part(self, first: int, last: int) -> "Lesson":
         """The steps from ``first`` to ``last``, the last included."""
         chosen = slice(first, last + 1)
-        said = self.policy_probabilities
+        probabilities = self.policy_probabilities
         return replace(
             self,
             observations={name: values[chosen] for name, values in self.observations.items()},
@@ -69,7 +69,7 @@ class Lesson:
             policy_actions=self.policy_actions[chosen],
             shown_ns=self.shown_ns[chosen],
             rewards=self.rewards[chosen],
-            policy_probabilities=None if said is None else said[chosen],
+            policy_probabilities=None if probabilities is None else probabilities[chosen],
         )
 
 
@@ -200,7 +200,7 @@ class Dataset:
         head = (self.world, self.options, self.action_names, self.most_steps, eyesight, repr(self.space))
         digest.update(json.dumps(head, sort_keys=True).encode())
         for lesson in self.lessons:
-            said = lesson.policy_probabilities
+            probabilities = lesson.policy_probabilities
             facts = (lesson.name, lesson.participant, lesson.seed, lesson.policy, lesson.corrects)
             digest.update(json.dumps(facts).encode())
             parts: Mapping[str, NDArray[Any]] = {
@@ -210,7 +210,7 @@ class Dataset:
                 "policy_actions": lesson.policy_actions,
                 "shown_ns": lesson.shown_ns,
                 "rewards": lesson.rewards,
-                **({} if said is None else {"policy_probabilities": said}),
+                **({} if probabilities is None else {"policy_probabilities": probabilities}),
             }
             for name, values in sorted(parts.items()):
                 digest.update(f"{name} {values.dtype} {values.shape}".encode())

@@ -152,9 +152,9 @@ def collect_steps(lessons: Sequence[Lesson]) -> LabelledSteps:
     """All steps of some lessons, one lesson after the other."""
     names = lessons[0].observations
     return LabelledSteps(
-        {name: torch.as_tensor(np.concatenate([each.observations[name] for each in lessons])) for name in names},
-        torch.as_tensor(np.concatenate([each.actions for each in lessons])),
-        np.concatenate([each.by_person for each in lessons]),
+        {name: torch.as_tensor(np.concatenate([lesson.observations[name] for lesson in lessons])) for name in names},
+        torch.as_tensor(np.concatenate([lesson.actions for lesson in lessons])),
+        np.concatenate([lesson.by_person for lesson in lessons]),
     )
 
 
@@ -181,7 +181,7 @@ def fit_policy(
 
     policy.set_training_mode(True)
     policy.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    done = minimise_loss(
+    fit = minimise_loss(
         policy,
         loss_of,
         rng,
@@ -194,7 +194,7 @@ def fit_policy(
         checkpoint=checkpoint,
     )
     policy.set_training_mode(False)
-    return done
+    return fit
 
 
 GROUP = "minihuman.learners"

@@ -61,22 +61,22 @@ class RewardModel:
         raw = self._raw(steps.observations, steps.actions)
         self._shifts, self._scales = raw.mean(axis=1, keepdims=True), np.maximum(raw.std(axis=1, keepdims=True), 1e-6)
         self._scale = SPREAD / max(1e-6, float(((raw - self._shifts) / self._scales).mean(axis=0).std()))
-        self._kept: dict[tuple[bytes, ...], float] = {}
+        self._reward_cache: dict[tuple[bytes, ...], float] = {}
 
-    def rewards(self, seen: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
+    def rewards(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
         """Rewards of many steps, (n,)."""
-        each = (self._raw(seen, actions) - self._shifts) / self._scales
-        return np.asarray(self._scale * each.mean(axis=0))
+        standardised = (self._raw(observations, actions) - self._shifts) / self._scales
+        return np.asarray(self._scale * standardised.mean(axis=0))
 
-    def reward(self, seen: Observation, action: int) -> float:
+    def reward(self, observation: Observation, action: int) -> float:
         """The reward of one step."""
-        key = (bytes([action]), *(part.tobytes() for part in seen.values()))
-        if key not in self._kept:
-            if len(self._kept) >= MAX_CACHED:
-                self._kept.clear()
-            one = {name: torch.as_tensor(part)[None] for name, part in seen.items()}
-            self._kept[key] = float(self.rewards(one, torch.tensor([action]))[0])
-        return self._kept[key]
+        key = (bytes([action]), *(part.tobytes() for part in observation.values()))
+        if key not in self._reward_cache:
+            if len(self._reward_cache) >= MAX_CACHED:
+                self._reward_cache.clear()
+            batch = {name: torch.as_tensor(part)[None] for name, part in observation.items()}
+            self._reward_cache[key] = float(self.rewards(batch, torch.tensor([action]))[0])
+        return self._reward_cache[key]
 
     def chances(self, dataset: Dataset, pairs: Sequence[tuple[LessonFragment, LessonFragment]]) -> NDArray[np.float64]:
         """Each member's probability that the right side of each pair is better, (members, pairs)."""
@@ -85,14 +85,17 @@ class RewardModel:
         raw = torch.as_tensor(self._raw(steps.observations, steps.actions))
         longest = _longest([side for pair in pairs for side in pair])
         left, right = (_rows([pair[place] for pair in pairs], first, longest) for place in (0, 1))
-        gains = [_average(one[right[0]], right[1]) - _average(one[left[0]], left[1]) for one in raw]
+        gains = [
+            _average(member_rewards[right[0]], right[1]) - _average(member_rewards[left[0]], left[1])
+            for member_rewards in raw
+        ]
         return np.asarray(torch.sigmoid(longest * torch.stack(gains)))
 
-    def _raw(self, seen: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
+    def _raw(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
         """Each member's value of each step, (members, n)."""
         with torch.no_grad():
-            said = [member(seen).gather(1, actions[:, None])[:, 0] for member in self._members]
-        return np.asarray(torch.stack(said).double())
+            member_rewards = [member(observations).gather(1, actions[:, None])[:, 0] for member in self._members]
+        return np.asarray(torch.stack(member_rewards).double())
 
 
 def fit_reward(
@@ -122,7 +125,7 @@ def fit_reward(
     Raises:
         LearnError: if there is no comparison that says something.
     """
-    comparisons = [each for each in dataset.comparisons if each.answer in SHARES]
+    comparisons = [comparison for comparison in dataset.comparisons if comparison.answer in SHARES]
     if not comparisons:
         raise LearnError(
             f"none of the {len(dataset.comparisons)} comparisons prefers a clip or rates two as equal; compare more "
@@ -131,33 +134,37 @@ def fit_reward(
     steps = collect_steps(dataset.lessons)
     first = get_first_rows(dataset)
     alike = _alike(steps)
-    longest = _longest([side for each in comparisons for side in (each.left, each.right)])
-    sides = [_rows([getattr(each, side) for each in comparisons], first, longest) for side in ("left", "right")]
+    longest = _longest([side for comparison in comparisons for side in (comparison.left, comparison.right)])
+    sides = [
+        _rows([getattr(comparison, side) for comparison in comparisons], first, longest) for side in ("left", "right")
+    ]
     rows, inside = (torch.stack(parts) for parts in zip(*sides, strict=True))  # (2, comparisons, longest)
-    shares = torch.tensor([SHARES[each.answer] for each in comparisons])
+    shares = torch.tensor([SHARES[comparison.answer] for comparison in comparisons])
     members = [ActionValues(make_fresh_policy(dataset, rng)) for _ in range(settings.members)]
-    done = settings.updates
+    updates = settings.updates
     for number, member in enumerate(members):
 
         def loss_of(generator: torch.Generator, member: nn.Module = member) -> torch.Tensor:
-            drawn = torch.randint(len(shares), (settings.batch_size,), generator=generator)
-            both = _worth(member, steps, alike, rows[:, drawn].flatten(0, 1), inside[:, drawn].flatten(0, 1))
-            left, right = both.chunk(2)
+            minibatch = torch.randint(len(shares), (settings.batch_size,), generator=generator)
+            mean_rewards = _worth(
+                member, steps, alike, rows[:, minibatch].flatten(0, 1), inside[:, minibatch].flatten(0, 1)
+            )
+            left, right = mean_rewards.chunk(2)
             right_better = (1 - LAPSES) * torch.sigmoid(longest * (right - left)) + LAPSES / 2
-            share = shares[drawn]
+            share = shares[minibatch]
             return -(share * right_better.log() + (1 - share) * (1 - right_better).log()).mean()
 
-        done, _ = minimise_loss(
+        updates, _ = minimise_loss(
             member,
             loss_of,
             rng,
-            updates=done,
+            updates=updates,
             learning_rate=settings.learning_rate,
             weight_decay=settings.weight_decay,
             budget_s=float("inf") if number else budget_s / settings.members,
             checkpoint=None if checkpoint is None else checkpoint.with_name(f"{checkpoint.name}-{number}"),
         )
-    return RewardModel(members, steps), done
+    return RewardModel(members, steps), updates
 
 
 def _longest(sides: Sequence[LessonFragment]) -> int:
@@ -189,21 +196,26 @@ def _worth(
 ) -> torch.Tensor:
     """A member's mean reward of each stretch."""
     different, place = alike[rows.flatten()].unique(return_inverse=True)  # type: ignore[no-untyped-call]
-    said = member(steps.pick(different))[place, steps.actions[rows.flatten()]]
-    return _average(said.view(rows.shape), inside)
+    step_rewards = member(steps.pick(different))[place, steps.actions[rows.flatten()]]
+    return _average(step_rewards.view(rows.shape), inside)
 
 
 def _alike(steps: LabelledSteps) -> torch.Tensor:
     """For each step the first that shows the same, int64[n]: a small world shows little, so each is thought of once."""
-    shown = [np.ascontiguousarray(part.numpy()).reshape(len(part), -1) for part in steps.observations.values()]
+    flat_observations = [
+        np.ascontiguousarray(part.numpy()).reshape(len(part), -1) for part in steps.observations.values()
+    ]
     first: dict[bytes, int] = {}
     return torch.tensor(
-        [first.setdefault(b"".join(part[row].tobytes() for part in shown), row) for row in range(len(steps.actions))]
+        [
+            first.setdefault(b"".join(part[row].tobytes() for part in flat_observations), row)
+            for row in range(len(steps.actions))
+        ]
     )
 
 
-def _average(said: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
-    return torch.div((said * inside).sum(dim=1), inside.sum(dim=1))
+def _average(step_rewards: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
+    return torch.div((step_rewards * inside).sum(dim=1), inside.sum(dim=1))
 
 
 Pair = tuple[LessonFragment, LessonFragment]
@@ -234,7 +246,7 @@ def choose_disputed_pair(
         LearnError: if the block has no episode, or one does not replay.
     """
     dataset = read_session_dataset(logs, block, EVERY_EPISODE)
-    if not any(each.answer in SHARES for each in dataset.comparisons):
+    if not any(comparison.answer in SHARES for comparison in dataset.comparisons):
         return 0
     session = dataset.lessons[0].name.partition(":")[0]
     model, _ = fit_reward(dataset, RewardFitting(), np.random.default_rng(seed))
@@ -278,13 +290,13 @@ class RewardModelEnv(TrainingEnv):
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """One step, judged."""
         before = self._before
-        seen, _, terminated, truncated, _ = super().step(action)
+        observation, _, terminated, truncated, _ = super().step(action)
         worth = self._worth(before, action, self.world)
         if terminated:
-            seen, _ = super().reset()
-        self._before = seen
+            observation, _ = super().reset()
+        self._before = observation
         too_long = not terminated and (truncated or self._steps >= self._most_steps)
-        return seen, worth, False, too_long, {}
+        return observation, worth, False, too_long, {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,7 +340,7 @@ class PreferenceLearner(Learner):
         )
         trained = optimise_policy(
             request.dataset,
-            lambda seen, action, _: model.reward(seen, action),
+            lambda observation, action, _: model.reward(observation, action),
             settings,
             start=request.policy,
             seed=int(request.rng.integers(2**31)),

@@ -77,27 +77,27 @@ def reproduce_policy(path: Path, dataset: Dataset, *, start: Path | None = None)
         LearnError: if the file has no record of its training data, or nothing can be learned.
     """
     policy, card = load_policy(path)
-    made = card.notes.get("made")
-    if made is None:
+    training = card.notes.get("made")
+    if training is None:
         raise LearnError(
             f"{path} was trained by {card.trained_by}, which records no dataset; name a policy made by `minihuman "
             "learn teach`"
         )
-    found = {"data_sha256": dataset.sha256(), "start_sha256": "" if start is None else hash_file(start)}
-    differs = [f"{name} is {value}, not {made[name]}" for name, value in found.items() if value != made[name]]
+    digests = {"data_sha256": dataset.sha256(), "start_sha256": "" if start is None else hash_file(start)}
+    differs = [f"{name} is {value}, not {training[name]}" for name, value in digests.items() if value != training[name]]
     if differs:
         return differs
-    settings = ",".join(f"{name}={value}" for name, value in made["settings"].items())
+    settings = ",".join(f"{name}={value}" for name, value in training["settings"].items())
     torch.set_num_threads(1)
     before = None if start is None else _started_from(start, dataset)
-    request = LearningRequest(dataset, np.random.default_rng(made["seed"]), before)
-    again = make_learner(f"{made['learner']}:{settings}").learn(request)
+    request = LearningRequest(dataset, np.random.default_rng(training["seed"]), before)
+    again = make_learner(f"{training['learner']}:{settings}").learn(request)
     differs = _differences(policy, again.policy)
-    here = get_code_versions()
+    current_code = get_code_versions()
     other = [
-        f"it was made by {name} {had}; here is {here[name]}"
-        for name, had in made.get("code", {}).items()
-        if had != here[name]
+        f"it was made by {name} {had}; here is {current_code[name]}"
+        for name, had in training.get("code", {}).items()
+        if had != current_code[name]
     ]
     return [*other, *differs] if differs else []
 
@@ -125,7 +125,7 @@ def _started_from(start: Path, dataset: Dataset) -> Policy:
 
 
 def _card(dataset: Dataset, learner: str, learned: LearningResult, seed: int, start_sha256: str) -> PolicyCard:
-    made: dict[str, Any] = {
+    training: dict[str, Any] = {
         "learner": learner,
         "settings": learned.settings,
         "seed": seed,
@@ -151,7 +151,7 @@ def _card(dataset: Dataset, learner: str, learned: LearningResult, seed: int, st
         trained_by=learner,
         steps=0,
         seed=seed,
-        notes={"made": made},
+        notes={"made": training},
     )
 
 

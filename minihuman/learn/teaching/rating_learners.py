@@ -51,9 +51,9 @@ class Presses:
         away = np.abs(self.after_ms - delay_ms)
         away[np.isnan(away)] = np.inf
         best = away.argmin(axis=1)
-        each = np.arange(len(best))
-        near = away[each, best] <= self.period_ms
-        return np.where(near, self.steps[each, best], -1), self.after_ms[each, best]
+        press_rows = np.arange(len(best))
+        near = away[press_rows, best] <= self.period_ms
+        return np.where(near, self.steps[press_rows, best], -1), self.after_ms[press_rows, best]
 
 
 def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
@@ -67,16 +67,16 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
         raise LearnError(f"none of the {len(dataset.lessons)} lessons has a step; play an episode first")
     # by session: when each outcome was seen, and its row
     first = 0
-    told = dict[str, list[NDArray[np.int64]]]()
+    outcomes_by_session = dict[str, list[NDArray[np.int64]]]()
     periods = np.concatenate([np.diff(lesson.shown_ns) for lesson in lessons])
     period_ns = int(np.median(periods)) if len(periods) else 0
     for lesson in lessons:
         seen_ns = np.append(lesson.shown_ns[1:], lesson.shown_ns[-1] + period_ns)
         rows = np.arange(first, first + len(lesson.actions))
-        told.setdefault(_session(lesson.name), []).append(np.stack((seen_ns, rows)))
+        outcomes_by_session.setdefault(_session(lesson.name), []).append(np.stack((seen_ns, rows)))
         first += len(lesson.actions)
-    joined = {name: np.concatenate(parts, axis=1) for name, parts in told.items()}
-    sessions = {name: each[:, np.argsort(each[0], kind="stable")] for name, each in joined.items()}
+    joined = {name: np.concatenate(parts, axis=1) for name, parts in outcomes_by_session.items()}
+    sessions = {name: outcomes[:, np.argsort(outcomes[0], kind="stable")] for name, outcomes in joined.items()}
     nothing = np.zeros((2, 0), np.int64)
     candidates = max(1, int(np.ceil(LONGEST_MS * 1e6 / max(1, period_ns)))) + 1
     steps = np.full((len(dataset.ratings), candidates), -1)
@@ -114,8 +114,8 @@ def find_delay(presses: Presses, steps: LabelledSteps) -> float | None:
     tries = [within + k * presses.period_ms for k in range(1 + int(LONGEST_MS // presses.period_ms))]
     tries = [delay for delay in tries if SHORTEST_MS <= delay <= LONGEST_MS]
     best = min(tries, key=lambda delay: _surprise(presses, steps, delay))
-    about, after = presses.about(best)
-    return float(after[about >= 0].mean())
+    step_rows, after = presses.about(best)
+    return float(after[step_rows >= 0].mean())
 
 
 def _surprise(presses: Presses, steps: LabelledSteps, delay_ms: float) -> float:
@@ -123,14 +123,14 @@ def _surprise(presses: Presses, steps: LabelledSteps, delay_ms: float) -> float:
 
     By ridge regression with a kernel that is 1 for the same action on the same picture, 0 for different actions.
     """
-    about, _ = presses.about(delay_ms)
-    fits = np.flatnonzero(about >= 0)[-MAX_PRESSES:]
+    step_rows, _ = presses.about(delay_ms)
+    fits = np.flatnonzero(step_rows >= 0)[-MAX_PRESSES:]
     if len(fits) < MIN_PRESSES:
         return float("inf")
-    rows = about[fits]
-    seen = steps.observations["image"][rows].flatten(1).numpy().astype(np.float64)
-    squares = (seen**2).sum(axis=1)
-    apart = np.maximum(squares[:, None] + squares - 2 * seen @ seen.T, 0)
+    rows = step_rows[fits]
+    pictures = steps.observations["image"][rows].flatten(1).numpy().astype(np.float64)
+    squares = (pictures**2).sum(axis=1)
+    apart = np.maximum(squares[:, None] + squares - 2 * pictures @ pictures.T, 0)
     actions = steps.actions[rows].numpy()
     alike = np.exp(-apart / max(1.0, float(np.median(apart)))) * (actions[:, None] == actions)
     inverse = np.linalg.inv(alike + RIDGE * np.eye(len(rows)))
@@ -155,9 +155,11 @@ class ActionValues(nn.Module):
         self.actor = policy.mlp_extractor.policy_net
         self.head = policy.action_net
 
-    def forward(self, seen: dict[str, torch.Tensor]) -> torch.Tensor:
+    def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
         """float32[batch, actions]."""
-        values: torch.Tensor = self.head(self.actor(self.eyes({**seen, "image": seen["image"].float() / 255})))
+        values: torch.Tensor = self.head(
+            self.actor(self.eyes({**observations, "image": observations["image"].float() / 255}))
+        )
         return values
 
 
@@ -203,17 +205,17 @@ class Tamer(Learner):
         )
         fits = weights.sum(dim=1) > 0  # the others are too far from any picture
         weights = weights[fits]
-        about = torch.as_tensor(presses.steps)[fits].clamp(min=0)
-        said = torch.as_tensor(presses.values, dtype=torch.float32)[fits]
+        step_rows = torch.as_tensor(presses.steps)[fits].clamp(min=0)
+        ratings = torch.as_tensor(presses.values, dtype=torch.float32)[fits]
         judge = ActionValues(fresh)
 
         def loss_of(generator: torch.Generator) -> torch.Tensor:
-            drawn = torch.randint(len(said), (settings.batch_size,), generator=generator)
+            minibatch = torch.randint(len(ratings), (settings.batch_size,), generator=generator)
             # a step drawn by its share of the credit: on average the sum over steps, at one step's cost
-            place = torch.multinomial(weights[drawn], 1, generator=generator)
-            rows = about[drawn].gather(1, place)[:, 0]
+            place = torch.multinomial(weights[minibatch], 1, generator=generator)
+            rows = step_rows[minibatch].gather(1, place)[:, 0]
             expected = judge(steps.pick(rows)).gather(1, steps.actions[rows, None])[:, 0]
-            error: torch.Tensor = ((expected - said[drawn]) ** 2).mean()
+            error: torch.Tensor = ((expected - ratings[minibatch]) ** 2).mean()
             return error
 
         updates, loss = minimise_loss(
@@ -231,7 +233,7 @@ class Tamer(Learner):
                 assert isinstance(values, torch.Tensor)
                 values.mul_(settings.sharpness)
         fresh.set_training_mode(False)
-        notes = {"ratings": len(said), "delay_ms": delay, "loss": loss}
+        notes = {"ratings": len(ratings), "delay_ms": delay, "loss": loss}
         return LearningResult(fresh, asdict(settings) | {"updates": updates}, notes)
 
 
@@ -278,22 +280,22 @@ class DeepCoach(Learner):
         else:
             mine = copy_policy(request.policy, request.dataset)
         delay = settings.delay_ms or find_delay(presses, steps)
-        about, _ = presses.about(delay or UNKNOWN_DELAY_MS)
-        fits = np.flatnonzero(about >= 0)
-        row = torch.as_tensor(about[fits])
+        step_rows, _ = presses.about(delay or UNKNOWN_DELAY_MS)
+        fits = np.flatnonzero(step_rows >= 0)
+        row = torch.as_tensor(step_rows[fits])
         value = torch.as_tensor(presses.values[fits], dtype=torch.float32)
         since_reset = [np.arange(len(lesson.actions)) for lesson in request.dataset.lessons]
         into = torch.as_tensor(np.concatenate(since_reset))
         then = torch.as_tensor(_chances_then(request.dataset), dtype=torch.float32)
 
         def loss_of(generator: torch.Generator) -> torch.Tensor:
-            drawn = torch.randint(len(row), (settings.batch_size,), generator=generator)
+            minibatch = torch.randint(len(row), (settings.batch_size,), generator=generator)
             back = torch.multinomial(shares, settings.batch_size, replacement=True, generator=generator)
-            rows = row[drawn] - torch.minimum(back, into[row[drawn]])
+            rows = row[minibatch] - torch.minimum(back, into[row[minibatch]])
             log_probs = mine.log_probabilities(steps.pick(rows))
             chosen = log_probs.gather(1, steps.actions[rows, None])[:, 0]
             ratio = (chosen - then[rows].log()).exp()
-            gain = value[drawn] * torch.where(value[drawn] > 0, ratio.clamp(max=settings.most_ratio), ratio)
+            gain = value[minibatch] * torch.where(value[minibatch] > 0, ratio.clamp(max=settings.most_ratio), ratio)
             return -gain.mean() + settings.entropy * (log_probs.exp() * log_probs).sum(dim=1).mean()
 
         shares = settings.decay ** torch.arange(TRACE_STEPS, dtype=torch.float32)

@@ -60,7 +60,7 @@ def write_deployment(protocol: Protocol, out: Path, deployment: Deployment) -> l
     """
     out.mkdir(parents=True, exist_ok=True)
     agents = [block.agent for block in protocol.blocks if block.agent is not None]
-    wanted = {
+    needs_extra = {
         "web": True,
         "postgres": deployment.postgres,
         "s3": bool(deployment.bucket),
@@ -74,7 +74,7 @@ def write_deployment(protocol: Protocol, out: Path, deployment: Deployment) -> l
             deployment=deployment,
             host=urlsplit(deployment.address).hostname,
             study=protocol.study.name,
-            extras=",".join(name for name in wanted if wanted[name]),
+            extras=",".join(name for name in needs_extra if needs_extra[name]),
             files=sorted(contents),
         )
         contents[name] = text.encode()

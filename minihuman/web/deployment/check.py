@@ -113,10 +113,10 @@ class _Server:
 
     def start(self) -> None:
         self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, text=True, encoding="utf-8")
-        found = next((line for line in self._process.stdout or () if "http://" in line), None)
-        if found is None:
+        address_line = next((line for line in self._process.stdout or () if "http://" in line), None)
+        if address_line is None:
             raise DeploymentCheckError("a server ended before it served; see its message above")
-        self.host = found.split("http://")[1].strip().rstrip("/")
+        self.host = address_line.split("http://")[1].strip().rstrip("/")
 
     def stop(self, *, kill: bool = False) -> None:
         with self._process:
@@ -134,7 +134,7 @@ class _Page:
         self._find_host, self._rng, self._stream = find_host, rng, f"{rng.getrandbits(64):x}"
         self._segment = ""
         self._zero_s = 0.0
-        self._last_ns = self._said = self._heard = 0
+        self._last_ns = self._last_number = self._heard = 0
         self._unacknowledged: dict[int, dict[str, Any]] = {}
         self._screen = ""
         self._due_ns = None
@@ -153,7 +153,7 @@ class _Page:
         settings: dict[str, Any] = {"max_size": None, "compression": None, "ping_interval": None, "open_timeout": 60}
         async with connect(f"ws://{host}/socket", origin=Origin(f"http://{host}"), **settings) as socket:
             hello = {"t": "hello", "version": MESSAGE_VERSION, "token": self.token, "stream": self._stream}
-            hello |= {"first": min(self._unacknowledged, default=self._said + 1), "segment": self._segment}
+            hello |= {"first": min(self._unacknowledged, default=self._last_number + 1), "segment": self._segment}
             await socket.send(json.dumps({**hello, "last": self._last_ns, "facts": _FACTS}))
             acting = asyncio.create_task(self._act(socket))
             try:
@@ -169,23 +169,23 @@ class _Page:
     def _now_ns(self) -> int:
         return max(self._last_ns + 1, round((time.monotonic() - self._zero_s) * 1e9))
 
-    async def _say(self, socket: ClientConnection, **what: Any) -> None:
-        self._said, self._last_ns = self._said + 1, self._now_ns()
-        message = {"t": "n", "n": self._said, "at": self._last_ns, "what": what}
-        self._unacknowledged[self._said] = message
+    async def _say(self, socket: ClientConnection, **fields: Any) -> None:
+        self._last_number, self._last_ns = self._last_number + 1, self._now_ns()
+        message = {"t": "n", "n": self._last_number, "at": self._last_ns, "what": fields}
+        self._unacknowledged[self._last_number] = message
         await socket.send(json.dumps(message))
 
     async def _act(self, socket: ClientConnection) -> None:
-        told = 0
+        acknowledged = 0
         press_s = time.monotonic() + _KEY_PERIOD_S * self._rng.random()
         while True:
             await asyncio.sleep(_POLL_S)
             if self._due_ns is not None and self._due_ns <= self._now_ns():
                 self._due_ns = None
                 await self._say(socket, t="tick")
-            if self._heard > told:
-                told = self._heard
-                await socket.send(json.dumps({"t": "heard", "n": told}))
+            if self._heard > acknowledged:
+                acknowledged = self._heard
+                await socket.send(json.dumps({"t": "heard", "n": acknowledged}))
             if self._screen and time.monotonic() >= press_s:
                 press_s = time.monotonic() + _KEY_PERIOD_S * (0.6 + 0.8 * self._rng.random())
                 key = self._rng.choice("123") if self._screen == "play" else "enter"
@@ -216,9 +216,9 @@ class _Page:
                 await self._welcome(message, socket)
             case "acked":
                 for number in [number for number in self._unacknowledged if number <= message["through"]]:
-                    what = self._unacknowledged.pop(number)["what"]
-                    if what["t"] == "key" and what["down"]:
-                        self.acknowledged[what["key"], what["stamp"]] += 1
+                    content = self._unacknowledged.pop(number)["what"]
+                    if content["t"] == "key" and content["down"]:
+                        self.acknowledged[content["key"], content["stamp"]] += 1
             case "screen":
                 self._screen, self._due_ns = message["screen"]["kind"], message["tick"]
                 if self._screen != "play":
@@ -235,10 +235,10 @@ class _Page:
         """Take over a server's clock and numbers, and repeat what it has not heard."""
         if welcome["segment"] != self._segment:
             self._unacknowledged.clear()
-            self._segment, self._last_ns, self._said = welcome["segment"], 0, welcome["heard"]
+            self._segment, self._last_ns, self._last_number = welcome["segment"], 0, welcome["heard"]
             self._zero_s = time.monotonic() - welcome["now"] / 1e9
-        if welcome["heard"] > self._said:
-            self._said, self._last_ns = welcome["heard"], max(self._last_ns, welcome["taken"])
+        if welcome["heard"] > self._last_number:
+            self._last_number, self._last_ns = welcome["heard"], max(self._last_ns, welcome["taken"])
         for number in sorted(self._unacknowledged):
             if number > welcome["heard"]:
                 await socket.send(json.dumps(self._unacknowledged[number]))
@@ -333,8 +333,8 @@ def _count(
     logs = {log.name.partition("_")[0]: log for log in gathered.rglob("*.mcap")}
     lost = 0
     for page in pages:
-        found = logs.get(codes[page.token] or "")
-        events = (event for event in read_events(found) if isinstance(event, KeyPressed)) if found else ()
+        log_path = logs.get(codes[page.token] or "")
+        events = (event for event in read_events(log_path) if isinstance(event, KeyPressed)) if log_path else ()
         pressed = Counter((event.key, event.t_ns - event.waited_ns) for event in events if event.down)
         lost += (page.acknowledged - pressed).total()
     return CheckResult(
@@ -344,6 +344,6 @@ def _count(
         moved=sum(len(page.hosts) > 1 for page in pages),
         acknowledged=sum(page.acknowledged.total() for page in pages),
         lost=lost,
-        twice=sum(len(found) > 1 for found in digests.values()),
+        twice=sum(len(log_digests) > 1 for log_digests in digests.values()),
         differences=sum(bool(list(find_log_differences(log, World))) for log in logs.values()),
     )

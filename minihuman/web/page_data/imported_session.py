@@ -61,10 +61,10 @@ def write_session(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
     digest = digest_episodes(episodes)
     study.mkdir(parents=True, exist_ok=True)
     with open_enrolment_log(study).hold() as register:
-        taken = [line for line in register.lines if isinstance(line, SlotTaken)]
-        _require_imported(taken, study)
-        before = next((line for line in taken if line.reason == _IMPORTED + digest), None)
-        index = len(taken) if before is None else before.index
+        taken_slots = [line for line in register.lines if isinstance(line, SlotTaken)]
+        _require_imported(taken_slots, study)
+        before = next((line for line in taken_slots if line.reason == _IMPORTED + digest), None)
+        index = len(taken_slots) if before is None else before.index
         plan = _plan_session(episodes, study.name, index)
         if before is None:
             register.append(_take_slot(plan, digest))
@@ -73,8 +73,8 @@ def write_session(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
     return _record(episodes, plan, study.parent, digest)
 
 
-def _require_imported(taken: Sequence[SlotTaken], study: Path) -> None:
-    for line in taken:
+def _require_imported(taken_slots: Sequence[SlotTaken], study: Path) -> None:
+    for line in taken_slots:
         if not line.reason.startswith(_IMPORTED):
             raise PageDataError(
                 f"{study} has {line.participant}, whose session was run here; import into a study's folder of its own"
@@ -82,13 +82,13 @@ def _require_imported(taken: Sequence[SlotTaken], study: Path) -> None:
 
 
 def _take_slot(plan: SessionPlan, digest: str) -> SlotTaken:
-    who = plan.participant
+    participant = plan.participant
     return SlotTaken(
         plan.allocation_sha256 or "",
-        who.index + 1,
-        who.index,
-        who.id,
-        who.group,
+        participant.index + 1,
+        participant.index,
+        participant.id,
+        participant.group,
         overridden=False,
         at=now_text(),
         reason=_IMPORTED + digest,
@@ -253,7 +253,7 @@ def _format_table(head: str, table: dict[str, Any]) -> list[str]:
 def _format_toml(value: Any) -> str:
     """Format a value as TOML: JSON's form, but for tables and the one character that JSON leaves bare."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{_format_toml(name)} = {_format_toml(each)}" for name, each in value.items()) + "}"
+        return "{" + ", ".join(f"{_format_toml(name)} = {_format_toml(field)}" for name, field in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_format_toml, value)) + "]"
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -119,18 +119,19 @@ class StudyEntry:
 
 
 def _state(row: SessionRow, running: set[str]) -> str:
-    if (found := row.summary) is None:
+    summary = row.summary
+    if summary is None:
         return "unreadable"
-    if found.complete or found.end_reason in FINAL_END_REASONS:
+    if summary.complete or summary.end_reason in FINAL_END_REASONS:
         return "ended"
-    if found.participant in running:
+    if summary.participant in running:
         return "running"
     return "unfinished"
 
 
 def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
     """Find the studies of a folder and its subfolders: files with a ``[study]`` table, then sessions without one."""
-    found = []
+    studies = []
     for path in sorted({*folder.glob("*.toml"), *folder.glob("*/*.toml")}):
         key = str(path.relative_to(folder))
         name = path.stem
@@ -144,10 +145,10 @@ def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
             problem = f"{path.name} cannot be read: {error}"
         if not isinstance(name, str) or not _NAME.fullmatch(name):
             name, problem = path.stem, problem or f"study.name is {name!r}; use a-z, 0-9, - and _"
-        found.append(StudyEntry(key, name, data / name, path, problem))
-    known = {study.name for study in found}
-    others = sorted(path.parent for path in data.glob(f"*/{ENROLMENT_FILE_NAME}") if path.parent.name not in known)
-    return found + [StudyEntry(f"{path.name}/", path.name, path) for path in others]
+        studies.append(StudyEntry(key, name, data / name, path, problem))
+    known = {study.name for study in studies}
+    folders = sorted(path.parent for path in data.glob(f"*/{ENROLMENT_FILE_NAME}") if path.parent.name not in known)
+    return studies + [StudyEntry(f"{path.name}/", path.name, path) for path in folders]
 
 
 class CommandProcess:
@@ -270,7 +271,9 @@ class StartPage:
             studies=[(study, *self._attempt(study.counts)) for study in find_studies(self._folder, self._data)],
             folder=self._folder.resolve().name,
             doctor=self._latest(None, "doctor"),
-            processes=[(number, one) for number, one in enumerate(self._processes) if one.verdict == "running"],
+            processes=[
+                (number, process) for number, process in enumerate(self._processes) if process.verdict == "running"
+            ],
         )
 
     def _study(self, request: Request) -> Response:
@@ -285,10 +288,10 @@ class StartPage:
             sessions=sessions or (),
             due=due or (),
             running=study.running(),
-            problems=[one for one in (study.problem, problem, undecided, *(problems or ())) if one],
+            problems=[text for text in (study.problem, problem, undecided, *(problems or ())) if text],
             latest={command: self._latest(study, command) for command in ("check", "doctor", "verify", "report")},
             report=report.is_file(),
-            processes=[(number, one) for number, one in enumerate(self._processes) if one.study == study],
+            processes=[(number, process) for number, process in enumerate(self._processes) if process.study == study],
         )
 
     def _process(self, request: Request) -> Response:
@@ -339,7 +342,9 @@ class StartPage:
             return None, str(error)
 
     def _latest(self, study: StudyEntry | None, command: str) -> CommandProcess | None:
-        mine = (one for one in reversed(self._processes) if one.study == study and one.words[0] == command)
+        mine = (
+            process for process in reversed(self._processes) if process.study == study and process.words[0] == command
+        )
         return next(mine, None)
 
     def _find(self, key: str) -> StudyEntry:
@@ -380,10 +385,10 @@ def run_desk(folder: Path, data: Path, *, port: int, say: Callable[[str], None])
     with (
         tempfile.TemporaryDirectory(prefix="minihuman-", ignore_cleanup_errors=True) as temporary,
         closing(StartPage(folder, data, Path(temporary))) as desk,
-        closing(open_listening_socket(port)) as taken,
+        closing(open_listening_socket(port)) as listening_socket,
         suppress(KeyboardInterrupt),
     ):
-        say(f"http://{HOST}:{taken.getsockname()[1]}{desk.path}")
+        say(f"http://{HOST}:{listening_socket.getsockname()[1]}{desk.path}")
         config = uvicorn.Config(
             desk.app(),
             access_log=False,
@@ -391,4 +396,4 @@ def run_desk(folder: Path, data: Path, *, port: int, say: Callable[[str], None])
             log_level="warning",
             timeout_graceful_shutdown=2,
         )
-        uvicorn.Server(config).run(sockets=[taken])
+        uvicorn.Server(config).run(sockets=[listening_socket])

@@ -46,7 +46,9 @@ def require_browser_support(protocol: Protocol) -> None:
     """
     blocks = protocol.blocks
     activities = protocol.activities
-    for name, kind in [(block.name, block.kind) for block in blocks] + [(one.name, one.kind) for one in activities]:
+    for name, kind in [(block.name, block.kind) for block in blocks] + [
+        (activity.name, activity.kind) for activity in activities
+    ]:
         if not find_kind(kind).browser:
             raise ProtocolError(
                 f"part {name!r} is of kind {kind!r}, which cannot be shown in a browser; use `minihuman run`"
@@ -59,17 +61,17 @@ def open_listening_socket(port: int, host: str = HOST) -> socket.socket:
     Raises:
         ServeError: if it is taken.
     """
-    taken = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    claim_address(taken)
+    listening_socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    claim_address(listening_socket)
     try:
-        taken.bind((host, port))
+        listening_socket.bind((host, port))
     except OSError as error:
-        taken.close()
+        listening_socket.close()
         raise ServeError(
             f"port {port} of {host} is not available ({error.strerror}); choose another with --port"
         ) from error
-    taken.listen(_WAITING)  # early connections wait until the server is ready
-    return taken
+    listening_socket.listen(_WAITING)  # early connections wait until the server is ready
+    return listening_socket
 
 
 def _require_handles(max_sessions: int) -> None:
@@ -86,7 +88,7 @@ def _require_handles(max_sessions: int) -> None:
 def run_server(
     protocol: Protocol,
     data: Path,
-    taken: socket.socket,
+    listening_socket: socket.socket,
     *,
     links: int,
     say: Callable[[str], None],
@@ -113,7 +115,7 @@ def run_server(
     if address:
         address = f"{address.rstrip('/')}/"
     else:
-        address = f"http://{HOST}:{taken.getsockname()[1]}/"
+        address = f"http://{HOST}:{listening_socket.getsockname()[1]}/"
     for token in arrivals.recruits.issue(links):
         say(build_link(address, token))
     if not links:
@@ -133,7 +135,7 @@ def run_server(
         timeout_graceful_shutdown=2,
     )
     with suppress(KeyboardInterrupt):  # uvicorn has shut down, and raises the signal again
-        uvicorn.Server(config).run(sockets=[taken])
+        uvicorn.Server(config).run(sockets=[listening_socket])
 
 
 _PATIENCE_S = 30.0  # so long a worker may take to bring its logs to the disk
@@ -189,12 +191,12 @@ def keep_processes_running(commands: Iterable[Sequence[str]]) -> Iterator[None]:
     They end with this process, SIGTERM included.
     """
     exit_when_terminated()
-    kept = [_KeptProcess(words) for words in commands]
+    processes = [_KeptProcess(words) for words in commands]
     try:
         yield
     finally:
-        for one in kept:
-            one.stop()
+        for process in processes:
+            process.stop()
 
 
 class _KeptProcess:
