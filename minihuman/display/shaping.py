@@ -104,7 +104,9 @@ def measure_width_px(text: str, faces: TypefaceSet, size_px: int) -> float:
 def _shape_run(codepoints: list[int], run: _Run, size_px: int, language: str) -> harfbuzz.Buffer:
     buffer = harfbuzz.Buffer()
     buffer.add_codepoints(codepoints, run.start, run.stop - run.start)  # with what stands around it: letters join
-    buffer.direction = "rtl" if run.level % 2 else "ltr"
+    buffer.direction = "ltr"
+    if run.level % 2:
+        buffer.direction = "rtl"
     buffer.script = run.script
     buffer.language = language
     harfbuzz.shape(_load_font(run.face, size_px), buffer)
@@ -173,7 +175,10 @@ def _find_levels(text: str, *, rtl: bool) -> Sequence[int]:
 
 def _query_levels(text: str, *, rtl: bool) -> list[int]:
     """Ask python-bidi for levels; it tells them in its report for debugging alone, one a byte of UTF-8."""
-    report = str(bidi.get_display(text, base_dir="R" if rtl else "L", debug=True))
+    base_direction = "L"
+    if rtl:
+        base_direction = "R"
+    report = str(bidi.get_display(text, base_dir=base_direction, debug=True))
     levels = [int(level) for level in _LEVEL.findall(report.partition(_LEVELS_HEADING)[2].partition("\n    ]")[0])]
     lengths = [len(character.encode()) for character in text]
     if len(levels) != sum(lengths):
@@ -187,7 +192,9 @@ def _query_levels(text: str, *, rtl: bool) -> list[int]:
 def _apply_line_end_rule(text: str, levels: list[int], *, base: int) -> list[int]:
     """Give blanks at a line's end, and marks of direction among them, the direction of the whole text (rule L1)."""
     trailing = _LINE_END.search(text)
-    n_trailing = len(trailing[0]) if trailing else 0
+    if trailing is None:
+        return levels
+    n_trailing = len(trailing[0])
     return [*levels[: len(levels) - n_trailing], *[base] * n_trailing]
 
 
@@ -196,9 +203,16 @@ def _order_runs(runs: Iterator[_Run]) -> list[_Run]:
     ordered = list(runs)
     highest = max((run.level for run in ordered), default=0)
     for level in range(highest, 0, -1):
-        ordered = [
-            run
-            for reverse, members in groupby(ordered, lambda run: run.level >= level)  # noqa: B023 - used at once
-            for run in (reversed(list(members)) if reverse else members)
-        ]
+        ordered = _reverse_runs(ordered, level)
     return ordered
+
+
+def _reverse_runs(runs: list[_Run], level: int) -> list[_Run]:
+    """Reverse each sequence of runs that are at a level or above it."""
+    reversed_runs: list[_Run] = []
+    for is_reversed, members in groupby(runs, lambda run: run.level >= level):
+        sequence = list(members)
+        if is_reversed:
+            sequence.reverse()
+        reversed_runs += sequence
+    return reversed_runs

@@ -60,7 +60,8 @@ class VideoWriter:
     def __init__(self, file: Path | IO[bytes], encoding: str, *, fps: int) -> None:
         settings = ENCODINGS[encoding]
         self.frames = 0
-        self._container: Any = av.open(str(file) if isinstance(file, Path) else file, "w", format=settings.container)
+        target: str | IO[bytes] = file if not isinstance(file, Path) else str(file)
+        self._container: Any = av.open(target, "w", format=settings.container)
         stream: Any = self._container.add_stream(settings.codec, rate=Fraction(fps), options=settings.options)
         self._stream = stream
         self._stream.pix_fmt = settings.pixel_format
@@ -93,12 +94,15 @@ class VideoWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with suppress(*(() if error is None else (OSError, ValueError))):  # the first error is the one to tell
+        if error is None:
+            self.close()
+            return
+        with suppress(OSError, ValueError):  # the first error is the one to tell
             self.close()
 
 
 def pad_to_even(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The picture with its last row or column repeated where their number is odd: codecs store colours in pairs."""
+    """Repeat a picture's last row or column where their number is odd: codecs store colours in pairs."""
     rows, columns = (size % 2 for size in picture.shape[:2])
     if rows or columns:
         return np.pad(picture, ((0, rows), (0, columns), (0, 0)), "edge")

@@ -96,16 +96,20 @@ class KeyRepeater:
 
     @property
     def next_repeat_ns(self) -> int | None:
-        """When the held key repeats next; None: no key is held."""
-        return self._repeating.due_ns if self._repeating else None
+        """Return when the held key repeats next; None: no key is held."""
+        if self._repeating is None:
+            return None
+        return self._repeating.due_ns
 
     def repeats(self, now_ns: int) -> list[KeyDown]:
-        """The repeat that is due, if one is. A loop that came late gets one, not all that it missed."""
+        """Return the repeat that is due, if one is. A loop that came late gets one, not all that it missed."""
         repeating = self._repeating
         if repeating is None or now_ns < repeating.due_ns:
             return []
-        on_time = now_ns - repeating.due_ns < REPEAT_PERIOD_NS
-        repeating.due_ns = (repeating.due_ns if on_time else now_ns) + REPEAT_PERIOD_NS
+        is_late = now_ns - repeating.due_ns >= REPEAT_PERIOD_NS
+        if is_late:
+            repeating.due_ns = now_ns
+        repeating.due_ns += REPEAT_PERIOD_NS
         return [KeyDown(now_ns, repeating.key, repeating.symbol, repeat=True)]
 
 
@@ -156,7 +160,7 @@ class BlockingWindow(Window):
 
     @property
     def picture_px(self) -> Size:
-        """The largest picture of a world there is room for."""
+        """Return the largest picture of a world there is room for."""
         return picture_size_px(self.size_px)
 
     def show(self, screen: Screen) -> ScreenShown:
@@ -174,10 +178,12 @@ class BlockingWindow(Window):
         else:
             self._moving = None
         self._moves_from_ns = self._clock()
-        return self._put(screen if self._moving is None else self._on_its_way(self._moving), await_log)
+        if self._moving is not None:
+            return self._put(self._on_its_way(self._moving), await_log)
+        return self._put(screen, await_log)
 
     def _on_its_way(self, moving: PlayScreen) -> PlayScreen:
-        """A moving screen as it will be a frame from now; at the end, the screen itself."""
+        """Return a moving screen as it will be a frame from now; at the end, the screen itself."""
         assert moving.motion is not None
         share = (self._clock() + _FRAME_NS - self._moves_from_ns) / moving.motion.lasts_ns
         if share < 1:
@@ -188,7 +194,8 @@ class BlockingWindow(Window):
     def _put(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown:
         width, height = self.size_px
         if self._frame.shape[:2] != (height, width):
-            self._screen, self._frame = None, np.empty((height, width, 3), np.uint8)
+            self._screen = None
+            self._frame = np.empty((height, width, 3), np.uint8)
         changed = repaint_screen(self._frame, self._screen, screen)
         self._screen = screen
         if self._accepts != (screen.accepts_text, screen.accepts_pointer):
@@ -198,7 +205,8 @@ class BlockingWindow(Window):
         try:
             await_log()
         except BaseException:
-            self._screen, self._frame = None, self._frame[:0]  # never shown: the next is drawn anew
+            self._screen = None  # never shown: the next is drawn anew
+            self._frame = self._frame[:0]
             raise
         submit_ns = self._clock()
         self._flip(self._frame, changed)
@@ -217,8 +225,12 @@ class BlockingWindow(Window):
         """Block until an input comes or the clock reaches ``until_ns``; what has arrived is returned even so."""
         while True:
             due_ns = min((t for t in (until_ns, self._repeater.next_repeat_ns) if t is not None), default=None)
-            timeout_ns = None if due_ns is None else max(0, due_ns - self._clock())
-            arrived = self._arrived(timeout_ns if self._moving is None else _FRAME_NS // 2)
+            timeout_ns = None
+            if self._moving is not None:
+                timeout_ns = _FRAME_NS // 2
+            elif due_ns is not None:
+                timeout_ns = max(0, due_ns - self._clock())
+            arrived = self._arrived(timeout_ns)
             if arrived:
                 return arrived
             if self._moving is not None:
@@ -243,7 +255,7 @@ class BlockingWindow(Window):
         return [*inputs]
 
     def _find_held_keys(self) -> Sequence[str]:
-        """The keys that were down when the window got the focus; none where the toolkit cannot know."""
+        """Find the keys that were down when the window got the focus; none where the toolkit cannot know."""
         return ()
 
     def _typed(self, text: str) -> list[Input]:
@@ -266,7 +278,8 @@ class BlockingWindow(Window):
             return []
         if isinstance(self._screen, PlayScreen):
             inside = locate_in_picture(self._screen, self.size_px, x, y)
-            self._pressed_in = self._pressed_in if kind is PointerMoved else None  # a press that led here is over
+            if kind is not PointerMoved:  # a press that led here is over
+                self._pressed_in = None
             if kind is PointerPressed and inside:
                 return [kind(t_ns, *inside, "picture", cause=cause)]
             return []
@@ -275,7 +288,9 @@ class BlockingWindow(Window):
         else:
             target = self._pressed_in
             along = measure_along_spot(self._screen, self.size_px, self._pressed_in, x)
-        self._pressed_in = None if kind is PointerReleased else target
+        self._pressed_in = target
+        if kind is PointerReleased:
+            self._pressed_in = None
         self._pointer_at = (x, y)
         return [kind(t_ns, x, y, target, along, cause)]
 
@@ -300,7 +315,7 @@ _FIRST_CHOICE = ("pygame", "pyglet")  # pygame knows every key by position, on e
 
 
 def list_windows() -> tuple[str, ...]:
-    """What can be asked for beside "auto", in the order in which auto tries them."""
+    """List what can be asked for beside "auto", in the order in which auto tries them."""
     installed = set(list_plugin_names(WINDOW_GROUP))
     first = tuple(name for name in _FIRST_CHOICE if name in installed)
     return first + tuple(sorted(installed.difference(first)))

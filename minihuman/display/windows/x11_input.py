@@ -107,7 +107,7 @@ class _Event(ctypes.Union):
 
 
 def convert_server_time(server_ms: int, clock: Clock) -> int:
-    """The session's time of an event that the server stamped: never too early, late by a millisecond at most.
+    """Return the session's time of an event that the server stamped: never too early, at most a millisecond late.
 
     A stamp that cannot be true (of the future, over a minute old) gives the time now.
     """
@@ -269,7 +269,7 @@ class X11InputRecord(_Server):
         self._watch(window)
 
     def find_moves(self, keys: Sequence[tuple[str, bool]]) -> list[KeyMove]:
-        """When these keys moved (name, down), in the order a window received them.
+        """Find when these keys moved (name, down), in the order a window received them.
 
         Each is the latest such event before the next one's: what was typed elsewhere lies before, and is forgotten. A
         press that the toolkit made up is none of them: then what is known of the key's last press counts.
@@ -329,7 +329,7 @@ class X11InputRecord(_Server):
         return key in self._down
 
     def find_held_keys(self) -> list[str]:
-        """The keys that were down when the window got the focus, and still are."""
+        """Find the keys that were down when the window got the focus, and still are."""
         self._read()
         if not self._focus_is_new:
             self._wait()
@@ -388,11 +388,20 @@ class X11InputRecord(_Server):
             if event.type != _GENERIC_EVENT or not self._x.XGetEventData(self._display, ctypes.byref(cookie)):
                 continue
             raw = ctypes.cast(cookie.data, ctypes.POINTER(_Raw)).contents
-            is_key = raw.kind in (_RAW_PRESSES[0], _RAW_RELEASES[0])
-            if raw.detail == 1 if not is_key else not raw.flags & _KEY_REPEAT:
-                key = self._name_key(raw.detail) if is_key else MAIN_BUTTON
-                self._add_move(_Move(key, raw.kind in _RAW_PRESSES, int(raw.time), self._focused))
+            name = self._name_raw_event(raw)
+            if name is not None:
+                self._add_move(_Move(name, raw.kind in _RAW_PRESSES, int(raw.time), self._focused))
             self._x.XFreeEventData(self._display, ctypes.byref(cookie))
+
+    def _name_raw_event(self, raw: "_Raw") -> str | None:
+        """Name the key or the main button that an event is of; None for a repeat, or another button."""
+        if raw.kind in (_RAW_PRESSES[0], _RAW_RELEASES[0]):
+            if raw.flags & _KEY_REPEAT:
+                return None
+            return self._name_key(raw.detail)
+        if raw.detail == 1:
+            return MAIN_BUTTON
+        return None
 
     def _change_focus(self, event: "_Focus") -> None:
         """Take a change of focus. While a window manager grabs the keyboard, what is typed is the manager's."""
