@@ -85,7 +85,7 @@ class ParticipantParameters:
             raise SimulationError(f"practice_presses is {self.practice_presses}; use 1 or more")
 
     def practice_factor(self, presses: int) -> float:
-        """1 before the first press, falling to ``1 - practice``."""
+        """Return the factor of practice: 1 before the first press, falling to ``1 - practice``."""
         return 1 - self.practice * -math.expm1(-presses / self.practice_presses)
 
     def reaction_ms(
@@ -97,7 +97,7 @@ class ParticipantParameters:
         extra_ms: float = 0.0,
         state: NDArray[np.float64] | None = None,
     ) -> float:
-        """A reaction time after so many presses; ``again`` is one to the key pressed last.
+        """Draw a reaction time after so many presses; ``again`` is one to the key pressed last.
 
         ``state``, (2,) and 0 at first, holds what the next time shares with this one, where they are autocorrelated.
         """
@@ -112,7 +112,8 @@ class ParticipantParameters:
         if self.pause and rng.random() < self.pause:
             extra_ms += rng.uniform(1500, 5000)
         factor = self.practice_factor(presses) * (1 + self.fatigue * presses / 1000)
-        factor *= self.repeat_factor if again else 1.0
+        if again:
+            factor *= self.repeat_factor
         return float(min(max(self.floor_ms, sampled_ms * factor + extra_ms), _LONGEST_S * 1000))
 
 
@@ -161,8 +162,9 @@ class ParticipantPopulation:
         for name, spread in PARAMETER_SPREADS.items():
             factor = math.exp(self.spread * spread * float(rng.standard_normal()))  # the same draws whatever is fixed
             if name not in self.fixed:
-                value = getattr(self.median, name) * factor
-                parameters[name] = min(value, 0.9) if name in _CHANCES else value
+                parameters[name] = getattr(self.median, name) * factor
+                if name in _CHANCES:
+                    parameters[name] = min(parameters[name], 0.9)
         return replace(self.median, **parameters)
 
 
@@ -222,7 +224,9 @@ class HumanLikeParticipant(SimulatedParticipant):
             return self._respond(stimulus)
         assert self._search is not None, "begin() comes first"
         view_hash = hash64([repr(world.pose()), world.observation])
-        extra_ms = self.person.post_error_slowing_ms if self._no_effect else 0.0
+        extra_ms = 0.0
+        if self._no_effect:
+            extra_ms = self.person.post_error_slowing_ms
         if self._last is None:
             extra_ms = float(self._rng.exponential(self.person.orientation_ms))
         else:
@@ -270,8 +274,10 @@ class HumanLikeParticipant(SimulatedParticipant):
             self._detour = [self._any(sorted(self._understood)) for _ in range(length)]
         if self._detour:
             return self._detour.pop()
-        known = [key for key, action in self._understood.items() if path[:1] == [action]]
-        return known[0] if known else self._untried()
+        for key, action in self._understood.items():
+            if path[:1] == [action]:
+                return key
+        return self._untried()
 
     def _plan_path(self, search: GoalSearch) -> list[str]:
         """Plan from here; give up for the episode once a search took too long."""
@@ -293,5 +299,5 @@ class HumanLikeParticipant(SimulatedParticipant):
 
 
 def _key_positions(plan: EpisodePlan) -> dict[str, int]:
-    """The position of each key's action in the block's list of actions, which stays when keys are carried over."""
+    """Return the position of each key's action in the block's list of actions, which stays when keys carry over."""
     return {key: plan.actions.index(action) for key, action in plan.key_map.keys.items() if action in plan.actions}

@@ -77,7 +77,7 @@ class AnswerRule:
     may_skip: bool = False
 
     def read(self, answer: str) -> str | None:
-        """How an answer is read ("key 3"); None for one that is not valid."""
+        """Read an answer ("key 3"); None for one that is not valid."""
         lines = [line for line in answer.strip().splitlines() if line.strip()]
         marked = [match["answer"] for match in map(_ANSWER.match, lines) if match]
         if marked:
@@ -139,13 +139,15 @@ def _read_slider(word: str) -> str | None:
 
 
 def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | None:
-    """What a screen takes; None where nothing is to be decided: it is only read, or passes by itself."""
+    """Find what a screen takes; None where nothing is to be decided: it is only read, or passes by itself."""
     match screen:
         case PlayScreen() if session.play is not None:
             named = tuple((action.lower(), key) for key, action in screen.legend)
             wait = session.part.real_time
             keys = session.plan.key_pool
-            or_wait = f", or '{WAIT}' to press none" if wait else ""
+            or_wait = ""
+            if wait:
+                or_wait = f", or '{WAIT}' to press none"
             request = f"Answer with one key of: {' '.join(keys)}{or_wait}."
             return AnswerRule("play", request, keys=keys, named=named, may_wait=wait)
         case PageScreen(buttons=buttons) if screen.page == screen.pages:
@@ -187,7 +189,9 @@ def _find_question_rule(item: Any) -> AnswerRule:
             return AnswerRule("question", "Answer with one shape's number.", targets=targets)
         case Slider():
             return AnswerRule("question", "Answer with a number from 0 (left end) to 100 (right end).", number=True)
-    typed = len(item.text) if isinstance(item, TextField) else 0
+    typed = 0
+    if isinstance(item, TextField):
+        typed = len(item.text)
     return AnswerRule("question", "Answer with a text of one line.", text=True, typed=typed)
 
 
@@ -283,26 +287,26 @@ class Conversation:
             self._since.append(text)
 
     def build_prompt(self, screen: Screen, rule: AnswerRule, session: SessionMachine) -> Prompt:
-        """The messages for a screen that is to be answered."""
+        """Build the messages for a screen that is to be answered."""
         description = "\n\n".join(_describe_screen(screen, session, self._spec))
         self._question = "\n\n".join(filter(None, [*self._since, description]))
         text = f"{self._question}\n\n{rule.request}"
         messages: list[dict[str, Any]] = [{"role": "system", "content": _join(RULES, *self._read)}]
-        for earlier_text, answer in self._past[len(self._past) - self._spec.history :] if self._spec.history else ():
+        for earlier_text, answer in self._list_history():
             messages += [{"role": "user", "content": earlier_text}, {"role": "assistant", "content": answer}]
         picture = self._draw(screen)
         plain = [*messages, {"role": "user", "content": text}]
-        if picture is None:
-            picture_bytes = b""
-        else:
-            picture_bytes = str(picture.shape).encode() + picture.tobytes()
-        digest = hashlib.sha256(picture_bytes).hexdigest() if picture_bytes else ""
+        png = None
+        content: Any = text
+        digest = ""
+        if picture is not None:
+            png = encode_png(picture)
+            content = [{"type": "text", "text": text}, _make_image_part(png)]
+            digest = hashlib.sha256(str(picture.shape).encode() + picture.tobytes()).hexdigest()
         sha256 = hashlib.sha256(json.dumps([plain, digest], ensure_ascii=False).encode()).hexdigest()
         tokens = sum(len(message["content"].encode()) for message in plain) // 3 + TOKENS_PER_PICTURE * (
             picture is not None
         )
-        png = None if picture is None else encode_png(picture)
-        content: Any = text if png is None else [{"type": "text", "text": text}, _make_image_part(png)]
         sent = [*messages, {"role": "user", "content": content}]
         if self._spec.modality != "picture":
             observation = _list_observation(session)
@@ -310,8 +314,14 @@ class Conversation:
             observation = None
         return Prompt(sent, sha256, digest, tokens, text, _join(*self._read), rule, png, observation)
 
+    def _list_history(self) -> list[tuple[str, str]]:
+        """List the earlier screens and answers that a prompt repeats; logs prove prompts, so this may not change."""
+        if not self._spec.history:
+            return []
+        return self._past[len(self._past) - self._spec.history :]
+
     def _draw(self, screen: Screen) -> NDArray[np.uint8] | None:
-        """The whole screen as a window draws it, uint8[H, W, 3]; None where words say it all."""
+        """Draw the whole screen as a window draws it, uint8[H, W, 3]; None where words say it all."""
         if getattr(screen, "picture", None) is None or self._spec.modality == "text":
             return None
         repaint_screen(self._canvas, self._drawn_screen, screen)
@@ -321,8 +331,9 @@ class Conversation:
     def take(self, call: ModelCall) -> None:
         """Take an answer, valid or not."""
         self._past.append((self._question, call.answer))
-        repeated = call.verdict != "valid" and self._spec.invalid == "retry"
-        self._since = ["That answer was not valid."] if repeated else []
+        self._since = []
+        if call.verdict != "valid" and self._spec.invalid == "retry":
+            self._since.append("That answer was not valid.")
 
 
 def _make_image_part(png: bytes) -> dict[str, Any]:
@@ -334,7 +345,7 @@ def _join(*texts: str) -> str:
 
 
 def _describe_screen(screen: Screen, session: SessionMachine, spec: ModelSpec) -> Iterator[str]:
-    """The screen's texts, in reading order."""
+    """Yield the screen's texts, in reading order."""
     match screen:
         case PlayScreen():
             yield from filter(None, [screen.progress, screen.mission[:1].upper() + screen.mission[1:]])
@@ -369,7 +380,9 @@ def _describe_item(item: Any) -> str:
 
 
 def _list_observation(session: SessionMachine) -> Any:
-    observation = None if session.play is None else session.play.world.observation
+    if session.play is None:
+        return None
+    observation = session.play.world.observation
     if not isinstance(observation, dict):
         return None
     return {
@@ -387,7 +400,7 @@ class SpentTotals:
     latency_ms: float = 0.0
 
     def add(self, call: ModelCall) -> "SpentTotals":
-        """The totals with a call's end."""
+        """Return the totals with a call's end."""
         if call.state == "asked":
             return self
         return SpentTotals(
@@ -399,14 +412,14 @@ class SpentTotals:
 
 
 def find_picture_size(spec: ModelSpec) -> tuple[int, int] | None:
-    """The largest picture of a world on the screens that a model is sent; None where it is sent words only."""
+    """Find the largest picture of a world on the screens that a model is sent; None where it is sent words only."""
     if spec.modality == "text":
         return None
     return picture_size_px(spec.size_px)
 
 
 def count_price(spec: ModelSpec, prompt_tokens: int, completion_tokens: int) -> float:
-    """What so many tokens cost by the protocol's prices."""
+    """Return what so many tokens cost by the protocol's prices."""
     return (prompt_tokens * spec.price_prompt + completion_tokens * spec.price_completion) / 1_000_000
 
 

@@ -136,7 +136,9 @@ class ObserverParticipant(SimulatedParticipant):
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
         settings = {**DEFAULTS, **read_settings(argument, DEFAULTS, SimulationError, of="observer")}
-        self._settings, self._rng, self._keys = settings, rng, list[str]()
+        self._settings = settings
+        self._rng = rng
+        self._keys: list[str] = []
         self.threshold = float(settings["threshold"] * np.exp(settings["spread"] * rng.standard_normal()))
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
@@ -156,7 +158,9 @@ class ObserverParticipant(SimulatedParticipant):
                 "observer:option=NAME"
             )
         p_seen = (1 - settings["lapse"]) * -np.expm1(-((value / self.threshold) ** settings["slope"]))
-        self._keys = [key] if self._rng.random() < p_seen else sorted(plan.key_map.keys)
+        self._keys = [key]
+        if self._rng.random() >= p_seen:  # not seen: any key
+            self._keys = sorted(plan.key_map.keys)
 
     def press(self, world: World) -> KeyPress:
         """Press the key, 300 to 700 ms after the picture."""

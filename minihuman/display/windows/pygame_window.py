@@ -254,7 +254,7 @@ class PygameWindow(BlockingWindow):
 
     def _timed(self, events: list[pygame.event.Event]) -> Iterator[tuple[pygame.event.Event, KeyMove]]:
         """Yield each event with what the X server, if any, says of it: SDL tells no times, and invents some moves."""
-        names = [name for event in events if (name := _name_move(event)) is not None]
+        names = [name for name in map(_name_move, events) if name is not None]
         moves: Iterator[KeyMove] = iter(())
         if self._record and names:
             moves = iter(self._record.find_moves(names))
