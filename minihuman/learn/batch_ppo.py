@@ -56,7 +56,7 @@ class BatchPpoSettings:
 
 @dataclass(frozen=True, slots=True)
 class CurvePoint:
-    """Where a training stood after an update."""
+    """A training's state after an update."""
 
     steps: int
     episodes: int
@@ -93,11 +93,12 @@ def train_batch(
     example_world: Any = World(world, {}).unwrapped
     eyesight = ObservationEncoder(missions)
     space = eyesight.space(example_world)
-    channels, height, _ = get_image_shape(space)
-    eyes: EncoderName = "atari" if height > 20 else "codes" if channels == 3 else "planes"
-    worlds = (
-        _Seats(example_world.team, settings) if hasattr(example_world, "team") else _make_batch(world, settings.worlds)
-    )
+    eyes = _choose_encoder(get_image_shape(space))
+    worlds: Any
+    if hasattr(example_world, "team"):
+        worlds = _Seats(example_world.team, settings)
+    else:
+        worlds = _make_batch(world, settings.worlds)
     settings = replace(settings, worlds=worlds.num_envs)
     policy = build_policy(space, len(example_world.action_names), eyes, memory=settings.memory).to(settings.device)
     run = _Run(policy, worlds, eyes == "codes", missions, settings, seed)
@@ -119,11 +120,25 @@ def train_batch(
         memory=settings.memory,
     )
     save_policy(policy.cpu(), card, out)
-    with out.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
+    _write_curve(progress, out.with_suffix(".csv"))
+    return progress
+
+
+def _choose_encoder(image_shape: tuple[int, int, int]) -> EncoderName:
+    """Choose the network that suits an image of channels, height and width."""
+    channels, height, _ = image_shape
+    if height > 20:
+        return "atari"
+    if channels == 3:
+        return "codes"
+    return "planes"
+
+
+def _write_curve(progress: list[CurvePoint], path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(asdict(progress[0])))
         writer.writeheader()
         writer.writerows(map(asdict, progress))
-    return progress
 
 
 def _make_batch(world: str, count: int, **options: Any) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
@@ -148,7 +163,9 @@ class _Seats:
 
     def __init__(self, team: TeamWorld, settings: BatchPpoSettings) -> None:
         self._batch = team.batch(max(1, settings.worlds // team.bodies))
-        self._bodies, self._steps, self._shaped_steps = team.bodies, 0, settings.steps / 2
+        self._bodies = team.bodies
+        self._steps = 0
+        self._shaped_steps = settings.steps / 2
         self.num_envs = self._batch.num_worlds * team.bodies
 
     def reset(self, *, seed: int) -> tuple[NDArray[Any], dict[str, Any]]:
@@ -183,7 +200,9 @@ class _Run:
         self._policy = policy
         self._worlds = worlds
         self._settings = settings
-        self._spread = np.array(SPREAD if spreads else 1, np.uint8)
+        self._spread = np.array(1, np.uint8)
+        if spreads:
+            self._spread = np.array(SPREAD, np.uint8)
         self._missions = missions
         self._optimizer = torch.optim.Adam(policy.parameters(), settings.learning_rate, eps=1e-5, fused=True)
         self._observations = self._encode(worlds.reset(seed=seed)[0])
@@ -238,14 +257,15 @@ class _Run:
         return rollout
 
     def _step(self, actions: NDArray[np.int64]) -> torch.Tensor:
-        """Step every world; rewards float32[n], with the value of what lay behind a step limit."""
+        """Step every world; return rewards float32[n], with the value of what lay behind a step limit."""
         raw, rewards, terminated, truncated, infos = self._worlds.step(actions)
         rewards = np.asarray(rewards, np.float32)
         over = terminated | truncated
         self._returns += rewards
         for i in np.flatnonzero(over).tolist():
             self._recent.append((float(self._returns[i]), bool(terminated[i] and rewards[i] > 0)))
-        self.steps, self.episodes = self.steps + len(actions), self.episodes + int(over.sum())
+        self.steps += len(actions)
+        self.episodes += int(over.sum())
         self._returns[over] = 0.0
         limited = np.flatnonzero(truncated & ~terminated)
         if len(limited):
@@ -294,13 +314,16 @@ class _Run:
                 self._optimizer.step()
 
     def _encode(self, raw: Any) -> Batch:
-        """What worlds show, on the device: a batch's observation, or single ones in a list."""
+        """Encode what worlds show, on the device: a batch's observation, or single ones in a list."""
         if isinstance(raw, list):
             if isinstance(raw[0], dict):
                 raw = {name: [observation[name] for observation in raw] for name in raw[0]}
             else:
                 raw = np.stack(raw)
-        image = np.asarray(raw["image"] if isinstance(raw, dict) else raw) * self._spread
+        image = raw
+        if isinstance(raw, dict):
+            image = raw["image"]
+        image = np.asarray(image) * self._spread
         observations = {"image": torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, -1, 1)))}
         if self._missions:
             observations["mission"] = torch.from_numpy(np.stack([_encode_mission(text) for text in raw["mission"]]))

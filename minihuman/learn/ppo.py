@@ -82,7 +82,7 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
         return self._encoder.encode(self.world, raw), info
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One step of the world."""
+        """Make a step of the world."""
         raw, reward, terminated, truncated, info = self.world.step(int(action))
         self._return += float(reward)
         self._steps += 1
@@ -93,7 +93,7 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
 
 
 def episode_seed(seed: int, episode: int) -> int:
-    """The reset seed of an episode, counted from 0."""
+    """Return the reset seed of an episode, counted from 0."""
     return hash64((seed, "episode", episode)) % 2**31
 
 
@@ -101,13 +101,15 @@ EPSILON = 1e-8  # added to the advantages' standard deviation, as in Stable-Base
 
 
 class Rollout:
-    """What happened since the last update: ``n`` steps, as arrays that are written over by the next."""
+    """The ``n`` steps since the last update, as arrays that the next rollout overwrites."""
 
     def __init__(self, n: int, like: Observation) -> None:
         channels, height, width = like["image"].shape
         # channels last: what convolutions on a CPU want, and what the world gave
         self.images = np.empty((n, height, width, channels), np.uint8)
-        self.missions = np.empty((n, *like["mission"].shape), np.float32) if "mission" in like else None
+        self.missions = None
+        if "mission" in like:
+            self.missions = np.empty((n, *like["mission"].shape), np.float32)
         self.actions = np.empty(n, np.int64)
         self.rewards = np.empty(n, np.float32)
         self.values = np.empty(n, np.float32)
@@ -237,7 +239,7 @@ class _Chooser:
         return action, float(value), float(log_probs[action])
 
     def value(self, observation: Observation) -> float:
-        """The value of the present state."""
+        """Return the value of the present state."""
         return float(self._think(observation)[1])
 
 
@@ -245,7 +247,7 @@ LAST_EPISODES = 100  # a curve's point is the mean over so many
 
 
 def make_ppo(world: TrainingEnv, *, settings: PpoSettings, eyes: EncoderName, seed: int, device: str) -> LeanPpo:
-    """A fresh agent in a world, seeded."""
+    """Make a fresh agent in a world, seeded."""
     ppo = LeanPpo(
         Policy,
         DummyVecEnv([lambda: world]),

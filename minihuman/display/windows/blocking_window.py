@@ -226,10 +226,10 @@ class BlockingWindow(Window):
         while True:
             due_ns = min((t for t in (until_ns, self._repeater.next_repeat_ns) if t is not None), default=None)
             timeout_ns = None
+            if due_ns is not None:
+                timeout_ns = max(0, due_ns - self._clock())
             if self._moving is not None:
                 timeout_ns = _FRAME_NS // 2
-            elif due_ns is not None:
-                timeout_ns = max(0, due_ns - self._clock())
             arrived = self._arrived(timeout_ns)
             if arrived:
                 return arrived

@@ -101,7 +101,7 @@ class PolicyAgent(BaseAgent):
         self._places = [world.action_names.index(name) for name in card.action_names]
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """The policy's probabilities; 0 for actions that it does not have."""
+        """Return the policy's probabilities; 0 for actions that it does not have."""
         chances = np.zeros(len(world.action_names), np.float32)
         observation = self._encoder.encode(world.unwrapped, world.observation)
         chances[self._places] = self._policy.probabilities(observation).numpy()[: len(self._places)]

@@ -31,8 +31,11 @@ def main() -> None:
         for line in sys.stdin:
             try:
                 request = json.loads(line)
-                answer = _disputed(request) if request["pairs"] else _learnt(request, Path(folder) / "policy.pt")
-                reply = {"file": str(answer), "failure": ""}
+                if request["pairs"]:
+                    answer = str(_choose_pair(request))
+                else:
+                    answer = str(_learn_policy(request, Path(folder) / "policy.pt"))
+                reply = {"file": answer, "failure": ""}
             except Exception as error:  # whatever a learner raises, memory that is not there included, is an answer
                 traceback.print_exc()
                 reply = {"file": "", "failure": describe_failure(error)}
@@ -40,17 +43,19 @@ def main() -> None:
             answers.flush()
 
 
-def _learnt(request: dict[str, Any], out: Path) -> Path:
+def _learn_policy(request: dict[str, Any], out: Path) -> Path:
     from minihuman.learn.teaching.log_dataset import read_session_dataset
     from minihuman.learn.teaching.provenance import make_policy
 
     dataset = read_session_dataset([Path(log) for log in request["logs"]], request["part"], request["episodes"])
-    start = Path(request["start"]) if request["start"] else None
+    start = None
+    if request["start"]:
+        start = Path(request["start"])
     budget_s = request["budget_s"]
     return make_policy(dataset, request["learner"], out, seed=request["seed"], start=start, budget_s=budget_s).path
 
 
-def _disputed(request: dict[str, Any]) -> int:
+def _choose_pair(request: dict[str, Any]) -> int:
     from minihuman.learn.teaching.preference_learner import choose_disputed_pair
 
     pairs = [

@@ -48,10 +48,10 @@ ANSWERS: dict[PairAnswer, Answer] = {
 def read_session_dataset(
     logs: Sequence[Path], block: str, episodes: int, *, eyesight: ObservationEncoder = VIEW
 ) -> Dataset:
-    """Everything taught in one block of a session, of its first episodes; the session may still be going on.
+    """Read everything taught in one block of a session, in its first episodes; the session may still be running.
 
-    What was shown better of these episodes counts too, and what was compared, if it is of episodes of the same world;
-    these are taken with it.
+    Corrections of these episodes are read too, and comparisons, if they are of episodes of the same world; those
+    episodes are read with them.
 
     Args:
         logs: The session's logs, finished or live, all in one folder.
@@ -92,17 +92,23 @@ def read_session_dataset(
 def read_study_dataset(
     source: Path, world: str, *, eyesight: ObservationEncoder = VIEW, selection: Selection | None = None
 ) -> Dataset:
-    """Everything taught in one world in a study's logs, of the episodes that count.
+    """Read everything taught in one world in a study's logs, in the included episodes.
 
     Raises:
         LearnError: if there is none, they were made under different options, or one does not replay.
     """
     selected, summary = select_episodes(source, world, selection or Selection())
     logs = {log.path: sum(other.path == log.path for other, _ in selected) for log, _ in selected}
-    sources = tuple(
-        Source(path.name, hash_file(path) if path.is_file() else "", lessons) for path, lessons in logs.items()
-    )
+    sources = tuple(_describe_source(path, lessons) for path, lessons in logs.items())
     return _dataset(selected, eyesight, sources, tuple(summary.lines()))
+
+
+def _describe_source(path: Path, lessons: int) -> Source:
+    """Describe a log; one that is still being written has no digest."""
+    sha256 = ""
+    if path.is_file():
+        sha256 = hash_file(path)
+    return Source(path.name, sha256, lessons)
 
 
 def _dataset(
@@ -141,8 +147,15 @@ def _lessons(
         n = len(episode.actions)
         taught = episode.taught
         probabilities = None
-        if taught is not None and taught.probabilities.any():
-            probabilities = np.ascontiguousarray(taught.probabilities[:, :actions])
+        by_person = np.ones(n, np.bool_)
+        policy_actions = np.full(n, NO_QUERY, np.int64)
+        policy = ""
+        if taught is not None:
+            by_person = taught.by_person
+            policy_actions = taught.policy_actions
+            policy = taught.policy
+            if taught.probabilities.any():
+                probabilities = np.ascontiguousarray(taught.probabilities[:, :actions])
         yield Lesson(
             name=_name(log, episode),
             participant=log.plan.participant.id,
@@ -151,17 +164,17 @@ def _lessons(
                 part: np.stack([observation[part] for observation in observations]) for part in observations[0]
             },
             actions=np.asarray(episode.actions, np.int64),
-            by_person=np.ones(n, np.bool_) if taught is None else taught.by_person,
-            policy_actions=np.full(n, NO_QUERY, np.int64) if taught is None else taught.policy_actions,
+            by_person=by_person,
+            policy_actions=policy_actions,
             shown_ns=_shown_ns(episode),
             rewards=np.asarray(episode.rewards, np.float64),
             policy_probabilities=probabilities,
-            policy="" if taught is None else taught.policy,
+            policy=policy,
         )
 
 
 def _corrected(episodes: Sequence[LoggedEpisode]) -> Iterator[tuple[SessionLog, CorrectionRecord]]:
-    """The corrections of selected episodes."""
+    """Yield the corrections of selected episodes."""
     episode_keys = {(log.path, episode.plan.episode, episode.attempt) for log, episode in episodes}
     for log in {log.path: log for log, _ in episodes}.values():
         for correction in log.corrections:
@@ -206,7 +219,7 @@ def _corrections(episodes: Sequence[LoggedEpisode], world: World, encoder: Episo
 
 
 def _shown_ns(episode: EpisodeLog) -> NDArray[np.int64]:
-    """When the picture before each step reached the display; when the step before was made, where it never did."""
+    """Find when the picture before each step reached the display; where it never did, when the step before was made."""
     display_times_ns = np.array(episode.t_ns[:-1], np.int64)
     steps = episode.frames.column("step")
     flips = episode.frames.column("flip_ns")
@@ -224,7 +237,7 @@ def _ratings(episodes: Sequence[LoggedEpisode]) -> Iterator[LessonRating]:
 
 
 def _comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
-    """The comparisons of which both episodes are selected."""
+    """Yield the comparisons of which both episodes are selected."""
     names = {(log.path, episode.plan.episode, episode.attempt): _name(log, episode) for log, episode in episodes}
     for log in {log.path: log for log, _ in episodes}.values():
         for comparison in log.comparisons:
@@ -238,7 +251,7 @@ def _comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
 
 
 def make_fragment(side: EpisodeClip, lesson: str) -> LessonFragment:
-    """A stretch that was shown, as steps of a lesson."""
+    """Make a fragment of a lesson from a clip that was shown."""
     return LessonFragment(lesson, side.first, len(side.actions) - 1)
 
 
@@ -251,5 +264,8 @@ def _session(log: SessionLog) -> str:
 
 
 def make_lesson_name(session: str, episode: int, attempt: int) -> str:
-    """The name of an episode's lesson, as in "sub-01_ses-01:3"; ``episode`` is 0 for the session's first."""
-    return f"{session}:{episode + 1}" + (f":{attempt}" if attempt > 1 else "")
+    """Name an episode's lesson, as in "sub-01_ses-01:3"; ``episode`` is 0 for the session's first."""
+    name = f"{session}:{episode + 1}"
+    if attempt > 1:
+        name += f":{attempt}"
+    return name

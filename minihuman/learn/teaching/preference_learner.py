@@ -4,6 +4,7 @@ it with PPO.
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,7 +18,7 @@ from minihuman.errors import LearnError
 from minihuman.learn.policy.network import Policy
 from minihuman.learn.policy.observation import Observation
 from minihuman.learn.ppo import PpoSettings, TrainingEnv, make_ppo
-from minihuman.learn.teaching.dataset import Dataset, LessonFragment
+from minihuman.learn.teaching.dataset import Comparison, Dataset, LessonFragment
 from minihuman.learn.teaching.learner import (
     LabelledSteps,
     Learner,
@@ -59,17 +60,18 @@ class RewardModel:
     def __init__(self, members: Sequence[nn.Module], steps: LabelledSteps) -> None:
         self._members = members
         raw = self._raw(steps.observations, steps.actions)
-        self._shifts, self._scales = raw.mean(axis=1, keepdims=True), np.maximum(raw.std(axis=1, keepdims=True), 1e-6)
+        self._shifts = raw.mean(axis=1, keepdims=True)
+        self._scales = np.maximum(raw.std(axis=1, keepdims=True), 1e-6)
         self._scale = SPREAD / max(1e-6, float(((raw - self._shifts) / self._scales).mean(axis=0).std()))
         self._reward_cache: dict[tuple[bytes, ...], float] = {}
 
     def rewards(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
-        """Rewards of many steps, (n,)."""
+        """Return the rewards of many steps, (n,)."""
         standardised = (self._raw(observations, actions) - self._shifts) / self._scales
         return np.asarray(self._scale * standardised.mean(axis=0))
 
     def reward(self, observation: Observation, action: int) -> float:
-        """The reward of one step."""
+        """Return the reward of one step."""
         key = (bytes([action]), *(part.tobytes() for part in observation.values()))
         if key not in self._reward_cache:
             if len(self._reward_cache) >= MAX_CACHED:
@@ -79,7 +81,7 @@ class RewardModel:
         return self._reward_cache[key]
 
     def chances(self, dataset: Dataset, pairs: Sequence[tuple[LessonFragment, LessonFragment]]) -> NDArray[np.float64]:
-        """Each member's probability that the right side of each pair is better, (members, pairs)."""
+        """Return each member's probability that the right side of each pair is better, (members, pairs)."""
         steps = collect_steps(dataset.lessons)
         first = get_first_rows(dataset)
         raw = torch.as_tensor(self._raw(steps.observations, steps.actions))
@@ -92,7 +94,7 @@ class RewardModel:
         return np.asarray(torch.sigmoid(longest * torch.stack(gains)))
 
     def _raw(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
-        """Each member's value of each step, (members, n)."""
+        """Return each member's value of each step, (members, n)."""
         with torch.no_grad():
             member_rewards = [member(observations).gather(1, actions[:, None])[:, 0] for member in self._members]
         return np.asarray(torch.stack(member_rewards).double())
@@ -132,39 +134,68 @@ def fit_reward(
             "pairs"
         )
     steps = collect_steps(dataset.lessons)
-    first = get_first_rows(dataset)
+    answers = _encode_answers(dataset, comparisons)
     alike = _alike(steps)
-    longest = _longest([side for comparison in comparisons for side in (comparison.left, comparison.right)])
-    sides = [
-        _rows([getattr(comparison, side) for comparison in comparisons], first, longest) for side in ("left", "right")
-    ]
-    rows, inside = (torch.stack(parts) for parts in zip(*sides, strict=True))  # (2, comparisons, longest)
-    shares = torch.tensor([SHARES[comparison.answer] for comparison in comparisons])
     members = [ActionValues(make_fresh_policy(dataset, rng)) for _ in range(settings.members)]
     updates = settings.updates
+    member_budget_s = budget_s / settings.members
     for number, member in enumerate(members):
-
-        def loss_of(generator: torch.Generator, member: nn.Module = member) -> torch.Tensor:
-            minibatch = torch.randint(len(shares), (settings.batch_size,), generator=generator)
-            mean_rewards = _worth(
-                member, steps, alike, rows[:, minibatch].flatten(0, 1), inside[:, minibatch].flatten(0, 1)
-            )
-            left, right = mean_rewards.chunk(2)
-            right_better = (1 - LAPSES) * torch.sigmoid(longest * (right - left)) + LAPSES / 2
-            share = shares[minibatch]
-            return -(share * right_better.log() + (1 - share) * (1 - right_better).log()).mean()
-
+        member_checkpoint = None
+        if checkpoint is not None:
+            member_checkpoint = checkpoint.with_name(f"{checkpoint.name}-{number}")
         updates, _ = minimise_loss(
             member,
-            loss_of,
+            partial(_preference_loss, member, steps, alike, answers, settings.batch_size),
             rng,
             updates=updates,
             learning_rate=settings.learning_rate,
             weight_decay=settings.weight_decay,
-            budget_s=float("inf") if number else budget_s / settings.members,
-            checkpoint=None if checkpoint is None else checkpoint.with_name(f"{checkpoint.name}-{number}"),
+            budget_s=member_budget_s,
+            checkpoint=member_checkpoint,
         )
+        member_budget_s = float("inf")  # the others make as many updates as the first did
     return RewardModel(members, steps), updates
+
+
+@dataclass(frozen=True, slots=True)
+class _EncodedAnswers:
+    """Comparisons as tensors. ``longest`` is the length of the longest fragment."""
+
+    rows: torch.Tensor  # int64[2, comparisons, longest] of the left and right fragments' steps
+    inside: torch.Tensor  # float32 of the same shape, 1 where a fragment has that step
+    shares: torch.Tensor  # float32[comparisons] of "right" in each answer
+
+    @property
+    def longest(self) -> int:
+        """Return the length of the longest fragment."""
+        return self.rows.shape[2]
+
+
+def _encode_answers(dataset: Dataset, comparisons: Sequence[Comparison]) -> _EncodedAnswers:
+    first = get_first_rows(dataset)
+    left_sides = [comparison.left for comparison in comparisons]
+    right_sides = [comparison.right for comparison in comparisons]
+    longest = _longest([*left_sides, *right_sides])
+    sides = [_rows(left_sides, first, longest), _rows(right_sides, first, longest)]
+    rows, inside = (torch.stack(parts) for parts in zip(*sides, strict=True))
+    return _EncodedAnswers(rows, inside, torch.tensor([SHARES[comparison.answer] for comparison in comparisons]))
+
+
+def _preference_loss(
+    member: nn.Module,
+    steps: LabelledSteps,
+    alike: torch.Tensor,
+    answers: _EncodedAnswers,
+    batch_size: int,
+    generator: torch.Generator,
+) -> torch.Tensor:
+    """Compute the cross-entropy of a minibatch of answers, drawn with the generator."""
+    minibatch = torch.randint(len(answers.shares), (batch_size,), generator=generator)
+    rows = answers.rows[:, minibatch].flatten(0, 1)
+    left, right = _worth(member, steps, alike, rows, answers.inside[:, minibatch].flatten(0, 1)).chunk(2)
+    right_better = (1 - LAPSES) * torch.sigmoid(answers.longest * (right - left)) + LAPSES / 2
+    share = answers.shares[minibatch]
+    return -(share * right_better.log() + (1 - share) * (1 - right_better).log()).mean()
 
 
 def _longest(sides: Sequence[LessonFragment]) -> int:
@@ -172,7 +203,7 @@ def _longest(sides: Sequence[LessonFragment]) -> int:
 
 
 def get_first_rows(dataset: Dataset) -> dict[str, int]:
-    """Each lesson's first row among all steps."""
+    """Return each lesson's first row among all steps."""
     starts = np.cumsum([0, *(len(lesson.actions) for lesson in dataset.lessons)])
     return {lesson.name: int(start) for lesson, start in zip(dataset.lessons, starts[:-1], strict=True)}
 
@@ -180,7 +211,7 @@ def get_first_rows(dataset: Dataset) -> dict[str, int]:
 def _rows(
     stretches: Sequence[LessonFragment], first: dict[str, int], longest: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Rows of stretches' steps, int64[n, longest], and which of them there are, float32 of the same shape."""
+    """Return the rows of fragments' steps, int64[n, longest], and which of them exist, float32 of the same shape."""
     rows = torch.zeros(len(stretches), longest, dtype=torch.int64)
     inside = torch.zeros(len(stretches), longest)
     for place, side in enumerate(stretches):
@@ -194,14 +225,14 @@ def _rows(
 def _worth(
     member: nn.Module, steps: LabelledSteps, alike: torch.Tensor, rows: torch.Tensor, inside: torch.Tensor
 ) -> torch.Tensor:
-    """A member's mean reward of each stretch."""
+    """Compute a member's mean reward of each fragment."""
     different, place = alike[rows.flatten()].unique(return_inverse=True)  # type: ignore[no-untyped-call]
     step_rewards = member(steps.pick(different))[place, steps.actions[rows.flatten()]]
     return _average(step_rewards.view(rows.shape), inside)
 
 
 def _alike(steps: LabelledSteps) -> torch.Tensor:
-    """For each step the first that shows the same, int64[n]: a small world shows little, so each is thought of once."""
+    """Find for each step the first that shows the same, int64[n]: a small world shows little, so each is run once."""
     flat_observations = [
         np.ascontiguousarray(part.numpy()).reshape(len(part), -1) for part in steps.observations.values()
     ]
@@ -223,7 +254,7 @@ EVERY_EPISODE = 2**31
 
 
 def compute_disagreement(model: RewardModel, dataset: Dataset, pairs: Sequence[Pair]) -> NDArray[np.float64]:
-    """How much the members disagree on each pair: the variance of the chance that each gives to the right side."""
+    """Compute how much members disagree on each pair: the variance of the probability they give to the right side."""
     return np.asarray(model.chances(dataset, pairs).var(axis=0))
 
 
@@ -234,7 +265,7 @@ def choose_disputed_pair(
     *,
     seed: int,
 ) -> int:
-    """The index of the pair that the ensemble disagrees on most; 0 before the first answer.
+    """Return the index of the pair that the ensemble disagrees on most; 0 before the first answer.
 
     Args:
         logs: The session's logs, finished or live, all in one folder.
@@ -288,7 +319,7 @@ class RewardModelEnv(TrainingEnv):
         return self._before, info
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One step, judged."""
+        """Make a step, and judge it by the reward function."""
         before = self._before
         observation, _, terminated, truncated, _ = super().step(action)
         worth = self._worth(before, action, self.world)
@@ -325,7 +356,7 @@ class PreferenceLearner(Learner):
     settings_type = PreferenceSettings
 
     def learn(self, request: LearningRequest) -> LearningResult:
-        """Go on from the policy so far, or from fresh weights. The time limit is the reward model's.
+        """Continue from the policy so far, or from fresh weights. The time limit is the reward model's.
 
         Raises:
             LearnError: if no comparison says something.
@@ -364,13 +395,14 @@ def optimise_policy(
     own = torch.get_rng_state()
     try:
         agent = make_ppo(world, settings=ppo, eyes=choose_encoder(dataset), seed=seed, device="cpu")
-        agent.gamma, agent.ent_coef = settings.gamma, settings.entropy
+        agent.gamma = settings.gamma
+        agent.ent_coef = settings.entropy
         agent.lr_schedule = lambda left: settings.learning_rate * left
         if start is not None:
             agent.policy.load_state_dict(copy_policy(start, dataset).state_dict())
         agent.learn(settings.steps, log_interval=None)  # type: ignore[arg-type]
     finally:
-        np.random.set_state(state)  # Stable-Baselines3 seeds the streams of everybody
+        np.random.set_state(state)  # Stable-Baselines3 seeds the global streams
         torch.set_rng_state(own)
     assert isinstance(agent.policy, Policy)
     agent.policy.set_training_mode(False)

@@ -8,7 +8,7 @@ up to a whole number of steps, and of these the right one explains best how step
 """
 
 from dataclasses import asdict, dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -46,8 +46,8 @@ class Presses:
     after_ms: NDArray[np.float64]  # (presses, candidates) from the outcome's picture to the press; NaN likewise
     period_ms: float  # between pictures
 
-    def about(self, delay_ms: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """For each press the step that fits a delay best, or -1, and its delay."""
+    def match_steps(self, delay_ms: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Match each press with the step that fits a delay best, or -1; return the steps' rows and their delays."""
         away = np.abs(self.after_ms - delay_ms)
         away[np.isnan(away)] = np.inf
         best = away.argmin(axis=1)
@@ -57,7 +57,7 @@ class Presses:
 
 
 def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
-    """A data set's ratings beside its steps.
+    """Collect a data set's ratings beside its steps.
 
     Raises:
         LearnError: if it has none that follows a step's picture.
@@ -69,7 +69,9 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
     first = 0
     outcomes_by_session = dict[str, list[NDArray[np.int64]]]()
     periods = np.concatenate([np.diff(lesson.shown_ns) for lesson in lessons])
-    period_ns = int(np.median(periods)) if len(periods) else 0
+    period_ns = 0
+    if len(periods):
+        period_ns = int(np.median(periods))
     for lesson in lessons:
         seen_ns = np.append(lesson.shown_ns[1:], lesson.shown_ns[-1] + period_ns)
         rows = np.arange(first, first + len(lesson.actions))
@@ -88,7 +90,8 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
         delays = (rating.t_ns - seen_ns[chosen]) / 1e6
         chosen = chosen[delays <= LONGEST_MS]
         delays = delays[delays <= LONGEST_MS]
-        steps[place, : len(chosen)], after[place, : len(chosen)] = row[chosen], delays
+        steps[place, : len(chosen)] = row[chosen]
+        after[place, : len(chosen)] = delays
     fits = (steps >= 0).any(axis=1)
     if not fits.any():
         raise LearnError(
@@ -100,12 +103,12 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
 
 
 def _session(lesson: str) -> str:
-    """Whose clock a lesson's times are on: each session's begins at 0."""
+    """Return the session on whose clock a lesson's times are: each session's begins at 0."""
     return lesson.partition(":")[0]
 
 
 def find_delay(presses: Presses, steps: LabelledSteps) -> float | None:
-    """The mean delay in ms; None where there are too few presses to tell."""
+    """Find the mean delay in ms; None where there are too few presses to tell."""
     newest = presses.after_ms[:, 0]
     if len(newest) < MIN_PRESSES or not presses.period_ms:
         return None
@@ -114,16 +117,16 @@ def find_delay(presses: Presses, steps: LabelledSteps) -> float | None:
     tries = [within + k * presses.period_ms for k in range(1 + int(LONGEST_MS // presses.period_ms))]
     tries = [delay for delay in tries if SHORTEST_MS <= delay <= LONGEST_MS]
     best = min(tries, key=lambda delay: _surprise(presses, steps, delay))
-    step_rows, after = presses.about(best)
+    step_rows, after = presses.match_steps(best)
     return float(after[step_rows >= 0].mean())
 
 
 def _surprise(presses: Presses, steps: LabelledSteps, delay_ms: float) -> float:
-    """The mean square error of predicting each press from the others, given this delay.
+    """Compute the mean square error of predicting each press from the others, given this delay.
 
     By ridge regression with a kernel that is 1 for the same action on the same picture, 0 for different actions.
     """
-    step_rows, _ = presses.about(delay_ms)
+    step_rows, _ = presses.match_steps(delay_ms)
     fits = np.flatnonzero(step_rows >= 0)[-MAX_PRESSES:]
     if len(fits) < MIN_PRESSES:
         return float("inf")
@@ -139,7 +142,7 @@ def _surprise(presses: Presses, steps: LabelledSteps, delay_ms: float) -> float:
 
 
 def get_credit_weights(after_ms: NDArray[np.float64], delay_ms: float, spread_ms: float) -> NDArray[np.float64]:
-    """How much of each press belongs to each step it may be about: a normal density of delays, each row's sum 1."""
+    """Return how much of each press belongs to each candidate step: a normal density of delays, each row's sum 1."""
     density = np.exp(-0.5 * ((after_ms - delay_ms) / spread_ms) ** 2)
     density = np.nan_to_num(density)
     sums = density.sum(axis=1, keepdims=True)
@@ -156,7 +159,7 @@ class ActionValues(nn.Module):
         self.head = policy.action_net
 
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
-        """float32[batch, actions]."""
+        """Return the actions' values, float32[batch, actions]."""
         values: torch.Tensor = self.head(
             self.actor(self.eyes({**observations, "image": observations["image"].float() / 255}))
         )
@@ -228,13 +231,18 @@ class Tamer(Learner):
             budget_s=request.budget_s,
             checkpoint=request.checkpoint,
         )
-        with torch.no_grad():
-            for values in (fresh.action_net.weight, fresh.action_net.bias):
-                assert isinstance(values, torch.Tensor)
-                values.mul_(settings.sharpness)
+        _sharpen(fresh, settings.sharpness)
         fresh.set_training_mode(False)
         notes = {"ratings": len(ratings), "delay_ms": delay, "loss": loss}
         return LearningResult(fresh, asdict(settings) | {"updates": updates}, notes)
+
+
+def _sharpen(policy: Policy, factor: float) -> None:
+    """Multiply a policy's logits by a factor."""
+    with torch.no_grad():
+        for values in (policy.action_net.weight, policy.action_net.bias):
+            assert isinstance(values, torch.Tensor)
+            values.mul_(factor)
 
 
 TRACE_STEPS = 4  # before the step a press is about that have a share in it
@@ -275,12 +283,9 @@ class DeepCoach(Learner):
         """
         settings: CoachSettings = self.settings
         presses, steps = collect_presses(request.dataset)
-        if request.policy is None:
-            mine = make_fresh_policy(request.dataset, request.rng)
-        else:
-            mine = copy_policy(request.policy, request.dataset)
+        trained = _copy_or_make_policy(request)
         delay = settings.delay_ms or find_delay(presses, steps)
-        step_rows, _ = presses.about(delay or UNKNOWN_DELAY_MS)
+        step_rows, _ = presses.match_steps(delay or UNKNOWN_DELAY_MS)
         fits = np.flatnonzero(step_rows >= 0)
         row = torch.as_tensor(step_rows[fits])
         value = torch.as_tensor(presses.values[fits], dtype=torch.float32)
@@ -292,16 +297,16 @@ class DeepCoach(Learner):
             minibatch = torch.randint(len(row), (settings.batch_size,), generator=generator)
             back = torch.multinomial(shares, settings.batch_size, replacement=True, generator=generator)
             rows = row[minibatch] - torch.minimum(back, into[row[minibatch]])
-            log_probs = mine.log_probabilities(steps.pick(rows))
+            log_probs = trained.log_probabilities(steps.pick(rows))
             chosen = log_probs.gather(1, steps.actions[rows, None])[:, 0]
             ratio = (chosen - then[rows].log()).exp()
             gain = value[minibatch] * torch.where(value[minibatch] > 0, ratio.clamp(max=settings.most_ratio), ratio)
             return -gain.mean() + settings.entropy * (log_probs.exp() * log_probs).sum(dim=1).mean()
 
         shares = settings.decay ** torch.arange(TRACE_STEPS, dtype=torch.float32)
-        mine.set_training_mode(True)
+        trained.set_training_mode(True)
         updates, loss = minimise_loss(
-            mine,
+            trained,
             loss_of,
             request.rng,
             updates=settings.updates,
@@ -310,17 +315,24 @@ class DeepCoach(Learner):
             budget_s=request.budget_s,
             checkpoint=request.checkpoint,
         )
-        mine.set_training_mode(False)
+        trained.set_training_mode(False)
         notes = {"ratings": len(row), "delay_ms": delay, "loss": loss}
-        return LearningResult(mine, asdict(settings) | {"updates": updates}, notes)
+        return LearningResult(trained, asdict(settings) | {"updates": updates}, notes)
+
+
+def _copy_or_make_policy(request: LearningRequest) -> Policy:
+    if request.policy is None:
+        return make_fresh_policy(request.dataset, request.rng)
+    return copy_policy(request.policy, request.dataset)
 
 
 def _chances_then(dataset: Dataset) -> NDArray[np.float64]:
-    """The probability of each action when it was taken; 1 where it is unknown."""
-    chances = [
-        np.ones(len(lesson.actions))
-        if lesson.policy_probabilities is None
-        else lesson.policy_probabilities[np.arange(len(lesson.actions)), lesson.actions]
-        for lesson in dataset.lessons
-    ]
+    """Return the probability of each action when it was taken; 1 where it is unknown."""
+    chances: list[NDArray[Any]] = []
+    for lesson in dataset.lessons:
+        n = len(lesson.actions)
+        if lesson.policy_probabilities is None:
+            chances.append(np.ones(n))
+        else:
+            chances.append(lesson.policy_probabilities[np.arange(n), lesson.actions])
     return np.asarray(np.clip(np.concatenate(chances), 0.05, 1), np.float64)
