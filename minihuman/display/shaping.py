@@ -52,7 +52,7 @@ class ShapedLine:
 
     @property
     def width_px(self) -> float:
-        """How long the line is."""
+        """Return the line's length, pixels."""
         return self.width_64 / SUBPIXELS
 
 

@@ -469,7 +469,7 @@ class ConversationRecord:
             self.add(list_inputs(call.reading, self.rule, call.t_ns + round(call.latency_ms * NS_PER_MS)))
 
     def add(self, inputs: list[Input]) -> None:
-        """Have inputs come; the release of the last answer may be among them still."""
+        """Add inputs that are to come; the release of the last answer may still be among them."""
         self.coming = sorted([*self.coming, *inputs], key=lambda happened: happened.t_ns)
 
     def see_input(self, event: Event) -> None:

@@ -92,7 +92,7 @@ class GridExplorer:
 
     @property
     def n_seen_cells(self) -> int:
-        """The number of cells that were in sight so far."""
+        """Count the cells that were in sight so far."""
         return int(self._explorer.memory.seen.sum())
 
     def plan(self) -> list[str]:

@@ -140,10 +140,10 @@ class TypedWindow(abc.ABC):
 
     @abc.abstractmethod
     def now_ns(self) -> int:
-        """The window's clock."""
+        """Return the time of the window's clock, ns."""
 
     def hear(self, count: int) -> list[Input]:
-        """The next ``count`` inputs; fewer if they do not come within seconds."""
+        """Wait for the next ``count`` inputs; return fewer if they do not come within ten seconds."""
         heard: list[Input] = []
         until_ns = self.now_ns() + 10 * SECOND
         while len(heard) < count and self.now_ns() < until_ns:
@@ -164,12 +164,12 @@ def check_window(typed: TypedWindow) -> None:
 
 
 def list_strokes(inputs: Iterable[Input]) -> list[tuple[str, bool]]:
-    """Which keys went down and up."""
+    """List which keys went down and up."""
     return [(event.key, isinstance(event, KeyDown)) for event in inputs if isinstance(event, KeyDown | KeyUp)]
 
 
 def a_screen_is_submitted_then_flipped(typed: TypedWindow) -> None:
-    """Of every kind of screen."""
+    """Show every kind of screen."""
     for screen in SCREENS:
         before_ns = typed.now_ns()
         flip = typed.window.show(screen)
@@ -178,7 +178,7 @@ def a_screen_is_submitted_then_flipped(typed: TypedWindow) -> None:
 
 
 def waiting_ends_at_the_deadline_and_not_before(typed: TypedWindow) -> None:
-    """With nothing heard."""
+    """Wait while nothing is typed."""
     until_ns = typed.now_ns() + 30 * MS
     heard = typed.window.wait(until_ns)
     require(heard == [], f"nobody typed, and wait() heard {heard}")
@@ -186,7 +186,7 @@ def waiting_ends_at_the_deadline_and_not_before(typed: TypedWindow) -> None:
 
 
 def a_deadline_that_has_passed_still_hands_over_what_has_arrived(typed: TypedWindow) -> None:
-    """And nothing twice."""
+    """Type, then wait until a time that has passed, twice."""
     typed.type([("1", True), ("1", False)])
     time.sleep(0.1)  # the display server's delivery, not the window's
     _heard([("1", True), ("1", False)], typed.window.wait(0))
@@ -194,17 +194,17 @@ def a_deadline_that_has_passed_still_hands_over_what_has_arrived(typed: TypedWin
 
 
 def two_taps_within_a_frame_are_two_taps(typed: TypedWindow) -> None:
-    """Down, up, down, up."""
+    """Press a key down, up, down, up."""
     _typed(typed, [("3", True), ("3", False)] * 2)
 
 
 def rolling_from_key_to_key_keeps_the_order(typed: TypedWindow) -> None:
-    """The next key goes down before the last is up."""
+    """Press the next key before the last one is up."""
     _typed(typed, [("1", True), ("2", True), ("1", False), ("3", True), ("2", False), ("3", False)])
 
 
 def of_hundreds_of_strokes_none_is_lost_or_doubled(typed: TypedWindow) -> None:
-    """Typed at once."""
+    """Type 400 strokes at once."""
     chance = random.Random(7)
     keys_down: set[str] = set()
     strokes = []
@@ -216,7 +216,7 @@ def of_hundreds_of_strokes_none_is_lost_or_doubled(typed: TypedWindow) -> None:
 
 
 def strokes_during_a_flip_are_kept(typed: TypedWindow) -> None:
-    """Typed before a screen is shown, heard after it."""
+    """Type before a screen is shown, and listen after it."""
     strokes = [("4", True), ("5", True), ("4", False), ("5", False)]
     typed.type(strokes)
     typed.window.show(SCREENS[0])
@@ -224,7 +224,7 @@ def strokes_during_a_flip_are_kept(typed: TypedWindow) -> None:
 
 
 def stamps_never_go_back_and_lie_between_stroke_and_receipt(typed: TypedWindow) -> None:
-    """On the window's clock."""
+    """Compare the stamps with the window's clock."""
     before_ns = typed.now_ns()
     typed.type([("6", True), ("6", False)] * 5)
     stamps = [event.t_ns for event in typed.hear(10)]
@@ -234,7 +234,7 @@ def stamps_never_go_back_and_lie_between_stroke_and_receipt(typed: TypedWindow) 
 
 
 def facts_are_words_without_names_of_people_or_machines(typed: TypedWindow) -> None:
-    """They go into the log."""
+    """Read the facts, which go into the log."""
     facts = typed.window.facts()
     require(bool(facts.get("window")), "facts() does not say which window it is, under 'window'")
     require(all(isinstance(fact, str) for fact in facts.values()), f"facts() holds a value that is not text: {facts}")

@@ -67,7 +67,7 @@ def _look_at(export: ExportResult, out: Path, episodes: int, steps: int) -> None
 
 
 def _files(folder: Path) -> dict[str, str]:
-    """Every file but the caches, with its hash."""
+    """Hash every file but the caches."""
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.rglob("*"))

@@ -65,7 +65,7 @@ def check_learner(make: "str | Callable[[str], Learner]", settings: str = "", da
 
 
 def build_teaching_dataset() -> "Dataset":
-    """Demonstrations, a takeover, ratings and comparisons in a small grid, from its planner."""
+    """Build demonstrations, a takeover, ratings and comparisons in a small grid, from its planner."""
     from minihuman.learn.policy.observation import ObservationEncoder
     from minihuman.learn.teaching.dataset import Comparison, Dataset, LessonFragment, LessonRating
 
@@ -86,7 +86,7 @@ def build_teaching_dataset() -> "Dataset":
 
 
 def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
-    """One episode: a policy turns on the spot in its first steps where the number is odd, then the planner steers."""
+    """Play an episode: where its number is odd a policy turns on the spot first, then the planner steers."""
     from minihuman.learn.teaching.dataset import NO_QUERY, Lesson
 
     world.reset(number)

@@ -137,13 +137,13 @@ def _says_what_it_is(world: World) -> None:
 
 
 def _require_inside(world: World, call: str) -> None:
-    """The observation is in its space; if it is not, name the line that makes it."""
+    """Require that the observation is in its space; the error names the line that makes it."""
     outside = find_outside(world.observation, world.observation_space)
     require(not outside, f"{world.id}: after a {call}, {outside}{_locate_observation(world, call)}")
 
 
 def _locate_observation(world: World, call: str) -> str:
-    """Where the author's code makes observations: "; Patrol.observation (patrol.py:31) makes it"."""
+    """Find where the author's code makes observations: "; Patrol.observation (patrol.py:31) makes it"."""
     env = world.env
     layers: list[Any] = [env]
     while isinstance(env, gymnasium.Wrapper):
@@ -162,7 +162,7 @@ def _locate_observation(world: World, call: str) -> str:
 
 
 def _play(world: World, seed: int, actions: list[int]) -> list[Step]:
-    """An episode's first steps; the reset comes first, as a step that earns nothing."""
+    """Play an episode's first steps; return them after the reset, which is a step that earns nothing."""
     observed = world.reset(seed)
     _require_inside(world, "reset")
     steps: list[Step] = [(0.0, False, False, observed.observation_hash, world.state_hash())]
@@ -195,7 +195,7 @@ def _plays_alike(world: World, other: World, seeds: tuple[int, int], actions: li
 
 
 def _comes_back(world: World, seed: int, actions: list[int]) -> None:
-    """Whatever an episode changes is saved and restored: what the log calls the state is the state."""
+    """Check that save and restore cover all that an episode changes: that the logged state is the whole state."""
     lasts = len(_play(world, seed, actions)) - 1
     for at in sorted({max(1, lasts * quarter // 4) for quarter in (1, 2, 3)}):
         _comes_back_from(world, seed, actions[:at], actions[at:])
@@ -260,7 +260,7 @@ def _search(world: World, seed: int, most_steps: int) -> WorldSearch:
 
 
 def _situation(world: World, observation_hash: int) -> Hashable:
-    """Where the agent is, coarsely, and what is seen there; of what is drawn, where things stand."""
+    """Return where the agent is, coarsely, and what it sees; in a drawn world, where things stand."""
     pose = world.pose()
     assert pose is not None
     place = round(2 * pose.x), round(2 * pose.z), round(4 * pose.yaw_rad / np.pi) % 8
@@ -272,7 +272,7 @@ def _situation(world: World, observation_hash: int) -> Hashable:
 
 
 def _own_attributes(world: World) -> dict[str, bytes]:
-    """The attributes that a world's own class adds to ours, as bytes."""
+    """Return the attributes that a world's own class adds to ours, as bytes."""
     env = getattr(world.unwrapped, "team", world.unwrapped)
     if not isinstance(env, NativeWorld | TeamWorld):
         return {}
@@ -293,7 +293,7 @@ def _own_attributes(world: World) -> dict[str, bytes]:
 
 
 def _is_drawn(world: World, seed: int, actions: list[int]) -> None:
-    """Drawing changes nothing, and a participant sees what the wrappers show."""
+    """Check that drawing changes nothing, and that a participant sees what the wrappers show."""
     _play(world, seed, actions[:3])
     before = world.state_hash()
     for view in ("partial", "full"):
@@ -318,7 +318,7 @@ def _is_drawn(world: World, seed: int, actions: list[int]) -> None:
 
 
 def _ends(world: World, seed: int) -> bool:
-    """A step after the end is refused and changes nothing, in worlds of ours; whether there was an end."""
+    """Check that our worlds refuse a step after the end, unchanged; return whether there was an end."""
     if not isinstance(world.unwrapped, NativeWorld):
         return False
     chance = np.random.default_rng(seed)
@@ -339,7 +339,7 @@ def _ends(world: World, seed: int) -> bool:
 
 
 def _describe_plan(world: World, seed: int) -> str:
-    """What the world offers simulated participants, which take the shortest path with their own mistakes."""
+    """Describe what the world offers simulated participants, which take the shortest path with mistakes."""
     world.reset(seed)
     try:
         path = world.shortest_path()

@@ -9,6 +9,7 @@ import re
 from collections.abc import Container, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -39,7 +40,7 @@ _TOKEN = re.compile(r"[A-Za-z0-9_-]{22}")  # 16 random bytes, as secrets.token_u
 
 
 def build_link(address: str, token: str) -> str:
-    """The link that a participant gets."""
+    """Build the link that a participant gets."""
     return f"{address}#t={token}"
 
 
@@ -68,7 +69,7 @@ class PlatformVisitor:
     signature: str = ""  # that they came through a link of the study's own
 
     def __repr__(self) -> str:
-        """Without the id, which belongs in no log and no traceback."""
+        """Leave out the id, which belongs in no log and no traceback."""
         return f"Visitor({self.platform})"
 
 
@@ -85,7 +86,7 @@ def identify_visitor(parameters: Mapping[str, str], allowed: tuple[RecruitmentPl
 
 
 def build_platform_link(platform: RecruitmentPlatform, address: str) -> str:
-    """The link to be given to a platform, which puts its ids in; behind the #, where no server writes it down."""
+    """Build the link for a platform, which puts its ids in; behind the #, where no server logs it."""
     return f"{address}{_FRAGMENTS[platform]}"
 
 
@@ -101,8 +102,11 @@ class Arrival:
     utc_offset_min: int | None = None  # of the browser's local time
 
     def __repr__(self) -> str:
-        """Without what says who they are."""
-        return f"Arrival({'token' if self.token else 'no token'}, {len(self.platform)} parameters)"
+        """Leave out what identifies them."""
+        token = "no token"
+        if self.token:
+            token = "token"
+        return f"Arrival({token}, {len(self.platform)} parameters)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +173,9 @@ class Arrivals:
             return Rejection("wait")
         except (AllocationError, LogError) as error:
             LOG.warning("a participant was refused: %s", error)
-            return Rejection("wait" if isinstance(error, RemoteStoreError) else "broken")
+            if isinstance(error, RemoteStoreError):
+                return Rejection("wait")
+            return Rejection("broken")
 
     def is_invited(self, token: str) -> bool:
         """Whether a link was issued: a guess is no invitation, also where an open study gives it a slot.
@@ -196,16 +202,19 @@ class Arrivals:
             LogError: if an earlier log is damaged, or is being written.
             OSError: if it cannot be kept where every server has it.
         """
-        leases = self.leases
-        lease = admission.lease
         return plan_next_session(
             self.protocol,
             self._data,
             participant=admission.participant,
             session=admission.session,
             utc_offset_min=admission.utc_offset_min,
-            publish=lambda log: leases.publish(lease, log) if leases is not None and lease is not None else None,
+            publish=partial(self._publish, admission.lease),
         )
+
+    def _publish(self, lease: Lease | None, log: Path) -> None:
+        """Keep a log where every server has it, if there are others."""
+        if self.leases is not None and lease is not None:
+            self.leases.publish(lease, log)
 
     def decline(self, admission: Admission, why: str) -> None:
         """Forget a visitor who left no data: the enrolment log keeps why they left, and the slot is free.
@@ -225,13 +234,19 @@ class Arrivals:
         replace_participant(self._study_dir, admission.participant, AuditNote(reason, "server"))
 
     def id_on_platform(self, participant: str) -> str:
-        """A participant's id on the platform that sent them, for the link back; "" for the others."""
+        """Return a participant's id on the platform that sent them, for the link back; "" for the others."""
         visitor = self.recruits.ids().get(participant)
-        return visitor.id if visitor else ""
+        if visitor is None:
+            return ""
+        return visitor.id
 
     def _admit(self, arrival: Arrival, visitor: PlatformVisitor | None) -> Admission | Rejection:
-        link_key = hash_link_token(arrival.token) if is_token(arrival.token) else ""
-        key = link_key or (self.recruits.hash_platform_id(visitor.platform, visitor.id) if visitor else "")
+        link_key = ""
+        if is_token(arrival.token):
+            link_key = hash_link_token(arrival.token)
+        key = link_key
+        if not key and visitor is not None:
+            key = self.recruits.hash_platform_id(visitor.platform, visitor.id)
         if not key and not self.protocol.web.open_access:
             return Rejection("unknown")
         is_invited = bool(link_key) and self.recruits.has_issued(link_key)
@@ -299,12 +314,14 @@ class Arrivals:
             participant = plan.participant.id
             if visitor is not None:
                 self.recruits.remember(PlatformId(participant, visitor.platform, visitor.id))
-            issued = [] if known else [LinkIssued(key, now_text())]  # made by the page, in an open study
+            issued = []
+            if not known:  # made by the page, in an open study
+                issued.append(LinkIssued(key, now_text()))
             file.journal.append(*issued, ParticipantArrived(key, participant, now_text()))
             return participant, plan
 
     def _next_session(self, participant: str) -> tuple[int, Lease | None] | str:
-        """The first of a participant's sessions that is not complete, leased; if all are, why the last one ended."""
+        """Find and lease a participant's first session that is not complete; if all are, return why the last ended."""
         if self.leases is None:
             with suppress(RemoteStoreError):  # it is away: what is here is what there is
                 self._sync(participant)
@@ -326,8 +343,11 @@ class Arrivals:
         lease = leases.acquire(name_session(self.protocol.study.name, participant, session))
         try:
             if not lease.grant.ended:
-                with suppress(*(() if lease.grant.copied else (RemoteStoreError,))):
+                try:
                     self._sync(participant)
+                except RemoteStoreError:
+                    if lease.grant.copied:
+                        raise
                 folder = session_folder(self._data, self.protocol.study.name, participant, session)
                 leases.restore(lease, folder)
                 if lease.grant.copied and not (folder.is_dir() and list_sessions(folder)):
@@ -343,12 +363,14 @@ class Arrivals:
         sync_logs(self._data, f"{self.protocol.study.name}/{participant}/")
 
     def _read_end(self, participant: str, session: int) -> str:
-        """Why a session ended of which nothing is left to do, by the log that is here; "" if there is anything."""
+        """Return why a session ended, by the log that is here; "" if anything of it is left to do."""
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         if not folder.is_dir() or find_leftovers(folder) or not list_sessions(folder):
             return ""
         log = read_log(folder)
-        return log.end_reason if is_session_complete(log) else ""
+        if not is_session_complete(log):
+            return ""
+        return log.end_reason
 
     def settle(self, admission: Admission) -> None:
         """Hand a session over that was not started; of one whose log turned out to be complete, say that it ended."""
@@ -367,10 +389,12 @@ class Arrivals:
             OSError: if the database or the remote store cannot be asked, or a log cannot be written.
             LogError: if a log cannot be finished.
         """
-        for part in find_leftovers(self._study_dir) if self.leases is not None else ():
+        if self.leases is None:
+            return
+        for part in find_leftovers(self._study_dir):
             with suppress(LeaseHeldError):
-                finished = self.leases and self.leases.recover(part, only_ended=True)
+                finished = self.leases.recover(part, only_ended=True)
                 if finished and finished.readable:
                     record_log_end(finished.path)
-        for log in find_unrecorded_logs(self._study_dir) if self.leases is not None else ():
+        for log in find_unrecorded_logs(self._study_dir):
             record_log_end(log)

@@ -22,7 +22,7 @@ class OutgoingStream(Generic[Message]):
 
     @property
     def n_unacknowledged(self) -> int:
-        """How many messages are not acknowledged yet."""
+        """Return how many messages are not acknowledged yet."""
         return len(self._unacknowledged)
 
     def add(self, message: Message) -> None:
@@ -44,7 +44,7 @@ class OutgoingStream(Generic[Message]):
             self._unacknowledged.popleft()
 
     def after(self, number: int) -> Iterator[tuple[int, Message]]:
-        """The kept messages behind a number."""
+        """Yield the unacknowledged messages after a number."""
         return (numbered for numbered in tuple(self._unacknowledged) if numbered[0] > number)
 
 

@@ -91,7 +91,9 @@ class PageContents:
 
     def send_scenes(self, graph: LookAheadGraph | None) -> None:
         """Send the scenes that were found ahead."""
-        update = None if graph is None else graph.take_new()
+        update = None
+        if graph is not None:
+            update = graph.take_new()
         self.send_pictures()
         if update is not None:
             self.outgoing.add(update)

@@ -76,7 +76,9 @@ class PageInputs:
         """Convert a key; a cause that does not fit, which our page never says, counts as a finger."""
         stamp_ns = min(message.stamp, at_ns)
         if not message.down:
-            release_cause: inputs.KeyReleaseCause = "focus_loss" if message.cause == "focus_loss" else "finger"
+            release_cause: inputs.KeyReleaseCause = "finger"
+            if message.cause == "focus_loss":
+                release_cause = "focus_loss"
             return inputs.KeyUp(stamp_ns, message.key, message.symbol, release_cause)
         self._remember(stamp_ns, message.key)
         cause = "finger" if message.cause == "focus_loss" else message.cause

@@ -48,7 +48,7 @@ class PageSession(abc.ABC):
     @property
     @abc.abstractmethod
     def outgoing(self) -> ServerMessages:
-        """The messages to the page; another object after a restart."""
+        """Return the messages to the page; another object after a restart."""
 
     @abc.abstractmethod
     def now_ns(self) -> int:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from minihuman.errors import MinihumanError, WorldError
 from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown, Tick
-from minihuman.experiment.machine.running_episode import WorldFailedError, catch_world_errors
+from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFailedError, catch_world_errors
 from minihuman.experiment.machine.screens import (
     BlankScreen,
     FilmsScreen,
@@ -54,12 +54,12 @@ class SceneNode:
 
     @property
     def name(self) -> int:
-        """What the page calls it: the same in every graph."""
+        """Return the page's name of the scene: the same in every graph."""
         return name_scene(self.hash)
 
 
 def name_scene(scene_hash: int) -> int:
-    """What the page calls a scene."""
+    """Return the page's name of a scene."""
     return scene_hash & _NAME_BITS
 
 
@@ -108,7 +108,7 @@ class LookAheadGraph:
         self.root = self._scene(self.world)
 
     def step(self, action: int, actual: World) -> SceneNode:
-        """The session made a step: go where it went.
+        """Follow a step of the session.
 
         Args:
             action: what it did.
@@ -124,7 +124,7 @@ class LookAheadGraph:
         return self.root
 
     def move_to(self, actual: World) -> None:
-        """Be where the session is, by its own world."""
+        """Move to where the session is, by its own world."""
         self.root = self._scene(actual)
 
     def grow(self) -> bool:
@@ -154,11 +154,11 @@ class LookAheadGraph:
 
     @property
     def picture_hash(self) -> int:
-        """The hash of the picture that the page shows where the session is; 0 where none was taken."""
+        """Return the hash of the picture that the page shows where the session is; 0 where none was taken."""
         return self._picture_hashes.get(self.root.name, 0)
 
     def take_new(self) -> LookAheadUpdate | None:
-        """What the page does not know yet."""
+        """Take what the page does not know yet."""
         nodes = self._new_nodes
         edges = self._new_edges
         self._new_nodes = []
@@ -168,7 +168,7 @@ class LookAheadGraph:
         return None
 
     def _scene(self, world: World, *, closed: bool = False) -> SceneNode:
-        """The scene that a world is in."""
+        """Find the scene that a world is in; add it if it is new."""
         scene_hash = world.scene_hash()
         known = self._scenes.get(scene_hash)
         if known is not None and (closed or not known.closed):
@@ -182,7 +182,8 @@ class LookAheadGraph:
         else:
             pixels = np.ascontiguousarray(world.frame(*look))
             picture = cache.number(pixels)
-            picture_hash = 0 if world.is_built_in else hash_picture(pixels)
+            if not world.is_built_in:
+                picture_hash = hash_picture(pixels)
         saved = None
         if not closed and not self.blind:
             try:
@@ -233,7 +234,7 @@ class ScreenPrefetcher:
         self._new_edges: list[tuple[int, str, int]] = []
 
     def start_from(self, session: SessionMachine, name: int) -> None:
-        """The session shows another screen."""
+        """Start from another screen of the session."""
         self._to_do.clear()
         self._left = _MOST_TRIES
         self._looked_from = set()
@@ -242,7 +243,9 @@ class ScreenPrefetcher:
 
     def grow(self, rtt_ns: int) -> bool:
         """Try one input; False where there is none that is worth it."""
-        deepest = 1 if rtt_ns < NEAR_RTT_NS else 3
+        deepest = 3
+        if rtt_ns < NEAR_RTT_NS:
+            deepest = 1
         while self._to_do and self._left:
             copied, input_name = self._to_do.popleft()
             if copied.depth < deepest:
@@ -252,12 +255,14 @@ class ScreenPrefetcher:
         return False
 
     def take_new(self) -> ScreenPrefetch | None:
-        """What the page does not know yet."""
+        """Take what the page does not know yet."""
         screens = self._new_screens
         edges = self._new_edges
         self._new_screens = []
         self._new_edges = []
-        return ScreenPrefetch(screens, edges) if edges else None
+        if not edges:
+            return None
+        return ScreenPrefetch(screens, edges)
 
     def _look_at(self, copied: _CopiedScreen) -> None:
         if copied.name not in self._looked_from:
@@ -280,17 +285,23 @@ class ScreenPrefetcher:
         playing = tried.play
         if name not in self._screens:
             due_ns = tried.next_tick_ns
-            after_ns = None if due_ns is None else max(0, due_ns - at_ns)
-            episode, scene = (
-                (-1, -1) if playing is None else (playing.plan.episode, name_scene(playing.world.scene_hash()))
-            )
+            after_ns = None
+            if due_ns is not None:
+                after_ns = max(0, due_ns - at_ns)
             self._screens.add(name)
-            self._new_screens.append(PrefetchedScreen(name, values, after_ns, episode, scene))
+            self._new_screens.append(PrefetchedScreen(name, values, after_ns, *_locate_beginning(playing)))
         if self._edges.get((copied.name, input_name)) != name:
             self._edges[copied.name, input_name] = name
             self._new_edges.append((copied.name, input_name, name))
         if playing is None:
             self._look_at(_CopiedScreen(name, tried, copied.depth + 1))
+
+
+def _locate_beginning(play: RunningEpisode | None) -> tuple[int, int]:
+    """Return the episode that begins with a screen, and the scene that it begins in; -1 where none does."""
+    if play is None:
+        return -1, -1
+    return play.plan.episode, name_scene(play.world.scene_hash())
 
 
 def describe_screen(session: SessionMachine, number: NumberPicture, known: int = 0) -> tuple[dict[str, Any], int]:
@@ -304,11 +315,15 @@ def describe_screen(session: SessionMachine, number: NumberPicture, known: int =
     screen = session.screen
     if isinstance(screen, FilmsScreen):
         name = _name(screen.identity, session)
-        return ({} if name == known else convert_screen(screen, number)), name
+        if name == known:
+            return {}, name
+        return convert_screen(screen, number), name
     values = convert_screen(screen, number)
     if isinstance(screen, PlayScreen) and session.play is None:
         values["picture"] = number(screen.picture)
-    left_out = ("picture", *_MOVING) if advances_by_itself(session) else ("picture",)
+    left_out = {"picture"}
+    if advances_by_itself(session):
+        left_out.update(_MOVING)
     looks = {key: value for key, value in values.items() if key not in left_out}
     return values, _name(looks, session)
 
@@ -325,7 +340,7 @@ def advances_by_itself(session: SessionMachine) -> bool:
 
 
 def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
-    """What somebody may well do next, the likeliest first, as the page says it: "key:enter", "point:go_on", "tick"."""
+    """List likely next inputs, the likeliest first, as the page names them: "key:enter", "point:go_on", "tick"."""
     screen: Screen = session.screen
     if session.next_tick_ns is not None:
         yield _TICK
@@ -350,13 +365,20 @@ def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
 
 def _answers(item: object) -> Iterator[str]:
     match item:
-        case OptionList(options=options) | RatingScale(points=options):
-            for number in range(min(9, len(options))):
-                yield f"key:{number + 1}"
-                yield f"point:option:{number}"
-            yield from ("key:down", "key:up") if isinstance(item, OptionList) else ("key:right", "key:left")
+        case OptionList(options=options):
+            yield from _choices(len(options))
+            yield from ("key:down", "key:up")
+        case RatingScale(points=points):
+            yield from _choices(len(points))
+            yield from ("key:right", "key:left")
         case ShapeCanvas(shapes=shapes):
             yield from (f"point:{shape.target}" for shape in shapes if shape.target)
+
+
+def _choices(count: int) -> Iterator[str]:
+    for number in range(min(9, count)):
+        yield f"key:{number + 1}"
+        yield f"point:option:{number}"
 
 
 def _mark_shown(session: SessionMachine) -> tuple[int, int]:
@@ -396,7 +418,8 @@ class FilmPrefetcher:
         self._films = ()
         step = 0
         if isinstance(screen, FilmsScreen):
-            self._films, step = screen.films, screen.shown_step
+            self._films = screen.films
+            step = screen.shown_step
         places = [
             ((copied - min(step, len(film) - 1)) % len(film), side, copied)
             for side, film in enumerate(self._films)

@@ -56,7 +56,7 @@ def _locale(screen: screens.Screen) -> ScreenLocale:
 
 
 def _activity(screen: screens.ActivityScreen, number: NumberPicture) -> dict[str, Any]:
-    """A kind's own screen; as a page with a picture where the kind says nothing of the page."""
+    """Convert a kind's own screen; to a page with a picture where the kind has no view for pages."""
     view = screen.page_view
     if view is None:
         return dict(_picture(screen, number))
@@ -130,7 +130,10 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> PlayValues:
 def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
     """Number the picture of a film that is seen; the others, which are drawn later, are `PENDING_PICTURE`."""
     current = min(step, len(pictures) - 1)
-    return [number(pictures[index]) if index == current else PENDING_PICTURE for index in range(len(pictures))]
+    numbers = [PENDING_PICTURE] * len(pictures)
+    if pictures:
+        numbers[current] = number(pictures[current])
+    return numbers
 
 
 def _page(screen: screens.PageScreen, number: NumberPicture) -> PageValues:
@@ -200,7 +203,7 @@ class _SharedImages:
         self._bytes = 0
 
     def of(self, digest: bytes, encoding: ImageEncoding, picture: NDArray[np.uint8]) -> tuple[int, bytes]:
-        """A picture's packing and its bytes."""
+        """Pack a picture, or find it packed; return its encoding and its bytes."""
         known = self._packed.get((digest, encoding))
         if known is not None:
             self._packed.move_to_end((digest, encoding))
@@ -230,16 +233,19 @@ class ImageCache:
         self._tiles: dict[Hashable, int] = {}  # numbers of tiles, by key
 
     def number(self, picture: NDArray[np.uint8], *, is_tile: bool = False) -> int:
-        """A picture's number, uint8[H, W, 3]; a new one is to be sent before it is named. Tiles are packed exactly."""
+        """Number a picture, uint8[H, W, 3]; send a new one before it is named. Tiles are packed exactly."""
         raw = np.ascontiguousarray(picture)
         digest = xxhash.xxh3_128_digest(raw.data) + bytes(str(picture.shape), "ascii")
         if digest not in self._numbers:
-            packing, packed = _SHARED.of(digest, "lossless" if is_tile else self._encoding, raw)
+            encoding = self._encoding
+            if is_tile:
+                encoding = "lossless"
+            packing, packed = _SHARED.of(digest, encoding, raw)
             self._add(digest, packing, raw.shape[1], raw.shape[0], packed)
         return self._numbers[digest]
 
     def number_tiles(self, tiles: PictureTiles) -> int:
-        """The number of a picture of tiles, which have numbers of their own: only those that are new are packed."""
+        """Number a picture of tiles, which have numbers of their own: only new ones are packed."""
         new = dict.fromkeys(key for key in tiles.keys if key not in self._tiles)
         self._tiles |= {key: self.number(tiles.draw(*key), is_tile=True) for key in new}
         data = np.array([self._tiles[key] for key in tiles.keys], "<u4").tobytes()
@@ -255,12 +261,12 @@ class ImageCache:
         self.next += 1
 
     def forget(self) -> None:
-        """The page lets go of what it has: a picture that comes again is a new one."""
+        """Forget all pictures, as the page does: one that comes again is new."""
         self._numbers.clear()
         self._tiles.clear()
 
     def take_new(self) -> list[PictureMessage]:
-        """What is to be sent."""
+        """Take the pictures that are to be sent."""
         new = self._new
         self._new = []
         return new

@@ -51,7 +51,9 @@ class SessionHost:
         unwritten: Sequence[Event] = (),
     ) -> None:
         self.session = session
-        self._mark_ns = logged[-1].t_ns if logged else 0  # what is not later is in the log, or never will be
+        self._mark_ns = 0  # what is not later is in the log, or never will be
+        if logged:
+            self._mark_ns = logged[-1].t_ns
         self.last_at_ns = self._mark_ns
         self.outbox = Outbox(session, make_world, settings, logged)
         self.link = PageClock()
@@ -76,7 +78,7 @@ class SessionHost:
 
     @property
     def outgoing(self) -> OutgoingStream[messages.ServerMessage | messages.PictureMessage]:
-        """The messages to the page; another object after a restart."""
+        """Return the messages to the page; another object after a restart."""
         return self.outbox.outgoing
 
     @property
@@ -221,7 +223,7 @@ class SessionHost:
 
     def poll(self) -> bool:
         """See whether others, or what takes long, have an answer; True if there is something to tell the page."""
-        request = None if self.session.over else self.session.request
+        request = self._request
         if request is not None and request.awaits_others:
             count = self._writer.count
             self._answer()
@@ -237,9 +239,16 @@ class SessionHost:
         return True
 
     @property
+    def _request(self) -> ActivityRequest | None:
+        """Return what a part of the session wants from outside."""
+        if self.session.over:
+            return None
+        return self.session.request
+
+    @property
     def _long_request(self) -> ActivityRequest | None:
-        """The request whose answer takes long, where it can be taken now; while an episode is played it has to wait."""
-        request = None if self.session.over else self.session.request
+        """Return the request whose answer takes long, where it can be taken now; during an episode it has to wait."""
+        request = self._request
         if request is not None and request.takes_long:
             return request
         return None
@@ -259,7 +268,8 @@ class SessionHost:
         match message:
             case messages.RoundTripMessage():
                 linked = self.link.linked(at_ns, message)
-                self.note("" if arrival_ns is None else self.link.look(linked, arrival_ns))
+                if arrival_ns is not None:
+                    self.note(self.link.look(linked, arrival_ns))
                 return [linked]
             case messages.GamepadMessage(id=name, axes=axes, buttons=buttons):
                 detail = f"{axes} axes of -1 to 1, {buttons} buttons, dead zone {PAD_DEAD_ZONE}, read once a frame"
@@ -270,7 +280,9 @@ class SessionHost:
                     return []
                 return [Noted(at_ns, BROWSER_NOTE, f"not taken: {message.text}")]
             case messages.KeyMessage(trusted=False):
-                detail = "down" if message.down else "up"
+                detail = "up"
+                if message.down:
+                    detail = "down"
                 note = Noted(
                     at_ns, BROWSER_NOTE, f"key {message.key} {detail} at {message.stamp} ns was made by a script"
                 )
@@ -297,7 +309,9 @@ class SessionHost:
         if correction is not None:
             return [correction]
         difference = steps.difference(message)
-        notes: list[Event] = [Noted(at_ns, BROWSER_NOTE, difference)] if difference else []
+        notes: list[Event] = []
+        if difference:
+            notes.append(Noted(at_ns, BROWSER_NOTE, difference))
         display = inputs.ScreenShown(at_ns, submit_ns, flip_ns, message.step)
         return [*notes, *self.session.receive(display, at_ns=at_ns, draws=self._draws)]
 

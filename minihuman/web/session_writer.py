@@ -76,7 +76,8 @@ class SessionWriter:
         Args:
             durable: how many of the recorder's writes count, if not all on the disk; -1: not even those before it.
         """
-        durable = self._recorder.durable_writes if durable is None else durable
+        if durable is None:
+            durable = self._recorder.durable_writes
         while self._pending and self._pending[0].write <= durable:
             self._settled = self._pending.popleft().number
         return self._settled

@@ -166,9 +166,9 @@ def _choice_ink(is_chosen: bool) -> theme.Colour:
     return theme.INK
 
 
-def _has_words(item: RatingScale | RatingMatrix) -> bool:
+def _has_words(scale: RatingScale | RatingMatrix) -> bool:
     """Whether every point of a scale has words; else they are numbers."""
-    return all(not point.isdecimal() for point in item.points)
+    return all(not point.isdecimal() for point in scale.points)
 
 
 def _scale(sheet: Sheet, item: RatingScale, box: tuple[float, float, float, float]) -> None:
@@ -234,14 +234,14 @@ def _matrix(sheet: Sheet, item: RatingMatrix, box: tuple[float, float, float, fl
         _matrix_points(sheet, item, row, columns, y, tall)
 
 
-def _matrix_heads(sheet: Sheet, item: RatingMatrix, columns: tuple[float, float], top: float) -> float:
+def _matrix_heads(sheet: Sheet, matrix: RatingMatrix, columns: tuple[float, float], top: float) -> float:
     """Write what the points mean above their columns; return the height of it."""
     small = sheet.min_type_px
-    if not _has_words(item):
-        _ends(sheet, item.low, item.high, columns, top)
+    if not _has_words(matrix):
+        _ends(sheet, matrix.low, matrix.high, columns, top)
         return small * 2.4
-    unit = (columns[1] - columns[0]) / len(item.points)
-    heads = [sheet.wrap(point, small, unit * 0.96) for point in item.points]
+    unit = (columns[1] - columns[0]) / len(matrix.points)
+    heads = [sheet.wrap(point, small, unit * 0.96) for point in matrix.points]
     for point, lines in enumerate(heads):
         x = columns[0] + unit * (sheet.place_from_left(point, len(heads)) + 0.5)
         for number, line in enumerate(lines):
@@ -250,16 +250,16 @@ def _matrix_heads(sheet: Sheet, item: RatingMatrix, columns: tuple[float, float]
 
 
 def _matrix_points(
-    sheet: Sheet, item: RatingMatrix, row: int, columns: tuple[float, float], y: float, tall: float
+    sheet: Sheet, matrix: RatingMatrix, row: int, columns: tuple[float, float], y: float, tall: float
 ) -> None:
     """Draw the points of one statement, and make each a spot."""
-    unit = (columns[1] - columns[0]) / len(item.points)
+    unit = (columns[1] - columns[0]) / len(matrix.points)
     reach = min(unit * 0.36, tall * 0.36)
-    has_words = _has_words(item)
-    for point, label in enumerate(item.points):
-        place = sheet.place_from_left(point, len(item.points))
+    has_words = _has_words(matrix)
+    for point, label in enumerate(matrix.points):
+        place = sheet.place_from_left(point, len(matrix.points))
         x = columns[0] + unit * (place + 0.5)
-        is_chosen = item.chosen[row] == point
+        is_chosen = matrix.chosen[row] == point
         sheet.draw.ellipse(
             (x - reach, y - reach, x + reach, y + reach),
             fill=_choice_fill(is_chosen),
@@ -269,7 +269,7 @@ def _matrix_points(
         if not has_words:
             sheet.put((x, y), label, sheet.min_type_px, _choice_ink(is_chosen), "m")
         cell = (columns[0] + unit * place, y - tall / 2, columns[0] + unit * (place + 1), y + tall / 2)
-        sheet.spots.append(Spot(f"option:{row * len(item.points) + point}", *cell))
+        sheet.spots.append(Spot(f"option:{row * len(matrix.points) + point}", *cell))
 
 
 def _ends(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: float) -> None:

@@ -137,7 +137,7 @@ class BlockingWindow(Window):
     @property
     @abc.abstractmethod
     def size_px(self) -> Size:
-        """Width and height of what is drawn."""
+        """Return width and height of what is drawn."""
 
     @abc.abstractmethod
     def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:

@@ -215,7 +215,7 @@ class PygameWindow(BlockingWindow):
 
     @property
     def size_px(self) -> Size:
-        """Width and height of what is drawn."""
+        """Return width and height of what is drawn."""
         return _surface().get_size()
 
     def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:

@@ -78,7 +78,7 @@ class PygletWindow(BlockingWindow):
 
     @property
     def size_px(self) -> Size:
-        """Width and height of what is drawn."""
+        """Return width and height of what is drawn."""
         width, height = self._window.get_framebuffer_size()
         return int(width), int(height)
 

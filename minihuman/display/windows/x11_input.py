@@ -142,7 +142,7 @@ class _Server:
             )
 
     def close(self) -> None:
-        """Hang up; a second call does nothing."""
+        """Close the connection; a second call does nothing."""
         if self._display:
             self._x.XCloseDisplay(self._display)
             self._display = ctypes.c_void_p()
@@ -179,7 +179,7 @@ class _Server:
             setattr(self._x, name, function)
 
     def _same_clock(self) -> bool:
-        """Have the server stamp something, and see whether that is our time."""
+        """Compare the server's time stamp of an event with our time."""
         window = self._x.XCreateSimpleWindow(self._display, self._root, 0, 0, 1, 1, 0, 0, 0)
         self._x.XSelectInput(self._display, window, _PROPERTY_CHANGE_MASK)
         atom = self._x.XInternAtom(self._display, b"MINIHUMAN_TIME", 0)

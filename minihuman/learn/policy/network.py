@@ -110,7 +110,7 @@ class CodeEncoder(nn.Module):
         return nn.Sequential(nn.Linear(inputs, 128), nn.ReLU(), nn.Linear(128, IMAGE_FEATURES), nn.ReLU())
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """float32[batch, 64] of spread codes in 0 to 1."""
+        """Return float32[batch, 64] of spread codes in 0 to 1."""
         features: torch.Tensor = self.layers(torch.cat([hot.flatten(1) for hot in self._hot(image)], dim=1).float())
         return features
 
@@ -132,7 +132,7 @@ class LocalCodeEncoder(CodeEncoder):
         return nn.Sequential(*_padded_convolutions(sum(CODES), n_flat, first_stride=1))
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """float32[batch, 64] of spread codes in 0 to 1."""
+        """Return float32[batch, 64] of spread codes in 0 to 1."""
         features: torch.Tensor = self.layers(torch.cat(self._hot(image), dim=3).float().permute(0, 3, 1, 2))
         return features
 
@@ -277,7 +277,7 @@ class Policy(MultiInputActorCriticPolicy):
 
 
 def get_policy_settings(eyes: EncoderName) -> dict[str, object]:
-    """Keyword arguments for Stable-Baselines3: two layers of 64 tanh units each for actor and critic."""
+    """Return keyword arguments for Stable-Baselines3: two layers of 64 tanh units each for actor and critic."""
     return {
         "features_extractor_class": MissionImageExtractor,
         "features_extractor_kwargs": {"eyes": eyes},

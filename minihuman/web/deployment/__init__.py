@@ -89,4 +89,7 @@ def write_deployment(protocol: Protocol, out: Path, deployment: Deployment) -> l
     if deployment.postgres and not secret.exists():
         secret.touch(mode=stat.S_IRUSR | stat.S_IWUSR)
         secret.write_text(f"POSTGRES_PASSWORD={secrets.token_urlsafe(24)}\n", encoding="ascii", newline="\n")
-    return [out / name for name in contents] + ([secret] if deployment.postgres else [])
+    paths = [out / name for name in contents]
+    if deployment.postgres:
+        paths.append(secret)
+    return paths

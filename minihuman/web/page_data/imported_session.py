@@ -64,10 +64,11 @@ def write_session(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
         taken_slots = [line for line in register.lines if isinstance(line, SlotTaken)]
         _require_imported(taken_slots, study)
         before = next((line for line in taken_slots if line.reason == _IMPORTED + digest), None)
-        index = len(taken_slots) if before is None else before.index
-        plan = _plan_session(episodes, study.name, index)
         if before is None:
+            plan = _plan_session(episodes, study.name, len(taken_slots))
             register.append(_take_slot(plan, digest))
+        else:
+            plan = _plan_session(episodes, study.name, before.index)
     if SegmentPath.of_plan(study.parent, plan).log.exists():
         return None
     return _record(episodes, plan, study.parent, digest)
@@ -155,11 +156,11 @@ class RecordedKeys(Window):
         return [KeyDown(self._clock(), "enter", "enter"), KeyUp(self._clock(), "enter", "enter")]
 
     def facts(self) -> dict[str, str]:
-        """What it is."""
+        """Return that a page is the window."""
         return {"window": "page"}
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing: there is nothing to give back."""
 
 
 def _list_inputs(episode: PageEpisode, shown_ns: int) -> Iterator[Input]:
@@ -202,7 +203,9 @@ def write_protocol(episodes: Sequence[PageEpisode], study: str, participants: in
 
 
 def _describe_condition(episode: PageEpisode) -> tuple[Any, ...]:
-    limit_ms = episode.time_limit_ms if episode.end == "time_limit" else 0.0
+    limit_ms = 0.0
+    if episode.end == "time_limit":
+        limit_ms = episode.time_limit_ms
     return episode.world, episode.options, episode.view, episode.key_map, limit_ms
 
 

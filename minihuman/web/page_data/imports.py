@@ -39,7 +39,7 @@ class ImportedFile:
 
     @property
     def text(self) -> str:
-        """The same in a sentence."""
+        """Say in a sentence what became of the file."""
         if self.error is not None:
             return str(self.error)
         if self.log is None:

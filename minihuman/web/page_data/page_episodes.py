@@ -76,17 +76,17 @@ class PageEpisode(msgspec.Struct, frozen=True):
 
     @property
     def step_digests(self) -> list[str]:
-        """The digest of each step."""
+        """Return the digest of each step."""
         return [self.digests[at : at + _DIGEST_LENGTH] for at in range(0, len(self.digests), _DIGEST_LENGTH)]
 
     @property
     def name(self) -> str:
-        """What an error calls it."""
+        """Return the name of the episode in errors."""
         return f"{self.world} seed {self.seed}"
 
     @property
     def physical_keys(self) -> dict[str, str]:
-        """Our name of each key of the map."""
+        """Return our name of each key of the map."""
         return {key: name_key(key) for key in self.key_map}
 
 

@@ -13,10 +13,11 @@ import sys
 import tempfile
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 from urllib.parse import parse_qsl, urlencode
@@ -66,29 +67,31 @@ class StudyEntry:
     problem: str = ""  # why its protocol cannot be read
 
     def sessions(self) -> list[SessionRow]:
-        """Its recorded sessions."""
+        """Read its recorded sessions."""
         if self.folder.is_dir():
             return list(read_session_index(self.folder))
         return []
 
     def due(self) -> tuple[DueSession, ...]:
-        """Who is expected for a further session, or for the rest of one."""
+        """List who is expected for a further session, or for the rest of one."""
         if self.folder.is_dir():
             return list_due_sessions(self.folder)
         return ()
 
     def running(self) -> set[str]:
-        """The participants whose sessions are being recorded now."""
-        parts = self.folder.rglob(f"*{PART_SUFFIX}") if self.folder.is_dir() else ()
+        """Find the participants whose sessions are being recorded now."""
+        if not self.folder.is_dir():
+            return set()
+        parts = self.folder.rglob(f"*{PART_SUFFIX}")
         return {part.name.partition("_")[0] for part in parts if is_being_recorded(part)}
 
     def counts(self) -> Mapping[str, int]:
-        """Its sessions by how far they are."""
+        """Count its sessions by how far they are."""
         running = self.running()
         return Counter(_state(row, running) for row in self.sessions())
 
     def command(self, action: str, form: Mapping[str, str]) -> list[str]:
-        """The words of the command that a button stands for.
+        """Return the words of the command that a button stands for.
 
         Raises:
             KeyError: if there is no such button.
@@ -98,7 +101,9 @@ class StudyEntry:
         data = f"--data={self.folder.parent}"
         reason = f"--reason={form.get('reason', '')}"
         code = form.get("participant", "")
-        window = "--windowed" if form.get("windowed") else "--fullscreen"
+        window = "--fullscreen"
+        if form.get("windowed"):
+            window = "--windowed"
         session = ["run", protocol, data, window, f"--participant={code}", f"--session={form.get('session', 1)}"]
         words = {
             "next": ["run", protocol, data, window, "--next-slot"],
@@ -144,7 +149,8 @@ def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
         except (OSError, ValueError) as error:
             problem = f"{path.name} cannot be read: {error}"
         if not isinstance(name, str) or not _NAME.fullmatch(name):
-            name, problem = path.stem, problem or f"study.name is {name!r}; use a-z, 0-9, - and _"
+            problem = problem or f"study.name is {name!r}; use a-z, 0-9, - and _"
+            name = path.stem
         studies.append(StudyEntry(key, name, data / name, path, problem))
     known = {study.name for study in studies}
     folders = sorted(path.parent for path in data.glob(f"*/{ENROLMENT_FILE_NAME}") if path.parent.name not in known)
@@ -155,7 +161,9 @@ class CommandProcess:
     """A command of minihuman as a process, which outlives this one if it records a session."""
 
     def __init__(self, words: list[str], study: StudyEntry | None, output: Path) -> None:
-        self.words, self.study, self.started_at = words, study, datetime.now()
+        self.words = words
+        self.study = study
+        self.started_at = datetime.now()
         self._output = output
         with output.open("ab") as file:
             self._process = subprocess.Popen(
@@ -169,28 +177,28 @@ class CommandProcess:
 
     @property
     def line(self) -> str:
-        """As one would type it."""
+        """Return the command as it would be typed."""
         return shlex.join(["minihuman", *self.words])
 
     @property
     def verdict(self) -> str:
-        """How it went, in a word."""
+        """Return how it went, in a word."""
         return _VERDICTS.get(self._process.poll(), "ended")
 
     def output(self) -> str:
-        """The end of what it printed."""
+        """Return the end of what it printed."""
         with self._output.open("rb") as file:
             file.seek(max(0, self._output.stat().st_size - _SHOWN_BYTES))
             return file.read().decode(errors="replace")
 
     def links(self) -> list[str]:
-        """The addresses that it printed."""
+        """Return the addresses that it printed."""
         if self.words[0] in ("watch", "serve"):
             return _LINK.findall(self.output())
         return []
 
     def last_line(self) -> str:
-        """What it printed last."""
+        """Return the line that it printed last."""
         return next(reversed(self.output().split("\n")[:-1]), "")
 
     def stop(self) -> None:
@@ -226,7 +234,7 @@ class StartPage:
 
     @property
     def path(self) -> str:
-        """The secret part of its address."""
+        """Return the secret part of its address."""
         return f"/{self._token}/"
 
     @property
@@ -234,7 +242,7 @@ class StartPage:
         return f"/{self._report_token}"
 
     def app(self) -> Starlette:
-        """The application: it answers below its path, to this machine's name only."""
+        """Build the application, which answers below its path, to this machine's name only."""
         pages = Router(
             [
                 Route("/", self._home),
@@ -280,7 +288,9 @@ class StartPage:
         study = self._find(request.query_params.get("key", ""))
         sessions, problem = self._attempt(study.sessions)
         due, undecided = self._attempt(study.due)
-        problems, _ = self._attempt(lambda: list_problems(study.folder) if sessions else ())
+        problems: Sequence[str] | None = ()
+        if sessions:
+            problems, _ = self._attempt(partial(list_problems, study.folder))
         report = self._data.parent / REPORTS_FOLDER / study.name / "report.html"
         return self._page(
             "study",
@@ -301,15 +311,14 @@ class StartPage:
     async def _start(self, request: Request) -> Response:
         _require_own_form(request)
         form = dict(parse_qsl((await request.body()).decode(errors="replace")))
-        study = self._find(form["study"]) if form.get("study") else None
-        try:
-            words = ["doctor", "--windowed", f"--data={self._data}"]
-            if study is None:
-                words = words
-            else:
+        study = None
+        words = ["doctor", "--windowed", f"--data={self._data}"]
+        if form.get("study"):
+            study = self._find(form["study"])
+            try:
                 words = study.command(form.get("action", ""), form)
-        except KeyError:
-            raise HTTPException(400, "there is no such button") from None
+            except KeyError:
+                raise HTTPException(400, "there is no such button") from None
         number = len(self._processes)
         self._processes.append(CommandProcess(words, study, self._temporary / f"{number}.txt"))
         return RedirectResponse(f"{self.path}process/{number}", 303)
@@ -335,7 +344,7 @@ class StartPage:
 
     @staticmethod
     def _attempt(read: Callable[[], T]) -> tuple[T | None, str]:
-        """What can be read, or None and why it cannot."""
+        """Read something; return it, or None and why it cannot be read."""
         try:
             return read(), ""
         except (MinihumanError, OSError) as error:

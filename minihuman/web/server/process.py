@@ -110,18 +110,18 @@ def run_server(
     except RemoteStoreError as error:  # people can take part all the same; `gather` asks again
         say(str(error))
     table = open_lease_table(data / protocol.study.name)
-    arrival_key = read_arrival_key() if protocol.web.require_signed_arrival else b""
-    arrivals = Arrivals(protocol, data, None if table is None else SessionLeases(table), arrival_key=arrival_key)
+    arrival_key = b""
+    if protocol.web.require_signed_arrival:
+        arrival_key = read_arrival_key()
+    leases = None
+    if table is not None:
+        leases = SessionLeases(table)
+    arrivals = Arrivals(protocol, data, leases, arrival_key=arrival_key)
     if address:
         address = f"{address.rstrip('/')}/"
     else:
         address = f"http://{HOST}:{listening_socket.getsockname()[1]}/"
-    for token in arrivals.recruits.issue(links):
-        say(build_link(address, token))
-    if not links:
-        say(address)
-    for platform in protocol.web.recruitment_platforms:
-        say(f"for {platform}: {build_platform_link(platform, address)}")
+    _say_links(arrivals, links, address, say)
     server = WebServer(arrivals, data, worlds=worlds)
     config = uvicorn.Config(
         server.app(),
@@ -138,6 +138,16 @@ def run_server(
         uvicorn.Server(config).run(sockets=[listening_socket])
 
 
+def _say_links(arrivals: Arrivals, count: int, address: str, say: Callable[[str], None]) -> None:
+    """Issue links and say them, or the address where there are none, and each platform's link."""
+    for token in arrivals.recruits.issue(count):
+        say(build_link(address, token))
+    if not count:
+        say(address)
+    for platform in arrivals.protocol.web.recruitment_platforms:
+        say(f"for {platform}: {build_platform_link(platform, address)}")
+
+
 _PATIENCE_S = 30.0  # so long a worker may take to bring its logs to the disk
 _AGAIN_S = 1.0  # before one that died is started again
 
@@ -152,7 +162,7 @@ def list_process_commands(
     host: str = HOST,
     options: Sequence[str] = (),
 ) -> Iterator[tuple[str, ...]]:
-    """The words of each process beside the first worker; each worker has a port of its own, one after the other.
+    """Yield the words of each process beside the first worker; each worker has a port of its own, consecutively.
 
     ``options`` are other options of each worker.
     """
@@ -179,7 +189,7 @@ def list_process_commands(
 
 
 def list_limit_options(limits: WorldLimits) -> tuple[str, ...]:
-    """The options of `minihuman serve` that set the limits of worlds in processes of their own."""
+    """Return the options of `minihuman serve` that set the limits of worlds in processes of their own."""
     times = ("--world-step-timeout", f"{limits.step_s:g}", "--world-start-timeout", f"{limits.construction_s:g}")
     return (*times, "--world-memory", str(limits.memory_mib))
 
