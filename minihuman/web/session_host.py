@@ -151,12 +151,7 @@ class SessionHost:
         play = self.session.play
         computes = self.outbox.is_computed
         self._draws = play is None  # else when the page is told where the session is, if it is
-        events = self._find_events(message, at_ns, arrival_ns)
-        if difference := self.outbox.compare(message, events):
-            events = [Noted(at_ns, BROWSER_NOTE, difference), *events]
-        if self._notes:
-            events = [*(Noted(at_ns, BROWSER_NOTE, note) for note in self._notes), *events]
-            self._notes.clear()
+        events = self._add_notes(message, at_ns, self._find_events(message, at_ns, arrival_ns))
         waits = more and play is not None and self.session.play is play and (computes or not leads)
         if waits:
             self._writer.write_later(events)
@@ -170,6 +165,14 @@ class SessionHost:
         is_step = any(isinstance(event, Stepped) for event in events)
         self.has_stepped |= is_step
         return is_step
+
+    def _add_notes(self, message: messages.PageMessage, at_ns: int, events: list[Event]) -> list[Event]:
+        """Put notes of the page before a message's events, and how its step differed from the session's."""
+        notes = self._notes
+        self._notes = []
+        if difference := self.outbox.compare(message, events):
+            notes.append(difference)
+        return [*(Noted(at_ns, BROWSER_NOTE, note) for note in notes), *events]
 
     def _advance(self, number: int, at_ns: int, message: messages.PageMessage, arrival_ns: int | None) -> None:
         """Let the session's time be a message's."""

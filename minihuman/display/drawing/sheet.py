@@ -299,6 +299,13 @@ def arrange_keycaps(keys: Sequence[str]) -> tuple[list[Keycap], float, float]:
     return caps, width, float(len(rows) + bool(strangers))
 
 
+def _fit_type(words: str, faces: TypefaceSet, size_px: int, least_px: int, wide: float) -> int:
+    """Return the largest type, up to ``size_px``, in which words are no wider than ``wide``; ``least_px`` if none is."""
+    while size_px > least_px and measure_width_px(words, faces, size_px) > wide:
+        size_px -= 1
+    return size_px
+
+
 def draw_keycap(
     draw: ImageDraw.ImageDraw,
     words: str,
@@ -325,16 +332,13 @@ def draw_keycap(
     draw.rounded_rectangle(box, radius=height * 0.16, fill=fill, outline=outline, width=max(1, round(height / 28)))
     bold = select_typefaces(language, bold=True)
     plain = select_typefaces(language)
-    size_px = max(least_px, round(height * 0.48))
-    while size_px > least_px and measure_width_px(words, bold, size_px) > (right - left) * 0.8:
-        size_px -= 1
+    size_px = _fit_type(words, bold, max(least_px, round(height * 0.48)), least_px, (right - left) * 0.8)
     middle = (left + right) / 2
     baseline = top + height * 0.5
     if above:
         baseline = top + height * 0.6
         small_px = max(least_px, min(round(height * 0.2), round((right - left) * 0.2)))
-        while small_px > least_px and measure_width_px(above, plain, small_px) > (right - left) * 0.9:
-            small_px -= 1
+        small_px = _fit_type(above, plain, small_px, least_px, (right - left) * 0.9)
         draw_line(draw, (middle, top + height * 0.22), above, faces=plain, size_px=small_px, colour=ink, anchor="m")
     draw_line(draw, (middle, baseline), words, faces=bold, size_px=size_px, colour=ink, anchor="m")
     if pressed:

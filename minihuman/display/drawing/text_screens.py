@@ -171,28 +171,38 @@ def _picture(
     else:
         resampling = Image.Resampling.LANCZOS
     sheet.page.paste(Image.fromarray(picture).resize(size, resampling), (round(x0), round(y0)))
-    type_px = round(sheet.high / 36)
-    reach = sheet.high * 0.02
     for mark in sorted(marks, key=lambda mark: mark.y):
-        x = x0 + mark.x * size[0]
-        y = y0 + mark.y * size[1]
-        if mark.x >= 0.5:
-            end = x0 + size[0] + reach
-            room = right - end - reach * 0.4
-            label_x = end + reach * 0.4
-            anchor = "l"
-        else:
-            end = x0 - reach
-            room = end - left - reach * 0.4
-            label_x = end - reach * 0.4
-            anchor = "r"
-        stroke = max(2, round(sheet.high / 360))
-        sheet.draw.line([(x, y), (end, y)], fill=theme.ACCENT, width=stroke)
-        sheet.draw.ellipse((x - stroke * 2, y - stroke * 2, x + stroke * 2, y + stroke * 2), fill=theme.ACCENT)
-        size_px = type_px
-        while size_px > sheet.min_type_px and sheet.width_px(mark.label, size_px) > room:
-            size_px -= 1
-        lines = sheet.wrap(mark.label, size_px, room)
-        for row, line in enumerate(lines):
-            place = (label_x, y + (row - (len(lines) - 1) / 2) * size_px * TIGHT_LINE_HEIGHT)
-            sheet.put(place, line, size_px, theme.ACCENT, anchor)
+        _mark(sheet, mark, (x0, y0, x0 + size[0], y0 + size[1]), size, (left, right))
+
+
+def _mark(
+    sheet: Sheet,
+    mark: PictureLabel,
+    picture_box: tuple[float, float, float, float],
+    size: tuple[int, int],
+    sides: tuple[float, float],
+) -> None:
+    """Write a picture's label beside it, with a line to what it is about."""
+    x = picture_box[0] + mark.x * size[0]
+    y = picture_box[1] + mark.y * size[1]
+    reach = sheet.high * 0.02
+    if mark.x >= 0.5:
+        end = picture_box[2] + reach
+        room = sides[1] - end - reach * 0.4
+        label_x = end + reach * 0.4
+        anchor = "l"
+    else:
+        end = picture_box[0] - reach
+        room = end - sides[0] - reach * 0.4
+        label_x = end - reach * 0.4
+        anchor = "r"
+    stroke = max(2, round(sheet.high / 360))
+    sheet.draw.line([(x, y), (end, y)], fill=theme.ACCENT, width=stroke)
+    sheet.draw.ellipse((x - stroke * 2, y - stroke * 2, x + stroke * 2, y + stroke * 2), fill=theme.ACCENT)
+    size_px = round(sheet.high / 36)
+    while size_px > sheet.min_type_px and sheet.width_px(mark.label, size_px) > room:
+        size_px -= 1
+    lines = sheet.wrap(mark.label, size_px, room)
+    for row, line in enumerate(lines):
+        place = (label_x, y + (row - (len(lines) - 1) / 2) * size_px * TIGHT_LINE_HEIGHT)
+        sheet.put(place, line, size_px, theme.ACCENT, anchor)

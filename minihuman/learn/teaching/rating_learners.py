@@ -7,6 +7,7 @@ step whose outcome was seen `d` ms before. The delay can be found from the press
 up to a whole number of steps, and of these the right one explains best how steps were rated.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
@@ -17,7 +18,7 @@ from torch import nn
 
 from minihuman.errors import LearnError
 from minihuman.learn.policy.network import Policy
-from minihuman.learn.teaching.dataset import Dataset
+from minihuman.learn.teaching.dataset import Dataset, Lesson
 from minihuman.learn.teaching.learner import (
     LabelledSteps,
     Learner,
@@ -65,20 +66,11 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
     lessons = [lesson for lesson in dataset.lessons if len(lesson.actions)]
     if not lessons:
         raise LearnError(f"none of the {len(dataset.lessons)} lessons has a step; play an episode first")
-    # by session: when each outcome was seen, and its row
-    first = 0
-    outcomes_by_session = dict[str, list[NDArray[np.int64]]]()
     periods = np.concatenate([np.diff(lesson.shown_ns) for lesson in lessons])
     period_ns = 0
     if len(periods):
         period_ns = int(np.median(periods))
-    for lesson in lessons:
-        seen_ns = np.append(lesson.shown_ns[1:], lesson.shown_ns[-1] + period_ns)
-        rows = np.arange(first, first + len(lesson.actions))
-        outcomes_by_session.setdefault(_session(lesson.name), []).append(np.stack((seen_ns, rows)))
-        first += len(lesson.actions)
-    joined = {name: np.concatenate(parts, axis=1) for name, parts in outcomes_by_session.items()}
-    sessions = {name: outcomes[:, np.argsort(outcomes[0], kind="stable")] for name, outcomes in joined.items()}
+    sessions = _order_outcomes(lessons, period_ns)
     nothing = np.zeros((2, 0), np.int64)
     candidates = max(1, int(np.ceil(LONGEST_MS * 1e6 / max(1, period_ns)))) + 1
     steps = np.full((len(dataset.ratings), candidates), -1)
@@ -100,6 +92,19 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
         )
     values = np.array([rating.value for rating in dataset.ratings])
     return Presses(values[fits], steps[fits], after[fits], period_ns / 1e6), collect_steps(lessons)
+
+
+def _order_outcomes(lessons: Sequence[Lesson], period_ns: int) -> dict[str, NDArray[np.int64]]:
+    """Return, by session, when each step's outcome was seen and the step's row, int64[2, steps], in order of time."""
+    first = 0
+    outcomes_by_session = dict[str, list[NDArray[np.int64]]]()
+    for lesson in lessons:
+        seen_ns = np.append(lesson.shown_ns[1:], lesson.shown_ns[-1] + period_ns)
+        rows = np.arange(first, first + len(lesson.actions))
+        outcomes_by_session.setdefault(_session(lesson.name), []).append(np.stack((seen_ns, rows)))
+        first += len(lesson.actions)
+    joined = {name: np.concatenate(parts, axis=1) for name, parts in outcomes_by_session.items()}
+    return {name: outcomes[:, np.argsort(outcomes[0], kind="stable")] for name, outcomes in joined.items()}
 
 
 def _session(lesson: str) -> str:
