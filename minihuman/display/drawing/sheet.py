@@ -300,7 +300,7 @@ def arrange_keycaps(keys: Sequence[str]) -> tuple[list[Keycap], float, float]:
 
 
 def _fit_type(words: str, faces: TypefaceSet, size_px: int, least_px: int, wide: float) -> int:
-    """Return the largest type, up to ``size_px``, in which words are no wider than ``wide``; ``least_px`` if none is."""
+    """Return the largest type, up to ``size_px``, in which words are at most ``wide``; ``least_px`` if none is."""
     while size_px > least_px and measure_width_px(words, faces, size_px) > wide:
         size_px -= 1
     return size_px
