@@ -58,7 +58,7 @@ def find_way(start: Cell, is_goal: Callable[[Cell], bool], floor: Collection[Cel
 
 
 class CookAgent(BaseAgent):
-    """Cooks and delivers soups, alone or with whoever is there: ``cook``.
+    """Cooks and delivers soups, alone or with others: ``cook``.
 
     It does what is most urgent for what it holds: deliver, fill a plate, fill a pot, start a pot, fetch a plate, fetch
     an ingredient; what it cannot bring to its place it leaves on a counter that another can reach.

@@ -1,7 +1,7 @@
 """Shape a line of text: the glyphs of each face and where they stand, in both directions. Knows no pixels.
 
 HarfBuzz chooses and places glyphs, python-bidi finds the direction of each character. Both come with the package, and
-both are told the language, so that neither the machine's libraries nor its locale decide what a line looks like.
+both are given the language, so that neither the machine's libraries nor its locale decide what a line looks like.
 """
 
 import re

@@ -57,7 +57,7 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
             options: Keyword arguments of ``gymnasium.make``.
             seed: From which every episode's seed is drawn.
             eyesight: What the agent sees of it.
-            actions: How many actions the agent is told of; None for all.
+            actions: How many of the world's actions the agent has; None for all.
         """
         self.world = gymnasium.make(world_id, disable_env_checker=True, **options).unwrapped
         self.eyesight = eyesight

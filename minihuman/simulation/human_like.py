@@ -136,7 +136,7 @@ PARAMETER_SPREADS = {  # the standard deviation of each parameter's logarithm be
 
 @dataclass(frozen=True, slots=True)
 class ParticipantPopulation:
-    """A population: fixed parameters apply to everybody, the others vary around the median."""
+    """A population: fixed parameters apply to all people, the others vary around the median."""
 
     median: ParticipantParameters = ParticipantParameters()  # frozen
     fixed: frozenset[str] = frozenset()
@@ -242,7 +242,7 @@ class HumanLikeParticipant(SimulatedParticipant):
         return KeyPress(key, self._passed_ms)
 
     def _respond(self, stimulus: Stimulus) -> KeyPress | NoPress:
-        """Respond to a trial; people are told the keys of a trial's responses."""
+        """Respond to a trial, whose keys people know from its instructions."""
         assert self._plan is not None, "begin() comes first"
         keys = {action: key for key, action in self._plan.key_map.keys.items()}
         responses = [action for action in self._plan.actions if action in keys]

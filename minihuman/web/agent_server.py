@@ -317,7 +317,7 @@ def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
         try:
             secret, client = programs.begin(name)
         except (BadRequestError, TooManySessionsError) as error:
-            raise ToolError(str(error)) from error  # of any other exception the client is told its tool's name alone
+            raise ToolError(str(error)) from error  # of any other exception the client gets the tool's name alone
         return _show_screen(client, session=secret)
 
     @server.tool(structured_output=False)

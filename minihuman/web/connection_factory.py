@@ -153,7 +153,7 @@ class ConnectionFactory:
         """Whether a link of an open study was issued, by the experimenter or by a page that comes again."""
         try:
             return await asyncio.to_thread(self._arrivals.is_invited, token)
-        except OSError:  # the database is away: they are told where they are admitted
+        except OSError:  # the database is away, which admission reports
             return False
 
     def _is_crowded(self, network: str) -> bool:
@@ -203,7 +203,7 @@ class ConnectionFactory:
         except (MinihumanError, OSError) as error:
             await asyncio.to_thread(self._arrivals.settle, admission)
             LOG.warning("a session was not started: %s", error)
-            # no database, or a log that another server left was complete: the page comes again, and is told
+            # no database, or a log that another server left was complete: the page tries again, and gets the reason
             if isinstance(error, OSError | AllocationError):
                 return WAIT
             return self._refusals.turn_away("broken")

@@ -3,7 +3,7 @@
 from minihuman.experiment.machine.life_signs import LifeSigns
 from minihuman.experiment.plan.session_plan import SessionPlan
 
-MAX_SIGN_INTERVAL_S = 4.5  # between two pings, where nobody waits for the participant
+MAX_SIGN_INTERVAL_S = 4.5  # between two pings, where no other participant waits
 _GOING_AWAY = 1001  # a browser closes a socket with this code when its page is closed or gives way to another
 
 

@@ -192,7 +192,7 @@ _LEVEL = 1  # of ISA-L's four: a tenth of zlib's time at its first, and smaller
 _FLAT = 0.12  # of its bytes: what zlib makes smaller than this is drawn of few colours, and stays exact
 _EVERY = 8  # rows; a picture is judged by these first,
 _ROWS = 12  # or by so many of a tall one
-_SHARED_BYTES = 32 * 2**20  # of packed pictures that are kept for everybody
+_SHARED_BYTES = 32 * 2**20  # of packed pictures that are cached for all sessions
 
 
 class _SharedImages:

@@ -86,7 +86,7 @@ class KeyRepeater:
         return [KeyUp(t_ns, key, symbol)]
 
     def release_all(self, t_ns: int) -> list[KeyUp]:
-        """Release every key as the focus goes: when a finger leaves it, another window is told."""
+        """Release every key as the focus goes: the release itself goes to another window."""
         self._repeating = None
         keys = self._down
         self._down = {}

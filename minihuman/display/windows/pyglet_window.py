@@ -68,7 +68,7 @@ class PygletWindow(BlockingWindow):
             on_resize=lambda width, height: self._repaint_soon(),
         )
         if self._record is not None and self._record.is_focused:
-            self._on_focus(True)  # pyglet said so while the window opened, when nobody listened
+            self._on_focus(True)  # pyglet's event came while the window opened, before there were handlers
 
     @property
     def _window(self) -> "PygletNativeWindow":

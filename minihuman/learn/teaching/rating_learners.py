@@ -33,7 +33,7 @@ from minihuman.learn.teaching.learner import (
 LONGEST_MS = 2000.0  # that a person takes; more is about something else
 SHORTEST_MS = 100.0
 UNKNOWN_DELAY_MS = 500.0  # the middle of TAMER's own 200 to 800 ms, where presses are too few to tell
-MIN_PRESSES = 12  # presses of which a delay can be told
+MIN_PRESSES = 12  # presses from which a delay can be estimated
 MAX_PRESSES = 600  # presses that are looked at, the last ones
 RIDGE = 0.3
 

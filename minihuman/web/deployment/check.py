@@ -312,7 +312,7 @@ async def _play(
     async def restart() -> None:
         nonlocal interrupted
         while 2 * sum(bool(page.acknowledged) for page in pages) < len(pages):
-            if all(page.end for page in pages):  # there is nobody left to interrupt
+            if all(page.end for page in pages):  # no participant is left to interrupt
                 return
             await asyncio.sleep(_POLL_S)
         for number, stop in [*((number, "restarted") for number in range(len(servers))), (0, "killed")]:

@@ -234,7 +234,7 @@ def _describe_block(number: int, episodes: Sequence[PageEpisode]) -> dict[str, A
 
 
 def _list_session_keys(episodes: Sequence[PageEpisode]) -> dict[str, str]:
-    """List the actions by our names of keys, without keys that a session has for itself and nobody pressed."""
+    """List the actions by our names of keys, without reserved keys that were not pressed."""
     first = episodes[0]
     pressed = {key for episode in episodes for key in episode.keys}
     keys: dict[str, str] = {}
