@@ -334,8 +334,8 @@ def _count_gained_steps(stretch: EpisodeClip) -> int | None:
         for step, action in enumerate(stretch.actions):
             if step == stretch.first:
                 before = _count_steps_left(world)
-            came = world.step(action)
-            reached = came.terminated and came.reward > 0
+            change = world.step(action)
+            reached = change.terminated and change.reward > 0
         left: int | None = 0
         if not reached:
             left = _count_steps_left(world)

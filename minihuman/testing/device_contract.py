@@ -189,18 +189,18 @@ def a_deadline_that_has_passed_still_hands_over_what_has_arrived(typed: TypedWin
     """Type, then wait until a time that has passed, twice."""
     typed.type([("1", True), ("1", False)])
     time.sleep(0.1)  # the display server's delivery, not the window's
-    _heard([("1", True), ("1", False)], typed.window.wait(0))
-    _heard([], typed.window.wait(0))
+    _require_heard([("1", True), ("1", False)], typed.window.wait(0))
+    _require_heard([], typed.window.wait(0))
 
 
 def two_taps_within_a_frame_are_two_taps(typed: TypedWindow) -> None:
     """Press a key down, up, down, up."""
-    _typed(typed, [("3", True), ("3", False)] * 2)
+    _type_and_hear(typed, [("3", True), ("3", False)] * 2)
 
 
 def rolling_from_key_to_key_keeps_the_order(typed: TypedWindow) -> None:
     """Press the next key before the last one is up."""
-    _typed(typed, [("1", True), ("2", True), ("1", False), ("3", True), ("2", False), ("3", False)])
+    _type_and_hear(typed, [("1", True), ("2", True), ("1", False), ("3", True), ("2", False), ("3", False)])
 
 
 def of_hundreds_of_strokes_none_is_lost_or_doubled(typed: TypedWindow) -> None:
@@ -212,7 +212,7 @@ def of_hundreds_of_strokes_none_is_lost_or_doubled(typed: TypedWindow) -> None:
         key = chance.choice(sorted(DIGITS))
         strokes.append((key, key not in keys_down))
         keys_down ^= {key}
-    _typed(typed, strokes + [(key, False) for key in sorted(keys_down)])
+    _type_and_hear(typed, strokes + [(key, False) for key in sorted(keys_down)])
 
 
 def strokes_during_a_flip_are_kept(typed: TypedWindow) -> None:
@@ -220,7 +220,7 @@ def strokes_during_a_flip_are_kept(typed: TypedWindow) -> None:
     strokes = [("4", True), ("5", True), ("4", False), ("5", False)]
     typed.type(strokes)
     typed.window.show(SCREENS[0])
-    _heard(strokes, typed.hear(4))
+    _require_heard(strokes, typed.hear(4))
 
 
 def stamps_never_go_back_and_lie_between_stroke_and_receipt(typed: TypedWindow) -> None:
@@ -260,16 +260,16 @@ CHECKS: Mapping[str, Callable[[TypedWindow], None]] = MappingProxyType(
 )
 
 
-def _typed(typed: TypedWindow, strokes: KeyStrokes) -> None:
+def _type_and_hear(typed: TypedWindow, strokes: KeyStrokes) -> None:
     typed.type(strokes)
     heard = typed.hear(len(strokes))
-    _heard(strokes, [event for event in heard if not getattr(event, "repeat", False)])
+    _require_heard(strokes, [event for event in heard if not getattr(event, "repeat", False)])
 
 
-def _heard(strokes: KeyStrokes, heard: Sequence[Input]) -> None:
+def _require_heard(strokes: KeyStrokes, heard: Sequence[Input]) -> None:
     heard_strokes = list_strokes(heard)
-    require(heard_strokes == list(strokes), f"typed {_spelt(strokes)}, heard {_spelt(heard_strokes)}")
+    require(heard_strokes == list(strokes), f"typed {_spell(strokes)}, heard {_spell(heard_strokes)}")
 
 
-def _spelt(strokes: KeyStrokes) -> str:
+def _spell(strokes: KeyStrokes) -> str:
     return " ".join(f"{key}{'+' if down else '-'}" for key, down in strokes) or "nothing"

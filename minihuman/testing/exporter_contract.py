@@ -42,7 +42,7 @@ def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[s
         study = folder / "data" / protocol.study.name
         played = [episode for session in StudySessions(study, Selection()) for episode in session.episodes]
         export = write(IncludedEpisodes(StudySessions(study, Selection())), folder / "out")
-        _look_at(export, folder / "out", len(played), sum(len(episode.actions) for episode in played))
+        _check_export(export, folder / "out", len(played), sum(len(episode.actions) for episode in played))
         require(_files(folder / "data") == before, "the exporter changed what is beside the logs")
         strays = {path.name for path in folder.iterdir()} - {"data", "out"}
         require(not strays, f"the exporter wrote beside its folder: {', '.join(sorted(strays))}")
@@ -53,7 +53,7 @@ def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[s
         )
 
 
-def _look_at(export: ExportResult, out: Path, episodes: int, steps: int) -> None:
+def _check_export(export: ExportResult, out: Path, episodes: int, steps: int) -> None:
     require(isinstance(export, ExportResult), f"the exporter gave a {type(export).__name__}, not a Written")
     require(bool(export.paths), "the exporter says that it wrote no file")
     for path in export.paths:

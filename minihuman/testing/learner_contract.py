@@ -101,9 +101,9 @@ def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
         path = world.shortest_path()
         assert path
         actions.append(0 if len(actions) < n_agent else world.action_names.index(path[0]))
-        came = world.step(actions[-1])
-        rewards.append(came.reward)
-        ended = came.terminated or came.truncated
+        change = world.step(actions[-1])
+        rewards.append(change.reward)
+        ended = change.terminated or change.truncated
     n = len(actions)
     by_person = np.arange(n) >= n_agent
     return Lesson(

@@ -101,16 +101,16 @@ def check_world(
         world = World(world_id, options, trusted=True)
         actions = chance.integers(len(world.actions.numbers), size=steps).tolist()
         try:
-            _says_what_it_is(world)
-            played = _plays_alike(world, World(world_id, options, trusted=True), seeds, actions)
-            _comes_back(world, seeds[0], actions)
+            _check_description(world)
+            played = _check_determinism(world, World(world_id, options, trusted=True), seeds, actions)
+            _check_restore(world, seeds[0], actions)
             search = _search(world, seeds[0], search_steps)
-            _is_drawn(world, seeds[0], actions)
+            _check_drawing(world, seeds[0], actions)
             report = WorldReport(
                 world_id if isinstance(make, str) else getattr(make, "__qualname__", str(make)),
                 steps=played,
                 search=search,
-                refuses_after_end=_ends(world, seeds[0]),
+                refuses_after_end=_check_end(world, seeds[0]),
                 planned=_describe_plan(world, seeds[0]),
             )
         finally:
@@ -119,7 +119,7 @@ def check_world(
         return report
 
 
-def _says_what_it_is(world: World) -> None:
+def _check_description(world: World) -> None:
     names = world.action_names
     space = world.action_space
     wrong = isinstance(space, gymnasium.spaces.Discrete) and len(names) != int(space.n)
@@ -166,10 +166,10 @@ def _play(world: World, seed: int, actions: list[int]) -> list[Step]:
     observed = world.reset(seed)
     _require_inside(world, "reset")
     steps: list[Step] = [(0.0, False, False, observed.observation_hash, world.state_hash())]
-    return steps + list(_go_on(world, actions))
+    return steps + list(_step_through(world, actions))
 
 
-def _go_on(world: World, actions: list[int]) -> Iterator[Step]:
+def _step_through(world: World, actions: list[int]) -> Iterator[Step]:
     for action in actions:
         change = world.step(action)
         _require_inside(world, "step")
@@ -178,7 +178,7 @@ def _go_on(world: World, actions: list[int]) -> Iterator[Step]:
             return
 
 
-def _plays_alike(world: World, other: World, seeds: tuple[int, int], actions: list[int]) -> int:
+def _check_determinism(world: World, other: World, seeds: tuple[int, int], actions: list[int]) -> int:
     """Play two episodes; how many steps they took."""
     first = _play(world, seeds[0], actions)
     hashes = [step[-1] for step in first]
@@ -186,32 +186,32 @@ def _plays_alike(world: World, other: World, seeds: tuple[int, int], actions: li
         len(set(hashes)) == len(hashes),
         f"{world.id}: two moments of one episode have one state hash; a step counts, and belongs to the state",
     )
-    _same(f"{world.id}: reset again with seed {seeds[0]}", first, _play(world, seeds[0], actions))
+    _require_same(f"{world.id}: reset again with seed {seeds[0]}", first, _play(world, seeds[0], actions))
     between = _play(other, seeds[1], actions)
     later = _play(other, seeds[0], actions)
-    _same(f"{world.id}: after another episode (a wrapper or the world keeps something from it)", first, later)
+    _require_same(f"{world.id}: after another episode (a wrapper or the world keeps something from it)", first, later)
     other.close()
     return len(first) + len(between) - 2
 
 
-def _comes_back(world: World, seed: int, actions: list[int]) -> None:
+def _check_restore(world: World, seed: int, actions: list[int]) -> None:
     """Check that save and restore cover all that an episode changes: that the logged state is the whole state."""
     lasts = len(_play(world, seed, actions)) - 1
     for at in sorted({max(1, lasts * quarter // 4) for quarter in (1, 2, 3)}):
-        _comes_back_from(world, seed, actions[:at], actions[at:])
+        _check_restore_from(world, seed, actions[:at], actions[at:])
 
 
-def _comes_back_from(world: World, seed: int, before_it: list[int], after_it: list[int]) -> None:
+def _check_restore_from(world: World, seed: int, before_it: list[int], after_it: list[int]) -> None:
     if any(step[1] or step[2] for step in _play(world, seed, before_it)):
         return  # over with its first step: there is no middle to come back to
     saved = world.save()
     before = world.state_hash()
     own = _own_attributes(world)
-    first = list(_go_on(world, after_it))
+    first = list(_step_through(world, after_it))
     world.restore(saved)
     require(world.state_hash() == before, f"{world.id}: restored, it has another state hash")
     _require_restored(world, own)
-    _same(f"{world.id}: restored", first, list(_go_on(world, after_it)))
+    _require_same(f"{world.id}: restored", first, list(_step_through(world, after_it)))
     world.restore(pickle.loads(pickle.dumps(saved)))
     require(world.state_hash() == before, f"{world.id}: restored from a pickle, it has another state hash")
 
@@ -238,7 +238,7 @@ def _search(world: World, seed: int, most_steps: int) -> WorldSearch:
         world.restore(saved)
         own = _own_attributes(world)
         for action in range(len(world.action_names)):
-            steps = list(_go_on(world, [action] * (STRIDE if world.drawn else 1)))
+            steps = list(_step_through(world, [action] * (STRIDE if world.drawn else 1)))
             reward, terminated, truncated, observed, _ = steps[-1]
             search.steps += len(steps)
             search.rewarded += reward != 0
@@ -252,8 +252,8 @@ def _search(world: World, seed: int, most_steps: int) -> WorldSearch:
             world.restore(saved)
             if changed or reward != 0:
                 _require_restored(world, own)
-                again = list(_go_on(world, [action] * len(steps)))
-                _same(f"{world.id}: {world.action_names[action]} after a restore", steps, again)
+                again = list(_step_through(world, [action] * len(steps)))
+                _require_same(f"{world.id}: {world.action_names[action]} after a restore", steps, again)
                 world.restore(saved)
     search.situations = len(situations)
     return search
@@ -292,7 +292,7 @@ def _own_attributes(world: World) -> dict[str, bytes]:
     return own
 
 
-def _is_drawn(world: World, seed: int, actions: list[int]) -> None:
+def _check_drawing(world: World, seed: int, actions: list[int]) -> None:
     """Check that drawing changes nothing, and that a participant sees what the wrappers show."""
     _play(world, seed, actions[:3])
     before = world.state_hash()
@@ -317,7 +317,7 @@ def _is_drawn(world: World, seed: int, actions: list[int]) -> None:
         layer = layer.env
 
 
-def _ends(world: World, seed: int) -> bool:
+def _check_end(world: World, seed: int) -> bool:
     """Check that our worlds refuse a step after the end, unchanged; return whether there was an end."""
     if not isinstance(world.unwrapped, NativeWorld):
         return False
@@ -354,7 +354,7 @@ def _describe_plan(world: World, seed: int) -> str:
     return f"shortest_path() has {len(path)} steps, path_length_bounds() {bounds.at_least} to {bounds.feasible}"
 
 
-def _same(when: str, expected: list[Step], actual: list[Step]) -> None:
+def _require_same(when: str, expected: list[Step], actual: list[Step]) -> None:
     names = "reward", "terminated", "truncated", "observation", "state"
     for number, (before, now) in enumerate(zip(expected, actual, strict=False)):
         for name, a, b in zip(names, before, now, strict=True):

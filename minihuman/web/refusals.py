@@ -1,4 +1,7 @@
-"""Refusals: what a page says when its participant may not take part, and the code that some get all the same. No I/O."""
+"""Refusals: what a page says when its participant may not take part, and the code that some get all the same.
+
+No I/O.
+"""
 
 from minihuman.experiment.machine.events import FINAL_END_REASONS
 from minihuman.experiment.protocol.protocol import Protocol

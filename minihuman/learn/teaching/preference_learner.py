@@ -88,7 +88,7 @@ class RewardModel:
         longest = _longest([side for pair in pairs for side in pair])
         left, right = (_rows([pair[place] for pair in pairs], first, longest) for place in (0, 1))
         gains = [
-            _average(member_rewards[right[0]], right[1]) - _average(member_rewards[left[0]], left[1])
+            _mean_inside(member_rewards[right[0]], right[1]) - _mean_inside(member_rewards[left[0]], left[1])
             for member_rewards in raw
         ]
         return np.asarray(torch.sigmoid(longest * torch.stack(gains)))
@@ -135,7 +135,7 @@ def fit_reward(
         )
     steps = collect_steps(dataset.lessons)
     answers = _encode_answers(dataset, comparisons)
-    alike = _alike(steps)
+    equal_steps = _find_equal_steps(steps)
     members = [ActionValues(make_fresh_policy(dataset, rng)) for _ in range(settings.members)]
     updates = settings.updates
     member_budget_s = budget_s / settings.members
@@ -145,7 +145,7 @@ def fit_reward(
             member_checkpoint = checkpoint.with_name(f"{checkpoint.name}-{number}")
         updates, _ = minimise_loss(
             member,
-            partial(_preference_loss, member, steps, alike, answers, settings.batch_size),
+            partial(_preference_loss, member, steps, equal_steps, answers, settings.batch_size),
             rng,
             updates=updates,
             learning_rate=settings.learning_rate,
@@ -184,7 +184,7 @@ def _encode_answers(dataset: Dataset, comparisons: Sequence[Comparison]) -> _Enc
 def _preference_loss(
     member: nn.Module,
     steps: LabelledSteps,
-    alike: torch.Tensor,
+    equal_steps: torch.Tensor,
     answers: _EncodedAnswers,
     batch_size: int,
     generator: torch.Generator,
@@ -192,7 +192,7 @@ def _preference_loss(
     """Compute the cross-entropy of a minibatch of answers, drawn with the generator."""
     minibatch = torch.randint(len(answers.shares), (batch_size,), generator=generator)
     rows = answers.rows[:, minibatch].flatten(0, 1)
-    left, right = _worth(member, steps, alike, rows, answers.inside[:, minibatch].flatten(0, 1)).chunk(2)
+    left, right = _mean_rewards(member, steps, equal_steps, rows, answers.inside[:, minibatch].flatten(0, 1)).chunk(2)
     right_better = (1 - LAPSES) * torch.sigmoid(answers.longest * (right - left)) + LAPSES / 2
     share = answers.shares[minibatch]
     return -(share * right_better.log() + (1 - share) * (1 - right_better).log()).mean()
@@ -222,16 +222,16 @@ def _rows(
     return rows, inside
 
 
-def _worth(
-    member: nn.Module, steps: LabelledSteps, alike: torch.Tensor, rows: torch.Tensor, inside: torch.Tensor
+def _mean_rewards(
+    member: nn.Module, steps: LabelledSteps, equal_steps: torch.Tensor, rows: torch.Tensor, inside: torch.Tensor
 ) -> torch.Tensor:
     """Compute a member's mean reward of each fragment."""
-    different, place = alike[rows.flatten()].unique(return_inverse=True)  # type: ignore[no-untyped-call]
+    different, place = equal_steps[rows.flatten()].unique(return_inverse=True)  # type: ignore[no-untyped-call]
     step_rewards = member(steps.pick(different))[place, steps.actions[rows.flatten()]]
-    return _average(step_rewards.view(rows.shape), inside)
+    return _mean_inside(step_rewards.view(rows.shape), inside)
 
 
-def _alike(steps: LabelledSteps) -> torch.Tensor:
+def _find_equal_steps(steps: LabelledSteps) -> torch.Tensor:
     """Find for each step the first that shows the same, int64[n]: a small world shows little, so each is run once."""
     flat_observations = [
         np.ascontiguousarray(part.numpy()).reshape(len(part), -1) for part in steps.observations.values()
@@ -245,7 +245,7 @@ def _alike(steps: LabelledSteps) -> torch.Tensor:
     )
 
 
-def _average(step_rewards: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
+def _mean_inside(step_rewards: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
     return torch.div((step_rewards * inside).sum(dim=1), inside.sum(dim=1))
 
 
@@ -299,7 +299,7 @@ class RewardModelEnv(TrainingEnv):
     its end where they are worth less. An episode that takes too long is broken off, which says nothing either.
     """
 
-    def __init__(self, dataset: Dataset, worth: RewardFunction, *, seed: int) -> None:
+    def __init__(self, dataset: Dataset, reward_function: RewardFunction, *, seed: int) -> None:
         super().__init__(
             dataset.world,
             dataset.options,
@@ -307,7 +307,7 @@ class RewardModelEnv(TrainingEnv):
             eyesight=dataset.eyesight,
             actions=len(dataset.action_names),
         )
-        self._worth = worth
+        self._reward_function = reward_function
         self._most_steps = dataset.most_steps
         self._before: Observation = {}
 
@@ -322,12 +322,12 @@ class RewardModelEnv(TrainingEnv):
         """Make a step, and judge it by the reward function."""
         before = self._before
         observation, _, terminated, truncated, _ = super().step(action)
-        worth = self._worth(before, action, self.world)
+        reward = self._reward_function(before, action, self.world)
         if terminated:
             observation, _ = super().reset()
         self._before = observation
         too_long = not terminated and (truncated or self._steps >= self._most_steps)
-        return observation, worth, False, too_long, {}
+        return observation, reward, False, too_long, {}
 
 
 @dataclass(frozen=True, slots=True)

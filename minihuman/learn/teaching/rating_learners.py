@@ -121,12 +121,12 @@ def find_delay(presses: Presses, steps: LabelledSteps) -> float | None:
     within = float(turn % 1 * presses.period_ms)
     tries = [within + k * presses.period_ms for k in range(1 + int(LONGEST_MS // presses.period_ms))]
     tries = [delay for delay in tries if SHORTEST_MS <= delay <= LONGEST_MS]
-    best = min(tries, key=lambda delay: _surprise(presses, steps, delay))
+    best = min(tries, key=lambda delay: _predict_error(presses, steps, delay))
     step_rows, after = presses.match_steps(best)
     return float(after[step_rows >= 0].mean())
 
 
-def _surprise(presses: Presses, steps: LabelledSteps, delay_ms: float) -> float:
+def _predict_error(presses: Presses, steps: LabelledSteps, delay_ms: float) -> float:
     """Compute the mean square error of predicting each press from the others, given this delay.
 
     By ridge regression with a kernel that is 1 for the same action on the same picture, 0 for different actions.
@@ -292,20 +292,20 @@ class DeepCoach(Learner):
         delay = settings.delay_ms or find_delay(presses, steps)
         step_rows, _ = presses.match_steps(delay or UNKNOWN_DELAY_MS)
         fits = np.flatnonzero(step_rows >= 0)
-        row = torch.as_tensor(step_rows[fits])
-        value = torch.as_tensor(presses.values[fits], dtype=torch.float32)
+        pressed_rows = torch.as_tensor(step_rows[fits])
+        ratings = torch.as_tensor(presses.values[fits], dtype=torch.float32)
         since_reset = [np.arange(len(lesson.actions)) for lesson in request.dataset.lessons]
-        into = torch.as_tensor(np.concatenate(since_reset))
-        then = torch.as_tensor(_chances_then(request.dataset), dtype=torch.float32)
+        steps_since_reset = torch.as_tensor(np.concatenate(since_reset))
+        past_probabilities = torch.as_tensor(_find_past_probabilities(request.dataset), dtype=torch.float32)
 
         def loss_of(generator: torch.Generator) -> torch.Tensor:
-            minibatch = torch.randint(len(row), (settings.batch_size,), generator=generator)
-            back = torch.multinomial(shares, settings.batch_size, replacement=True, generator=generator)
-            rows = row[minibatch] - torch.minimum(back, into[row[minibatch]])
+            minibatch = torch.randint(len(pressed_rows), (settings.batch_size,), generator=generator)
+            steps_back = torch.multinomial(shares, settings.batch_size, replacement=True, generator=generator)
+            rows = pressed_rows[minibatch] - torch.minimum(steps_back, steps_since_reset[pressed_rows[minibatch]])
             log_probs = trained.log_probabilities(steps.pick(rows))
             chosen = log_probs.gather(1, steps.actions[rows, None])[:, 0]
-            ratio = (chosen - then[rows].log()).exp()
-            gain = value[minibatch] * torch.where(value[minibatch] > 0, ratio.clamp(max=settings.most_ratio), ratio)
+            ratio = (chosen - past_probabilities[rows].log()).exp()
+            gain = ratings[minibatch] * torch.where(ratings[minibatch] > 0, ratio.clamp(max=settings.most_ratio), ratio)
             return -gain.mean() + settings.entropy * (log_probs.exp() * log_probs).sum(dim=1).mean()
 
         shares = settings.decay ** torch.arange(TRACE_STEPS, dtype=torch.float32)
@@ -321,7 +321,7 @@ class DeepCoach(Learner):
             checkpoint=request.checkpoint,
         )
         trained.set_training_mode(False)
-        notes = {"ratings": len(row), "delay_ms": delay, "loss": loss}
+        notes = {"ratings": len(pressed_rows), "delay_ms": delay, "loss": loss}
         return LearningResult(trained, asdict(settings) | {"updates": updates}, notes)
 
 
@@ -331,7 +331,7 @@ def _copy_or_make_policy(request: LearningRequest) -> Policy:
     return copy_policy(request.policy, request.dataset)
 
 
-def _chances_then(dataset: Dataset) -> NDArray[np.float64]:
+def _find_past_probabilities(dataset: Dataset) -> NDArray[np.float64]:
     """Return the probability of each action when it was taken; 1 where it is unknown."""
     chances: list[NDArray[Any]] = []
     for lesson in dataset.lessons:
