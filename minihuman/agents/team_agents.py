@@ -87,7 +87,7 @@ class CookAgent(BaseAgent):
 
 
 class KitchenSearch(FullViewSearch):
-    """What a simulated person wants to do in a kitchen, all of which is in sight: what the agent ``cook`` does."""
+    """Plans for a simulated person in a kitchen, all of which is in sight, as the agent ``cook`` does."""
 
     def plan(self) -> list[str]:
         """Return the next action."""

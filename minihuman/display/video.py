@@ -24,7 +24,7 @@ os.environ.setdefault("SVT_LOG", "1")  # and this one to the terminal
 
 
 class VideoEncoding(NamedTuple):
-    """How a video is encoded, in FFmpeg's names."""
+    """The settings of an encoder, in FFmpeg's names."""
 
     codec: str
     container: str

@@ -117,7 +117,7 @@ def make_random_policy(actions: int, seed: int) -> ChooseAction:
 
 @dataclass(frozen=True, slots=True)
 class CloningSettings:
-    """How a clone is trained."""
+    """The settings of cloning."""
 
     validation_share: float = 0.2  # of the participants, at least one
     batch_size: int = 64
@@ -265,7 +265,7 @@ _EYES: dict[ViewMode, EncoderName] = {"whole": "map", "remembered": "near"}
 
 @dataclass(frozen=True, slots=True)
 class CloneStudy:
-    """What to clone, and how to judge it."""
+    """The settings of a cloning study: what to clone, and how to evaluate it."""
 
     world: str
     sight: ViewMode = "view"

@@ -42,7 +42,7 @@ _THUMB_PX = (200, 150)
 
 @dataclass(frozen=True, slots=True)
 class Lettering:
-    """How words of a film are set."""
+    """The type in which words of a film are set."""
 
     faces: TypefaceSet
     size_px: int

@@ -234,7 +234,7 @@ def _click(t_ns: int, target: str, along: float = 0.5) -> list[Input]:
 
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """What is sent, and what of it is logged."""
+    """A request's messages, and what of it is logged."""
 
     messages: list[dict[str, Any]]
     sha256: str
@@ -248,7 +248,7 @@ class Prompt:
 
 
 class Conversation:
-    """What a model was shown and what it said: composes the next prompt.
+    """Records what a model was shown and answered, and composes the next prompt.
 
     Args:
         spec: the protocol's settings.
@@ -392,7 +392,7 @@ def _list_observation(session: SessionMachine) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class SpentTotals:
-    """What the calls of a session have cost so far; unknown ones count as paid."""
+    """The cost of a session's calls so far; calls whose cost is unknown count in full."""
 
     calls: int = 0
     tokens: int = 0

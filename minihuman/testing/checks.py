@@ -12,7 +12,7 @@ from minihuman.worlds.adapters.world import World
 
 
 class ContractError(MinihumanError, AssertionError):
-    """Something does not keep what everything of its kind promises."""
+    """A plug-in breaks a promise of its kind."""
 
     exit_code = 1  # a check failed
 

@@ -28,7 +28,7 @@ Step = tuple[float, bool, bool, int, int]  # reward, terminated, truncated, hash
 
 @dataclass(slots=True)
 class WorldSearch:
-    """How far the search for what changes rarely came."""
+    """The coverage of the search for rare changes."""
 
     steps: int = 0
     situations: int = 0  # a place and what is seen there
@@ -39,7 +39,7 @@ class WorldSearch:
 
 @dataclass(frozen=True, slots=True)
 class WorldReport:
-    """What a check of a world covered; print it."""
+    """The coverage of a world's check; print it."""
 
     world: str
     steps: int  # of the episodes that were played twice

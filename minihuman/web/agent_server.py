@@ -116,16 +116,16 @@ class ProgramClient(ModelClient):
 
 
 class BadRequestError(MinihumanError, ValueError):
-    """A program asked for what there is not; its words are for the program."""
+    """A program's request is not valid; the text is for the program."""
 
 
 class TooManySessionsError(MinihumanError, BlockingIOError):
-    """As many sessions run as may."""
+    """The limit of concurrent sessions is reached."""
 
 
 @dataclass(slots=True)
 class ProgramSessions:
-    """The sessions of programs.
+    """Runs the sessions of programs that take part in a study.
 
     Args:
         protocol: the study.

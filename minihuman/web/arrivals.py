@@ -95,7 +95,7 @@ RejectionReason = Literal["unknown", "closed", "full", "preview", "finished", "n
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """What the page says of who opened it."""
+    """The page's facts about the visitor who opened it."""
 
     token: str = ""  # of the link
     platform: Mapping[str, str] = field(default_factory=dict)  # the platform's parameters
@@ -135,7 +135,7 @@ class Rejection:
 
 
 class Arrivals:
-    """The people of one study.
+    """Admits visitors to one study, and plans and settles their sessions.
 
     Args:
         protocol: the study.

@@ -38,7 +38,7 @@ _ACTS = messages.KeyMessage | messages.PointerMessage | messages.TextMessage | m
 
 
 class Connection(PageSession):
-    """One participant's.
+    """Connects one participant's page with their session.
 
     Args:
         admission: whose it is.

@@ -46,7 +46,7 @@ LOG = logging.getLogger("minihuman")
 
 
 class ConnectionFactory:
-    """Makes the connections of a study.
+    """Makes a study's connections.
 
     Args:
         arrivals: the study, and who comes.

@@ -79,7 +79,7 @@ Ineligibility = Literal["", "browser", "window", "latency", "keyboard", "gamepad
 
 
 class BrowserProperties(msgspec.Struct, frozen=True):
-    """What the page finds out before anything else; no more of it is kept than the log's facts say."""
+    """The properties of a browser that eligibility depends on; only the log's facts are kept."""
 
     browser: str = "other"  # the family
     window_px: tuple[int, int] = (0, 0)
@@ -176,7 +176,7 @@ _ENDS: dict[str, WebEnding] = {
 
 @dataclass(frozen=True, slots=True)
 class Completion:
-    """What the page says at last."""
+    """The page's last message: how the session ended, and the code."""
 
     end: WebEnding
     code: str = ""

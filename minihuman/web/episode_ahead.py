@@ -21,7 +21,7 @@ _STEPPING = (messages.KeyMessage, messages.TickMessage)
 
 
 class EpisodeAhead:
-    """The episode that the page has the rules of, computed by the page or looked ahead in.
+    """Goes ahead of the session in the episode whose rules the page has: computed by the page, or by look-ahead.
 
     Args:
         make_world: makes worlds to look ahead in.

@@ -52,7 +52,7 @@ _RULES = (
 
 @dataclass(frozen=True, slots=True)
 class HostStorage:
-    """Where sessions are recorded.
+    """The storage that sessions are recorded to, and what their hosts share.
 
     Args:
         protocol: the study; the policies of its agents lie beside it.
@@ -71,7 +71,7 @@ class HostStorage:
 
 @dataclass(slots=True)
 class HostedSession:
-    """A session host, and what it records to."""
+    """A session host with its recorder and its log."""
 
     host: SessionHost
     recorder: Recorder
@@ -186,7 +186,7 @@ def name_segment(data: Path, plan: SessionPlan) -> str:
 
 
 class SessionRecording:
-    """What a session is recorded to once it is over, or its server stops: its log and lease. Blocks for the disk.
+    """Finishes or leaves a session's log and lease, once it is over or its server stops. Blocks for the disk.
 
     Args:
         hosted: the session.

@@ -14,7 +14,7 @@ Message = TypeVar("Message")
 
 
 class OutgoingStream(Generic[Message]):
-    """This side's messages, from 1 on."""
+    """Numbers this side's messages, from 1 on, and keeps them until they are acknowledged."""
 
     def __init__(self) -> None:
         self._unacknowledged: deque[tuple[int, Message]] = deque()
@@ -49,7 +49,7 @@ class OutgoingStream(Generic[Message]):
 
 
 class IncomingStream:
-    """The other side's messages, received up to a number."""
+    """Counts the other side's messages, which are received up to a number."""
 
     def __init__(self, received: int = 0) -> None:
         self.received = received

@@ -25,7 +25,7 @@ from minihuman.web.traffic_limits import PREFETCH_BACKLOG
 
 @dataclass(frozen=True, slots=True)
 class PageSettings:
-    """What of the protocol is about pages."""
+    """The protocol's settings of pages."""
 
     picture_px: tuple[int, int] = (400, 300)
     encoding: ImageEncoding = "auto"

@@ -15,7 +15,7 @@ from minihuman.web.screen_values import ImageCache, ImageEncoding
 
 
 class PageContents:
-    """What a page has, and what is on its way to it.
+    """Tracks what a page has, and what is on its way to it.
 
     Args:
         encoding: of pictures.

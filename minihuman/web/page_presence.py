@@ -8,7 +8,7 @@ _GOING_AWAY = 1001  # a browser closes a socket with this code when its page is 
 
 
 class PagePresence:
-    """The newest socket of a connection, and when the page was here last. Times are monotonic, s.
+    """Tracks a connection's newest socket, and when its page was last heard of. Times are monotonic, s.
 
     Args:
         now_s: the present time.

@@ -20,7 +20,7 @@ ServerMessages = OutgoingStream[messages.ServerMessage | messages.PictureMessage
 
 
 class StreamNames:
-    """Which stream of the page's is received, and which numbering of the server's its page follows."""
+    """Tracks which of the page's streams is received, and which of the server's numberings the page follows."""
 
     def __init__(self) -> None:
         self.incoming = IncomingStream()
@@ -41,7 +41,7 @@ class StreamNames:
 
 
 class PageSession(abc.ABC):
-    """A page's session, as its protocol needs it."""
+    """The port by which a page's protocol uses its session."""
 
     ping: tuple[int, int] | None = None  # of a text: when it was sent and received; answered with the rest
 
@@ -89,14 +89,14 @@ class PageSession(abc.ABC):
 
 @dataclass(frozen=True, slots=True)
 class TextEffect:
-    """What a page's text led to."""
+    """The effect of a page's text."""
 
     has_answer: bool  # there is something to send: messages, or an acknowledgement
     wants_more: bool  # there is more to look for ahead
 
 
 class PageProtocol:
-    """What one socket of a page and its session exchange.
+    """Speaks the protocol between one socket of a page and its session.
 
     Args:
         session: the page's.

@@ -44,7 +44,7 @@ _NAME_BITS = 2**52 - 1  # of a scene's hash: what a page's numbers hold
 
 @dataclass(slots=True, eq=False)
 class SceneNode:
-    """A state of the world but for its age."""
+    """A state of the world, whatever its age in steps."""
 
     hash: int
     picture: int
@@ -215,7 +215,7 @@ class _CopiedScreen:
 
 
 class ScreenPrefetcher:
-    """Which screens inputs lead to, from where a session is.
+    """Finds the screens that inputs lead to from where a session is.
 
     Args:
         number: numbers a picture, which is sent before the screen that has it.
@@ -400,7 +400,7 @@ def _input(input_name: str, at_ns: int) -> Input:
 
 
 class FilmPrefetcher:
-    """What is left to be drawn of the films on the screen.
+    """Draws what is left of the films on the screen, a picture at a time.
 
     Args:
         number: numbers a picture, which is sent before the frame that has it.

@@ -18,7 +18,7 @@ _GAMEPAD_BYTES_PER_S = 60 * 2 * (60 + MESSAGE_COST_BYTES)  # both axes of a stic
 
 
 class SessionBudget:
-    """The bytes of one session.
+    """Limits the bytes of one session.
 
     Args:
         plan: what is played.

@@ -37,7 +37,7 @@ _KINDS = (("Grid", GRID_WORLDS), ("BabyAI", BABYAI_WORLDS), ("First person", FIR
 
 @dataclass(frozen=True, slots=True)
 class PackSummary:
-    """What a folder of packed worlds holds."""
+    """The contents of a folder of packed worlds."""
 
     worlds: tuple[str, ...]
     skipped: tuple[str, ...]  # worlds whose rules are Python

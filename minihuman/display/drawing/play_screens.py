@@ -45,7 +45,7 @@ _MARKS = {"good": theme.GOOD, "bad": theme.BAD, "neutral": theme.MUTED_INK}
 
 @dataclass(frozen=True, slots=True)
 class PlayFrame:
-    """What of a play screen stays while an episode is played."""
+    """The parts of a play screen that stay while an episode is played."""
 
     mission: str
     progress: str

@@ -56,7 +56,7 @@ def find_colour(colour: Colour, theme: str) -> Colour:
 
 
 class LightDraw(ImageDraw.ImageDraw):
-    """Draws in the light theme what is asked for in the dark one's colours."""
+    """Translates the dark theme's colours to the light theme's as it draws."""
 
 
 def _draw_light(draw: Callable[..., None]) -> Callable[..., None]:
@@ -73,7 +73,7 @@ for _name in ("bitmap", "ellipse", "line", "rectangle", "rounded_rectangle"):
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """A box that can be pointed at, in pixels; ``rtl`` says from which end ``along`` counts."""
+    """A box that can be pointed at, in pixels; with ``rtl``, ``along`` counts from the right."""
 
     name: str
     left: float

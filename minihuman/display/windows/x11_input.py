@@ -213,7 +213,7 @@ class _Move:
 
 
 class KeyMove(NamedTuple):
-    """When a key moved, and whether it did so in the window; None and True where the server says nothing of it."""
+    """The time of a key's move, and whether it was in the window; None and True where the server does not report it."""
 
     t_ns: int | None
     is_in_window: bool

@@ -35,7 +35,7 @@ MAX_VALUES = 2**23  # of a policy's weights together, and of an image
 
 @dataclass(frozen=True, slots=True)
 class PolicyCard:
-    """What a policy is: plain values, stored beside the weights."""
+    """A policy's description in plain values, stored beside the weights."""
 
     world: str  # a Gymnasium id
     world_options: dict[str, Any]

@@ -183,7 +183,7 @@ class _Minimiser:
 
 @dataclass(frozen=True, slots=True)
 class FittingSettings:
-    """How a policy is fitted to labelled steps."""
+    """The settings of fitting a policy to labelled steps."""
 
     updates: int = 800
     batch_size: int = 64
@@ -261,7 +261,7 @@ SMALLEST_PICTURE = 36  # rows that the network for pictures needs
 
 @dataclass(frozen=True, slots=True)
 class LearningRequest:
-    """What a learner makes a policy from."""
+    """The inputs of a learner."""
 
     dataset: Dataset
     rng: np.random.Generator  # the only source of randomness

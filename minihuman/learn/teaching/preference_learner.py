@@ -41,7 +41,7 @@ MAX_CACHED = 4096  # rewards of single steps that are kept, for small worlds sho
 
 @dataclass(frozen=True, slots=True)
 class RewardFitting:
-    """How a reward model is fitted."""
+    """The settings of fitting a reward model."""
 
     members: int = 3  # networks that disagree where they know little: Christiano and others' number
     updates: int = 600  # of each
@@ -159,7 +159,7 @@ def fit_reward(
 
 @dataclass(frozen=True, slots=True)
 class _EncodedAnswers:
-    """Comparisons as tensors. ``longest`` is the length of the longest fragment."""
+    """Comparisons as tensors."""
 
     rows: torch.Tensor  # int64[2, comparisons, longest] of the left and right fragments' steps
     inside: torch.Tensor  # float32 of the same shape, 1 where a fragment has that step

@@ -22,7 +22,7 @@ SECRETS_FILE_NAME = ".env"
 
 @dataclass(frozen=True, slots=True)
 class Deployment:
-    """How a study is served.
+    """The settings by which a study is served.
 
     Args:
         address: the public base URL, https.

@@ -72,7 +72,7 @@ class DeploymentCheckError(MinihumanError, RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """What a check counted.
+    """The counts of a check.
 
     Args:
         interrupted: participants who were in a session when a server was stopped or killed, summed over these.

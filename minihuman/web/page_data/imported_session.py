@@ -124,7 +124,7 @@ def _record(episodes: Sequence[PageEpisode], plan: SessionPlan, data: Path, dige
 
 
 class RecordedKeys(Window):
-    """A window in which a page's keys are pressed again, each so long after the first picture as the page says."""
+    """Presses a page's keys again, each as long after the first picture as the page says."""
 
     def __init__(self, session: SessionMachine, clock: VirtualClock, episodes: Sequence[PageEpisode]) -> None:
         self._session = session

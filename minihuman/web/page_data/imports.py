@@ -21,7 +21,7 @@ from minihuman.web.page_data.page_episodes import (
 
 @dataclass(frozen=True, slots=True)
 class ImportedFile:
-    """What became of one file of page data.
+    """The outcome of importing one file of page data.
 
     Attributes:
         file: the file.

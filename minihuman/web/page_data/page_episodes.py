@@ -42,7 +42,7 @@ _PUNCTUATION = dict(zip("-=[]\\;'`,./ ", (*PUNCTUATION, "space"), strict=True))
 
 
 class PageDataError(MinihumanError, ValueError):
-    """Episodes that a page computed cannot be read, or are not what playing them again gives."""
+    """Episodes that a page computed cannot be read, or differ when they are played again."""
 
     exit_code = 1  # a check failed
 

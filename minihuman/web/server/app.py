@@ -95,7 +95,7 @@ def build_session_over(connection: Connection, completion: Completion) -> messag
 
 
 class WebServer:
-    """A study, served.
+    """Serves a study to its participants' pages.
 
     Args:
         arrivals: the study, and who comes.

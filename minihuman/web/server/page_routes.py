@@ -19,7 +19,7 @@ _METHODS = ("GET", "HEAD", "POST")
 
 
 class HeaderMiddleware:
-    """An application whose every answer has the headers that keep its pages to themselves.
+    """Adds the headers of `http_security` to every answer of an application.
 
     Args:
         app: the application.
