@@ -190,14 +190,12 @@ def clone_policy(
     best_weights = policy.state_dict()
     for epoch in range(1, settings.most_epochs + 1):
         training_loss = _train_epoch(policy, optimiser, steps, settings.batch_size)
-        with torch.no_grad():
-            log_probs = policy.log_probabilities(_pick(*held_out[:2], slice(None)))
-        validation_loss = float(functional.nll_loss(log_probs, held_out[2]))
+        validation_loss, share_equal = _compare_with_people(policy, held_out)
         if validation_loss < best:
             best = validation_loss
             best_epoch = epoch
             best_training = training_loss
-            agreement = float((log_probs.argmax(dim=1) == held_out[2]).float().mean())
+            agreement = share_equal
             best_weights = {name: value.clone() for name, value in policy.state_dict().items()}
         elif epoch - best_epoch >= settings.patience:
             break
@@ -216,6 +214,15 @@ def clone_policy(
 
 
 Steps = tuple[torch.Tensor, torch.Tensor | None, torch.Tensor]  # images, missions, actions; one row per step
+
+
+def _compare_with_people(policy: Policy, steps: Steps) -> tuple[float, float]:
+    """Return the mean cross-entropy of steps, and the share in which the likeliest action is the one taken."""
+    images, missions, actions = steps
+    with torch.no_grad():
+        log_probs = policy.log_probabilities(_pick(images, missions, slice(None)))
+    loss = float(functional.nll_loss(log_probs, actions))
+    return loss, float((log_probs.argmax(dim=1) == actions).float().mean())
 
 
 def _train_epoch(policy: Policy, optimiser: torch.optim.Adam, steps: Steps, batch_size: int) -> float:

@@ -207,6 +207,12 @@ class ConnectionFactory:
             if isinstance(error, OSError | AllocationError):
                 return WAIT
             return self._refusals.turn_away("broken")
+        connection = self._make_connection(admission, hosted)
+        opened.append(connection)
+        wake()
+        return connection
+
+    def _make_connection(self, admission: Admission, hosted: HostedSession) -> Connection:
         connection = Connection(
             admission,
             hosted,
@@ -216,8 +222,6 @@ class ConnectionFactory:
             threads=self._threads,
         )
         self._connections[admission.key] = connection
-        opened.append(connection)
-        wake()
         return connection
 
     def _collect_facts(self, hello: Hello) -> dict[str, str]:

@@ -342,8 +342,12 @@ def draw_keycap(
         draw_line(draw, (middle, top + height * 0.22), above, faces=plain, size_px=small_px, colour=ink, anchor="m")
     draw_line(draw, (middle, baseline), words, faces=bold, size_px=size_px, colour=ink, anchor="m")
     if pressed:
-        x = right - height * 0.24
-        y = top + height * 0.2
-        reach = height * 0.07
-        tick = [(x - reach, y), (x - reach * 0.2, y + reach * 0.8), (x + reach * 1.2, y - reach)]
-        draw.line(tick, fill=ink, width=max(1, round(height / 22)))
+        _draw_tick(draw, (right - height * 0.24, top + height * 0.2), height, ink)
+
+
+def _draw_tick(draw: ImageDraw.ImageDraw, place: tuple[float, float], height: float, colour: Colour) -> None:
+    """Draw the tick of a pressed key whose cap has that height."""
+    x, y = place
+    reach = height * 0.07
+    tick = [(x - reach, y), (x - reach * 0.2, y + reach * 0.8), (x + reach * 1.2, y - reach)]
+    draw.line(tick, fill=colour, width=max(1, round(height / 22)))
