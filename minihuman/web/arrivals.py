@@ -162,13 +162,13 @@ class Arrivals:
         Raises:
             OSError: if the study's folder cannot be read or written.
         """
-        visitor = identify_visitor(arrival.platform, self.protocol.web.recruitment_platforms)
-        if visitor is not None and visitor.preview:
+        platform_visitor = identify_visitor(arrival.platform, self.protocol.web.recruitment_platforms)
+        if platform_visitor is not None and platform_visitor.preview:
             return Rejection("preview")
-        if not self._is_proven(arrival, visitor):
+        if not self._is_proven(arrival, platform_visitor):
             return Rejection("unknown")
         try:
-            return self._admit(arrival, visitor)
+            return self._admit(arrival, platform_visitor)
         except LeaseHeldError:
             return Rejection("wait")
         except (AllocationError, LogError) as error:
@@ -185,13 +185,13 @@ class Arrivals:
         """
         return is_token(token) and self.recruits.has_issued(hash_link_token(token))
 
-    def _is_proven(self, arrival: Arrival, visitor: PlatformVisitor | None) -> bool:
+    def _is_proven(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> bool:
         """Whether a visitor has a link of the study's, or a signature where that is required."""
         if not self.protocol.web.require_signed_arrival or self.is_invited(arrival.token):
             return True
         study = self.protocol.study.name
-        return visitor is not None and is_signed(
-            self._arrival_key, study, visitor.platform, visitor.id, visitor.signature
+        return platform_visitor is not None and is_signed(
+            self._arrival_key, study, platform_visitor.platform, platform_visitor.id, platform_visitor.signature
         )
 
     def plan(self, admission: Admission) -> SessionPlan:
@@ -235,18 +235,18 @@ class Arrivals:
 
     def id_on_platform(self, participant: str) -> str:
         """Return a participant's id on the platform that sent them, for the link back; "" for the others."""
-        visitor = self.recruits.ids().get(participant)
-        if visitor is None:
+        platform_visitor = self.recruits.ids().get(participant)
+        if platform_visitor is None:
             return ""
-        return visitor.id
+        return platform_visitor.id
 
-    def _admit(self, arrival: Arrival, visitor: PlatformVisitor | None) -> Admission | Rejection:
+    def _admit(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> Admission | Rejection:
         link_key = ""
         if is_token(arrival.token):
             link_key = hash_link_token(arrival.token)
         key = link_key
-        if not key and visitor is not None:
-            key = self.recruits.hash_platform_id(visitor.platform, visitor.id)
+        if not key and platform_visitor is not None:
+            key = self.recruits.hash_platform_id(platform_visitor.platform, platform_visitor.id)
         if not key and not self.protocol.web.open_access:
             return Rejection("unknown")
         is_invited = bool(link_key) and self.recruits.has_issued(link_key)
@@ -257,15 +257,15 @@ class Arrivals:
         participant = self.recruits.find_participant(key)
         plan = None
         if participant is None:
-            first = self._first_time(key, visitor)
+            first = self._first_time(key, platform_visitor)
             if isinstance(first, Rejection):
                 return first
             participant, plan = first
-        next_session = self._next_session(participant)
-        if isinstance(next_session, str):
+        leased_session = self._next_session(participant)
+        if isinstance(leased_session, str):
             last = max(1, len(self.protocol.sessions))
-            return Rejection("finished", next_session, last, self.id_on_platform(participant))
-        session, lease = next_session
+            return Rejection("finished", leased_session, last, self.id_on_platform(participant))
+        session, lease = leased_session
         try:
             admission = self._plan_admission(participant, session, plan, arrival.utc_offset_min)
         except BaseException:
@@ -297,7 +297,9 @@ class Arrivals:
             ended = self._read_end(participant, session - 1)
             return Rejection("not_today", ended, session - 1, self.id_on_platform(participant))
 
-    def _first_time(self, key: str, visitor: PlatformVisitor | None) -> tuple[str, SessionPlan | None] | Rejection:
+    def _first_time(
+        self, key: str, platform_visitor: PlatformVisitor | None
+    ) -> tuple[str, SessionPlan | None] | Rejection:
         """Give a new visitor the next slot; return its plan if they just got it."""
         with self.recruits.exclusive() as file:
             if key in file.standing.came:
@@ -312,8 +314,8 @@ class Arrivals:
             except AllocationError:
                 return Rejection("full")
             participant = plan.participant.id
-            if visitor is not None:
-                self.recruits.remember(PlatformId(participant, visitor.platform, visitor.id))
+            if platform_visitor is not None:
+                self.recruits.remember(PlatformId(participant, platform_visitor.platform, platform_visitor.id))
             issued = []
             if not known:  # made by the page, in an open study
                 issued.append(LinkIssued(key, now_text()))

@@ -133,10 +133,10 @@ class ConnectionFactory:
         )
         if not reason:
             return None
-        visitor = identify_visitor(hello.platform, self._web.recruitment_platforms)
-        if visitor is None:
+        platform_visitor = identify_visitor(hello.platform, self._web.recruitment_platforms)
+        if platform_visitor is None:
             return self._refusals.turn_away(reason)
-        return self._refusals.turn_away(reason, person=visitor.id)
+        return self._refusals.turn_away(reason, person=platform_visitor.id)
 
     def _is_full(self) -> bool:
         return len(self._connections) >= self._web.max_concurrent_sessions

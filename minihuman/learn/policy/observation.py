@@ -179,10 +179,10 @@ def encode_whole_grid(world: GridEngine) -> NDArray[np.uint8]:
     return _around(world, max(world.state.width, world.state.height) - 1, _codes(world.state.cells))
 
 
-def encode_remembered_grid(world: GridEngine, seen_cells: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def encode_remembered_grid(world: GridEngine, explored_cells: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Encode the cells that were seen, at most ``REACH`` to each side; the agent's cell shows what it carries."""
     state = world.state
-    codes = _codes(state.cells) * seen_cells.reshape(state.width, state.height, 1)
+    codes = _codes(state.cells) * explored_cells.reshape(state.width, state.height, 1)
     codes[state.position] = _codes(state.row[CARRYING])
     return _around(world, min(REACH, max(state.width, state.height) - 1), codes)
 
