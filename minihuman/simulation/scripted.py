@@ -135,7 +135,7 @@ class ObserverParticipant(SimulatedParticipant):
     """Knows the trial's ``correct`` response or guesses among the keys; ``observer:threshold=0.04,spread=0.3``."""
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
-        settings = {**DEFAULTS, **read_settings(argument, DEFAULTS, SimulationError, of="observer")}
+        settings = {**DEFAULTS, **read_settings(argument, DEFAULTS, SimulationError, owner="observer")}
         self._settings = settings
         self._rng = rng
         self._keys: list[str] = []
