@@ -15,7 +15,7 @@ from minihuman.web.screen_values import ImageCache, ImageEncoding
 
 
 class PageContents:
-    """What a page has, and what is on its way to it.
+    """Tracks what a page has, and what is on its way to it.
 
     Args:
         encoding: of pictures.
@@ -91,7 +91,9 @@ class PageContents:
 
     def send_scenes(self, graph: LookAheadGraph | None) -> None:
         """Send the scenes that were found ahead."""
-        update = None if graph is None else graph.take_new()
+        update = None
+        if graph is not None:
+            update = graph.take_new()
         self.send_pictures()
         if update is not None:
             self.outgoing.add(update)
