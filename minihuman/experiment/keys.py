@@ -181,8 +181,8 @@ def key_caption(key: str) -> str:
     """What tells a key from another with the same label: "keypad", "left"; "" for most."""
     if key in KEYPAD:
         return "keypad"
-    side, _, rest = key.partition("_")
-    return side if rest in ("shift", "ctrl", "alt") else ""
+    side, _, modifier = key.partition("_")
+    return side if modifier in ("shift", "ctrl", "alt") else ""
 
 
 # What players' fingers expect, for the action names of Minigrid, Miniworld, the arcade and Gymnasium's classics, and
@@ -241,10 +241,10 @@ def assign_keys(actions: Sequence[str]) -> dict[str, str]:
         usual = next((key for key in _USUAL_KEYS.get(action, "").split() if key not in keys), None)
         if usual is not None:
             keys[usual] = action
-    others = iter(key for key in _OTHER_KEYS if key not in keys)
+    free_keys = iter(key for key in _OTHER_KEYS if key not in keys)
     for action in actions:
         if action not in keys.values():
-            key = next(others, None)
+            key = next(free_keys, None)
             if key is not None:
                 keys[key] = action
     return keys

@@ -147,10 +147,14 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         at = self._side * width
         if self._image is not None:
             scale = min(2 * reach / self._image.height, 0.45 * width / self._image.width)
-            shown = self._image.resize(
+            scaled_image = self._image.resize(
                 (max(1, round(self._image.width * scale)), max(1, round(self._image.height * scale)))
             )
-            picture.paste(shown, (round(at - shown.width / 2), round(middle - shown.height / 2)), shown)
+            picture.paste(
+                scaled_image,
+                (round(at - scaled_image.width / 2), round(middle - scaled_image.height / 2)),
+                scaled_image,
+            )
         box = (at - reach, middle - reach, at + reach, middle + reach)
         match self._shape:
             case "circle":
@@ -241,14 +245,14 @@ class TwoStep(Stimulus):
             self._draw_card(draw, name, side * width, height / 2, ink)
 
 
-def _read_number(name: str, given: str | float, *, low: float = -math.inf, high: float = math.inf) -> float:
+def _read_number(name: str, number_or_text: str | float, *, low: float = -math.inf, high: float = math.inf) -> float:
     """Read a number; a table has "0.600" as a text.
 
     Raises:
         WorldError: if it is none, or none in the range.
     """
     try:
-        number = math.nan if isinstance(given, bool) else float(given)
+        number = math.nan if isinstance(number_or_text, bool) else float(number_or_text)
     except (TypeError, ValueError):
         number = math.nan
     if not (math.isfinite(number) and low <= number <= high):
@@ -256,7 +260,7 @@ def _read_number(name: str, given: str | float, *, low: float = -math.inf, high:
             allowed = "a number"
         else:
             allowed = f"a number from {low:g} to {high:g}"
-        raise WorldError(f"{name} is {given!r}; use {allowed}")
+        raise WorldError(f"{name} is {number_or_text!r}; use {allowed}")
     return number
 
 

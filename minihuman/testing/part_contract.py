@@ -21,7 +21,8 @@ from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.windows.window import VirtualClock
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import find_kind
-from minihuman.experiment.machine.events import Answered, Event, PartEnded, SessionEnded, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import Answered, Event, PartEnded, SessionEnded
 from minihuman.experiment.machine.inputs import Input, PointerPressed, ScreenShown, TextInput
 from minihuman.experiment.machine.screens import PlayScreen, QuestionScreen, Screen
 from minihuman.experiment.machine.session import SessionMachine

@@ -44,6 +44,7 @@ from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.display.text import is_division
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.machine.activity import WorldFactory
+from minihuman.experiment.machine.event_rules import find_violations
 from minihuman.experiment.machine.events import (
     EpisodeEnded,
     EpisodesSkipped,
@@ -52,7 +53,6 @@ from minihuman.experiment.machine.events import (
     SessionEnded,
     SessionStarted,
     Stepped,
-    find_violations,
 )
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.expansion import expand_protocol

@@ -52,9 +52,9 @@ def compute_bonus(bonus: BonusSpec, points: float, waited_ns: int = 0, stranded:
 
 def format_points(value: float) -> str:
     """A number of points without needless decimals."""
-    shown = round(value, 1)
-    if shown:
-        return f"{shown:.1f}".rstrip("0").rstrip(".")
+    rounded = round(value, 1)
+    if rounded:
+        return f"{rounded:.1f}".rstrip("0").rstrip(".")
     return "0"
 
 

@@ -74,9 +74,9 @@ def find_stop_code(reason: str, detail: str) -> str:
 def build_end_screen(words: InterfaceWords, reason: EndReason, detail: str) -> TextScreen:
     """The session is over; a failure says what happened, what is kept, whom to tell, and a code for what failed."""
     if reason in _FAILURES:
-        kept = words["over.kept_in_part" if reason == "disk_full" else "over.kept"]
+        recording_note = words["over.kept_in_part" if reason == "disk_full" else "over.kept"]
         return TextScreen(
-            words[f"over.{reason}"], f"{kept}\n\n{find_stop_code(reason, detail)}", "", locale=words.locale
+            words[f"over.{reason}"], f"{recording_note}\n\n{find_stop_code(reason, detail)}", "", locale=words.locale
         )
     if reason == "screened_out":
         return TextScreen(words["over.title"], words["over.screened_out"], "", locale=words.locale)

@@ -21,12 +21,12 @@ def find_boundaries(fractions: Sequence[float], alpha: float = 0.05) -> tuple[fl
     """The |z| at which a study stops, for each look; ``fractions`` of the information rise to 1."""
     spent = [0.0, *(spend_alpha(fraction, alpha) for fraction in fractions)]
     walk = _Walk()
-    found = list[float]()
+    boundaries = list[float]()
     for at, fraction in enumerate(fractions):
         due = spent[at + 1] - spent[at]
-        found.append(float(scipy.optimize.brentq(lambda z, t=fraction, due=due: walk.exit(z, t) - due, 0.5, 12.0)))
-        walk.advance(found[-1], fraction)
-    return tuple(found)
+        boundaries.append(float(scipy.optimize.brentq(lambda z, t=fraction, due=due: walk.exit(z, t) - due, 0.5, 12.0)))
+        walk.advance(boundaries[-1], fraction)
+    return tuple(boundaries)
 
 
 def compute_adjusted_p(z: float, fractions: Sequence[float], boundaries: Sequence[float]) -> float:

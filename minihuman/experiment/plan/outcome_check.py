@@ -69,17 +69,17 @@ def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
 
 def _require_no_need(protocol: Protocol, block: BlockSpec, rule: StatedRule, tried: TriedWorld, source: str) -> None:
     """Refuse a rule whose key is no yes or no, and whatever needs success that is not known."""
-    where = f"{source}: block {block.name!r}"
+    place = f"{source}: block {block.name!r}"
     key = parse_outcome_rule(rule.rule).info_key
     if key:
         content = _describe(find_info(tried.values, key))
         raise ProtocolError(
-            f"{where}: success is info[{key!r}], which is {content}; name a key, or KEY.PART of a dictionary, that is "
+            f"{place}: success is info[{key!r}], which is {content}; name a key, or KEY.PART of a dictionary, that is "
             "one yes or no"
         )
     if needs := list_success_needs(protocol, block):
         raise ProtocolError(
-            f"{where}: {needs[0]} needs success, but no rule says what success is in {block.world}; "
+            f"{place}: {needs[0]} needs success, but no rule says what success is in {block.world}; "
             f"{HOW_TO_STATE_A_RULE}"
         )
 

@@ -177,5 +177,9 @@ class SessionPlan(msgspec.Struct, frozen=True):
 
 def needs_gamepad(plan: SessionPlan) -> bool:
     """Whether keys are drawn over a gamepad's buttons, or its axes move anything."""
-    bound = [name for part in plan.parts if (its := getattr(part.plan, "bindings", None)) for name in its.axes]
-    return bool(list_pad_inputs([*plan.key_pool, *bound]))
+    names = list(plan.key_pool)
+    for part in plan.parts:
+        bindings = getattr(part.plan, "bindings", None)
+        if bindings:
+            names += bindings.axes
+    return bool(list_pad_inputs(names))

@@ -38,11 +38,13 @@ class TrialStimulus(msgspec.Struct, frozen=True):
 def plan_rules(block: BlockSpec, seed: int, purpose: str, participant: int) -> TrialRules | msgspec.UnsetType:
     """What makes a block's episodes into trials, its intervals drawn; unset where nothing does."""
     interval = block.inter_trial_interval_ms
-    drawn: tuple[float, ...] = ()
+    intervals_ms: tuple[float, ...] = ()
     if isinstance(interval, tuple):
         shares = draw_words(block.episodes, seed=seed, purpose=f"intervals-{purpose}", index=participant) / 2.0**64
-        drawn = tuple(float(round(interval[0] + share * (interval[1] - interval[0]))) for share in shares.tolist())
-    rules = TrialRules(block.ready, block.feedback_ms, drawn)
+        intervals_ms = tuple(
+            float(round(interval[0] + share * (interval[1] - interval[0]))) for share in shares.tolist()
+        )
+    rules = TrialRules(block.ready, block.feedback_ms, intervals_ms)
     return msgspec.UNSET if rules == TrialRules() else rules
 
 

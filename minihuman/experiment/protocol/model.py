@@ -33,6 +33,8 @@ from minihuman.experiment.protocol.specs import (
 )
 from minihuman.worlds.contract import Palette
 
+MAX_SEED = 2**63 - 1  # TOML's integers are 64-bit signed
+
 
 class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The study as a whole."""

@@ -74,14 +74,14 @@ def derive_design(protocol: Protocol) -> ExperimentDesign:
         () if protocol.analysis.condition_label else protocol.analysis.conditions,  # levels of a label are in trials
         {block.name: block.options for block in protocol.blocks},
     )
-    found = (
+    candidates = (
         _find_groups(protocol),
         _find_strata(protocol),
         _find_conditions(condition_of_block),
         _find_sessions(protocol),
         _find_orders(protocol, condition_of_block),
     )
-    factors = tuple(factor for factor in found if factor is not None)
+    factors = tuple(factor for factor in candidates if factor is not None)
     return ExperimentDesign(
         factors=factors,
         question=protocol.design.question.strip(),

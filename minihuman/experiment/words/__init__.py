@@ -30,13 +30,13 @@ def load_words(language: str) -> Mapping[str, str]:
 
 def flatten_words(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
     """Words in tables as one table, keys joined by dots."""
-    found: dict[str, str] = {}
+    words: dict[str, str] = {}
     for key, value in tree.items():
         if isinstance(value, dict):
-            found |= flatten_words(value, f"{prefix}{key}.")
+            words |= flatten_words(value, f"{prefix}{key}.")
         else:
-            found[f"{prefix}{key}"] = value
-    return found
+            words[f"{prefix}{key}"] = value
+    return words
 
 
 class InterfaceWords:
@@ -82,12 +82,12 @@ class InterfaceWords:
         """What an action is called; its name in the world where there is no word for it."""
         return self._words.get(f"action.{name}", name.replace("_", " "))
 
-    def mission(self, said: str) -> str:
+    def mission(self, mission: str) -> str:
         """What a world says is to be done, in this language; "" where there are no words for it but English ones."""
-        known = self._words.get(f"mission.{said}")
+        known = self._words.get(f"mission.{mission}")
         if known is not None:
             return known
-        return said if self.language == ENGLISH else ""
+        return mission if self.language == ENGLISH else ""
 
     def labels(self, keys: tuple[str, ...]) -> tuple[tuple[str, str, str], ...]:
         """For each key: its name, what its cap says, and what tells it from another with the same cap."""
