@@ -196,8 +196,8 @@ class _EventComparison:
     def find_difference(self, logged: Event, replayed: Event) -> str:
         """Say how an event differs from its replay; "" if it does not."""
         if isinstance(logged, EpisodeStarted):
-            is_ours = self._is_drawn_by_us.get(logged.plan.world, False)
-            self._skips_hashes = is_ours and not self._has_same_images
+            is_built_in = self._is_drawn_by_us.get(logged.plan.world, False)
+            self._skips_hashes = is_built_in and not self._has_same_images
         if self._skips_hashes and isinstance(logged, EpisodeStarted | Stepped) and type(replayed) is type(logged):
             logged = replace(logged, observation_hash=replayed.observation_hash)
         if is_same_event(logged, replayed):

@@ -44,15 +44,15 @@ class ObservationSequence(Sequence[Any]):
         return [self._read(step) for step in steps]
 
     def _read(self, step: int) -> Any:
-        where = f"episode {self._episode + 1} step {step}"
+        place = f"episode {self._episode + 1} step {step}"
         try:
             message = v1.Observation.FromString(self._messages[step])
             observation = decode_observation(message)
         except Exception as error:  # a foreign or newer message can make protobuf, PIL or numpy raise anything
-            raise LogError(f"{where}: the stored observation cannot be read: {error}") from error
+            raise LogError(f"{place}: the stored observation cannot be read: {error}") from error
         if (message.episode, message.step) != (self._episode, step):
             raise LogError(
-                f"{where}: the log has the observation of episode {message.episode + 1} step {message.step} in its "
+                f"{place}: the log has the observation of episode {message.episode + 1} step {message.step} in its "
                 "place"
             )
         return observation

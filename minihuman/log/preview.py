@@ -50,10 +50,10 @@ class PreviewEncoder:
                 if step.HasField("pose"):
                     yield from self._add_pose(POSE.decode(step.pose), step.t_ns)
             case topics.OBSERVATION:
-                seen = v1.Observation.FromString(data)
-                if seen.WhichOneof("observation") == "png":
-                    stamp = self._timestamp(seen.t_ns)
-                    image = CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=seen.png, format="png")
+                observation = v1.Observation.FromString(data)
+                if observation.WhichOneof("observation") == "png":
+                    stamp = self._timestamp(observation.t_ns)
+                    image = CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=observation.png, format="png")
                     yield topics.OBSERVATION_IMAGE, image
             case _:
                 if (event := decode_event(topic, data)) is not None:
@@ -99,8 +99,8 @@ class PreviewEncoder:
 def _log_line(event: events.Event) -> tuple[Log.Level.ValueType, str, str] | None:
     match event:
         case events.SessionStarted():
-            who = event.plan.participant
-            text = f"{event.plan.study}: {who.id}, group {who.group}, session {event.plan.session}"
+            participant = event.plan.participant
+            text = f"{event.plan.study}: {participant.id}, group {participant.group}, session {event.plan.session}"
             return Log.INFO, "session", f"{text}, segment {event.plan.segment}"
         case events.EpisodeStarted():
             text = f"episode {event.plan.episode + 1} starts: {event.plan.world}, {event.mission!r}"

@@ -231,7 +231,7 @@ class ConnectionFactory:
             hosted.segment = name_segment(Path(admission.lease.grant.name), hosted.host.session.plan)
             files = hosted.files
             admission.lease.follow(
-                lambda: files[0].where.part if files else None, lambda: hosted.recorder.durable_writes
+                lambda: files[0].segment_path.part if files else None, lambda: hosted.recorder.durable_writes
             )
         return hosted
 

@@ -263,7 +263,7 @@ class SessionRecording:
         if is_dismissed:
             with suppress(OSError):  # else it is put aside when the session is leased here again
                 for file in self._hosted.files:
-                    put_aside(file.where.part, SUPERSEDED)
+                    put_aside(file.segment_path.part, SUPERSEDED)
 
 
 def _seal(log: Path) -> bool:

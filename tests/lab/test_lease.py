@@ -301,7 +301,7 @@ def leave_ended_session(
         at_sync=lambda: None,
     )
     lease = one.leases.acquire(name_session("tried", "sub-01", 1))
-    lease.follow(lambda: made.files[0].where.part, lambda: made.recorder.durable_writes)
+    lease.follow(lambda: made.files[0].segment_path.part, lambda: made.recorder.durable_writes)
     keys = [(1 + number) * 400_000_000 for number in range(8)]
     presses = [(t, key, True) for t, key in zip(keys, ["enter", *"1231", *["enter"] * 3], strict=True)]
     PageModel(made.host, presses[:3], frame_ns=16_000_000).run()

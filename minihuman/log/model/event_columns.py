@@ -70,19 +70,19 @@ class CategoricalTexts(Sequence[str]):
     def __repr__(self) -> str:
         return f"CategoricalTexts.of({list(self)!r})"
 
-    def equals_any(self, wanted: Collection[str]) -> NDArray[np.bool_]:
+    def equals_any(self, texts: Collection[str]) -> NDArray[np.bool_]:
         """Where one of some texts stands, (n,)."""
-        is_equal: NDArray[np.bool_] = np.array([word in wanted for word in self.categories], np.bool_)[self.codes]
+        is_equal: NDArray[np.bool_] = np.array([word in texts for word in self.categories], np.bool_)[self.codes]
         return is_equal
 
-    def count_values(self, where: NDArray[np.bool_] | slice = slice(None)) -> Counter[str]:
+    def count_values(self, rows: NDArray[np.bool_] | slice = slice(None)) -> Counter[str]:
         """How often each text stands in the places that are chosen, 0 for one that does not."""
-        counts = np.bincount(self.codes[where], minlength=len(self.categories))
+        counts = np.bincount(self.codes[rows], minlength=len(self.categories))
         return Counter(dict(zip(self.categories, counts.tolist(), strict=True)))
 
-    def first_index(self, where: NDArray[np.bool_]) -> dict[str, int]:
+    def first_index(self, rows: NDArray[np.bool_]) -> dict[str, int]:
         """The first of the chosen places in which each text stands, for those that do in any."""
-        places = np.flatnonzero(where)
+        places = np.flatnonzero(rows)
         codes, firsts = np.unique(self.codes[places], return_index=True)
         return {
             self.categories[code]: place for code, place in zip(codes.tolist(), places[firsts].tolist(), strict=True)
@@ -111,13 +111,13 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
     @classmethod
     def of(cls, kind: type[KeyOrFrame], events: Iterable[KeyOrFrame]) -> "EventColumns[KeyOrFrame]":
         """The columns of these events."""
-        given = tuple(events)
+        event_list = tuple(events)
 
         @cache
         def column(name: str) -> Any:
-            return _column(name, [getattr(event, name) for event in given])
+            return _column(name, [getattr(event, name) for event in event_list])
 
-        return cls(kind, column, range(len(given)))
+        return cls(kind, column, range(len(event_list)))
 
     @classmethod
     def joined(cls, parts: "Sequence[EventColumns[KeyOrFrame]]") -> "EventColumns[KeyOrFrame]":
@@ -170,9 +170,9 @@ def _values(name: str, column: Any) -> Iterable[Any]:
     return [None if value == NO_ACTION else value for value in values] if name == "action" else values
 
 
-def _value(name: str, found: Any) -> Any:
+def _value(name: str, cell: Any) -> Any:
     """One value of a column, as events have it."""
-    value = found if isinstance(found, str) else found.item()
+    value = cell if isinstance(cell, str) else cell.item()
     return None if name == "action" and value == NO_ACTION else value
 
 

@@ -106,18 +106,18 @@ class Segment:
     @property
     def pauses(self) -> PauseSpans:
         """Begin and end of every pause, ns of session time; an open one ends with the segment."""
-        found: list[tuple[int, int]] = []
+        spans: list[tuple[int, int]] = []
         began_ns: int | None = None
         for note in self.notes:
             match note:
                 case Paused() if began_ns is None:
                     began_ns = note.t_ns
                 case Resumed() if began_ns is not None:
-                    found.append((began_ns, note.t_ns))
+                    spans.append((began_ns, note.t_ns))
                     began_ns = None
         if began_ns is None:
-            return tuple(found)
-        return (*found, (began_ns, max(began_ns, self.end_ns)))
+            return tuple(spans)
+        return (*spans, (began_ns, max(began_ns, self.end_ns)))
 
 
 def notes_in_session_time(notes: Iterable[SegmentNote], start_ns: int) -> tuple[SegmentNote, ...]:
@@ -227,7 +227,7 @@ def gather_team(
     bodies = len(formed.seats)
     unknown = (np.nan,) * 4 * bodies
     poses = [(ready and ready.poses) or unknown, *(event.poses or unknown for event in joint)]
-    taken = [event for event in events if isinstance(event, SeatTaken)]
+    seat_changes = [event for event in events if isinstance(event, SeatTaken)]
     return TeamRecord(
         team=formed.team,
         index=formed.index,
@@ -240,7 +240,7 @@ def gather_team(
         sources=tuple(event.sources for event in joint),
         digest=joint[-1].digest if joint else 0,
         late=sum(isinstance(event, InputLate) for event in events),
-        takeovers=sum(event.by == "agent" for event in taken),
+        takeovers=sum(event.by == "agent" for event in seat_changes),
         corrected=sum(isinstance(event, PictureCorrected) for event in events),
         sightings=tuple(event for event in events if isinstance(event, SeatSeen)),
     )

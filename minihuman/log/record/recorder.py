@@ -223,8 +223,8 @@ class DeferredRecorder(WrappedRecorder):
                 self._waits = False
                 waiting = self._waiting
                 self._waiting = []
-                for taken in waiting:
-                    self._recorder.begin(taken)
+                for batch in waiting:
+                    self._recorder.begin(batch)
 
     def close(self) -> Path | None:
         """Finish the log, if there is one; else forget what waited."""

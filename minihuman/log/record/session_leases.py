@@ -46,7 +46,7 @@ class Lease:
     grant: LeaseGrant
     renewed_s: float  # on the holder's clock, before the database was asked
     lost: bool = False
-    wanted: bool = False  # another server wants the session
+    is_requested: bool = False  # another server wants the session
     copied_writes: int = -1  # of the recorder; -1: the copy may lack what an earlier holder recorded
     _ended: bool = False  # its session has, and nobody may resume it
     _copied: dict[str, int] = field(default_factory=dict)  # bytes, by file
@@ -195,7 +195,7 @@ class SessionLeases:
                 lease.lost = lease.session not in wanted_by_session
                 if not lease.lost:
                     lease.renewed_s = began_s
-                    lease.wanted = wanted_by_session[lease.session]
+                    lease.is_requested = wanted_by_session[lease.session]
                     lease._confirm(piece, writes)
 
     def end(self, lease: Lease, reason: str) -> None:

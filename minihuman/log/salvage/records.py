@@ -77,12 +77,12 @@ def split_chunk(data: bytes, index: Sequence[bytes]) -> ChunkRecords:
     except (ValueError, IndexError):
         starts = _starts(data, np.zeros(0, np.int64))
     is_message = _at_each(data, np.dtype("u1"))[starts] == Opcode.MESSAGE
-    others = []
+    other_records = []
     for start in starts[~is_message].tolist():
         opcode, length = RECORD_HEADER.unpack_from(data, start)
-        others.append((opcode, data[start + RECORD_HEADER.size : start + RECORD_HEADER.size + length]))
+        other_records.append((opcode, data[start + RECORD_HEADER.size : start + RECORD_HEADER.size + length]))
     starts = starts[is_message]
-    return ChunkRecords(data, starts, _at_each(data, _MESSAGE)[starts], others)
+    return ChunkRecords(data, starts, _at_each(data, _MESSAGE)[starts], other_records)
 
 
 class ChunkMessages:
@@ -124,7 +124,7 @@ class ChunkMessages:
 
     def count(self, topic: str) -> int:
         """How many messages are of a topic."""
-        return sum(len(found.places) for found in self.by_topic(among=(topic,)))
+        return sum(len(messages.places) for messages in self.by_topic(among=(topic,)))
 
     def by_topic(self, *, among: Container[str]) -> Iterator[TopicMessages]:
         """Yield the messages of each of these topics that has any."""
@@ -158,16 +158,16 @@ def _starts(data: bytes, known: ByteOffsets) -> ByteOffsets:
 
 def _walked(data: bytes, begin: int, end: int) -> ByteOffsets:
     """Where each record between two places begins."""
-    found: list[int] = []
+    starts: list[int] = []
     at = begin
     length = _LENGTH.unpack_from
     head = RECORD_HEADER.size
     while at < end:
-        found.append(at)
+        starts.append(at)
         at += head + length(data, at + 1)[0]
     if at != end:
         raise ValueError("a record extends past the end of its chunk")
-    return np.array(found, np.int64)
+    return np.array(starts, np.int64)
 
 
 MAX_RECORD_BYTES = 64 * 1024 * 1024  # of a record, packed or unpacked; ours are a thousand times smaller
@@ -229,15 +229,15 @@ def _decompress_chunk(data: bytes, size: int) -> bytes:
     if stated != zstandard.CONTENTSIZE_UNKNOWN:
         raise ValueError(f"a chunk of {size} bytes holds a zstd frame of {stated} bytes")
     with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-        found: bytes = reader.read(size + 1)  # one more than it says is too much already
-    return found
+        content: bytes = reader.read(size + 1)  # one more than it says is too much already
+    return content
 
 
 def find_next_record(view: mmap.mmap, begin: int) -> int | None:
     """The byte at which the next whole record begins, from a byte on; None if none is found soon."""
     tries = 0
-    while (found := _RECORD_START.search(view, begin)) is not None and tries < MAX_CANDIDATES:
-        begin = found.start()
+    while (candidate := _RECORD_START.search(view, begin)) is not None and tries < MAX_CANDIDATES:
+        begin = candidate.start()
         try:
             if _is_whole_record(view, begin):
                 return begin

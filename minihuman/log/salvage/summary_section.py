@@ -106,7 +106,7 @@ def _parse_summary(fd: int, data: bytes) -> LogSummary | None:
     if zlib.crc32(memoryview(data)[_HEAD.size + _CRC.size : last]) != _CRC.unpack_from(data, last)[0]:
         return None
     topics: dict[int, str] = {}
-    found: dict[str, list[dict[str, str]]] = {name: [] for name in _INDEXED_METADATA}
+    facts_of_name: dict[str, list[dict[str, str]]] = {name: [] for name in _INDEXED_METADATA}
     counts = Counter[str]()
     for kind, content in _records(data, _HEAD.size + _CRC.size, among=_SUMMARY_OPCODES):
         if kind == Opcode.CHANNEL:
@@ -123,8 +123,8 @@ def _parse_summary(fd: int, data: bytes) -> LogSummary | None:
             stated_name, facts = _metadata(record[_HEAD.size :])
             if stated_name != name:
                 return None
-            found[name].append(facts)
-    starts, facts_of, ends = (tuple(found[name]) for name in _INDEXED_METADATA)
+            facts_of_name[name].append(facts)
+    starts, facts_of, ends = (tuple(facts_of_name[name]) for name in _INDEXED_METADATA)
     return LogSummary(starts, facts_of, ends, counts)
 
 

@@ -414,7 +414,7 @@ class WebServer:
                         lease = None
                     else:
                         lease = connection.lease
-                    if lease is not None and (lease.lost or lease.wanted):
+                    if lease is not None and (lease.lost or lease.is_requested):
                         await self._give_up(connection, CLOSE_BUSY if lease.lost else ANOTHER)
                 except Exception:  # of one connection; the others go on
                     LOG.exception("a session could not be left to another server")
