@@ -131,6 +131,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         "minihuman.experiment.pending_session",
         "minihuman.experiment.machine.key_state",
     ),
+    "minihuman.experiment.replay": ("minihuman.experiment.session_copy",),
     "minihuman.experiment.plan.expansion": (
         "minihuman.experiment.plan.participant_codes",
         "minihuman.experiment.plan.part_names",

@@ -182,7 +182,9 @@ def key_caption(key: str) -> str:
     if key in KEYPAD:
         return "keypad"
     side, _, modifier = key.partition("_")
-    return side if modifier in ("shift", "ctrl", "alt") else ""
+    if modifier in ("shift", "ctrl", "alt"):
+        return side
+    return ""
 
 
 # What players' fingers expect, for the action names of Minigrid, Miniworld, the arcade and Gymnasium's classics, and

@@ -113,19 +113,19 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
     ) -> tuple[NDArray[np.int64], dict[str, Any]]:
         """Show the stimulus."""
         super().reset(seed=seed)
-        self._made = 0
+        self._n_steps = 0
         self.last_reward = 0.0
         return self._observe(), {"onset": True}
 
     def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
         """Take the response."""
-        self._made += 1
+        self._n_steps += 1
         chance = self._chances.get(self.action_names[int(action)], 0.0)
         self.last_reward = float(self.np_random.random() < chance)
         return self._observe(), self.last_reward, True, False, {}
 
     def _observe(self) -> NDArray[np.int64]:
-        return np.array([self._made, 0], np.int64)
+        return np.array([self._n_steps, 0], np.int64)
 
     def render(self) -> Any:
         """The picture, uint8[H, W, 3] of ``picture_size_px``; empty ground once there was a response."""
@@ -137,7 +137,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
 
     @property
     def _is_over(self) -> bool:
-        return self._made > 0
+        return self._n_steps > 0
 
     def _draw(self, picture: Image.Image) -> None:
         width, height = picture.size
@@ -217,10 +217,10 @@ class TwoStep(Stimulus):
 
     def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
         """Choose; no response ends the trial without a reward."""
-        self._made += 1
+        self._n_steps += 1
         response = self.action_names[int(action)]
         if response == NO_RESPONSE:
-            self._made = 2
+            self._n_steps = 2
             return self._observe(), 0.0, True, False, {}
         if not self._pair:
             is_common = self.np_random.random() < self._common
@@ -232,11 +232,11 @@ class TwoStep(Stimulus):
         return self._observe(), self.last_reward, True, False, {}
 
     def _observe(self) -> NDArray[np.int64]:
-        return np.array([self._made, self._pair], np.int64)
+        return np.array([self._n_steps, self._pair], np.int64)
 
     @property
     def _is_over(self) -> bool:
-        return self._made > 1
+        return self._n_steps > 1
 
     def _draw(self, picture: Image.Image) -> None:
         draw, (width, height) = ImageDraw.Draw(picture), picture.size

@@ -109,12 +109,12 @@ def run_free_play(play: FreePlay, window: Window, clock: Clock) -> int:
     world = World(play.world, trusted=True)
     keys = assign_usual_keys(world)
     presses = _presses(window, clock)
-    begun = 0
+    n_layouts = 0
     try:
         while True:
-            begun += 1
-            if not _episode(play, world, keys, window, presses, play.seed + begun - 1):
-                return begun
+            n_layouts += 1
+            if not _episode(play, world, keys, window, presses, play.seed + n_layouts - 1):
+                return n_layouts
     finally:
         world.close()
 
@@ -148,9 +148,9 @@ def _over(outcome: EpisodeOutcome, steps: int, reward: float) -> Screen:
     return TextScreen(title, f"{steps} steps, reward {reward:.2f}", "Enter: another layout    Escape: leave")
 
 
-def _next_key(presses: Iterator[str], wanted: set[str]) -> str | None:
+def _next_key(presses: Iterator[str], accepted: set[str]) -> str | None:
     """The next press of a wanted key; None when the person leaves."""
-    return next((key for key in presses if key in wanted), None)
+    return next((key for key in presses if key in accepted), None)
 
 
 def _presses(window: Window, clock: Clock) -> Iterator[str]:

@@ -115,14 +115,14 @@ def format_verdict(findings: list[Finding]) -> str:
 
 
 def _versions() -> Finding:
-    found = [f"{platform.system()} {platform.machine()}", f"Python {platform.python_version()}"]
-    found.append(f"minihuman {__version__}")
+    versions = [f"{platform.system()} {platform.machine()}", f"Python {platform.python_version()}"]
+    versions.append(f"minihuman {__version__}")
     for package in _PACKAGES:
         try:
-            found.append(f"{package} {version(package)}")
+            versions.append(f"{package} {version(package)}")
         except PackageNotFoundError:
-            found.append(f"{package} missing")
-    return Finding("versions", ", ".join(found))
+            versions.append(f"{package} missing")
+    return Finding("versions", ", ".join(versions))
 
 
 def _clock_resolution() -> Finding:
@@ -148,10 +148,10 @@ def _texts(protocol: Protocol) -> Finding:
     if not problems:
         return Finding("texts", f"every text of the study can be read, in {protocol.study.language!r}")
     if len(problems) > 1:
-        others = f" (and {len(problems) - 1} more; minihuman check names all)"
+        more_problems = f" (and {len(problems) - 1} more; minihuman check names all)"
     else:
-        others = ""
-    return Finding("texts", problems[0] + others, "a text of the study cannot be read here")
+        more_problems = ""
+    return Finding("texts", problems[0] + more_problems, "a text of the study cannot be read here")
 
 
 def _display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Iterator[Finding]:
@@ -179,8 +179,8 @@ def _pictures(window: BlockingWindow, protocol: Protocol) -> Iterator[Finding]:
         with closing(World(block.world, block.options)) as world:
             median, p95 = np.percentile(_times_ms(window, block, world)[_WARM:], (50, 95))
         late = f"a picture of block {block.name} takes {median:.0f} ms, over {MAX_PICTURE_MS:.0f}"
-        found = f"step to flip: median {median:.1f} ms, 95 % {p95:.1f} ms"
-        yield Finding(f"block {block.name}", found, late if median > MAX_PICTURE_MS else "")
+        delays = f"step to flip: median {median:.1f} ms, 95 % {p95:.1f} ms"
+        yield Finding(f"block {block.name}", delays, late if median > MAX_PICTURE_MS else "")
 
 
 def _frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:

@@ -99,10 +99,10 @@ class LearnerProcess:
         """What came of the question; None: nothing yet. With ``patient`` this waits for it."""
         assert self._until_s is not None, "nothing was asked"
         while True:
-            found = self._look(0.2 if patient else 0.0)
-            if found is not None:
+            answer = self._look(0.2 if patient else 0.0)
+            if answer is not None:
                 self._until_s = None
-                return found
+                return answer
             if not patient:
                 return None
 

@@ -129,8 +129,8 @@ def _list_distributions() -> Mapping[str, list[str]]:
 
 def _numbers(release: str) -> str:
     """A kernel's version without what its builder added, which may name a machine or a person."""
-    found = re.match(r"[0-9.]+", release)
-    return found[0] if found else ""
+    match = re.match(r"[0-9.]+", release)
+    return match[0] if match else ""
 
 
 @cache

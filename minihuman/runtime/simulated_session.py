@@ -76,8 +76,8 @@ def simulate(
         plan = plan_next_session(protocol, data)
         place = plan.participant.index
         taken_over = int(plan.participant.id.partition("-")[2]) - 1 - place  # 0 for the slot's first participant
-        who = (place, *filter(None, (left[place], taken_over)))
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=who))
+        stream_key = (place, *filter(None, (left[place], taken_over)))
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=stream_key))
         return plan, make_participant(player, rng)
 
     if any(len(team.persons) > 1 for _, team in list_teams(protocol, None)):

@@ -39,7 +39,7 @@ from minihuman.experiment.plan.designs import (
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.random_streams import make_draw
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.experiment.replay import copy_session
+from minihuman.experiment.session_copy import copy_session
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.plugins import load_plugin
 from minihuman.runtime.session_loop import run_session

@@ -93,7 +93,7 @@ def test_a_live_session_has_a_row_that_grows(tmp_path: Path) -> None:
     recorder.write(events[20:])
     recorder.close()
     (row,) = read_session_index(tmp_path)
-    assert row.path == recorder.where.log
+    assert row.path == recorder.segment_path.log
     assert row.summary is not None
     assert (row.summary.steps, row.summary.clean) == (10, True)
 

@@ -241,7 +241,8 @@ class AgentPlayActivity(PlayActivity):
         now_ns = self.context.now_ns
         self.controller = controller
         self._due_ns = None
-        pressed_ns = now_ns if pressed_ns is None else pressed_ns
+        if pressed_ns is None:
+            pressed_ns = now_ns
         self.context.emit(ControlChanged(now_ns, play.plan.episode, play.steps, controller, reason, pressed_ns))
 
     def _between_episodes(self) -> None:
@@ -256,7 +257,9 @@ class AgentPlayActivity(PlayActivity):
     @property
     def learning_s(self) -> float:  # type: ignore[override]
         """How long the next episode waits for the learner."""
-        return self.agent.wait_s if self._learning else 0.0
+        if self._learning:
+            return self.agent.wait_s
+        return 0.0
 
     # What is seen
 

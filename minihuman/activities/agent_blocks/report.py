@@ -44,7 +44,9 @@ def policy_agreement(episodes: Sequence[TaughtEpisode]) -> float:
         advised_steps = taught.by_person & (taught.policy_actions != NO_ADVICE)
         agreements.append(taught.policy_actions[advised_steps] == episode.actions[advised_steps])
     steps = np.concatenate(agreements) if agreements else np.zeros(0)
-    return float(steps.mean()) if len(steps) else float("nan")
+    if len(steps):
+        return float(steps.mean())
+    return float("nan")
 
 
 def autonomy_gain_per_min(episodes: Sequence[TaughtEpisode]) -> float:

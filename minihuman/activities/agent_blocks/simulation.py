@@ -55,7 +55,9 @@ class AgentBlockSimulator(PartSimulator):
         if isinstance(participant, SimulatedTeacher):
             with name_failures():
                 press = participant.watch(play.world, build_watched_step(part, play, self.person.now_ns))
-            return None if press is None else check_press(press)
+            if press is None:
+                return None
+            return check_press(press)
         if part.controller == "person":
             return ask_key(participant, play)
         return None

@@ -42,7 +42,7 @@ class CorrectionActivity(Activity):
         self._plan: CorrectionPlan = self.part.plan
         self._number = 0
         self._corrections = 0
-        self._drawn: tuple[object, Screen] | None = None
+        self._cached_screen: tuple[object, Screen] | None = None
         self._wait()
 
     def _wait(self) -> None:
@@ -266,9 +266,12 @@ class CorrectionActivity(Activity):
             return screen_texts.build_wait_screen(self.context.words)
         steps = self.play.steps if self.play is not None else self._step
         now = (self.phase, self._number, self._corrections, steps)
-        if self._drawn is None or self._drawn[0] != now:
-            self._drawn = (now, self._film_screen(self._film) if self.play is None else self._play_screen(self.play))
-        return self._drawn[1]
+        if self._cached_screen is None or self._cached_screen[0] != now:
+            self._cached_screen = (
+                now,
+                self._film_screen(self._film) if self.play is None else self._play_screen(self.play),
+            )
+        return self._cached_screen[1]
 
     def _film_screen(self, film: EpisodeFilm) -> FilmScreen:
         words = self.context.words

@@ -32,14 +32,18 @@ _PROMPTS: dict[StrEnum, str] = {  # of the last page
 def _find_phase(plan: PagePlan) -> Phase:
     if plan.agree:
         return Phase.CONSENT
-    return Phase.CLOSING if plan.closing else Phase.PAGE
+    if plan.closing:
+        return Phase.CLOSING
+    return Phase.PAGE
 
 
 def _find_direction(key: str) -> int:
     """By how many pages a key turns."""
     if key in FORWARD_KEYS:
         return 1
-    return -1 if key in BACK_KEYS else 0
+    if key in BACK_KEYS:
+        return -1
+    return 0
 
 
 class PagesActivity(Activity):

@@ -197,7 +197,9 @@ class PlayActivity(Activity):
     @property
     def limit_ns(self) -> int | None:  # type: ignore[override]
         """When the time for the episode, or for the block, is over; None while nothing is played or without a limit."""
-        return self._limits.due_ns if self.playing else None
+        if self.playing:
+            return self._limits.due_ns
+        return None
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]

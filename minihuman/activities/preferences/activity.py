@@ -36,7 +36,7 @@ class PreferencesActivity(Activity):
         """Wait for the first pair."""
         self._plan: PreferencesPlan = self.part.plan
         self._pair = 0
-        self._drawn: tuple[object, Screen] | None = None
+        self._cached_screen: tuple[object, Screen] | None = None
         plan = self.context.plan
         session = self.context.plan.session
         purpose = f"pair-sides-{self.part.name}-session-{session}"
@@ -199,9 +199,9 @@ class PreferencesActivity(Activity):
         if self.phase is not Phase.COMPARING:
             return screen_texts.build_wait_screen(self.context.words)
         now = (self._pair, self._step, self._replays)
-        if self._drawn is None or self._drawn[0] != now:
-            self._drawn = (now, self._screen())
-        return self._drawn[1]
+        if self._cached_screen is None or self._cached_screen[0] != now:
+            self._cached_screen = (now, self._screen())
+        return self._cached_screen[1]
 
     def _screen(self) -> PairScreen:
         words = self.context.words

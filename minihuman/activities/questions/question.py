@@ -261,4 +261,6 @@ def parse_option(target: str) -> int | None:
 def horizontal_step(key: str, *, rtl: bool) -> int:
     """How far an arrow key moves in reading order: 1, -1, or 0 for any other key."""
     by = {"left": -1, "right": 1}.get(key, 0)
-    return -by if rtl else by
+    if rtl:
+        return -by
+    return by

@@ -90,7 +90,9 @@ class RatingActivity(AgentPlayActivity):
     @property
     def rated_episode(self) -> RunningEpisode | None:
         """The episode whose last picture stays."""
-        return self._current if self.phase is Phase.HOLD else None
+        if self.phase is Phase.HOLD:
+            return self._current
+        return None
 
     @property
     def rating_keys(self) -> tuple[str, str]:
@@ -114,7 +116,9 @@ class RatingActivity(AgentPlayActivity):
 def _find_mark(rating: float) -> OutcomeMark:
     if not rating:
         return ""
-    return "good" if rating > 0 else "bad"
+    if rating > 0:
+        return "good"
+    return "bad"
 
 
 RATING = ActivityKind(

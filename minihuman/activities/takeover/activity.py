@@ -33,7 +33,9 @@ class TakeoverActivity(AgentPlayActivity):
     @property
     def hand_back_key(self) -> str:
         """The key that gives the agent control back; "" where there is no agent to give it to."""
-        return self.agent.hand_back if self.policy else ""
+        if self.policy:
+            return self.agent.hand_back
+        return ""
 
     def control_text(self, controller: Controller) -> str:
         """The text below the picture, with how to hand back."""

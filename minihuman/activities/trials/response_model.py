@@ -105,8 +105,8 @@ class TrialResponder:
             total = sum(weights.values())
             return {name: parameters.drift_correct * weight / total for name, weight in weights.items()}
         self._may_withhold |= correct == NO_RESPONSE
-        made = (*responses, NO_RESPONSE) if self._may_withhold else responses
-        drifts = {name: parameters.drift_correct if name == correct else parameters.drift_error for name in made}
+        racing = (*responses, NO_RESPONSE) if self._may_withhold else responses
+        drifts = {name: parameters.drift_correct if name == correct else parameters.drift_error for name in racing}
         for name in stimulus.prompted_responses:
             if name in drifts:
                 drifts[name] += parameters.drift_automatic
@@ -124,14 +124,16 @@ class TrialResponder:
 
 def draw_parameters(rng: np.random.Generator, spread: float = 1.0) -> ResponseParameters:
     """Draw one person."""
-    drawn: dict[str, Any] = {}
+    parameters: dict[str, Any] = {}
     for name, deviation in _SPREADS.items():
         factor = math.exp(spread * deviation * float(rng.standard_normal()))
-        drawn[name] = getattr(ResponseParameters(), name) * factor
-    drawn["learning_rate"] = min(drawn["learning_rate"], 1.0)
-    return replace(ResponseParameters(), **drawn)
+        parameters[name] = getattr(ResponseParameters(), name) * factor
+    parameters["learning_rate"] = min(parameters["learning_rate"], 1.0)
+    return replace(ResponseParameters(), **parameters)
 
 
 def find_stimulus(world: Any) -> Stimulus | None:
     """Return the trial that a world is; None for another world."""
-    return world if isinstance(world, Stimulus) else None
+    if isinstance(world, Stimulus):
+        return world
+    return None

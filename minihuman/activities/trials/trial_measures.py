@@ -70,8 +70,8 @@ def measure_conditions(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def _measure_level(trials: pd.DataFrame, label: str, levels: "pd.Series[str]") -> Iterator[dict[str, object]]:
-    told = levels[levels != ""].rename("level")
-    for key, part in trials.loc[told.index].groupby([*_PERSON, told], sort=False):
+    stated_levels = levels[levels != ""].rename("level")
+    for key, part in trials.loc[stated_levels.index].groupby([*_PERSON, stated_levels], sort=False):
         *person, level = key
         yield dict(zip(_PERSON, person, strict=True)) | {"label": label, "level": level} | measure_trials(part)
 

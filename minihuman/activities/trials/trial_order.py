@@ -86,8 +86,8 @@ def _take_balanced(table: Sequence[int], levels: Sequence[Hashable], count: int)
     by_remainder = sorted(exact, key=lambda level: shares[level] - exact[level])  # stable: first shown, first taken
     for level in by_remainder[: count - sum(shares.values())]:
         shares[level] += 1
-    taken = sorted(place for level, rows in places.items() for place in rows[: shares[level]])
-    return [table[place] for place in taken]
+    chosen = sorted(place for level, rows in places.items() for place in rows[: shares[level]])
+    return [table[place] for place in chosen]
 
 
 def _break_runs(

@@ -63,14 +63,7 @@ class _StreamChecker:
         self._place = f"event {number}, {type(event).__name__}"
         self._rule(isinstance(event, SessionStarted) == (number == 0), "SessionStarted is the first event, and only it")
         self._rule(not self._ended, "nothing follows SessionEnded")
-        if isinstance(event, Sampled):
-            last_ns = self._sampled_ns.get(event.device, 0)
-        else:
-            last_ns = self._t_ns
-        self._rule(event.t_ns >= last_ns, f"time goes back from {last_ns} to {event.t_ns} ns")
-        if isinstance(event, Sampled):
-            self._sampled_ns[event.device] = event.t_ns
-            return
+        self._check_time(event)
         match event:
             case SessionStarted():
                 self._first = self._next = event.plan.first_episode
@@ -90,7 +83,15 @@ class _StreamChecker:
                 self._read_pause_event(event)
             case Noted():
                 self._rule(bool(event.kind), "a note says of what kind it is")
-        self._t_ns = event.t_ns
+
+    def _check_time(self, event: Event) -> None:
+        if isinstance(event, Sampled):
+            last_ns = self._sampled_ns.get(event.device, 0)
+            self._sampled_ns[event.device] = event.t_ns
+        else:
+            last_ns = self._t_ns
+            self._t_ns = event.t_ns
+        self._rule(event.t_ns >= last_ns, f"time goes back from {last_ns} to {event.t_ns} ns")
 
     def _read_episode_event(self, event: KeyMapDrawn | EpisodeStarted | EpisodeEnded | EpisodesSkipped) -> None:
         match event:

@@ -114,7 +114,9 @@ class PartSequence:
             return None
         if ended.back_to is not None:
             self._to_do = [*range(ended.back_to, len(self._parts))]
-        return self._to_do[0] if self._to_do else None
+        if self._to_do:
+            return self._to_do[0]
+        return None
 
     def begin(self) -> None:
         """Start the next part; it may be over at once."""

@@ -47,7 +47,9 @@ def find_consent_text(protocol: Protocol, group: str, names: Sequence[str]) -> s
     """The text that is agreed to in a session with these parts."""
     texts = (protocol.page_for(name, group) for name in names)
     agreed = next((page.text for page in texts if page and page.asks_consent), None)
-    return protocol.study.consent if agreed is None else agreed
+    if agreed is None:
+        return protocol.study.consent
+    return agreed
 
 
 def plan_parts(

@@ -30,7 +30,9 @@ class Participant(msgspec.Struct, frozen=True):
     @property
     def place(self) -> int:
         """Where in the allocation list they are."""
-        return self.index if self.slot is None else self.slot
+        if self.slot is None:
+            return self.index
+        return self.slot
 
 
 class KeyMap(msgspec.Struct, frozen=True):

@@ -45,7 +45,9 @@ def plan_rules(block: BlockSpec, seed: int, purpose: str, participant: int) -> T
             float(round(interval[0] + share * (interval[1] - interval[0]))) for share in shares.tolist()
         )
     rules = TrialRules(block.ready, block.feedback_ms, intervals_ms)
-    return msgspec.UNSET if rules == TrialRules() else rules
+    if rules == TrialRules():
+        return msgspec.UNSET
+    return rules
 
 
 def plan_stimuli(protocol: Protocol, block: BlockSpec, purpose: str, participant: int) -> list[TrialStimulus]:

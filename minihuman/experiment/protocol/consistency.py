@@ -206,33 +206,34 @@ def _check_questionnaire(questionnaire: QuestionnaireSpec, protocol: Protocol) -
 
 def _check_items(questionnaire: QuestionnaireSpec) -> Iterator[FieldError]:
     earlier: list[str] = []
-    for place, item in enumerate(questionnaire.items):
-        duplicates = [name for name in item.asked if name in earlier]
+    for place, question in enumerate(questionnaire.items):
+        duplicates = [name for name in question.asked if name in earlier]
         if duplicates:
             yield f"items[{place}].name", f"is {duplicates[0]!r} again; give each its own name"
         answerable = [] if questionnaire.shuffle else earlier
-        for name in item.only_if or {}:
+        for name in question.only_if or {}:
             if name not in answerable:
                 known = "none, as they are shuffled" if questionnaire.shuffle else ", ".join(earlier) or "none"
                 yield f"items[{place}].only_if", f"names {name!r}, which is no earlier question; earlier ones: {known}"
-        earlier += item.asked
-        for field, message in check_item(item):
+        earlier += question.asked
+        for field, message in check_item(question):
             yield f"items[{place}].{field}", message
 
 
 def _check_correct_answers(questionnaire: QuestionnaireSpec) -> Iterator[FieldError]:
     """Check that each right answer is one that can be given."""
-    for place, item in enumerate(questionnaire.items):
+    for place, question in enumerate(questionnaire.items):
+        kind = question.kind
         try:
-            answer_type = find_question_kind(item.kind).answer_type
+            answer_type = find_question_kind(kind).answer_type
         except ProtocolError:
             continue  # an error of its own
-        for right in item.right_answers:
+        for right in question.right_answers:
             if answer_type == "number" and isinstance(right, str):
-                message = f"is {right!r}, a text, but a {item.kind} is answered with a number; write it without quotes"
+                message = f"is {right!r}, a text, but a {kind} is answered with a number; write it without quotes"
                 yield f"items[{place}].right", message
             elif answer_type == "text" and not isinstance(right, str):
-                message = f"is {right!r}, a number, but a {item.kind} is answered with text; write it in quotes"
+                message = f"is {right!r}, a number, but a {kind} is answered with text; write it in quotes"
                 yield f"items[{place}].right", message
 
 

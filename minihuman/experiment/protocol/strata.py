@@ -46,7 +46,9 @@ class Strata:
     @property
     def question(self) -> str:
         """What is asked, as the protocol names it."""
-        return f"{self.part}.{self.item}" if self.item else self.part
+        if self.item:
+            return f"{self.part}.{self.item}"
+        return self.part
 
     def of(self, answer: Any) -> str:
         """Return the stratum of an answer, as it is in the log."""
@@ -132,32 +134,32 @@ def _check_answer(protocol: Protocol) -> Iterator[FieldError]:
     """Check that the answer is one that divides participants into strata."""
     allocation = protocol.allocation
     part, _, name = allocation.stratify_by.partition(".")
-    items = _find_items(protocol, part)
-    if not items:
+    questions = _find_items(protocol, part)
+    if not questions:
         parts = ", ".join(questionnaire.name for questionnaire in protocol.questions) or "none"
         yield "stratify_by", f"is {allocation.stratify_by!r}, but there are no questions {part!r}; there are {parts}"
         return
     if not name:
-        if all(item.right is None for item in items):
-            example = f"{part}.{items[0].name}"
+        if all(question.right is None for question in questions):
+            example = f"{part}.{questions[0].name}"
             yield "stratify_by", f"is {part!r}, whose questions have no right answers; name one as '{example}'"
         else:
             yield from _check_cuts(allocation)
         return
-    item = next((item for item in items if item.name == name), None)
-    if item is None:
-        known = ", ".join(f"{part}.{item.name}" for item in items)
+    question = next((question for question in questions if question.name == name), None)
+    if question is None:
+        known = ", ".join(f"{part}.{question.name}" for question in questions)
         yield "stratify_by", f"is {allocation.stratify_by!r}, which is not a question; there are {known}"
         return
-    answer_type = find_question_kind(item.kind).answer_type
+    answer_type = find_question_kind(question.kind).answer_type
     if answer_type == "number":
         yield from _check_cuts(allocation)
     elif answer_type in _CODED:
-        yield from _check_codes(allocation, item)
+        yield from _check_codes(allocation, question)
     else:
         yield (
             "stratify_by",
-            f"is {allocation.stratify_by!r}, a {item.kind}; use a choice, a likert, a number or a slider",
+            f"is {allocation.stratify_by!r}, a {question.kind}; use a choice, a likert, a number or a slider",
         )
 
 

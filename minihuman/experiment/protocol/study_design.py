@@ -99,7 +99,9 @@ def _choose_effect(names: set[FactorName]) -> PrimaryEffect:
         return "interaction"
     if "condition" in names:
         return "conditions"
-    return "groups" if "group" in names else ""
+    if "group" in names:
+        return "groups"
+    return ""
 
 
 def _find_groups(protocol: Protocol) -> Factor | None:

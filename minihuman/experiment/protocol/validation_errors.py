@@ -140,7 +140,9 @@ def build_protocol_error(
 ) -> ProtocolError | None:
     """All errors as one, in order of line; None if there are none."""
     placed = format_field_errors(errors, source=source, text=text, tree=tree)
-    return ProtocolError.of(placed, source) if placed else None
+    if placed:
+        return ProtocolError.of(placed, source)
+    return None
 
 
 def format_field_errors(errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]) -> list[str]:

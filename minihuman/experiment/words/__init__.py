@@ -87,7 +87,9 @@ class InterfaceWords:
         known = self._words.get(f"mission.{mission}")
         if known is not None:
             return known
-        return mission if self.language == ENGLISH else ""
+        if self.language == ENGLISH:
+            return mission
+        return ""
 
     def labels(self, keys: tuple[str, ...]) -> tuple[tuple[str, str, str], ...]:
         """For each key: its name, what its cap says, and what tells it from another with the same cap."""

@@ -81,9 +81,9 @@ class DashboardServer:
         name = query.get("session", [""])[0]
         with self._one_at_a_time:
             match path, body:
-                case "" | "page.css" | "page.js" as asked, None:
-                    kind = _KINDS[asked.rpartition(".")[2]]
-                    return f"{kind}; charset=utf-8", (files(__package__) / (asked or "page.html")).read_bytes()
+                case "" | "page.css" | "page.js" as file_name, None:
+                    kind = _KINDS[file_name.rpartition(".")[2]]
+                    return f"{kind}; charset=utf-8", (files(__package__) / (file_name or "page.html")).read_bytes()
                 case "state", None:
                     return "application/json", self._aside(lambda: json.dumps(self._state()).encode())
                 case "picture", None:
@@ -147,14 +147,14 @@ def _handler(prefix: str, answer: AnswerRequest) -> type[BaseHTTPRequestHandler]
 
         def _respond(self, body: bytes | None) -> None:
             url = urlsplit(self.path)
-            found = None
+            response = None
             if url.path.startswith(prefix) and is_named(self.headers.get("Host", ""), LOCAL_HOSTS):
                 try:
-                    found = answer(url.path.removeprefix(prefix), parse_qs(url.query), body)
+                    response = answer(url.path.removeprefix(prefix), parse_qs(url.query), body)
                 except msgspec.DecodeError:
-                    found = None
-            kind, content = found or ("text/plain", b"there is nothing here")
-            self._send(HTTPStatus.OK if found else HTTPStatus.NOT_FOUND, kind, content)
+                    response = None
+            kind, content = response or ("text/plain", b"there is nothing here")
+            self._send(HTTPStatus.OK if response else HTTPStatus.NOT_FOUND, kind, content)
 
         def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
             self.send_response(status)

@@ -74,7 +74,9 @@ class TextDraft(AnswerDraft):
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
         """A number that could be an age."""
-        return None if self._text else str(18 + choose(50))
+        if self._text:
+            return None
+        return str(18 + choose(50))
 
 
 class LongTextDraft(TextDraft):

@@ -128,9 +128,9 @@ class MatrixDraft(LikertDraft):
 
     def widget(self) -> RatingMatrix:  # type: ignore[override]
         """The rows."""
-        asked = self.question
-        rows = tuple((asked.statements or {}).values())
-        return RatingMatrix(rows, self._labels, asked.low, asked.high, tuple(self._rows), self._row)
+        question = self.question
+        rows = tuple((question.statements or {}).values())
+        return RatingMatrix(rows, self._labels, question.low, question.high, tuple(self._rows), self._row)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
         """Any point in the first row without one."""

@@ -51,12 +51,16 @@ class SliderDraft(AnswerDraft):
         if self._step is None:
             return None
         number = round(self.question.minimum + self._step * self.question.step, 9)
-        return int(number) if number == int(number) else number
+        if number == int(number):
+            return int(number)
+        return number
 
     @property
     def display_text(self) -> str:
         """The number."""
-        return "" if self.value is None else f"{self.value:g}"
+        if self.value is None:
+            return ""
+        return f"{self.value:g}"
 
     def widget(self) -> Slider:
         """The line and its thumb."""
