@@ -162,7 +162,10 @@ class PadAxes:
         for way, sign in dict(zip(ways, (-1, 1), strict=bool(ways))).items():
             down = value * sign > (0.4 if way in self._buttons else 0.5)  # apart, so that it does not flutter
             if down != (way in self._buttons):
-                (self._buttons.add if down else self._buttons.discard)(way)
+                if down:
+                    self._buttons.add(way)
+                else:
+                    self._buttons.discard(way)
                 changed.append((way, down))
         return value, changed
 

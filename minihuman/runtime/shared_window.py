@@ -172,7 +172,7 @@ class SharedWindow:
     @property
     def _front(self) -> SeatWindow:
         """The seat that is asked something; the first, if all play or wait."""
-        return next((seat for seat in self._active_seats if not seat.waits), self._here[0])
+        return next((seat for seat in self._active_seats if not seat.waits), self._active_seats[0])
 
     def _show(self) -> None:
         """Show the screens that are new."""

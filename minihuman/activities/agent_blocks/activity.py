@@ -233,8 +233,12 @@ class AgentPlayActivity(PlayActivity):
     def _episode_started(self) -> None:
         self.policy = self._next_policy
         self._due_ns = self.advised = None
-        agent_acts = bool(self.policy) or self.acts_without_policy
-        self._steer("agent" if agent_acts else "person", "start" if self.policy else "no_policy")
+        if self.policy:
+            self._steer("agent", "start")
+        elif self.acts_without_policy:
+            self._steer("agent", "no_policy")
+        else:
+            self._steer("person", "no_policy")
 
     def _steer(self, controller: Controller, reason: ControlReason, pressed_ns: int | None = None) -> None:
         play = self._current

@@ -38,12 +38,12 @@ def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
 
 
 def policy_agreement(episodes: Sequence[TaughtEpisode]) -> float:
-    """The share of the person's steps at which the policy would have done the same; NaN without any."""
-    agreements = []
+    """Return the share of the person's steps at which the policy would have done the same; NaN without any."""
+    agreements = [np.zeros(0, np.bool_)]
     for episode, taught in episodes:
         advised_steps = taught.by_person & (taught.policy_actions != NO_ADVICE)
         agreements.append(taught.policy_actions[advised_steps] == episode.actions[advised_steps])
-    steps = np.concatenate(agreements) if agreements else np.zeros(0)
+    steps = np.concatenate(agreements)
     if len(steps):
         return float(steps.mean())
     return float("nan")

@@ -83,7 +83,7 @@ class PagesActivity(Activity):
                 self.ended = PartEnding("failed", reason="declined", detail="the participant did not agree")
 
     def _moved(self, by: int, *, by_enter: bool) -> bool:
-        """Whether it led anywhere. The last page is left by Enter or its button only, never by an arrow too many."""
+        """Turn the page; tell whether that led anywhere. Only Enter or its button leaves the last page, no arrow."""
         if not by:
             return False
         if self._reader.turn(by):
@@ -109,15 +109,20 @@ class PagesActivity(Activity):
         plan: PagePlan = self.part.plan
         words = self.context.words
         reader = self._reader
+        decline_label = ""
+        button = words["button.go_on"]
+        if plan.agree:
+            decline_label = words["consent.decline"]
+            button = words["consent.button"]
         return build_page_screen(
             words,
             title=plan.title,
-            decline_label=words["consent.decline"] if plan.agree else "",
+            decline_label=decline_label,
             body=fill_score_fields(self.context, plan.pages[reader.page] if plan.pages else ""),
             page=reader.page,
             pages=reader.pages,
             last=words[_PROMPTS[self.phase]],
-            button=words["consent.button"] if plan.agree else words["button.go_on"],
+            button=button,
             picture=self._pictures.get(reader.page),
             marks=self._marks if reader.page == 0 else (),
         )

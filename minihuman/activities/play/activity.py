@@ -272,7 +272,7 @@ class PlayActivity(Activity):
         if press.repeat and (play.real_time or not play.plan.auto_repeat or action is None):
             emit_key(press, "repeat", self.phase, action)
         elif action is None:
-            emit_key(press, "spare" if press.key in play.plan.key_map.spare_keys else "unmapped", self.phase)
+            emit_key(press, play.plan.key_map.judge_idle_key(press.key), self.phase)
         elif play.real_time:
             play.queue(press.t_ns, press.key, action)
             emit_key(press, "queued", self.phase, action)

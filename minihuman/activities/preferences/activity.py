@@ -21,7 +21,7 @@ from minihuman.activities.preferences.requests import ClipRequest
 from minihuman.activities.preferences.screens import PairScreen
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.activity import Activity, ActivityKind, ActivityRequest, PartEnding
-from minihuman.experiment.machine.events import ActivityEvent, Noted, PauseReason
+from minihuman.experiment.machine.events import ActivityEvent, KeyVerdict, Noted, PauseReason
 from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
 from minihuman.experiment.machine.running_episode import NS_PER_MS, catch_world_errors
 from minihuman.experiment.machine.screens import Screen
@@ -174,10 +174,11 @@ class PreferencesActivity(Activity):
             plan.equal: "equal",
             plan.cannot_tell: "cannot_tell",
         }
+        early_verdict: KeyVerdict = "not_playing" if press.key in answers else "unmapped"
         if press.repeat:
             emit_key(press, "repeat", self.phase)
         elif self.phase is not Phase.COMPARING:
-            emit_key(press, "not_playing" if press.key in answers else "unmapped", self.phase)
+            emit_key(press, early_verdict, self.phase)
         elif press.key == plan.again:
             emit_key(press, "accepted", self.phase)
             self._step = 0
@@ -190,7 +191,7 @@ class PreferencesActivity(Activity):
             self._pair += 1
             self._wait()
         else:  # both are to be seen to their ends first
-            emit_key(press, "not_playing" if press.key in answers else "unmapped", self.phase)
+            emit_key(press, early_verdict, self.phase)
 
     # What is seen
 

@@ -105,8 +105,11 @@ class TrialResponder:
             total = sum(weights.values())
             return {name: parameters.drift_correct * weight / total for name, weight in weights.items()}
         self._may_withhold |= correct == NO_RESPONSE
-        racing = (*responses, NO_RESPONSE) if self._may_withhold else responses
-        drifts = {name: parameters.drift_correct if name == correct else parameters.drift_error for name in racing}
+        drifts = dict.fromkeys(responses, parameters.drift_error)
+        if self._may_withhold:
+            drifts.setdefault(NO_RESPONSE, parameters.drift_error)
+        if correct in drifts:
+            drifts[correct] = parameters.drift_correct
         for name in stimulus.prompted_responses:
             if name in drifts:
                 drifts[name] += parameters.drift_automatic

@@ -71,7 +71,9 @@ def find_longest_run(levels: Sequence[Hashable]) -> int:
     """Find how many equal levels follow each other at most."""
     longest = current = 0
     for place, level in enumerate(levels):
-        current = current + 1 if place and level == levels[place - 1] else 1
+        if place == 0 or level != levels[place - 1]:
+            current = 0
+        current += 1
         longest = max(longest, current)
     return longest
 

@@ -45,7 +45,8 @@ def compute_bonus(bonus: BonusSpec, points: float, waited_ns: int = 0, stranded:
         stranded: whether others, or the study, kept it from being played: it earns the base pay at least.
     """
     earned = max(0.0, bonus.base + bonus.per_point * points)
-    earned = earned if bonus.most is None else min(earned, bonus.most)
+    if bonus.most is not None:
+        earned = min(earned, bonus.most)
     least = (bonus.base_pay or 0.0) if stranded else 0.0
     return max(earned, least) + (bonus.waiting_per_min or 0.0) * waited_ns / 60e9
 

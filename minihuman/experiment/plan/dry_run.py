@@ -260,7 +260,7 @@ def _examine_block(block: BlockSpec, examined: dict[bytes, ConformanceReport], *
 
 
 def _rehearse(block: BlockSpec, steps: int) -> Rehearsal:
-    seeds = tuple(dict.fromkeys(block.seeds)) if isinstance(block.seeds, tuple) else tuple(range(N_TRIED_SEEDS))
+    seeds = tuple(dict.fromkeys(_list_tried_seeds(block)))
     options = list_world_options(block)
     with closing(World(block.world, options)) as world:
         world.name_actions(block.actions)
@@ -276,6 +276,12 @@ def _rehearse(block: BlockSpec, steps: int) -> Rehearsal:
         max_steps=block.max_steps,
         steps=steps,
     )
+
+
+def _list_tried_seeds(block: BlockSpec) -> Sequence[int]:
+    if isinstance(block.seeds, tuple):
+        return block.seeds
+    return range(N_TRIED_SEEDS)
 
 
 def _list_block_notices(block: BlockSpec) -> Iterator[str]:
@@ -321,7 +327,7 @@ def describe_worlds(protocol: Protocol, notices: Sequence[str] | None = None) ->
 
 def _find_missed_actions(block: BlockSpec) -> set[str]:
     """Find the actions that the planner would take in a block's first layouts and participants cannot."""
-    seeds = block.seeds if isinstance(block.seeds, tuple) else range(N_TRIED_SEEDS)
+    seeds = _list_tried_seeds(block)
     with closing(World(block.world, block.options)) as world:
         return find_needed_actions(world, seeds) - set(block.actions)
 
@@ -347,7 +353,7 @@ def list_world_notices(world: World) -> list[str]:
 
 def try_world(block: BlockSpec) -> None:
     """Do everything once that an episode of a block does with its world, with each of its layouts and actions."""
-    seeds = sorted(set(block.seeds)) if isinstance(block.seeds, tuple) else range(N_TRIED_SEEDS)
+    seeds = sorted(set(_list_tried_seeds(block)))
     world = World(block.world, block.options)
     try:
         world.name_actions(block.actions)

@@ -134,9 +134,11 @@ def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:
     if block.design is not None and make_design(block.design).needs_success:
         needs.append(f"design {block.design.name!r}")
     for spec in (protocol.allocation.design, protocol.allocation.stopping):
-        design = None if spec is None else make_enrolment_design(spec)
-        if spec is not None and design is not None and design.outcome == "success":
-            needs += [f"allocation by {spec.name!r}"] if design.block in ("", block.name) else []
+        if spec is None:
+            continue
+        design = make_enrolment_design(spec)
+        if design.outcome == "success" and design.block in ("", block.name):
+            needs.append(f"allocation by {spec.name!r}")
     analysis = protocol.analysis
     named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name in SUCCESS_MEASURES]
     if named and block.analysed and analysis.block in ("", block.name):

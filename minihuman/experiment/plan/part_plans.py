@@ -212,11 +212,12 @@ def _plan_play(
     block = blocks[number]
     count = len(blocks)
     own_episodes = [episode for episode in episodes if episode.block == number]
-    last = number + 1 == count
-    if count > 1:
-        title = words.fill("progress.part", part=number + 1, parts=count)
-    else:
-        title = ""
+    title = words.fill("progress.part", part=number + 1, parts=count) if count > 1 else ""
+    rest = ""
+    rest_s = 0.0
+    if number + 1 < count:
+        rest = block.rest_text
+        rest_s = protocol.study.min_rest_s
     feedback = dict.fromkeys(OUTCOMES, block.feedback) if isinstance(block.feedback, str) else dict(block.feedback)
     instruction = paginate_text(block.instructions) if block.instructions else ()
     return PlayPlan(
@@ -227,8 +228,8 @@ def _plan_play(
         title=block.title or title,
         instruction=instruction,
         feedback={outcome: text for outcome, text in feedback.items() if text},
-        rest="" if last else block.rest_text,
-        rest_s=0.0 if last else protocol.study.min_rest_s,
+        rest=rest,
+        rest_s=rest_s,
         interval_ms=0.0 if isinstance(block.inter_trial_interval_ms, tuple) else block.inter_trial_interval_ms,
         fixation_ms=block.fixation_ms,
         hold_ms=block.final_frame_ms,
@@ -246,15 +247,21 @@ def _plan_play(
 
 
 def _computed_by(block: BlockSpec) -> ComputedBy:
-    """The page, for an ordinary block in a world of ours; what the protocol says, if it does."""
+    """Return what the protocol says; else the page for an ordinary block in a world of ours, the server for others."""
+    if block.computed:
+        return block.computed
     # what held keys combine to, and what a design decides, the server knows
-    ordinary = find_kind(block.kind).is_plain_play and block.hold == "once" and block.design is None
+    is_ordinary = find_kind(block.kind).is_plain_play and block.hold == "once" and block.design is None
     is_grid = is_compiled_grid(block.world, block.options) and block.view != "text"
-    own = is_grid or (is_first_person(block.world) and block.view != "full")
-    return block.computed or ("page" if ordinary and own else "server")
+    can_page_draw = is_grid or (is_first_person(block.world) and block.view != "full")
+    if is_ordinary and can_page_draw:
+        return "page"
+    return "server"
 
 
 def list_world_options(block: BlockSpec) -> dict[str, Any]:
-    """A block's options for its world; what a page computes goes by the sine that is the same everywhere."""
-    portable = is_first_person(block.world) and _computed_by(block) == "page"
-    return ({"trig": 1} if portable else {}) | dict(block.options)
+    """Return a block's options for its world; what a page computes goes by the sine that is the same everywhere."""
+    options: dict[str, Any] = {}
+    if is_first_person(block.world) and _computed_by(block) == "page":
+        options["trig"] = 1
+    return options | dict(block.options)

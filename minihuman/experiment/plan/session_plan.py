@@ -43,6 +43,12 @@ class KeyMap(msgspec.Struct, frozen=True):
     spare: SpareKeyPolicy  # how spare keys were dealt with: left without an action, or given the block's distractors
     seed: int
 
+    def judge_idle_key(self, key: str) -> Literal["spare", "unmapped"]:
+        """Return the verdict on a press of a key that has no action."""
+        if key in self.spare_keys:
+            return "spare"
+        return "unmapped"
+
 
 class EpisodePlan(msgspec.Struct, frozen=True):
     """One episode with no randomness left in it."""

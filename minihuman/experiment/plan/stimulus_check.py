@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from typing import Any
 
+from minihuman.activities.trials.plan import StimuliSpec
 from minihuman.activities.trials.stimulus_table import (
     COUNT,
     IMAGE,
@@ -103,11 +104,18 @@ def list_levels(protocol: Protocol) -> dict[str, list[Any]]:
     return levels
 
 
+def _name_header(stimuli: StimuliSpec, place: str) -> str:
+    """Name the place of a table's column names: the file's first row, or ``place`` for rows in the protocol."""
+    if stimuli.file:
+        return f"{stimuli.file}:1"
+    return place
+
+
 def _find_unnameable_labels(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
     """Yield the labels that can be no column of a table, or would be another's."""
     assert block.stimuli is not None
     columns: dict[str, str] = {}
-    place = f"{block.stimuli.file}:1" if block.stimuli.file else "rows[0]"
+    place = _name_header(block.stimuli, "rows[0]")
     for label in list_label_columns(protocol, block):
         column = name_label_column(label)
         if '"' in label or column == "label_":
@@ -125,7 +133,7 @@ def _find_misspelt_columns(protocol: Protocol, block: BlockSpec) -> Iterator[str
     for column in list_label_columns(protocol, block):
         close = difflib.get_close_matches(column.strip().lower(), known, n=1, cutoff=_CLOSE)
         if column not in block.stimuli.labels and close:
-            place = f"{block.stimuli.file}:1" if block.stimuli.file else first[0].place
+            place = _name_header(block.stimuli, first[0].place)
             yield (
                 f"{place}: column {column!r}: {block.world} has no such option; did you mean {close[0]!r}? If it is a "
                 f"label, say so: labels = [{json.dumps(column)}]"

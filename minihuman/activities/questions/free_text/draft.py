@@ -36,8 +36,10 @@ class TextDraft(AnswerDraft):
             case "left" | "right":
                 by = horizontal_step(press.key, rtl=self.rtl)
                 self._caret = min(len(self._text), max(0, self._caret + by))
-            case "home" | "end":
-                self._caret = 0 if press.key == "home" else len(self._text)
+            case "home":
+                self._caret = 0
+            case "end":
+                self._caret = len(self._text)
             case "enter" | "kp_enter" if self.long:
                 self.type_text("\n")
             case _:

@@ -114,15 +114,19 @@ class MatrixDraft(LikertDraft):
     @property
     def display_text(self) -> str:
         """The words or numbers of all rows."""
-        return ", ".join("" if point is None else self._labels[point] for point in self._rows)
+        return ", ".join(map(self._label_of, self._rows))
+
+    def _label_of(self, point: int | None) -> str:
+        if point is None:
+            return ""
+        return self._labels[point]
 
     @property
     def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
         """A rating for each statement."""
         codes = self.question.all_codes
-        labels = self._labels
         return tuple(
-            (name, None if point is None else codes[point], "" if point is None else labels[point])
+            (name, None if point is None else codes[point], self._label_of(point))
             for name, point in zip(self.question.asked, self._rows, strict=True)
         )
 

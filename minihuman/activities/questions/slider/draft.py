@@ -34,8 +34,10 @@ class SliderDraft(AnswerDraft):
                 self._step = self._n_steps // 2
             else:
                 self._step = min(self._n_steps, max(0, self._step + by))
-        elif press.key in ("home", "end"):
-            self._step = 0 if press.key == "home" else self._n_steps
+        elif press.key == "home":
+            self._step = 0
+        elif press.key == "end":
+            self._step = self._n_steps
         else:
             return False
         return True
