@@ -226,32 +226,43 @@ def resume_from_events(
             "a segment does not start with SessionStarted, so the log is damaged; repair it with `minihuman recover`"
         )
     session = SessionMachine(first.plan, make_world, first.facts, picture_px=picture_px, renders_steps=renders_steps)
+    try:
+        unwritten = _replay_logged(session, logged, follow or (lambda session, event: None))
+        if session.over:
+            raise LogError(
+                f"session {first.plan.session} of {first.plan.participant.id} has ended and cannot be resumed; start "
+                "another session"
+            )
+    except LogError:
+        session.close()
+        raise
+    return session, unwritten
+
+
+def _replay_logged(
+    session: SessionMachine, logged: deque[Event], follow: Callable[[SessionMachine, Event | None], object]
+) -> list[Event]:
+    """Feed a session the inputs behind logged events; return the events that it emits beyond them.
+
+    Raises:
+        LogError: if one of them differs.
+    """
     expected: deque[Event] = deque()
     while logged:
         if isinstance(logged[0], ModelCall):
-            assert follow is not None  # else there are none
             follow(session, logged.popleft())
             continue
         if not expected:
             coming = islice(logged, _MAX_LOOK_AHEAD)
             expected += _feed_next_input(session, [event for event in coming if not isinstance(event, ModelCall)])
-            if follow is not None:
-                follow(session, None)
+            follow(session, None)
         event = logged.popleft()
-        if follow is not None:
-            follow(session, event)
+        follow(session, event)
         if not expected or not is_same_event(event, expected.popleft()):
-            session.close()
             raise LogError(
                 f"{_event_name(event)} at {event.t_ns} ns differs in the replay; see how with `minihuman verify`"
             )
-    if session.over:
-        session.close()
-        raise LogError(
-            f"session {first.plan.session} of {first.plan.participant.id} has ended and cannot be resumed; start "
-            "another session"
-        )
-    return session, list(expected)
+    return list(expected)
 
 
 def _is_external(event: Event) -> bool:

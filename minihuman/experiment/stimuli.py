@@ -7,6 +7,7 @@ that are a matter of chance are drawn from the seed of the reset, so a trial rep
 import base64
 import io
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -83,19 +84,13 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         self.correct_response = str(correct)  # a table's 1 is a number, the response's name a text
         if self.correct_response:
             self._chances = {self.correct_response: 1.0}
-        for name, choice, known in (
-            ("side", side, tuple(SIDES)),
-            ("shape", shape, ("", *SHAPES)),
-            *(("correct", name, self.action_names) for name in self._chances),
-        ):
-            if choice not in known:
-                raise WorldError(f"{name} is {choice!r}; use one of {', '.join(filter(None, known))}")
+        _require_choice("side", side, tuple(SIDES))
+        _require_choice("shape", shape, ("", *SHAPES))
+        for name in self._chances:
+            _require_choice("correct", name, self.action_names)
         if not isinstance(language, str):
             raise WorldError(f"language is {language!r}; use a code such as 'en'")
-        try:
-            self._ink: Any = ImageColor.getrgb(str(colour))[:3]
-        except ValueError as error:
-            raise WorldError(f"{colour!r} is not a colour; use a CSS colour name or #rrggbb") from error
+        self._ink = _read_colour(colour)
         self._text = str(text)
         self._cards = tuple(
             (str(item), _CARDS[place]) for item, place in ((left, "left"), (right, "right")) if item != ""
@@ -243,6 +238,18 @@ class TwoStep(Stimulus):
         ink = ImageColor.getrgb(_TWO_STEP_COLOURS[self._pair])[:3]
         for name, side in zip(_TWO_STEP_NAMES[self._pair], _CARDS.values(), strict=True):
             self._draw_card(draw, name, side * width, height / 2, ink)
+
+
+def _require_choice(name: str, choice: str, known: Sequence[str]) -> None:
+    if choice not in known:
+        raise WorldError(f"{name} is {choice!r}; use one of {', '.join(filter(None, known))}")
+
+
+def _read_colour(colour: str) -> Any:
+    try:
+        return ImageColor.getrgb(str(colour))[:3]
+    except ValueError as error:
+        raise WorldError(f"{colour!r} is not a colour; use a CSS colour name or #rrggbb") from error
 
 
 def _read_number(name: str, number_or_text: str | float, *, low: float = -math.inf, high: float = math.inf) -> float:

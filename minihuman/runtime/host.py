@@ -63,10 +63,8 @@ def host_session(
     if markers:
         pylsl()  # before there is a log: without it nothing is to begin
     with open_devices(device_specs, clock) as (devices, device_facts), ExitStack() as opened:
-        facts = {"player": "human", **collect_machine_facts(), **world_facts, **clock.facts(), **window.facts()}
-        if needs_gamepad(plan):
-            facts |= window.open_gamepad()
-        facts |= device_facts
+        facts = {"player": "human", **collect_machine_facts(), **world_facts, **clock.facts()}
+        facts |= _open_window_devices(plan, window) | device_facts
         picture_px = _fit_four_to_three(window.picture_px)
         if picture_px is not None:
             facts["picture_px"] = f"{picture_px[0]} x {picture_px[1]}"
@@ -90,6 +88,13 @@ def host_session(
     if session.failure is not None:
         raise describe_world_failure(session, path) from session.failure
     return path
+
+
+def _open_window_devices(plan: SessionPlan, window: Window) -> dict[str, str]:
+    """Open the gamepad if the plan needs one; return the window's facts, and the gamepad's."""
+    if not needs_gamepad(plan):
+        return window.facts()
+    return window.facts() | window.open_gamepad()
 
 
 def describe_ending(log: Path, protocol: Path) -> str:

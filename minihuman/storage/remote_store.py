@@ -254,7 +254,8 @@ def list_files(folder: Path, prefix: str) -> list[str]:
     """List the files in a folder whose paths from there begin so, but for hidden ones."""
     below = folder / prefix.rpartition("/")[0]
     files = (path for path in below.rglob("*") if path.is_file() and not path.name.startswith("."))
-    return [name for path in sorted(files) if (name := path.relative_to(folder).as_posix()).startswith(prefix)]
+    names = (path.relative_to(folder).as_posix() for path in sorted(files))
+    return [name for name in names if name.startswith(prefix)]
 
 
 def compute_md5(path: Path) -> str:

@@ -7,7 +7,7 @@ unchanged; only then is the live file removed or, if it could not be read to its
 
 import itertools
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -107,11 +107,8 @@ def finish_log(
         return FinalizedLog(aside, False, 0, 0, CUT_OFF, "it holds no session plan", damaged_copy_path=aside)
     earlier = read_segment_starts(segment_path.log) if segment_path.log.exists() else {}
     new = starts.items() - earlier.items()
-    if new and segment_path.segment in earlier:
-        raise LogError(
-            f"{segment_path.log} already holds a different segment {segment_path.segment}; move that log away, then "
-            "recover again"
-        )
+    if new:
+        _require_new_segment(segment_path, earlier)
     temporary = segment_path.log.with_name(f"{segment_path.log.name}{UNFINISHED_SUFFIX}")
     try:
         finalized = _rewrite(segment_path, temporary, with_log=bool(earlier), clean=clean, promised=promised)
@@ -128,6 +125,14 @@ def finish_log(
     current_system().disk.unlink(segment_path.part)
     sync_folder(segment_path.part.parent)
     return finalized
+
+
+def _require_new_segment(segment_path: SegmentPath, earlier: Mapping[int, str]) -> None:
+    if segment_path.segment in earlier:
+        raise LogError(
+            f"{segment_path.log} already holds a different segment {segment_path.segment}; move that log away, then "
+            "recover again"
+        )
 
 
 def _require_logged(segment_path: SegmentPath, finalized: FinalizedLog) -> FinalizedLog:

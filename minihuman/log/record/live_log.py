@@ -285,5 +285,6 @@ def _package_list() -> bytes:
         except PackageNotFoundError:
             continue
         requirements[key] = f"{package.name}=={package.version}"
-        needed += (match[0] for line in package.requires or () if (match := _NAME.match(line)))
+        names = (_NAME.match(line) for line in package.requires or ())
+        needed += (name[0] for name in names if name)
     return "".join(f"{requirements[key]}\n" for key in sorted(requirements)).encode()
