@@ -123,7 +123,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         return np.array([self._n_steps, 0], np.int64)
 
     def render(self) -> Any:
-        """The picture, uint8[H, W, 3] of ``picture_size_px``; empty ground once there was a response."""
+        """Render the picture, uint8[H, W, 3] of ``picture_size_px``; an empty ground once there was a response."""
         width, height = self.picture_size_px
         picture = Image.new("RGB", (width, height), BACKGROUND)
         if not self._is_over:

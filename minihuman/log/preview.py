@@ -178,6 +178,6 @@ def draw_floor_plan_png(floor: Map, pose: Pose | None) -> bytes:
 
 
 def _arrow(pose: Pose, radius: float) -> list[tuple[float, float]]:
-    """Corners (x, z) of an arrowhead at the pose, pointing where it looks."""
+    """Return the corners (x, z) of an arrowhead at the pose, pointing where it looks."""
     angles = (pose.yaw_rad, pose.yaw_rad + 2.5, pose.yaw_rad - 2.5)
     return [(pose.x + radius * math.cos(angle), pose.z - radius * math.sin(angle)) for angle in angles]

@@ -122,7 +122,7 @@ def run_free_play(play: FreePlay, window: Window, clock: Clock) -> int:
 def _episode(
     play: FreePlay, world: World, keys: Mapping[str, str], window: Window, presses: Iterator[str], seed: int
 ) -> bool:
-    """One layout; whether another is wanted."""
+    """Play one layout; tell whether another is wanted."""
     mission = world.reset(seed).mission
     judge = OutcomeJudge(find_world_rule(play.world).rule)
     steps = 0
@@ -149,12 +149,12 @@ def _over(outcome: EpisodeOutcome, steps: int, reward: float) -> Screen:
 
 
 def _next_key(presses: Iterator[str], accepted: set[str]) -> str | None:
-    """The next press of a wanted key; None when the person leaves."""
+    """Return the next press of an accepted key; None when the person leaves."""
     return next((key for key in presses if key in accepted), None)
 
 
 def _presses(window: Window, clock: Clock) -> Iterator[str]:
-    """Every key pressed, repeats of held ones too, until Escape or the window's cross."""
+    """Yield every key pressed, repeats of held ones too, until Escape or the window's cross."""
     while True:
         for happened in window.wait(clock() + _AIR_NS):
             match happened:

@@ -81,7 +81,7 @@ class Finding:
     unfit_because: str = ""
 
     def line(self) -> str:
-        """For the terminal."""
+        """Format the finding for the terminal."""
         verdict = "NOT FIT" if self.unfit_because else "ok"
         return f"{verdict:8} {self.name:22} {self.value}"
 
@@ -107,7 +107,7 @@ def examine_machine(
 
 
 def format_verdict(findings: list[Finding]) -> str:
-    """The last line: fit, or not and why."""
+    """Format the last line: fit, or not and why."""
     reasons = [finding.unfit_because for finding in findings if finding.unfit_because]
     if not reasons:
         return "This machine is fit to run participants."
@@ -205,7 +205,7 @@ def _frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:
 
 
 def _key_to_flip_ms(window: BlockingWindow) -> list[float]:
-    """From a key put into the toolkit's queue, by another thread while the window sleeps, to the flip it caused."""
+    """Measure from a key put into the toolkit's queue, while the window sleeps, to the flip that it caused."""
     late_ms = []
     for screen in _flicker(window, _KEYS):
         sent_ns: list[int] = []
@@ -225,7 +225,7 @@ def _key_to_flip_ms(window: BlockingWindow) -> list[float]:
 
 
 def _flicker(window: BlockingWindow, count: int) -> Iterator[Screen]:
-    """Play screens of the size of real ones, each different from the one before."""
+    """Yield play screens of the size of real ones, each different from the one before."""
     width, height = window.picture_px
     for number in range(count):
         picture = np.full((height, width, 3), 60 + 60 * (number % 2), np.uint8)

@@ -96,7 +96,7 @@ class LearnerProcess:
             self._process.stdin.flush()
 
     def answer(self, *, patient: bool = False) -> LearnerAnswer | None:
-        """What came of the question; None: nothing yet. With ``patient`` this waits for it."""
+        """Return the answer to the question; None if there is none yet. With ``patient`` this waits for it."""
         assert self._until_s is not None, "nothing was asked"
         while True:
             answer = self._look(0.2 if patient else 0.0)

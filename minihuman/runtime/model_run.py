@@ -39,7 +39,7 @@ class ModelRun:
 
     @classmethod
     def of_model(cls, player: str, **settings: Any) -> "ModelRun":
-        """The run of a language model, "model:NAME"."""
+        """Make the run of a language model, "model:NAME"."""
         name = player.removeprefix(PLAYER_PREFIX)
 
         def make_client(spec: ModelSpec) -> ChatClient:

@@ -120,7 +120,7 @@ def require_playable(protocol: Protocol) -> None:
 
 
 def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
-    """What a killed or stopped run left: live files of this model, and codes of slots whose session has no plan yet."""
+    """Yield what a stopped run left: live files of this model, and codes of slots whose session has no plan yet."""
     for slot in read_enrolled(study_dir):
         folder = study_dir / slot.participant
         parts = list_log_files(folder, f"ses-*/*{PART_SUFFIX}")

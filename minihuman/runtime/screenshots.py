@@ -159,7 +159,7 @@ def _contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
 
 
 def _words(screen: Screen, *, but_sums: bool) -> tuple[str, ...]:
-    """What tells a screen from another: its title, text and page; not what counts down, fills or was earned."""
+    """Return a screen's title, text and page, without what counts down, fills or was earned."""
     words = tuple(str(getattr(screen, name, "")) for name in ("title", "body", "page", "question"))
     if but_sums:
         return tuple(_SUM.sub("0", text) for text in words)

@@ -91,7 +91,7 @@ def simulate(
 def _simulate_teams(
     protocol: Protocol, data: Path, people: list[tuple[SessionPlan, SimulatedParticipant]], facts: dict[str, str]
 ) -> Iterator[Path]:
-    """All at once, a thread each, as they wait for each other; what they do depends on no thread's speed."""
+    """Simulate all at once, a thread each, as they wait for each other; no thread's speed changes what they do."""
     teams = TeamTable(protocol, data, lambda: 0.0, gather=len(people))
 
     def play(person: tuple[SessionPlan, SimulatedParticipant]) -> list[Path]:
@@ -116,7 +116,7 @@ def _play_sessions(
     *,
     make_world: WorldFactory = World,
 ) -> Iterator[Path]:
-    """All sessions of one person, who is counted in ``left`` if there are no data of them."""
+    """Play all sessions of one person, who is counted in ``left`` if there are no data of them."""
     place = plan.participant.index
     log, reason = _play(protocol, plan, person, data, facts, before=left[place], teams=teams, make_world=make_world)
     if log is None:

@@ -81,7 +81,7 @@ class LeaseTable(abc.ABC):
 
     @abc.abstractmethod
     def read_files(self, session: str) -> dict[str, bytes]:
-        """The copies of a session's files, by name."""
+        """Read the copies of a session's files, by name."""
 
     @abc.abstractmethod
     def release(self, session: str, fence: int, *, ended: str = "") -> bool:
@@ -93,7 +93,7 @@ class LeaseTable(abc.ABC):
 
 
 def open_lease_table(study_dir: Path) -> LeaseTable | None:
-    """The leases of a study; None where its journals are files."""
+    """Open the leases of a study; None where its journals are files."""
     if url := find_database_url(study_dir):
         return PostgresLeaseTable(url)
     return None

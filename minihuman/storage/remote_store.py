@@ -71,14 +71,14 @@ class RemoteStore(abc.ABC):
 
     @abc.abstractmethod
     def versions(self, prefix: str) -> dict[str, str]:
-        """The version of each file whose name begins so: its MD5, hexadecimal, where the store has that.
+        """Return the version of each file whose name begins so: its MD5, hexadecimal, where the store has that.
 
         Raises:
             RemoteStoreError: if that cannot be.
         """
 
     def names(self, prefix: str) -> list[str]:
-        """The names of the files that begin so.
+        """List the names of the files that begin so.
 
         Raises:
             RemoteStoreError: if that cannot be.
@@ -141,11 +141,11 @@ class FolderStore(RemoteStore):
             ) from error
 
     def versions(self, prefix: str) -> dict[str, str]:
-        """The files below, each read for its MD5."""
+        """Return the versions of the files below, each read for its MD5."""
         return {name: compute_md5(join_inside(self._folder, name)) for name in self.names(prefix)}
 
     def names(self, prefix: str) -> list[str]:
-        """The files below, unread."""
+        """List the files below, unread."""
         return list_files(self._folder, prefix)
 
     def remove(self, name: str) -> None:
@@ -274,7 +274,7 @@ _CONFLICTS = ("PreconditionFailed", "ConditionalRequestConflict", "412", "409")
 
 
 def _limit_transfer_s(size_bytes: int) -> float:
-    """How long a file's transfer may take in all."""
+    """Compute how long a file's transfer may take in all."""
     return STORE_TIMEOUT_S + size_bytes / _SLOWEST_BYTES_PER_S
 
 
@@ -326,7 +326,7 @@ class S3Store(RemoteStore):
             call_within(limit_s, lambda: shutil.copyfileobj(body, file))
 
     def versions(self, prefix: str) -> dict[str, str]:
-        """The objects' entity tags, page by page."""
+        """Return the objects' entity tags, page by page."""
         with self._raise_as_store_error("nothing can be listed of"):
             paginator = self._client.get_paginator("list_objects_v2")
             pages = iter(paginator.paginate(Bucket=self._bucket, Prefix=self._prefix + prefix))

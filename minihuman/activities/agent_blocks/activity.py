@@ -113,7 +113,7 @@ class AgentPlayActivity(PlayActivity):
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
-        """The policy and the advice that came from outside."""
+        """Return the policy and the advice that came from outside."""
         match event:
             case PolicyGiven():
                 return NewPolicy(event.t_ns, event.policy, event.failure)
@@ -154,7 +154,7 @@ class AgentPlayActivity(PlayActivity):
         self.context.emit(self.advised)
 
     def _choose(self, advice: Advice) -> int | None:
-        """One of the actions that have a key, by the policy's probabilities; None where it gives them no chance."""
+        """Choose an action that has a key, by the policy's probabilities; None where it gives them no chance."""
         if len(advice.probabilities) != len(self._current.world.action_names):
             return None
         play = self._current
@@ -289,7 +289,7 @@ class AgentPlayActivity(PlayActivity):
         return Steering(self.controller, action, self.limit_ns, rules)
 
     def control_text(self, controller: Controller) -> str:
-        """The text below the picture."""
+        """Return the text below the picture."""
         return self.context.words[f"steers.{controller}"]
 
     @property

@@ -15,7 +15,7 @@ from minihuman.simulation.participant import KeyPress, SimulatedTeacher, Watched
 
 
 def build_watched_step(part: AgentPlayActivity, play: RunningEpisode, t_ns: int) -> WatchedStep:
-    """What a teacher sees of a state."""
+    """Build what a teacher sees of a state."""
     advised = part.advised
     action = "" if advised is None else play.world.action_names[advised.action]
     has_reached_goal = play.outcome == "goal"

@@ -64,7 +64,7 @@ class CorrectionActivity(Activity):
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
-        """The episodes from the session host, and when pictures were shown."""
+        """Return the episodes from the session host, and when pictures were shown."""
         match event:
             case EpisodeLookedAt():
                 return ClipOffered(event.t_ns, event.stretch)
@@ -266,7 +266,7 @@ class CorrectionActivity(Activity):
         return self.play.steps
 
     def screen(self) -> Screen:
-        """The episode's picture and the keys, or the correction."""
+        """Build the episode's picture and the keys, or the correction."""
         if self._film is None:
             return screen_texts.build_wait_screen(self.context.words)
         state = (self.phase, self._number, self._corrections, self._current_step)

@@ -38,7 +38,7 @@ def _find_phase(plan: PagePlan) -> Phase:
 
 
 def _find_direction(key: str) -> int:
-    """By how many pages a key turns."""
+    """Find by how many pages a key turns."""
     if key in FORWARD_KEYS:
         return 1
     if key in BACK_KEYS:
@@ -100,7 +100,7 @@ class PagesActivity(Activity):
             self.context.emit(Noted(self.context.now_ns, "consent", text))
 
     def screen(self) -> PageScreen:
-        """The open page."""
+        """Return the open page."""
         if self._open is None or self._open.page != self._reader.page + 1:
             self._open = self._screen()
         return self._open
@@ -129,7 +129,7 @@ class PagesActivity(Activity):
 
 
 def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArray[np.uint8], tuple[PictureLabel, ...]]:
-    """The world from above, and where in it the marked things are."""
+    """Draw the world from above; return where in it the marked things are, too."""
     world = context.world(example.world, example.options)
     with catch_world_errors():
         world.reset(example.seed)

@@ -213,7 +213,7 @@ class PlayActivity(Activity):
         return self._timer.due_ns(self.phase, self.context.now_ns)
 
     def screen(self) -> Screen:
-        """What belongs to the phase."""
+        """Build the screen of the phase."""
         steps = self._play and self._play.steps
         rest_s = self._timer.left_s(self.context.now_ns)
         now = (self.phase, self._reader.page, self._play, steps, rest_s, self._look)
@@ -361,10 +361,10 @@ class PlayActivity(Activity):
         self._episode_started()
 
     def _episode_started(self) -> None:
-        """Called when an episode has begun; subclasses override it."""
+        """React to the start of an episode; subclasses override it."""
 
     def _between_episodes(self) -> None:
-        """Called when an episode is over; subclasses override it."""
+        """React to the end of an episode; subclasses override it."""
 
     def _stepped(self, stepped: Stepped) -> None:
         play = self._current

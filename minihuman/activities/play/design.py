@@ -33,14 +33,14 @@ class BlockDesign:
         self.history: list[PlayedEpisode] = []
 
     def add_episode(self, play: RunningEpisode) -> None:
-        """An episode is over."""
+        """Add an episode that is over."""
         plan = play.plan
         outcome = play.outcome
         assert outcome is not None
         self.history.append(PlayedEpisode(plan.options, plan.seed, outcome, play.steps, play.return_))
 
     def decide(self, *, goes_on: bool) -> bool:
-        """Ask about the next episode, or for the last estimates; whether the design ends the block."""
+        """Ask about the next episode, or for the last estimates; tell whether the design ends the block."""
         context = self._context
         plan = self._context.plan
         purpose = f"design-{self._name}-session-{plan.session}-episode-{context.next_episode}"

@@ -92,7 +92,7 @@ class BlockScreens:
         self._last_view: tuple[int, int, Pose | None] | None = None  # the latest step's episode, number and pose
 
     def before(self, phase: StrEnum, reader: PageReader) -> Screen | None:
-        """A screen without an episode; None where the phase shows one."""
+        """Build a screen without an episode; None where the phase shows one."""
         words = self._context.words
         match phase:
             case Phase.INSTRUCTIONS:
@@ -114,11 +114,11 @@ class BlockScreens:
         return None
 
     def rest(self, left_s: int) -> TextScreen:
-        """The rest after the block."""
+        """Build the screen of the rest after the block."""
         return build_rest_screen(self._context.words, fill_score_fields(self._context, self._plan.rest), left_s)
 
     def ready(self, play: RunningEpisode) -> TextScreen:
-        """The last screen before an episode."""
+        """Build the last screen before an episode."""
         words = self._context.words
         mission = screen_texts.capitalise(self._mission(play))
         return TextScreen(
@@ -126,7 +126,7 @@ class BlockScreens:
         )
 
     def feedback(self, play: RunningEpisode, scored: float) -> TextScreen:
-        """The feedback on an episode."""
+        """Build the screen of the feedback on an episode."""
         return build_feedback_screen(
             self._context.words, self._plan, play, self._progress(play), scored, self._context.points
         )
@@ -157,7 +157,7 @@ class BlockScreens:
         )
 
     def _motion(self, play: RunningEpisode) -> Motion | None:
-        """How the view gets to a step's picture from the one before."""
+        """Return how the view gets to a step's picture from the one before."""
         before = self._last_view
         self._last_view = (play.plan.episode, play.steps, play.world.pose())
         if before is None or before[2] is None or before[:2] != (play.plan.episode, play.steps - 1):

@@ -69,7 +69,7 @@ class PreferencesActivity(Activity):
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
-        """The clips from the session host, and when their pictures were shown."""
+        """Return the clips from the session host, and when their pictures were shown."""
         match event:
             case PairSeen():
                 return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns)
@@ -196,7 +196,7 @@ class PreferencesActivity(Activity):
     # What is seen
 
     def screen(self) -> Screen:
-        """Both clips at the same step, or the waiting screen."""
+        """Build both clips at the same step, or the waiting screen."""
         if self.phase is not Phase.COMPARING:
             return screen_texts.build_wait_screen(self.context.words)
         now = (self._pair, self._step, self._replays)

@@ -38,7 +38,7 @@ class TakeoverActivity(AgentPlayActivity):
         return ""
 
     def control_text(self, controller: Controller) -> str:
-        """The text below the picture, with how to hand back."""
+        """Return the text below the picture, with how to hand back."""
         words = self.context.words
         text = super().control_text(controller)
         if controller == "agent" or not self.policy:

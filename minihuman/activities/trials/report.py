@@ -137,7 +137,7 @@ def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
-    """Differences between the levels of each label, within participants: the congruency effect for instance."""
+    """Tabulate differences between the levels of a label, within participants: the congruency effect for instance."""
     rows = []
     for block, labels in people[people["label"].ne("")].groupby("block", sort=False):
         for label, part in labels.groupby("label", sort=False):
@@ -178,7 +178,7 @@ def compute_effects(people: pd.DataFrame, measure: str) -> pd.DataFrame:
 
 
 def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:
-    """Groups compared on all trials, and on the differences between levels: the interaction of group and label."""
+    """Tabulate groups on all trials, and on the differences between levels: the interaction of group and label."""
     overall = people[people["label"].eq("")]
     if overall["group"].nunique() < 2:
         return []
@@ -232,7 +232,7 @@ def _tabulate_quarters(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_quantiles(trials: pd.DataFrame) -> list[CaptionedTable]:
-    """The distribution of correct response times."""
+    """Tabulate the distribution of correct response times."""
     rows = []
     for block, part in trials.groupby("block", sort=False):
         levels_by_label = {"": pd.Series(ALL, part.index), **read_labels(part)}

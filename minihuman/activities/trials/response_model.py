@@ -116,7 +116,7 @@ class TrialResponder:
         return drifts
 
     def _race(self, drifts: Mapping[str, float]) -> tuple[str, float]:
-        """Which accumulator arrives first, and when."""
+        """Find which accumulator arrives first, and when."""
         threshold = self.parameters.threshold
         arrivals_s = {
             name: float(self._rng.wald(threshold / drift, threshold**2)) for name, drift in drifts.items() if drift > 0

@@ -193,7 +193,7 @@ def _read_row(cells: Sequence[str], columns: Sequence[str], place: str, separato
 
 
 def _read_cell(cell: str, *, decimal_comma: bool) -> str | int | float:
-    """A cell as a number where it is written as one and no other way: "007", "1_0" and "nan" are texts."""
+    """Read a cell as a number where it is written as one and no other way: "007", "1_0" and "nan" are texts."""
     if decimal_comma and _DECIMAL_COMMA.fullmatch(cell):
         return float(cell.replace(",", "."))
     for kind in (int, float):

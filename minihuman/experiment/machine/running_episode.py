@@ -244,7 +244,7 @@ class RunningEpisode:
         self._shown_step = -1
 
     def tick(self, t_ns: int) -> Stepped | None:
-        """If a period has run out, step with the queued key's action or the no-op; None if nothing is to be done.
+        """Step with the queued key's action or the no-op, if a period has run out; None if nothing is to be done.
 
         Periods missed altogether (a stalled machine) are skipped: no pictures were shown between.
         """

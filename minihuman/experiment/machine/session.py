@@ -435,7 +435,7 @@ class SessionMachine:
         return True
 
     def _follow_part(self) -> None:
-        """If the part is over, continue with the next one, or end the session."""
+        """Continue with the next part if this one is over, or end the session."""
         ended = self._parts.finish_part()
         if ended is None:
             return

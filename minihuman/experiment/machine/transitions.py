@@ -28,7 +28,7 @@ class TransitionTable(Generic[Subject]):
         self.rows = tuple(rows)
 
     def find(self, start: StrEnum, cause: StrEnum, subject: Subject) -> PhaseTransition[Subject] | None:
-        """The move to make; None where there is none: then nothing changes."""
+        """Find the move to make; None where there is none: then nothing changes."""
         for row in self.rows:
             if row.start is start and row.cause is cause and (row.when is None or row.when(subject)):
                 return row

@@ -111,7 +111,7 @@ class EnrolmentDesign(ABC):
 
     @abstractmethod
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
-        """The sufficient statistics, JSON values: of the participants in order, and the groups' allocation ratios.
+        """Compute the sufficient statistics, JSON values, from the participants in order and the groups' ratios.
 
         Those of a design for stopping have ``look``, the number of the latest planned look, 0 before the first.
         """
@@ -122,7 +122,7 @@ class EnrolmentDesign(ABC):
 
 
 def make_design(spec: DesignSpec) -> Design:
-    """The design of a block with that name and these settings.
+    """Make the design of a block, by its name and settings.
 
     Raises:
         ProtocolError: if there is none, it is another kind of design, or a setting is wrong.
@@ -131,7 +131,7 @@ def make_design(spec: DesignSpec) -> Design:
 
 
 def make_enrolment_design(spec: DesignSpec) -> EnrolmentDesign:
-    """The same for a design that decides at enrolment."""
+    """Make a design that decides at enrolment, by its name and settings."""
     return call_plugin(GROUP, spec.name, EnrolmentDesign, ProtocolError, spec.settings, what="design")  # type: ignore[type-abstract]
 
 
@@ -161,5 +161,5 @@ def require_setting(holds: bool, complaint: str) -> None:
 
 
 def round_estimate(value: float) -> float:
-    """Six digits, so that every processor gives the same number."""
+    """Round to six digits, so that every processor gives the same number."""
     return float(f"{value:.6g}")

@@ -39,7 +39,7 @@ class TriedWorld:
     values: Mapping[str, Any] = field(default_factory=dict)  # by key, the first of each
 
     def says_success(self, rule: StatedRule) -> bool:
-        """Whether a rule has, or may have, what it asks for."""
+        """Tell whether the world said, or may say, what a rule asks for."""
         parsed = parse_outcome_rule(rule.rule)
         if not parsed.may_be_unknown:
             return True
@@ -166,6 +166,6 @@ def try_world_info(block: BlockSpec) -> TriedWorld:
 
 
 def _list_variants(protocol: Protocol) -> list[BlockSpec]:
-    """Every block as each group has it, each once."""
+    """List every block as each group has it, each variant once."""
     variants = [apply_overrides(block, group.name) for block in protocol.blocks for group in protocol.groups]
     return [block for place, block in enumerate(variants) if block not in variants[:place]]

@@ -61,7 +61,7 @@ def _apply_order(protocol: Protocol, slot: AllocationSlot, name: str) -> list[st
 
 
 def _add_default_parts(protocol: Protocol, names: list[str], session: int) -> list[str]:
-    """Parts, with the consent of the first session, a keyboard check before the first block, and last words."""
+    """Add the consent of the first session, a keyboard check before the first block, and last words to parts."""
     blocks = {block.name for block in protocol.blocks}
     if protocol.keys.keyboard_check and KEYBOARD not in names:
         first = next((place for place, name in enumerate(names) if name in blocks), None)
@@ -75,7 +75,7 @@ def _add_default_parts(protocol: Protocol, names: list[str], session: int) -> li
 
 
 def _add_debrief(protocol: Protocol, names: list[str], group: str) -> list[str]:
-    """Parts, with the page that tells what the partners were before the last words, where the protocol defers it."""
+    """Add the page that tells what the partners were before the last words, where the protocol defers it."""
     teams = [protocol.block_for(name, group).team for name in names if is_block(protocol, name)]
     if DEBRIEF in names or not any(team and team.partner_disclosure == "debrief" for team in teams):
         return names

@@ -28,7 +28,7 @@ OUTCOMES = ("goal", "timeout", "failure", "abandoned", "ended")
 
 
 def list_changed_words(protocol: Protocol) -> dict[str, str]:
-    """The interface's words of a study, as far as they are not English's: none for most English studies."""
+    """List the interface's words of a study that differ from English: none for most English studies."""
     language = protocol.study.language
     instead = flatten_words(protocol.words)
     if protocol.study.theme != "dark":
@@ -39,12 +39,12 @@ def list_changed_words(protocol: Protocol) -> dict[str, str]:
 
 
 def load_study_words(protocol: Protocol) -> InterfaceWords:
-    """The interface's words of a study."""
+    """Load the interface's words of a study."""
     return InterfaceWords(protocol.study.language, list_changed_words(protocol), protocol.study.fonts)
 
 
 def find_consent_text(protocol: Protocol, group: str, names: Sequence[str]) -> str:
-    """The text that is agreed to in a session with these parts."""
+    """Find the text that is agreed to in a session with these parts."""
     texts = (protocol.page_for(name, group) for name in names)
     agreed = next((page.text for page in texts if page and page.asks_consent), None)
     if agreed is None:
@@ -60,7 +60,7 @@ def plan_parts(
     blocks: Sequence[BlockSpec],
     episodes: Sequence[EpisodePlan],
 ) -> Iterator[PlannedPart]:
-    """A plan for each part of a session, in order."""
+    """Plan each part of a session, in order."""
     words = load_study_words(protocol)
     group = participant.group
     number = 0
@@ -96,13 +96,13 @@ def plan_parts(
 
 
 def _list_images(protocol: Protocol, page: PageSpec) -> tuple[str, ...]:
-    """The files of a page's pictures: a consent and last words without one have the study's logo."""
+    """List the files of a page's pictures: a consent and last words without one have the study's logo."""
     has_logo = protocol.study.logo and (page.asks_consent or page.closing) and page.example is None
     return page.images or ((protocol.study.logo,) if has_logo else ())
 
 
 def _build_default_page(protocol: Protocol, name: str, words: InterfaceWords) -> PageSpec:
-    """The consent or the last words of ``[study]``."""
+    """Build the consent or the last words of ``[study]``."""
     study = protocol.study
     if name == CONSENT:
         return PageSpec(CONSENT, study.consent, words["consent.title"], asks_consent=True)
@@ -186,7 +186,7 @@ def _plan_block(
     episodes: Sequence[EpisodePlan],
     words: InterfaceWords,
 ) -> PlayPlan:
-    """A block's plan as its kind has it."""
+    """Plan a block as its kind needs it."""
     play = _plan_play(protocol, blocks, number, episodes, words)
     if kind.plan is PlayPlan:
         return play

@@ -184,7 +184,7 @@ class SessionPlan(msgspec.Struct, frozen=True):
 
 
 def needs_gamepad(plan: SessionPlan) -> bool:
-    """Whether keys are drawn over a gamepad's buttons, or its axes move anything."""
+    """Tell whether keys are drawn over a gamepad's buttons, or its axes move anything."""
     names = list(plan.key_pool)
     for part in plan.parts:
         bindings = getattr(part.plan, "bindings", None)

@@ -36,7 +36,7 @@ class TrialStimulus(msgspec.Struct, frozen=True):
 
 
 def plan_rules(block: BlockSpec, seed: int, purpose: str, participant: int) -> TrialRules | msgspec.UnsetType:
-    """What makes a block's episodes into trials, its intervals drawn; unset where nothing does."""
+    """Plan the rules that make a block's episodes into trials, intervals drawn; unset where there are none."""
     interval = block.inter_trial_interval_ms
     intervals_ms: tuple[float, ...] = ()
     if isinstance(interval, tuple):
@@ -135,7 +135,7 @@ def list_label_columns(protocol: Protocol, block: BlockSpec) -> tuple[str, ...]:
 
 
 def find_files(protocol: Protocol) -> dict[str, bytes]:
-    """The tables of stimuli of a protocol and their images."""
+    """Find the tables of stimuli of a protocol and their images."""
     names = set(_find_file_names(protocol))
     return {name: protocol.files[name] for name in sorted(names)}
 

@@ -36,7 +36,7 @@ class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return ""
 
     def find_plugin_measures(self) -> tuple[str, ...]:
-        """The named measures that are no column of the table of blocks, each once."""
+        """Find the named measures that are no column of the table of blocks, each once."""
         named = (self.primary_measure, *self.secondary_measures, *self.covariates)
         return tuple(dict.fromkeys(name for name in named if ":" in name))
 

@@ -94,7 +94,7 @@ def derive_design(protocol: Protocol) -> ExperimentDesign:
 
 
 def _choose_effect(names: set[FactorName]) -> PrimaryEffect:
-    """The effect that a design is for: the interaction of a mixed one."""
+    """Choose the effect that a design is for: of a mixed one the interaction."""
     if {"group", "condition"} <= names:
         return "interaction"
     if "condition" in names:
@@ -133,7 +133,7 @@ def _find_sessions(protocol: Protocol) -> Factor | None:
 
 
 def _find_orders(protocol: Protocol, condition_of_block: Mapping[str, str]) -> Factor | None:
-    """The orders in which conditions are played, by name, where participants have different ones."""
+    """Find the orders in which conditions are played, by name, where participants have different ones."""
     names = tuple(
         order.name
         for order in protocol.orders

@@ -38,14 +38,14 @@ class TomlLines:
                 self._at.setdefault(f"{table}.{_plain(key[1])}", number)
 
     def of(self, path: str) -> int:
-        """The line of a path, or of the nearest thing around it."""
+        """Return the line of a path, or of the nearest table around it."""
         while path not in self._at and LAST_STEP.search(path):
             path = LAST_STEP.sub("", path)
         return self._at.get(path, 1)
 
 
 def _statements(text: str) -> list[tuple[int, str]]:
-    """The first line of every statement, with its number: what goes on inside strings and brackets is passed over."""
+    """List the first line of every statement, with its number, past what continues in strings and brackets."""
     lines = text.split("\n")
     starts: list[tuple[int, str]] = [(1, lines[0])]
     number = 1
@@ -66,7 +66,7 @@ def _statements(text: str) -> list[tuple[int, str]]:
 
 
 def _table(name: str, counts: "Counter[str]", *, array: bool) -> str:
-    """The path of a header; tables inside arrays belong to the last one."""
+    """Return the path of a header; tables inside arrays belong to the last one."""
     path = "$"
     parts = [part.strip().strip("\"'") for part in name.split(".")]
     for place, part in enumerate(parts):
@@ -90,7 +90,7 @@ _NAMED = {"blocks": "block", "groups": "group", "pages": "page", "questions": "q
 
 
 def find_structural_errors(tree: object, kind: type[msgspec.Struct], path: str = "$") -> Iterator[FieldError]:
-    """Fields that there are not, that are missing, or that hold something else than they can."""
+    """Yield the fields that are unknown, missing, or hold a value of the wrong type."""
     if not isinstance(tree, dict):
         yield path, f"is {format_value(tree)}; it is a table: {_as_table(path, kind)}"
         return
@@ -117,7 +117,7 @@ def check_bounds(path: str, spec: msgspec.Struct, bounds: Iterable[Bound]) -> It
 
 
 def suggest_names(wrong: str, known: Iterable[str]) -> str:
-    """What may have been meant, or all there is."""
+    """Suggest the name that may have been meant, or list all."""
     names = list(known)
     close = difflib.get_close_matches(wrong, names, n=1)
     if close:
@@ -126,7 +126,7 @@ def suggest_names(wrong: str, known: Iterable[str]) -> str:
 
 
 def format_value(value: object) -> str:
-    """A value as it may stand in a message."""
+    """Format a value for a message, cut short if it is long."""
     if isinstance(value, bool):
         return str(value).lower()
     words = repr(value)
@@ -138,7 +138,7 @@ def format_value(value: object) -> str:
 def build_protocol_error(
     errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]
 ) -> ProtocolError | None:
-    """All errors as one, in order of line; None if there are none."""
+    """Build one error of all errors, in order of line; None if there are none."""
     placed = format_field_errors(errors, source=source, text=text, tree=tree)
     if placed:
         return ProtocolError.of(placed, source)
@@ -146,14 +146,14 @@ def build_protocol_error(
 
 
 def format_field_errors(errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]) -> list[str]:
-    """A line per error, in order of the lines of the file: "study.toml:12: $.blocks[1].episodes is 0; ..."."""
+    """Format errors, a line each in the order of the file's lines: "study.toml:12: $.blocks[1].episodes is 0; ..."."""
     lines = TomlLines(text)
     placed = sorted({(lines.of(path), path, message) for path, message in errors})
     return [f"{source}:{line}: {path}{_name_table(path, tree)} {message}" for line, path, message in placed]
 
 
 def _name_table(path: str, tree: dict[str, Any]) -> str:
-    """The name of the block or group that a path leads into."""
+    """Return the name of the block or group that a path leads into."""
     steps = path.removeprefix("$.").split(".")
     table, _, number = steps[0].partition("[")
     rows = tree.get(table)
@@ -188,7 +188,7 @@ def _value(value: object, hint: Any, path: str) -> Iterator[FieldError]:
 
 
 def _structs(hint: Any) -> tuple[type[msgspec.Struct] | None, bool]:
-    """The one struct that a hint asks for, and whether a list of it; None where it is another or several."""
+    """Return the only struct that a hint allows, and whether a list of it is meant; None if it is not one."""
     options = [option for option in _options(hint) if option is not type(None)]
     if len(options) != 1:
         return None, False
@@ -227,7 +227,7 @@ def _leaf(value: object, hint: Any, path: str, message: str) -> FieldError:
 
 
 def _example(hint: Any, name: str) -> str:
-    """What to write instead."""
+    """Give an example of what to write instead."""
     wishes = " or ".join(
         dict.fromkeys(_example_of_type(option, name) for option in _options(hint) if option is not type(None))
     )

@@ -28,7 +28,7 @@ class CategoricalTexts(Sequence[str]):
 
     @classmethod
     def of(cls, texts: Iterable[str]) -> "CategoricalTexts":
-        """These texts."""
+        """Build the column of these texts."""
         if isinstance(texts, CategoricalTexts):
             return texts
         codes: dict[str, int] = {}
@@ -36,7 +36,7 @@ class CategoricalTexts(Sequence[str]):
 
     @classmethod
     def joined(cls, parts: Sequence["CategoricalTexts"]) -> "CategoricalTexts":
-        """Several, one behind the other; there is at least one."""
+        """Return several, one behind the other; there is at least one."""
         words = parts[0].categories
         if all(part.categories == words for part in parts):
             return cls(np.concatenate([part.codes for part in parts]), words)
@@ -71,17 +71,17 @@ class CategoricalTexts(Sequence[str]):
         return f"CategoricalTexts.of({list(self)!r})"
 
     def equals_any(self, texts: Collection[str]) -> NDArray[np.bool_]:
-        """Where one of some texts stands, (n,)."""
+        """Mark the places where one of some texts stands, (n,)."""
         is_equal: NDArray[np.bool_] = np.array([word in texts for word in self.categories], np.bool_)[self.codes]
         return is_equal
 
     def count_values(self, rows: NDArray[np.bool_] | slice = slice(None)) -> Counter[str]:
-        """How often each text stands in the places that are chosen, 0 for one that does not."""
+        """Count how often each text stands in the chosen rows, 0 for one that does not."""
         counts = np.bincount(self.codes[rows], minlength=len(self.categories))
         return Counter(dict(zip(self.categories, counts.tolist(), strict=True)))
 
     def first_index(self, rows: NDArray[np.bool_]) -> dict[str, int]:
-        """The first of the chosen places in which each text stands, for those that do in any."""
+        """Find the first of the chosen rows in which each text stands, for those that do in any."""
         places = np.flatnonzero(rows)
         codes, firsts = np.unique(self.codes[places], return_index=True)
         return {
@@ -110,7 +110,7 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
 
     @classmethod
     def of(cls, kind: type[KeyOrFrame], events: Iterable[KeyOrFrame]) -> "EventColumns[KeyOrFrame]":
-        """The columns of these events."""
+        """Build the columns of these events."""
         event_list = tuple(events)
 
         @cache
@@ -121,7 +121,7 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
 
     @classmethod
     def joined(cls, parts: "Sequence[EventColumns[KeyOrFrame]]") -> "EventColumns[KeyOrFrame]":
-        """Several, one behind the other; there is at least one."""
+        """Return several, one behind the other; there is at least one."""
         if len(parts) == 1:
             return parts[0]
 
@@ -137,11 +137,11 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
         return cls(parts[0]._kind, column, range(sum(map(len, parts))))
 
     def column(self, name: str) -> Any:
-        """The field of that name, of every event: ``CategoricalTexts`` or an array, with NO_ACTION for no action."""
+        """Return the field of that name of every event: ``CategoricalTexts`` or an array; NO_ACTION for no action."""
         return self._column(name)[self._rows.start : self._rows.stop : self._rows.step]
 
     def place(self, part: "EventColumns[KeyOrFrame]") -> slice:
-        """Where a part lies that was cut from these."""
+        """Return where a part lies that was cut from these."""
         begin = part._rows.start - self._rows.start
         return slice(begin, begin + len(part))
 
@@ -163,7 +163,7 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
 
 
 def _values(name: str, column: Any) -> Iterable[Any]:
-    """A column's values, as events have them."""
+    """Return a column's values, as events have them."""
     if isinstance(column, CategoricalTexts):
         return column
     values: list[Any] = column.tolist()
@@ -171,7 +171,7 @@ def _values(name: str, column: Any) -> Iterable[Any]:
 
 
 def _value(name: str, cell: Any) -> Any:
-    """One value of a column, as events have it."""
+    """Return one value of a column, as events have it."""
     value = cell if isinstance(cell, str) else cell.item()
     return None if name == "action" and value == NO_ACTION else value
 

@@ -121,12 +121,12 @@ class Segment:
 
 
 def notes_in_session_time(notes: Iterable[SegmentNote], start_ns: int) -> tuple[SegmentNote, ...]:
-    """A segment's notes in session time, sorted."""
+    """Shift a segment's notes to session time, sorted."""
     return tuple(sorted((replace(note, t_ns=note.t_ns + start_ns) for note in notes), key=lambda note: note.t_ns))
 
 
 def part_events_in_session_time(events: Iterable[PartEvent], start_ns: int) -> tuple[PartEvent, ...]:
-    """A segment's part events in session time."""
+    """Shift a segment's part events to session time."""
     return tuple(_moved(event, start_ns) for event in events)
 
 
@@ -143,7 +143,7 @@ CUT_OFF = "cut_off"  # instead of an outcome or an end reason, where the log bro
 
 
 def pose_as_row(pose: Pose | None) -> tuple[float, float, float, float]:
-    """A pose as a row of ``Episode.poses``: NaN where the world could not tell."""
+    """Return a pose as a row of ``EpisodeLog.poses``: NaN where the world could not tell."""
     if pose is None:
         return (np.nan,) * 4
     return (pose.x, pose.y, pose.z, pose.yaw_rad)
@@ -203,7 +203,7 @@ class TeamRecord:
         return absent / len(self.sources)
 
     def find_difference(self, seed: int) -> str:
-        """What contradicts the digest of the joint actions; "" where nothing does."""
+        """Find what contradicts the digest of the joint actions; "" where nothing does."""
         again = digest_joint_actions(self.team, seed, self.actions.tolist())
         if not len(self.actions) or again == self.digest:
             return ""
@@ -213,7 +213,7 @@ class TeamRecord:
 def gather_team(
     formed: TeamFormed | None, ready: SeatsReadied | None, events: Sequence[ActivityEvent], steps: int
 ) -> TeamRecord | None:
-    """The record of an episode from its events; None where no team played it.
+    """Gather the record of an episode's team from its events; None where no team played it.
 
     Args:
         formed: the team of its block.
@@ -354,7 +354,7 @@ class EpisodeLog:
 
 
 def list_partner_seats(episode: EpisodeLog) -> tuple[int, ...]:
-    """The seats of the others in an episode's team; none where one body played."""
+    """List the seats of the others in an episode's team; none where one body played."""
     if episode.team is None:
         return ()
     return episode.team.partner_seats

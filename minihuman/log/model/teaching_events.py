@@ -39,7 +39,7 @@ class PairComparison:
 
 
 def gather_comparisons(events: Iterable[object]) -> tuple[PairComparison, ...]:
-    """Every pair of a session that was answered, in order; a pair that was shown again after an interruption once."""
+    """Gather every answered pair of a session, in order; one that was shown again after an interruption, once."""
     clips: dict[tuple[int, int, str], EpisodeClip] = {}
     comparisons = []
     for event in events:
@@ -78,7 +78,7 @@ class CorrectionRecord:
 
 
 def gather_corrections(events: Iterable[object]) -> tuple[CorrectionRecord, ...]:
-    """Every correction of a session, in order; one that the log was cut off in counts as stopped there."""
+    """Gather every correction of a session, in order; one that the log was cut off in counts as stopped there."""
     episodes: dict[tuple[int, int, int], EpisodeLookedAt] = {}
     corrections: list[CorrectionRecord] = []
     beginning: CorrectionBegun | None = None
@@ -153,7 +153,7 @@ class TeachingRecord:
         return sum(change.reason == "key" for change in self.controls)
 
     def agreement(self, actions: NDArray[np.int64]) -> float:
-        """The share of the person's steps at which the policy would have done the same; NaN without any."""
+        """Return the share of the person's steps at which the policy would have done the same; NaN without any."""
         mine = self.by_person & (self.policy_actions != NO_ADVICE)
         if mine.any():
             return float((self.policy_actions[mine] == actions[mine]).mean())
@@ -161,7 +161,7 @@ class TeachingRecord:
 
 
 def gather_teaching(events: Sequence[ActivityEvent], *, steps: int, actions: int, policy: str) -> TeachingRecord | None:
-    """What an episode's events say of teaching; None where an agent had no part in it.
+    """Gather what an episode's events say of teaching; None where an agent had no part in it.
 
     Args:
         events: of the episode, in the order logged.

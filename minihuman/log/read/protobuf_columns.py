@@ -136,7 +136,7 @@ class _Field:
         at[rows] = places
 
     def values(self, data: bytes) -> Any:
-        """The whole column, when every message has been gone through."""
+        """Return the whole column, once every message has been gone through."""
         match self._kind.type:
             case FieldDescriptor.TYPE_DOUBLE if self._is_list:
                 return self._lists(data)
@@ -155,7 +155,7 @@ class _Field:
         return self._numbers
 
     def _lists(self, data: bytes) -> NDArray[np.float64]:
-        """Lists of doubles as rows, float64[n, the longest], NaN behind the end of shorter ones.
+        """Read lists of doubles as rows, float64[n, the longest], NaN behind the end of shorter ones.
 
         Raises:
             ValueError: if one ends inside a number.
@@ -170,12 +170,12 @@ class _Field:
 
 
 def _eights(data: bytes) -> Uint64Array:
-    """The eight bytes from each byte on, to be looked up at many places at once."""
+    """Return the eight bytes from each byte on, to be looked up at many places at once."""
     return np.ndarray(len(data) - 7, "<u8", data, strides=(1,))
 
 
 def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, MessageOffsets]:
-    """The number at each place, seven bits a byte, the lowest first; and the places behind them."""
+    """Read the number at each place, seven bits a byte, the lowest first; return the places behind them, too."""
     eight = eights[at]
     if not (eight & _EIGHTH).any():  # as most are: lengths, flags, small numbers
         return eight & _SEVEN, at + 1
@@ -199,7 +199,7 @@ def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, Mess
 
 
 def _texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> CategoricalTexts:
-    """The texts between the places, compared by seven bytes and their count at a time."""
+    """Read the texts between the places, compared by seven bytes and their count at a time."""
     eights = _eights(data)
     lengths = ends - begins
     codes = np.zeros_like(lengths)
@@ -216,7 +216,7 @@ def _texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> Categor
 
 
 def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
-    """A place of each different value, and which of them each is; sorted only where two of them share a slot."""
+    """Return a place of each distinct value, and its number at each place; sorts only where values share a slot."""
     slots = (values * _SPREAD >> _DOWN).astype(np.int64)
     holders = np.full(1 << 64 - int(_DOWN), -1)
     holders[slots] = np.arange(len(values))
@@ -230,7 +230,7 @@ def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
 
 
 def _after_unknown(data: bytes, at: int, end: int) -> int:
-    """Where the field after an unknown one begins: a newer writer may have added it."""
+    """Return where the field after an unknown one begins, which a newer writer may have added."""
     tag, at = _varint(data, at)
     match tag & 7:
         case _ if tag >> 3 == 0:

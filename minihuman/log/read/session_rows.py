@@ -35,7 +35,7 @@ class SampleSequence(Sequence[events.Sampled]):
     """
 
     def __init__(self, messages: Sequence[bytes], start_ns: int) -> None:
-        """``start_ns`` is the session time at which their segment began."""
+        """Return ``start_ns`` is the session time at which their segment began."""
         self._messages = messages
         self._start_ns = start_ns
 

@@ -166,7 +166,7 @@ class LiveFile:
 
 
 def _joined(pieces: Iterable[AppendBlock]) -> Iterator[AppendBlock]:
-    """The same bytes in as few writes as can be."""
+    """Join the bytes into as few writes as possible."""
     buffered: list[bytes] = []
     for piece in pieces:
         if piece.room_for is not None and buffered:
@@ -325,7 +325,7 @@ class FileWriter:
             self._make_durable([job for job in jobs if job is not None], sync=self.file.sync, closing=closing)
 
     def write_waiting(self) -> bool:
-        """For a ``GroupCommit``: write all that waits; whether there was any."""
+        """Write all that waits, for a ``GroupCommit``; tell whether there was any."""
         self._is_expected = False  # before the queue is emptied: what comes from here on has another commit
         jobs = [job for job in _take_waiting(self._jobs) if job is not None]
         self._write(jobs)
@@ -334,7 +334,7 @@ class FileWriter:
         return bool(jobs)
 
     def finish_commit(self, failed: Exception | None) -> None:
-        """For a ``GroupCommit``: what was written is durable, or never will be."""
+        """Take note, for a ``GroupCommit``, that what was written is durable, or never will be."""
 
         def outcome() -> None:
             if failed is not None:
@@ -419,7 +419,7 @@ class GroupCommit:
             self._idle = False
 
     def _next(self) -> list[FileWriter]:
-        """Those whose turn it is, each once."""
+        """Take the files whose turn it is, each once."""
         files: dict[FileWriter, None] = {}
         while self._hurried:
             files[self._hurried.popleft()] = None
@@ -442,7 +442,7 @@ class GroupCommit:
                 file.finish_commit(failed.get(file.fd))
 
     def _failed(self, fds: Sequence[int]) -> dict[int, OSError]:
-        """Make files durable; which of them could not be, and why."""
+        """Make files durable; return which of them could not be, and why."""
         if len(fds) > self._max_single_syncs:
             try:
                 for fd in {os.fstat(fd).st_dev: fd for fd in fds}.values():

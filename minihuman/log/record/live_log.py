@@ -141,7 +141,7 @@ class LiveLogEncoder:
         return self._bytes.take()
 
     def _start(self, event: SessionStarted) -> bytes:
-        """The bytes of a segment's start: the plan has a chunk of its own, and a copy before it.
+        """Encode a segment's start: the plan has a chunk of its own, and a copy before it.
 
         The copy comes behind the attachments: where a write was torn, a plan that can be read has all that is its own.
         """
@@ -232,7 +232,7 @@ class _DrainedStream:
         return self._at
 
     def flush(self) -> None:
-        """Nothing goes anywhere before it is taken."""
+        """Do nothing: bytes stay until they are taken."""
 
     def take(self) -> bytes:
         content = bytes(self._buffer)
@@ -272,7 +272,7 @@ def build_attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
 
 @cache
 def _package_list() -> bytes:
-    """minihuman's installed dependencies, optional ones included, one ``name==version`` per line."""
+    """List the installed dependencies, optional ones included, one ``name==version`` per line."""
     requirements: dict[str, str] = {}
     needed = [DISTRIBUTION]
     while needed:

@@ -82,7 +82,7 @@ class MemoryRecorder(Recorder):
         return self._writes
 
     def close(self) -> None:
-        """Nothing to finish."""
+        """Do nothing: there is nothing to finish."""
 
 
 class WrappedRecorder(Recorder):

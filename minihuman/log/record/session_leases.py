@@ -54,7 +54,7 @@ class Lease:
     _count_writes: Callable[[], int] = lambda: 0
 
     def count_acknowledgeable(self, now_s: float) -> int:
-        """How many of the recorder's writes may be acknowledged; -1: not even what was there before."""
+        """Count the recorder's writes that may be acknowledged; -1: not even what was there before."""
         is_held = not self.lost and now_s < self.renewed_s + TTL_S - SAFETY_MARGIN_S
         return self.copied_writes if is_held else -1
 
@@ -70,7 +70,7 @@ class Lease:
         self._copied = {}  # all of it once more: a torn end was taken off, and there may be more since
 
     def _read(self) -> tuple[LogPiece | None, int]:
-        """What is not copied yet, and how many writes are durable with it."""
+        """Read what is not copied yet; return with it how many writes are durable."""
         writes = self._count_writes()  # first: these are in the file
         part = self._find_part()
         if part is None:

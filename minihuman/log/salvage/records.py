@@ -123,7 +123,7 @@ class ChunkMessages:
             yield LogMessage(self._channels[channel], sequence, log_time, publish_time, self.data[begin:end])
 
     def count(self, topic: str) -> int:
-        """How many messages are of a topic."""
+        """Count the messages of a topic."""
         return sum(len(messages.places) for messages in self.by_topic(among=(topic,)))
 
     def by_topic(self, *, among: Container[str]) -> Iterator[TopicMessages]:
@@ -136,18 +136,18 @@ class ChunkMessages:
 
 
 def _at_each(data: bytes, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """What begins at each byte, if something of this type does: to be looked up at many places at once."""
+    """View the data as one value of this type from each byte on, to look up many places at once."""
     return np.ndarray(max(0, len(data) + 1 - dtype.itemsize), dtype, data, strides=(1,))
 
 
 def _indexed(index: Sequence[bytes]) -> ByteOffsets:
-    """Where a chunk's messages begin, if its index is right."""
+    """Return where a chunk's messages begin, if its index is right."""
     entries = [np.frombuffer(record, _INDEX_ENTRY, offset=_INDEX_HEAD.size) for record in index]
     return np.sort(np.concatenate([np.zeros(0, np.int64), *(entry["place"].astype(np.int64) for entry in entries)]))
 
 
 def _starts(data: bytes, known: ByteOffsets) -> ByteOffsets:
-    """Where each record begins, given where some do."""
+    """Find where each record begins, given where some do."""
     ends = known + RECORD_HEADER.size + _at_each(data, np.dtype("<u8"))[known + 1].astype(np.int64)
     before = np.concatenate([[0], ends])
     behind = np.concatenate([known, [len(data)]])
@@ -157,7 +157,7 @@ def _starts(data: bytes, known: ByteOffsets) -> ByteOffsets:
 
 
 def _walked(data: bytes, begin: int, end: int) -> ByteOffsets:
-    """Where each record between two places begins."""
+    """Find where each record between two places begins."""
     starts: list[int] = []
     at = begin
     length = _LENGTH.unpack_from
@@ -182,7 +182,7 @@ _ZSTD = "zstd"
 
 
 def parse_chunk(content: bytes) -> bytes:
-    """The records in a chunk's content.
+    """Parse the records in a chunk's content.
 
     Raises:
         ValueError: if its checksum is wrong, there is more in it than it says, or it is or says it is larger than any
@@ -203,13 +203,13 @@ def parse_chunk(content: bytes) -> bytes:
 
 
 def parse_chunk_times(content: bytes) -> tuple[int, int]:
-    """The first and the last log time that a chunk says it holds."""
+    """Parse the first and the last log time that a chunk says it holds."""
     first, last = _TIMES.unpack_from(content)
     return first, last
 
 
 def decompress_zstd(data: bytes) -> bytes:
-    """What was packed with zstd, up to the size that a record may have.
+    """Decompress what zstd has packed, up to the size that a record may have.
 
     Raises:
         ValueError: if it is more, or nothing that zstd has packed.
@@ -234,7 +234,7 @@ def _decompress_chunk(data: bytes, size: int) -> bytes:
 
 
 def find_next_record(view: mmap.mmap, begin: int) -> int | None:
-    """The byte at which the next whole record begins, from a byte on; None if none is found soon."""
+    """Find where the next whole record begins, from a byte on; None if none is found soon."""
     tries = 0
     while (candidate := _RECORD_START.search(view, begin)) is not None and tries < MAX_CANDIDATES:
         begin = candidate.start()
@@ -270,7 +270,7 @@ def _is_whole_record(view: mmap.mmap, begin: int) -> bool:
 
 
 def parse_attachment(content: bytes) -> Attachment:
-    """The attachment in a record's content.
+    """Parse the attachment in a record's content.
 
     Raises:
         ValueError: if its checksum is wrong, or there is more in it than it says.
@@ -303,7 +303,7 @@ def check_record_size(opcode: int, content: bytes) -> None:
 
 
 def parse_metadata(content: bytes) -> Metadata:
-    """The metadata in a record's content.
+    """Parse the metadata in a record's content.
 
     Raises:
         ValueError: if there is more in it than it says.
@@ -317,5 +317,5 @@ def parse_metadata(content: bytes) -> Metadata:
 
 
 def as_data_stream(content: bytes) -> ReadDataStream:
-    """Bytes as the readers of mcap want them."""
+    """Wrap bytes as the readers of mcap want them."""
     return ReadDataStream(BytesIO(content))

@@ -69,7 +69,7 @@ class MissingMessages:
     last: int
 
     def without(self, sequences: Sequence[int]) -> "list[MissingMessages]":
-        """The messages still missing once these are found; only the first can be among them."""
+        """List the messages that stay missing once these are found; only the first can be among them."""
         first = self.first + (self.first in sequences)
         if first <= self.last:
             return [MissingMessages(self.segment, first, self.last)]
@@ -318,7 +318,7 @@ class LogScanner:
         return ChunkMessages(records, self.channels, breaks=breaks)
 
     def _number_ours(self, records: ChunkRecords) -> NDArray[np.uint32]:
-        """The numbers of our messages, and of a newer version's topics where they lie between ours."""
+        """Return the numbers of our messages, and of a newer version's topics where they lie between ours."""
         sequences: NDArray[np.uint32] = records.heads["sequence"]
         unknown = [number for number, channel in self.channels.items() if find_topic(channel.topic) is None]
         if not unknown and not self._between:

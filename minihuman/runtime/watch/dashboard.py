@@ -77,7 +77,7 @@ class DashboardServer:
         self._server.server_close()
 
     def _answer(self, path: str, query: dict[str, list[str]], body: bytes | None) -> tuple[str, bytes] | None:
-        """Content type and content; None for what there is not."""
+        """Return content type and content; None where there is nothing at the path."""
         name = query.get("session", [""])[0]
         with self._one_at_a_time:
             match path, body:
@@ -115,7 +115,7 @@ class DashboardServer:
         }
 
     def _recruiting(self) -> dict[str, object] | None:
-        """Whether new people may come, and how many did; None for a study that offers no links."""
+        """Return whether new people may come, and how many did; None for a study that offers no links."""
         if not self._recruits.begun:
             return None
         standing = self._recruits.standing()
@@ -132,11 +132,11 @@ def _handler(prefix: str, answer: AnswerRequest) -> type[BaseHTTPRequestHandler]
         """Hands requests below the prefix on; the rest is not there."""
 
         def do_GET(self) -> None:  # noqa: N802 - the library's name
-            """Look."""
+            """Answer a request to look."""
             self._respond(None)
 
         def do_POST(self) -> None:  # noqa: N802 - the library's name
-            """Ask."""
+            """Answer a request that asks for something."""
             length = read_length(self.headers.get("Content-Length", ""), _LONGEST)
             is_json = self.headers.get_content_type() == "application/json"
             if length is None or not is_json or not is_own_request({k.lower(): v for k, v in self.headers.items()}):

@@ -53,7 +53,7 @@ class TextDraft(AnswerDraft):
         self._put(self._text[: self._caret] + "".join(accepted[:room]), self._text[self._caret :])
 
     def accepts(self, character: str) -> bool:
-        """Whether a character may be in the text."""
+        """Tell whether a character may be in the text."""
         return character.isprintable() or (self.long and character == "\n")
 
     def _put(self, before: str, after: str) -> None:
@@ -71,11 +71,11 @@ class TextDraft(AnswerDraft):
         return self._text.strip()
 
     def widget(self) -> TextField:
-        """The field."""
+        """Build the field."""
         return TextField(self._text, self._caret, self.long, self.question.unit)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
-        """A number that could be an age."""
+        """Type a number that could be an age."""
         if self._text:
             return None
         return str(18 + choose(50))

@@ -29,7 +29,7 @@ class LikertDraft(AnswerDraft):
         self._chosen: int | None = None
 
     def key(self, press: KeyDown) -> bool:
-        """Left and right move, a digit chooses."""
+        """Move with left and right; choose with a digit."""
         if (digit := parse_digit(press.key)) and digit <= self._n_points:
             self._chosen = digit - 1
         elif by := horizontal_step(press.key, rtl=self.rtl):
@@ -68,11 +68,11 @@ class LikertDraft(AnswerDraft):
         return self.question.options or tuple(str(number + 1) for number in range(self._n_points))
 
     def widget(self) -> RatingScale:
-        """The points."""
+        """Build the points."""
         return RatingScale(self._labels, self.question.low, self.question.high, self._chosen)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Any point."""
+        """Choose any point."""
         if self._chosen is None:
             return Click(f"option:{choose(self._n_points)}")
         return None
@@ -87,7 +87,7 @@ class MatrixDraft(LikertDraft):
         self._row = 0
 
     def key(self, press: KeyDown) -> bool:
-        """Up and down choose the row; a digit also goes on to the next one."""
+        """Choose the row with up and down; a digit also goes on to the next one."""
         by = {"up": -1, "down": 1}.get(press.key, 0)
         if not by:
             self._chosen = self._rows[self._row]
@@ -131,13 +131,13 @@ class MatrixDraft(LikertDraft):
         )
 
     def widget(self) -> RatingMatrix:  # type: ignore[override]
-        """The rows."""
+        """Build the rows."""
         question = self.question
         rows = tuple((question.statements or {}).values())
         return RatingMatrix(rows, self._labels, question.low, question.high, tuple(self._rows), self._row)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Any point in the first row without one."""
+        """Choose any point in the first row without one."""
         if None not in self._rows:
             return None
         return Click(f"option:{self._rows.index(None) * self._n_points + choose(self._n_points)}")

@@ -77,7 +77,7 @@ class NumberDraft(TextDraft):
     """A number, typed."""
 
     def accepts(self, character: str) -> bool:
-        """Whether a character may be in a number."""
+        """Tell whether a character may be in a number."""
         if self.language is None:
             return character in "0123456789-.,"
         marks = "\N{ARABIC DECIMAL SEPARATOR}\N{ARABIC THOUSANDS SEPARATOR}"
@@ -118,7 +118,7 @@ class NumberDraft(TextDraft):
         return None
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
-        """A number in range, one that could be an age where the range has any."""
+        """Type a number in range, one that could be an age where the range has any."""
         if self.display_text:
             return None
         low = math.ceil(self.question.minimum)
@@ -129,7 +129,7 @@ class NumberDraft(TextDraft):
 
 
 def _format(value: float) -> str:
-    """A number as people write it, without an exponent."""
+    """Format a number as people write it, without an exponent."""
     return f"{value:.9f}".rstrip("0").rstrip(".")
 
 

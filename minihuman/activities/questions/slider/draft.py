@@ -26,7 +26,7 @@ class SliderDraft(AnswerDraft):
         self._step: int | None = None  # from the minimum
 
     def key(self, press: KeyDown) -> bool:
-        """Arrows move by a step, page keys by a tenth, home and end to the ends."""
+        """Move by a step with arrows, by a tenth with page keys, to the ends with home and end."""
         tenth = max(1, self._n_steps // 10)
         moves = {"page_up": tenth, "page_down": -tenth, "up": 1, "down": -1}
         if by := horizontal_step(press.key, rtl=self.rtl) or moves.get(press.key, 0):
@@ -65,13 +65,13 @@ class SliderDraft(AnswerDraft):
         return f"{self.value:g}"
 
     def widget(self) -> Slider:
-        """The line and its thumb."""
+        """Build the line and its thumb."""
         position = None if self._step is None else self._step / self._n_steps
         text = self.display_text if self.question.show_value else ""
         return Slider(self.question.low, self.question.high, position, text, min(self._n_steps, 20))
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Any place on the line."""
+        """Choose any place on the line."""
         if self._step is None:
             return Click("slider", choose(21) / 20)
         return None
