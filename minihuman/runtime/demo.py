@@ -92,7 +92,7 @@ _AIR_NS = 200_000_000  # a toolkit that blocks in C does not see Ctrl-C
 
 @dataclass(frozen=True, slots=True)
 class FreePlay:
-    """What to play and how to look at it."""
+    """A world to play, and the view of it."""
 
     world: str  # a Gymnasium id
     seed: int = 0  # of the first layout; each further one takes the next number

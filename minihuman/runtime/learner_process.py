@@ -24,7 +24,7 @@ FIRST_ANSWER_TIMEOUT_S = 60.0  # more time for the first answer: the process has
 
 @dataclass(frozen=True, slots=True)
 class LearnerRequest:
-    """What a policy is to be made of."""
+    """A request for a policy: what to learn it from."""
 
     logs: list[str]  # of the session so far; the live one may be among them
     part: str  # the block's name
@@ -38,7 +38,7 @@ class LearnerRequest:
 
 @dataclass(frozen=True, slots=True)
 class LearnerAnswer:
-    """What a learner says in the end."""
+    """The answer of a learner: a policy, or why there is none."""
 
     file: str  # the policy's, until the next question; the place of a pair in words, where pairs were asked about
     failure: str  # why there is none; "" where there is one

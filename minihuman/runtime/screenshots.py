@@ -114,7 +114,7 @@ def render_screens(plans: Sequence[SessionPlan], size_px: Size) -> tuple[list[tu
 
 @dataclass(frozen=True, slots=True)
 class Screenshots:
-    """What was drawn of a participant's sessions.
+    """The pictures of a participant's sessions.
 
     Attributes:
         screens: a PNG of each screen, numbered in the order in which they come.

@@ -53,7 +53,7 @@ class FileJournal(Journal[Line]):
 
     @property
     def unchained(self) -> int:
-        """How many lines that were read have no checksum."""
+        """The number of lines read that have no checksum."""
         return self._chain.unchained
 
     def read(self) -> Sequence[Line]:

@@ -68,7 +68,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
 
     @property
     def unchained(self) -> int:
-        """How many lines that were read have no checksum."""
+        """The number of lines read that have no checksum."""
         return self._chain.unchained
 
     def read(self) -> Sequence[Line]:

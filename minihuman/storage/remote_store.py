@@ -314,7 +314,7 @@ class S3Store(RemoteStore):
             call_within(limit_s, lambda: self._client.put_object(Body=file, **target))
 
     def fetch(self, name: str, path: Path) -> None:
-        """Get it, beside its place first."""
+        """Download a file beside its place, then move it there."""
         with (
             self._raise_as_store_error(f"{name} cannot be fetched from"),
             replace_durably(path, new_folders=LOG_DEPTH) as file,

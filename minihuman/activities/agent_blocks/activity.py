@@ -260,7 +260,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def learning_s(self) -> float:  # type: ignore[override]
-        """How long the next episode waits for the learner."""
+        """The time that the next episode waits for the learner."""
         if self._learning:
             return self.agent.wait_s
         return 0.0

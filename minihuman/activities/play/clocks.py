@@ -41,7 +41,7 @@ class BlockTimeLimits:
 
     @property
     def due_ns(self) -> int | None:
-        """When the next limit is reached; None: there is none, or the clocks stand."""
+        """The time of the next limit; None: there is none, or the clocks stand."""
         if self._running_since_ns is None or not (self._episode_ns or self._block_ns):
             return None
         return self._running_since_ns + max(0, min(limit - played for limit, played in self._pairs if limit))

@@ -25,7 +25,7 @@ class CriterionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PointsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What an episode is worth."""
+    """The points that an episode earns."""
 
     goal: float = 0.0
     timeout: float = 0.0
@@ -88,7 +88,7 @@ ReadyPolicy = Literal["each", "first", "none"]
 
 
 class TrialRules(msgspec.Struct, frozen=True):
-    """What makes episodes into trials: they follow each other by the clock. In a plan where a block says so alone."""
+    """The rules of trials, which follow each other by the clock; in a plan only where its block has some."""
 
     ready: ReadyPolicy = "each"  # which episodes wait for Enter
     feedback_ms: float = 0.0  # the feedback goes by itself; 0: by Enter

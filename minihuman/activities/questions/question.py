@@ -115,7 +115,7 @@ class AnswerDraft(abc.ABC):
 
     @property
     def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
-        """What is logged once it is given: a name, a value and the words that were seen; several of a matrix."""
+        """The name, value and words to log once the answer is given; several for a matrix."""
         return ((self.question.name, self.value, self.display_text),)
 
     @abc.abstractmethod
@@ -133,7 +133,7 @@ class AnswerDraft(abc.ABC):
 
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
-        """Why the answer cannot be given: the key of an interface word and its fields."""
+        """The reason why the answer cannot be given: the key of an interface word and its fields."""
         if self.question.required and self.value is None:
             return ("note.required", {})
         return None

@@ -46,7 +46,7 @@ _SPREADS = {  # the standard deviation of each parameter's logarithm between peo
 
 @dataclass(frozen=True, slots=True)
 class TrialResponse:
-    """What a person does in a trial."""
+    """The response of a person in a trial."""
 
     response: str  # "none": it is withheld
     time_ms: float  # since the stimulus

@@ -127,7 +127,7 @@ def _break_runs(
 
 
 class _Runs:
-    """Which trials end a run that is too long, of an order that changes."""
+    """The runs of an order that changes, to find the trials that end one that is too long."""
 
     def __init__(self, order: Sequence[int], columns: CellsByColumn, max_run: Mapping[str, int]) -> None:
         self._order = order

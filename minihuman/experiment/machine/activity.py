@@ -108,7 +108,7 @@ class SessionContext:
 
 @dataclass(frozen=True, slots=True)
 class PartEnding:
-    """How a part ended, and where the session goes on."""
+    """The end of a part, and where the session continues."""
 
     end: PartEnd = "done"
     back_to: int | None = None  # a part's index; None: the next part
@@ -117,7 +117,7 @@ class PartEnding:
 
 
 class ActivityRequest:
-    """What a part needs from its session host; a kind of activity adds the fields. The answer is an input."""
+    """A request of a part to its session host; a kind of activity adds the fields. The answer is an input."""
 
     awaits_others: ClassVar[bool] = False  # others' sessions answer it, so that it is asked again when nothing comes
 
@@ -129,7 +129,7 @@ class ActivityRequest:
 
 @dataclass(frozen=True, slots=True)
 class SteeringRules:
-    """What keys and time do in an episode that an agent plays, for a window that goes ahead of the session."""
+    """The effects of keys and time in an episode that an agent plays, for a window that runs ahead of the session."""
 
     period_ns: int  # from the picture of one of the agent's steps to the next step
     person_acts: bool  # by a key that has an action
@@ -142,7 +142,7 @@ class SteeringRules:
 
 @dataclass(frozen=True, slots=True)
 class Steering:
-    """Who steers a running episode that an agent plays, and what comes next."""
+    """The control of a running episode that an agent plays, and what comes next."""
 
     controller: str
     action: int | None  # that the agent makes next; None until it is known

@@ -98,7 +98,7 @@ class EpisodeStep:
 
         @property
         def action(self) -> int:
-            """What was done."""
+            """The action's number."""
 
 
 class EpisodeEnding:
@@ -184,7 +184,7 @@ class Stepped(TimedEvent, EpisodeStep):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservationStored(TimedEvent):
-    """What the world gave to observe, where the protocol asks for it: after an episode's start, or before its step."""
+    """An observation of the world, where the protocol asks for it: after an episode's start, or before its step."""
 
     episode: int
     step: int  # that it follows, 0 for the reset
@@ -420,7 +420,7 @@ class DesignDecided(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class ModelCall(ActivityEvent):
-    """What became of a request to a model: asked before it is sent, and its answer before it has an effect.
+    """The state of a request to a model: logged before it is sent, and its answer before it has an effect.
 
     The session waits for the answer: both events have the time of the screen, and ``latency_ms`` says how much later
     the answer counts.

@@ -83,7 +83,7 @@ def _closes_session(part: PlannedPart) -> bool:
 
 
 class PartSequence:
-    """Which part runs, and which are still to be done.
+    """The running part, and the parts that are still to be done.
 
     Args:
         context: the session, which takes the events.

@@ -128,7 +128,7 @@ class RunningEpisode:
 
     @property
     def steps(self) -> int:
-        """How many were made."""
+        """The number of steps so far."""
         return len(self.actions)
 
     def describe_correction(self, t_ns: int, step: int, submit_ns: int, flip_ns: int) -> Event | None:

@@ -27,7 +27,7 @@ class DesignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlayedEpisode(msgspec.Struct, frozen=True):
-    """What a design knows of an episode: all of a block that were completed, in order."""
+    """A completed episode of a block, as a design sees it."""
 
     options: dict[str, Any]  # of the world, as it was made
     seed: int
@@ -43,7 +43,7 @@ class PlayedEpisode(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class DesignDecision:
-    """What a design decides before an episode, and what it knows by then."""
+    """The decision of a design before an episode, and its estimates by then."""
 
     options: Mapping[str, Any] = field(default_factory=dict)  # of the world, beside the block's own; JSON values
     seed: int | None = None  # of the reset; None: the plan's
@@ -71,7 +71,7 @@ class Design(ABC):
 
 
 class GroupAssignment(msgspec.Struct, frozen=True):
-    """What a design assigned a group from."""
+    """The statistics from which a design assigned a group."""
 
     design: str  # as the protocol names it
     version: int
@@ -79,7 +79,7 @@ class GroupAssignment(msgspec.Struct, frozen=True):
 
 
 class EnrolledParticipant(msgspec.Struct, frozen=True):
-    """What a design knows of a participant."""
+    """A participant, as an enrolment design sees them."""
 
     group: str
     stratum: str = ""
@@ -88,7 +88,7 @@ class EnrolledParticipant(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class EnrolmentDecision:
-    """What a design decides from its statistics."""
+    """The decision of an enrolment design from its statistics."""
 
     group: str = ""  # of the next participant
     stop: bool = False  # no further participant is enrolled

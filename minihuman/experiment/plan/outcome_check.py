@@ -33,7 +33,7 @@ SUCCESS_MEASURES = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class TriedWorld:
-    """What a world said in ``info`` in the steps that were tried."""
+    """A world's ``info`` in the steps that were tried."""
 
     is_own: bool  # its author wrote with our classes which end earns a reward
     values: Mapping[str, Any] = field(default_factory=dict)  # by key, the first of each

@@ -18,7 +18,7 @@ HoldPolicy = Literal["once", "repeat"]
 
 
 class Participant(msgspec.Struct, frozen=True):
-    """Who plays: a code, never a name."""
+    """A participant: a code, never a name."""
 
     id: str  # "sub-07"
     index: int  # order of enrolment, 0 for the first
@@ -29,7 +29,7 @@ class Participant(msgspec.Struct, frozen=True):
 
     @property
     def place(self) -> int:
-        """Where in the allocation list they are."""
+        """The participant's place in the allocation list."""
         if self.slot is None:
             return self.index
         return self.slot
@@ -81,7 +81,7 @@ class EpisodePlan(msgspec.Struct, frozen=True):
 
 
 class BlockText(msgspec.Struct, frozen=True):
-    """What a participant reads around a block; empty text shows no screen."""
+    """The texts around a block; an empty one shows no screen."""
 
     instruction: str
     feedback: str  # after each episode; may hold {outcome} {reward} {steps} {episode} {episodes}
@@ -127,7 +127,7 @@ class PlannedPart(msgspec.Struct, frozen=True):
 
 
 class ResumeState(msgspec.Struct, frozen=True):
-    """What a resumed session goes on from, beside the next episode."""
+    """The state from which a resumed session continues, beside the next episode."""
 
     part: int = 0  # the part to begin with
     points: float = 0.0
@@ -139,7 +139,7 @@ class ResumeState(msgspec.Struct, frozen=True):
 
 
 class BonusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What points are worth."""
+    """The pay for points."""
 
     per_point: float
     currency: str = ""

@@ -28,7 +28,7 @@ _MAX_ROWS = 10_000
 
 
 class TrialStimulus(msgspec.Struct, frozen=True):
-    """What one trial shows: a row of a block's table, its images by reference."""
+    """The stimulus of one trial: a row of a block's table, its images by reference."""
 
     place: str = ""  # of the row: "words.csv:3"; "" without a table
     options: Row = {}  # of the world

@@ -11,7 +11,7 @@ ModelModality = Literal["picture", "text", "both"]
 
 
 class ModelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a model that takes a participant's place is shown, and what it may cost."""
+    """The settings of a model that takes a participant's place: what it is shown, and what it may cost."""
 
     modality: ModelModality = "both"
     size_px: tuple[int, int] = (640, 480)  # of the screen's picture, width and height

@@ -50,7 +50,7 @@ from minihuman.experiment.protocol.web_spec import (
 
 
 class AllocationSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How places are drawn, beyond the groups' ratios."""
+    """The settings of allocation, beyond the groups' ratios."""
 
     stratify_by: str = ""  # "part.item", or "part" for how many of its questions are right at the first try
     strata: dict[str, tuple[str | int, ...]] = {}  # name -> codes taken together; absent: a stratum an option
@@ -65,7 +65,7 @@ GroupOverrides = dict[str, dict[str, Any]]  # group -> the fields that it has ot
 
 
 class PageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A part that is read: a consent, instructions, the last words."""
+    """A part to read: a consent, instructions, the last words."""
 
     name: str
     text: str = ""
@@ -78,7 +78,7 @@ class PageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class QuestionnaireSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A part that is answered."""
+    """A part to answer: a list of questions."""
 
     name: str
     title: str = ""
@@ -109,12 +109,12 @@ class OrderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def units(self) -> tuple[tuple[str, ...], ...]:
-        """What changes places: lists of parts, most of them of one."""
+        """The units that change places: lists of parts, most of them of one."""
         return tuple((unit,) if isinstance(unit, str) else unit for unit in self.parts)
 
 
 class SessionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A session: its parts, and how many days after the one before it may be."""
+    """A session: its parts, and the days that may lie between it and the one before."""
 
     name: str
     parts: tuple[str, ...]

@@ -45,7 +45,7 @@ class Strata:
 
     @property
     def question(self) -> str:
-        """What is asked, as the protocol names it."""
+        """The question's name in the protocol."""
         if self.item:
             return f"{self.part}.{self.item}"
         return self.part

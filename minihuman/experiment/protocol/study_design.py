@@ -36,7 +36,7 @@ class Contrast:
 
 @dataclass(frozen=True, slots=True)
 class ExperimentDesign:
-    """What a study varies, and what it asks."""
+    """The factors that a study varies, and the question that it asks."""
 
     factors: tuple[Factor, ...] = ()
     question: str = ""  # in the protocol's words; "" where it has none

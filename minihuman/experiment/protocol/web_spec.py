@@ -22,7 +22,7 @@ def is_completion_code(code: str) -> bool:
 
 
 class CompletionCodesSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a participant takes back to where they were recruited, by how their session ended; "" shows no code."""
+    """The codes that participants take back to where they were recruited, by the session's end; "" shows none."""
 
     complete: str = ""
     declined: str = ""  # did not agree
@@ -33,7 +33,7 @@ class CompletionCodesSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
 
 
 class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How the study runs in a browser; without this table it runs there all the same."""
+    """The settings of the study in a browser, where it also runs without this table."""
 
     image_size_px: tuple[int, int] = (
         640,

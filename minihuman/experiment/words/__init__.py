@@ -75,7 +75,7 @@ class InterfaceWords:
 
     @property
     def locale(self) -> TextLocale:
-        """How they are written."""
+        """The way in which the words are written."""
         return TextLocale(self.language, self.rtl, self._fonts, self.find("theme", "dark"))
 
     def action(self, name: str) -> str:

@@ -175,7 +175,7 @@ class TeamRecord:
 
     @property
     def partners(self) -> tuple[str, ...]:
-        """What the other seats were, in their order."""
+        """The kinds of the other seats, in their order."""
         return tuple(self.seats[seat] for seat in self.partner_seats)
 
     @property
@@ -297,7 +297,7 @@ class EpisodeLog:
 
     @property
     def plan(self) -> EpisodePlan:
-        """What was to be played."""
+        """The episode's plan."""
         return self.start.plan
 
     @property
@@ -377,7 +377,7 @@ class SessionLog:
 
     @property
     def notes(self) -> tuple[SegmentNote, ...]:
-        """What was noted in all segments, in order of time."""
+        """The notes of all segments, in order of time."""
         return tuple(note for segment in self.segments for note in segment.notes)
 
     @property
@@ -387,7 +387,7 @@ class SessionLog:
 
     @property
     def waited_ns(self) -> int:
-        """How long it waited in lobbies, from each arrival to a team, to the end of the wait, or to its own."""
+        """The time that it waited in lobbies, from each arrival to a team, to the end of the wait, or to its own."""
         waited_ns = 0
         for segment in self.segments:
             met_ns = [
@@ -414,7 +414,7 @@ class SessionLog:
 
     @property
     def corrections(self) -> tuple[CorrectionRecord, ...]:
-        """What should have been done instead, shown after the fact from a step of an episode on."""
+        """The demonstrations of what should have been done, from a step of an episode on."""
         return gather_corrections(self.part_events)
 
     @property

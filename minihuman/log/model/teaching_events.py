@@ -149,7 +149,7 @@ class TeachingRecord:
 
     @property
     def interventions(self) -> int:
-        """How often the person took over from the agent."""
+        """The number of times that the person took over from the agent."""
         return sum(change.reason == "key" for change in self.controls)
 
     def agreement(self, actions: NDArray[np.int64]) -> float:

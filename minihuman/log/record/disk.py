@@ -67,7 +67,7 @@ WRITE_BOUND_S = 0.1  # the longest that a write holds a picture up
 
 @dataclass(frozen=True, slots=True)
 class RecorderSettings:
-    """How a recorder uses its disk.
+    """The settings by which a recorder uses its disk.
 
     Args:
         bound_s: how long ``settle`` waits for a write that the disk does not take.

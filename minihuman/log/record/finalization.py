@@ -41,7 +41,7 @@ CHUNK_BYTES = 64 * 1024  # what a damaged bit can cost
 
 @dataclass(frozen=True, slots=True)
 class ExpectedContent:
-    """What a recorder has written, to compare with what the file holds."""
+    """The content that a recorder has written, to compare with what the file holds."""
 
     messages: int
     crc: int  # of all bytes

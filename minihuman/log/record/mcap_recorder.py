@@ -38,7 +38,7 @@ _TORN = re.compile(r"cut off at byte (\d+)")
 
 @dataclass(frozen=True, slots=True)
 class LeftoverSegment:
-    """What a live file holds, and the file itself, open and locked."""
+    """The content of a live file, and the file itself, open and locked."""
 
     part: Path
     fd: int
@@ -182,17 +182,17 @@ class McapRecorder(Recorder):
 
     @property
     def durable_steps(self) -> int:
-        """How many steps of this segment are fsynced."""
+        """The number of steps of this segment that are fsynced."""
         return self._disk.durable_steps
 
     @property
     def durable_writes(self) -> int:
-        """How many of this recorder's writes that had events are fsynced."""
+        """The number of this recorder's writes with events that are fsynced."""
         return self._disk.durable_writes
 
     @property
     def late_writes(self) -> int:
-        """How many writes the disk did not take in time, so that their pictures were shown before them."""
+        """The number of writes that the disk did not take in time, so that their pictures were shown before them."""
         return self._disk.late
 
     def drain(self) -> None:

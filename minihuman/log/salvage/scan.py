@@ -106,14 +106,14 @@ class LogScanner:
 
     @property
     def damage(self) -> str:
-        """What could not be read, as text; "" if all could."""
+        """The damage as text, of what could not be read; "" if all could."""
         gaps = [f"damaged at bytes {gap.begin} to {gap.end} ({gap.reason})" for gap in self.gaps]
         missing = [f"without messages {gap.first} to {gap.last}" for gap in self.missing if gap not in self.declared]
         return "; ".join([*gaps, *missing, *([self.stop_reason] if self.stop_reason else [])])
 
     @property
     def unfinished_reason(self) -> str:
-        """What a finished log lacks, as text; "" if it is whole."""
+        """The part that a finished log lacks, as text; "" if it is whole."""
         if self.damage or self.finished:
             return self.damage
         size = self.path.stat().st_size  # it ends where a record does, and reading met nothing wrong

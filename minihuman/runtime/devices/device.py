@@ -24,7 +24,7 @@ DEVICE_GROUP = "minihuman.devices"
 
 @dataclass(frozen=True, slots=True)
 class DeviceSample:
-    """What a device measured at one time."""
+    """A device's measurement at one time."""
 
     t_ns: int  # when it was taken, on the session's clock
     values: tuple[float, ...] = ()  # per channel; NaN where it has none
