@@ -104,7 +104,7 @@ class PendingAllocationSession(SessionMachine):
             before = self._screen
             events = super().receive(happened, at_ns=at_ns)
             self._answers += (event for event in events if isinstance(event, Answered | PartEnded))
-            self._stratum = self._strata.drawn(self._answers)
+            self._stratum = self._strata.find_stratum(self._answers)
             if self._stratum is not None and not self.over:
                 self._screen = before  # the next part may depend on the group
         return []

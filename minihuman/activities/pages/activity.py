@@ -71,18 +71,18 @@ class PagesActivity(Activity):
             case ScreenShown():
                 self.context.emit(build_page_shown(self.number, self._reader, happened))
             case KeyDown(key=key):
-                has_moved = self._moved(_find_direction(key), by_enter=key in ENTER_KEYS)
+                has_moved = self._turn(_find_direction(key), by_enter=key in ENTER_KEYS)
                 self.context.emit_key(happened, "accepted" if has_moved else "unmapped", self.phase)
                 self._note_agreement()
             case PointerPressed(target="go_on"):
-                self._moved(1, by_enter=True)
+                self._turn(1, by_enter=True)
                 self._note_agreement()
             case PointerPressed(target="back"):
-                self._moved(-1, by_enter=False)
+                self._turn(-1, by_enter=False)
             case PointerPressed(target="decline") if self.part.plan.agree:
                 self.ended = PartEnding("failed", reason="declined", detail="the participant did not agree")
 
-    def _moved(self, by: int, *, by_enter: bool) -> bool:
+    def _turn(self, by: int, *, by_enter: bool) -> bool:
         """Turn the page; tell whether that led anywhere. Only Enter or its button leaves the last page, no arrow."""
         if not by:
             return False

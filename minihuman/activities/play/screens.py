@@ -135,7 +135,7 @@ class BlockScreens:
         """Build an episode's picture; the last one, which stays, says what the episode was worth."""
         words = self._context.words
         legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
-        mark = ""
+        mark: OutcomeMark = ""
         score_text = ""
         if is_last and self._plan.marks:
             mark = OUTCOME_MARKS.get(play.outcome, "")

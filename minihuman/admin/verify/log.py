@@ -600,7 +600,7 @@ def _slot(protocol: Protocol, segment: _LogSegment, plan: SessionPlan) -> Iterat
     strata = build_strata(protocol)
     if strata is None or plan.session > 1 or plan.segment > 1:
         return
-    answered = strata.drawn(segment.events)
+    answered = strata.find_stratum(segment.events)
     if answered not in (None, who.stratum):
         yield f"plan: participant's stratum {who.stratum!r}, by the answer to {strata.question} {answered!r}"
 

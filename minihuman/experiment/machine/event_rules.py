@@ -68,15 +68,15 @@ class _StreamChecker:
             case SessionStarted():
                 self._first = self._next = event.plan.first_episode
             case SessionEnded():
-                self._session_ended(event)
+                self._check_session_end(event)
             case KeyMapDrawn() | EpisodeStarted() | EpisodeEnded() | EpisodesSkipped():
                 self._read_episode_event(event)
             case Stepped():
-                self._stepped(event)
+                self._check_step(event)
             case ObservationStored():
-                self._observed(event)
+                self._check_observation(event)
             case FrameShown():
-                self._frame_shown(event)
+                self._check_frame(event)
             case PartStarted() | PartEnded() | Answered():
                 self._read_part_event(event)
             case Paused() | Resumed():
@@ -99,9 +99,9 @@ class _StreamChecker:
                 self._rule(self._playing is None, "key maps change between episodes")
                 self._key_map = event.key_map
             case EpisodeStarted():
-                self._episode_started(event)
+                self._check_episode_start(event)
             case EpisodeEnded():
-                self._episode_ended(event)
+                self._check_episode_end(event)
             case EpisodesSkipped():
                 self._rule(self._playing is None, "episodes are skipped between episodes")
                 self._rule(event.first == self._next and event.count > 0, f"episode {self._next} is next to be skipped")
@@ -127,18 +127,18 @@ class _StreamChecker:
             self._rule(self._paused, "only a pause can be resumed")
             self._paused = False
 
-    def _frame_shown(self, event: FrameShown) -> None:
+    def _check_frame(self, event: FrameShown) -> None:
         is_of_episode = event.episode == self._last_episode and event.step <= self._steps
         self._rule(is_of_episode, "a frame shows a step of the running episode, or of the one that has just ended")
         self._rule(event.submit_ns <= event.flip_ns, "a frame is submitted before it is flipped")
 
-    def _session_ended(self, event: SessionEnded) -> None:
+    def _check_session_end(self, event: SessionEnded) -> None:
         self._ended = True
         self._rule(self._playing is None, "an episode ends before its session")
         completed = self._next - self._skipped - self._first
         self._rule(event.episodes_completed == completed, "completed episodes are counted")
 
-    def _episode_started(self, event: EpisodeStarted) -> None:
+    def _check_episode_start(self, event: EpisodeStarted) -> None:
         self._rule(self._playing is None, "one episode at a time")
         self._rule(event.plan.episode == self._next, f"episode {self._next} is next, not {event.plan.episode}")
         self._rule(event.plan.key_map == self._key_map, "an episode's key map was drawn before")
@@ -152,13 +152,13 @@ class _StreamChecker:
         self._judge = OutcomeJudge(event.plan.outcome_rule)
         self._outcome = None
 
-    def _observed(self, event: ObservationStored) -> None:
+    def _check_observation(self, event: ObservationStored) -> None:
         is_recorded = self._playing is not None and self._playing.plan.record_observations
         self._rule(is_recorded and event.episode == self._next, "observations are stored where the plan asks for them")
         self._rule(event.step == self._observations, f"the observation of step {self._observations} is next")
         self._observations += 1
 
-    def _stepped(self, event: Stepped) -> None:
+    def _check_step(self, event: Stepped) -> None:
         playing = self._playing
         if playing is None or event.episode != playing.plan.episode:
             self._rule(False, "steps belong to the running episode")
@@ -180,7 +180,7 @@ class _StreamChecker:
         self._last_step = event
         self._outcome = self._judge.judge_step(event)
 
-    def _episode_ended(self, event: EpisodeEnded) -> None:
+    def _check_episode_end(self, event: EpisodeEnded) -> None:
         playing = self._playing
         last = self._last_step
         if playing is None or event.episode != playing.plan.episode:

@@ -245,7 +245,7 @@ class SessionMachine:
             case Stop():
                 self._stop(happened)
             case FocusChanged():
-                self._focus_changed(happened.focused)
+                self._change_focus(happened.focused)
             case KeyDown():
                 self._key_down(happened)
             case KeyUp():
@@ -295,7 +295,7 @@ class SessionMachine:
         known = self._facts.get("consent_rules", "1") == CONSENT_RULES
         return known and self._parts.has_begun and self.part.phase is Phase.CONSENT
 
-    def _focus_changed(self, focused: bool) -> None:
+    def _change_focus(self, focused: bool) -> None:
         self._context.emit(Noted(self.now_ns, "focus", "found" if focused else "lost"))
         self._focused = focused
         if focused:

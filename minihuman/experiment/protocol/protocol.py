@@ -69,7 +69,7 @@ def decode_logged_protocol(toml: bytes, source: str = "the protocol in a log") -
 
 def _decode(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
     try:
-        return _decoded(toml, source, files, rules)
+        return _decode_tree(toml, source, files, rules)
     except ProtocolError:
         raise
     except Exception as error:  # a file can be written to make a parser raise anything: nesting, huge numbers
@@ -77,7 +77,7 @@ def _decode(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequenc
         raise ProtocolError(f"{source}: cannot be read: {type(error).__name__}: {message[:200]}") from error
 
 
-def _decoded(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
+def _decode_tree(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
     try:
         text = toml.decode("utf-8-sig")  # an editor may begin the file with a byte-order mark
         tree = tomllib.loads(text)

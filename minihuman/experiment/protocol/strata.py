@@ -59,8 +59,8 @@ class Strata:
         place: int = sum(answer >= cut for cut in self.cuts)
         return self.names[place]
 
-    def drawn(self, events: Iterable[Event]) -> str | None:
-        """Return the stratum of a participant with these answers, from the first time that the part was completed.
+    def find_stratum(self, events: Iterable[Event]) -> str | None:
+        """Find the stratum of a participant with these answers, from the first time that the part was completed.
 
         None until then.
         """

@@ -127,10 +127,10 @@ def notes_in_session_time(notes: Iterable[SegmentNote], start_ns: int) -> tuple[
 
 def part_events_in_session_time(events: Iterable[PartEvent], start_ns: int) -> tuple[PartEvent, ...]:
     """Shift a segment's part events to session time."""
-    return tuple(_moved(event, start_ns) for event in events)
+    return tuple(_shift_event(event, start_ns) for event in events)
 
 
-def _moved(event: PartEvent, start_ns: int) -> PartEvent:
+def _shift_event(event: PartEvent, start_ns: int) -> PartEvent:
     if isinstance(event, Linked):  # whose other times are how long something took
         return replace(event, t_ns=event.t_ns + start_ns)
     names = (field.name for field in fields(event) if field.name.endswith("_ns"))

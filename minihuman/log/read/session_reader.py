@@ -156,7 +156,7 @@ class SessionAssembler:
             LogError: if a step or a key press cannot be read, or a step is missing. Pictures are read when looked at.
         """
         rows = SessionRows(self._batches, self._chunks)
-        placed = self._placed(starts, ends, rows)
+        placed = self._place_segments(starts, ends, rows)
         rows.shift_to_session_time(
             np.array([part.begin for part in self._parts], np.int64),
             np.array([segment.start_ns for segment, _ in placed], np.int64),
@@ -215,7 +215,7 @@ class SessionAssembler:
                 team=gather_team(span.formed, span.ready, span.activity_events, n_steps),
             )
 
-    def _placed(
+    def _place_segments(
         self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]], rows: SessionRows
     ) -> list[tuple[Segment, tuple[int, int | None]]]:
         """Place every segment in the session, still without its keys; return with each the places of its messages."""

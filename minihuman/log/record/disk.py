@@ -110,7 +110,7 @@ class LiveFile:
             LogError: if there is too little room.
             OSError: if the disk does not take them.
         """
-        for piece in _joined(pieces):
+        for piece in _join_pieces(pieces):
             if piece.room_for is not None:
                 require_disk_space(self._part.parent, piece.room_for)
             remaining = memoryview(piece.data)
@@ -165,7 +165,7 @@ class LiveFile:
         return copied
 
 
-def _joined(pieces: Iterable[AppendBlock]) -> Iterator[AppendBlock]:
+def _join_pieces(pieces: Iterable[AppendBlock]) -> Iterator[AppendBlock]:
     """Join the bytes into as few writes as possible."""
     buffered: list[bytes] = []
     for piece in pieces:
@@ -435,13 +435,13 @@ class GroupCommit:
             with _isolate_failures():
                 if file.write_waiting():
                     written_files.append(file)
-        failed = self._failed([file.fd for file in written_files])
+        failed = self._sync_files([file.fd for file in written_files])
         self.rounds += 1
         for file in written_files:
             with _isolate_failures():
                 file.finish_commit(failed.get(file.fd))
 
-    def _failed(self, fds: Sequence[int]) -> dict[int, OSError]:
+    def _sync_files(self, fds: Sequence[int]) -> dict[int, OSError]:
         """Make files durable; return which of them could not be, and why."""
         if len(fds) > self._max_single_syncs:
             try:

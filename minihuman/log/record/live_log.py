@@ -129,13 +129,13 @@ class LiveLogEncoder:
                 pieces.append(AppendBlock(self._start(event)))
                 continue
             if isinstance(event, EpisodeStarted):
-                pieces.append(AppendBlock(self._flushed(), room_for))
+                pieces.append(AppendBlock(self._take_encoded(), room_for))
                 room_for = event.plan
             self._add(event)
-        pieces.append(AppendBlock(self._flushed(), room_for))
+        pieces.append(AppendBlock(self._take_encoded(), room_for))
         return [piece for piece in pieces if piece.data]
 
-    def _flushed(self) -> bytes:
+    def _take_encoded(self) -> bytes:
         self._writer.flush()
         self._bytes.write(self._chunk.take())
         return self._bytes.take()
@@ -154,13 +154,13 @@ class LiveLogEncoder:
         ]
         for record in head:
             writer.add_metadata(record.name, record.metadata)
-        begin = self._flushed()
+        begin = self._take_encoded()
         for name, media_type, content in build_attachments(event.plan):
             writer.add_attachment(started_ns, started_ns, name, media_type, content)
-        begin += self._flushed()
+        begin += self._take_encoded()
         channels = self._number(event.plan)
         plan = self._add_plan(event)
-        plan_chunk = self._flushed()
+        plan_chunk = self._take_encoded()
         builder = RecordBuilder()
         copied = integrity.pack_segment_head(head, list(self._schemas.values()), channels, plan)
         Attachment(

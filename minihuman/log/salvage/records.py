@@ -73,9 +73,9 @@ def split_chunk(data: bytes, index: Sequence[bytes]) -> ChunkRecords:
         ValueError: if the bytes are no records.
     """
     try:
-        starts = _starts(data, _indexed(index))
+        starts = _find_starts(data, _read_index(index))
     except (ValueError, IndexError):
-        starts = _starts(data, np.zeros(0, np.int64))
+        starts = _find_starts(data, np.zeros(0, np.int64))
     is_message = _at_each(data, np.dtype("u1"))[starts] == Opcode.MESSAGE
     other_records = []
     for start in starts[~is_message].tolist():
@@ -140,23 +140,23 @@ def _at_each(data: bytes, dtype: np.dtype[Any]) -> NDArray[Any]:
     return np.ndarray(max(0, len(data) + 1 - dtype.itemsize), dtype, data, strides=(1,))
 
 
-def _indexed(index: Sequence[bytes]) -> ByteOffsets:
+def _read_index(index: Sequence[bytes]) -> ByteOffsets:
     """Return where a chunk's messages begin, if its index is right."""
     entries = [np.frombuffer(record, _INDEX_ENTRY, offset=_INDEX_HEAD.size) for record in index]
     return np.sort(np.concatenate([np.zeros(0, np.int64), *(entry["place"].astype(np.int64) for entry in entries)]))
 
 
-def _starts(data: bytes, known: ByteOffsets) -> ByteOffsets:
+def _find_starts(data: bytes, known: ByteOffsets) -> ByteOffsets:
     """Find where each record begins, given where some do."""
     ends = known + RECORD_HEADER.size + _at_each(data, np.dtype("<u8"))[known + 1].astype(np.int64)
     before = np.concatenate([[0], ends])
     behind = np.concatenate([known, [len(data)]])
     gaps = np.flatnonzero(before != behind)
-    walked = (_walked(data, int(before[gap]), int(behind[gap])) for gap in gaps)
+    walked = (_walk_records(data, int(before[gap]), int(behind[gap])) for gap in gaps)
     return np.sort(np.concatenate([known, *walked]))
 
 
-def _walked(data: bytes, begin: int, end: int) -> ByteOffsets:
+def _walk_records(data: bytes, begin: int, end: int) -> ByteOffsets:
     """Find where each record between two places begins."""
     starts: list[int] = []
     at = begin
