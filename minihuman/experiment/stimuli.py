@@ -88,18 +88,15 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         _require_choice("shape", shape, ("", *SHAPES))
         for name in self._chances:
             _require_choice("correct", name, self.action_names)
-        if not isinstance(language, str):
-            raise WorldError(f"language is {language!r}; use a code such as 'en'")
+        self._language = _require_language(language)
         self._ink = _read_colour(colour)
         self._text = str(text)
-        self._cards = tuple(
-            (str(item), _CARDS[place]) for item, place in ((left, "left"), (right, "right")) if item != ""
-        )
+        cards = {"left": left, "right": right}
+        self._cards = tuple((str(label), _CARDS[place]) for place, label in cards.items() if label != "")
         self._shape = shape
         self._side = SIDES[side]
         self._size = _read_number("size", size, low=0.0, high=10.0)
         self._image = _read_image(image)
-        self._language = language
         named = str(text).strip().lower()
         self.prompted_responses = tuple(name for name in self.action_names if name.lower() in (named, side))
 
@@ -243,6 +240,12 @@ class TwoStep(Stimulus):
 def _require_choice(name: str, choice: str, known: Sequence[str]) -> None:
     if choice not in known:
         raise WorldError(f"{name} is {choice!r}; use one of {', '.join(filter(None, known))}")
+
+
+def _require_language(language: object) -> str:
+    if not isinstance(language, str):
+        raise WorldError(f"language is {language!r}; use a code such as 'en'")
+    return language
 
 
 def _read_colour(colour: str) -> Any:

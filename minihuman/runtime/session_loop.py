@@ -119,8 +119,7 @@ def run_session(
         Exception: what the window or a bug of ours raised.
     """
     loop = _SessionLoop(session, window, recorder, clock, inbox, agent)
-    # Up to the end: a second Ctrl-C must not break the log off while it is being finished.
-    with receive_end_signals(loop.note_signal):
+    with receive_end_signals(loop.note_signal):  # to the end: a second Ctrl-C must not cut off the log that finishes
         try:
             with _short_switch_interval():
                 loop.run_or_stop()
@@ -129,11 +128,16 @@ def run_session(
             if agent is not None:
                 agent.close()
             _close_world(session)
-            path = recorder.close()
-            if finished is not None and path is not None:
-                finished(path)
+            path = _finish_log(recorder, finished)
     if loop.log_error:
         raise loop.log_error
+    return path
+
+
+def _finish_log(recorder: Recorder, finished: Callable[[Path], object] | None) -> Path | None:
+    path = recorder.close()
+    if finished is not None and path is not None:
+        finished(path)
     return path
 
 

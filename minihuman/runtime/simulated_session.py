@@ -56,9 +56,7 @@ def simulate(
     """Run simulated participants one after the other, in the next free slots; yield the log of each of their sessions.
 
     A study of several sessions is played to its end, without the days between; a participant who is screened out does
-    not come back.
-    Each has a random stream of its own, from ``seed``, its slot, and how many left that slot before.
-
+    not come back. Each has a random stream of its own, from ``seed``, its slot, and how many left that slot before.
     A player that crashes or gives no answer ends its session as ``player_failed``, its slot is free again, and no
     further session begins. ``make_world`` makes the sessions' worlds.
 

@@ -75,24 +75,28 @@ def plan_parts(
         elif any(block.name == name for block in protocol.blocks):
             kind = find_kind(blocks[number].kind)
             play = _plan_block(kind, protocol, blocks, number, episodes, words)
-            purpose = f"{name}-session-{session}"
-            trial = trials.plan_rules(blocks[number], protocol.study.seed, purpose, participant.index)
-            bound = Bindings(blocks[number].axes, blocks[number].spot)
-            own = {
-                "trial": trial,
-                "bindings": msgspec.UNSET if bound == Bindings() else bound,
-                "design": blocks[number].design or msgspec.UNSET,
-            }
-            yield PlannedPart(kind.name, name, msgspec.structs.replace(play, **own))
+            extras = _plan_extras(protocol, participant, session, blocks[number])
+            yield PlannedPart(kind.name, name, msgspec.structs.replace(play, **extras))
             number += 1
-        elif (other := next((other for other in protocol.activities if other.name == name), None)) is not None:
-            yield PlannedPart(other.kind, name, find_kind(other.kind).read(other.settings))
+        elif (activity := next((spec for spec in protocol.activities if spec.name == name), None)) is not None:
+            yield PlannedPart(activity.kind, name, find_kind(activity.kind).read(activity.settings))
         elif name == DEBRIEF:
             yield PlannedPart("debrief", name, DebriefPlan())
         elif name == KEYBOARD:
             yield PlannedPart("keyboard_check", name, KeyboardCheckPlan(protocol.keys.pool))
         else:
             yield PlannedPart("page", name, _plan_page(protocol, _build_default_page(protocol, name, words), words))
+
+
+def _plan_extras(protocol: Protocol, participant: Participant, session: int, block: BlockSpec) -> dict[str, Any]:
+    """Plan what only some blocks have: rules of trials, bindings and a design; unset where a block has none."""
+    purpose = f"{block.name}-session-{session}"
+    bindings = Bindings(block.axes, block.spot)
+    return {
+        "trial": trials.plan_rules(block, protocol.study.seed, purpose, participant.index),
+        "bindings": msgspec.UNSET if bindings == Bindings() else bindings,
+        "design": block.design or msgspec.UNSET,
+    }
 
 
 def _list_images(protocol: Protocol, page: PageSpec) -> tuple[str, ...]:
@@ -212,22 +216,20 @@ def _plan_play(
     block = blocks[number]
     count = len(blocks)
     own_episodes = [episode for episode in episodes if episode.block == number]
-    title = words.fill("progress.part", part=number + 1, parts=count) if count > 1 else ""
     rest = ""
     rest_s = 0.0
     if number + 1 < count:
         rest = block.rest_text
         rest_s = protocol.study.min_rest_s
-    feedback = dict.fromkeys(OUTCOMES, block.feedback) if isinstance(block.feedback, str) else dict(block.feedback)
     instruction = paginate_text(block.instructions) if block.instructions else ()
     return PlayPlan(
         block=number,
         blocks=count,
         first=own_episodes[0].episode,
         count=len(own_episodes),
-        title=block.title or title,
+        title=block.title or _number_part(words, number, count),
         instruction=instruction,
-        feedback={outcome: text for outcome, text in feedback.items() if text},
+        feedback=_plan_feedback(block),
         rest=rest,
         rest_s=rest_s,
         interval_ms=0.0 if isinstance(block.inter_trial_interval_ms, tuple) else block.inter_trial_interval_ms,
@@ -244,6 +246,19 @@ def _plan_play(
         motion_ms=block.motion_ms or msgspec.UNSET,
         pagination=_pagination_of(instruction),
     )
+
+
+def _number_part(words: InterfaceWords, number: int, count: int) -> str:
+    """Format "Part 1 of 2" as a block's title; "" for the only block."""
+    if count < 2:
+        return ""
+    return words.fill("progress.part", part=number + 1, parts=count)
+
+
+def _plan_feedback(block: BlockSpec) -> dict[str, str]:
+    """Plan the feedback by outcome, without the outcomes that have none."""
+    texts = dict.fromkeys(OUTCOMES, block.feedback) if isinstance(block.feedback, str) else block.feedback
+    return {outcome: text for outcome, text in texts.items() if text}
 
 
 def _computed_by(block: BlockSpec) -> ComputedBy:

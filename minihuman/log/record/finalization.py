@@ -103,8 +103,7 @@ def finish_log(
     """
     starts = {} if _is_blank(segment_path.part) else read_segment_starts(segment_path.part, first=True)
     if not starts:  # nothing was played yet, or the file's start is gone
-        aside = put_aside(segment_path.part, "unreadable")
-        return FinalizedLog(aside, False, 0, 0, CUT_OFF, "it holds no session plan", damaged_copy_path=aside)
+        return _give_up(segment_path.part)
     earlier = read_segment_starts(segment_path.log) if segment_path.log.exists() else {}
     new = starts.items() - earlier.items()
     if new:
@@ -114,8 +113,7 @@ def finish_log(
         finalized = _rewrite(segment_path, temporary, with_log=bool(earlier), clean=clean, promised=promised)
         if new:  # else a finish that was cut off before it removed the live file
             publish(temporary)
-            current_system().disk.rename(temporary, segment_path.log)
-            sync_folder(segment_path.log.parent)
+            _rename(temporary, segment_path.log)
     finally:
         _remove(temporary)
     if not new and not finalized.damage:
@@ -125,6 +123,11 @@ def finish_log(
     current_system().disk.unlink(segment_path.part)
     sync_folder(segment_path.part.parent)
     return finalized
+
+
+def _give_up(part: Path) -> FinalizedLog:
+    aside = put_aside(part, "unreadable")
+    return FinalizedLog(aside, False, 0, 0, CUT_OFF, "it holds no session plan", damaged_copy_path=aside)
 
 
 def _require_new_segment(segment_path: SegmentPath, earlier: Mapping[int, str]) -> None:
@@ -239,8 +242,7 @@ def _rewrite_damaged(log: Path) -> FinalizedLog:
                 copy.end(segment, **facts, clean=False, stopped=f"{names.FINISHED_LOG_WAS}{lacks}")
             copy.metadata(names.REPAIRED_METADATA, {"damage": lacks})
         aside = put_aside(log, "as-found", linked=True)
-        current_system().disk.rename(temporary, log)
-        sync_folder(log.parent)
+        _rename(temporary, log)
     except OSError as error:
         raise LogError(f"{log} could not be repaired and is unchanged: {error.strerror}") from error
     finally:
@@ -266,8 +268,7 @@ def archive_log(log: Path, folder: Path) -> Path:
         temporary = target.with_name(f"{target.name}{UNFINISHED_SUFFIX}")
         with _open_finished_log(temporary, IndexType.ALL ^ IndexType.MESSAGE) as copy:
             copy.copy_file(LogScanner(log))
-    current_system().disk.rename(temporary, target)
-    sync_folder(folder)
+    _rename(temporary, target)
     return target
 
 
@@ -321,6 +322,12 @@ def _open_finished_log(target: Path, indexes: IndexType = IndexType.ALL) -> Iter
         writer.start(profile=names.PROFILE, library=LIBRARY_NAME)
         yield LogCopier(writer)
         writer.finish()
+
+
+def _rename(temporary: Path, log: Path) -> None:
+    """Give a finished log its name, durably."""
+    current_system().disk.rename(temporary, log)
+    sync_folder(log.parent)
 
 
 def _remove(temporary: Path) -> None:
