@@ -77,7 +77,7 @@ class Motion(NamedTuple):
 
 
 class PlayMessages(TypedDict):
-    """The lines and marks of people who play together, for a window that draws them."""
+    """What people who play together write and mark, for a window that draws it."""
 
     writes: bool
     hint: str
