@@ -188,12 +188,10 @@ class SessionAssembler:
             segment = segments[span.segment]
             check_step_numbers(episode, episode_numbers[step_rows], step_numbers[step_rows])
             attempts[episode] += 1
-            with_reset = slice(
-                step_rows.start + number, step_rows.stop + number + 1
-            )  # earlier episodes have resets too
-            state_columns = {name: column[with_reset] for name, column in of_states.items()}
-            times_ns = state_columns["t_ns"]
             n_steps = step_rows.stop - step_rows.start
+            begin = step_rows.start + number  # a row for the reset of each episode before
+            state_columns = {name: column[begin : begin + n_steps + 1] for name, column in of_states.items()}
+            times_ns = state_columns["t_ns"]
             used = ~np.isnan(vectors[step_rows]).all(axis=0)  # other columns are another world's
             yield EpisodeLog(
                 start=start,
