@@ -33,7 +33,7 @@ from minihuman.experiment.plan.session_plan import (
 )
 from minihuman.experiment.words import ENGLISH
 from minihuman.log import topics
-from minihuman.log.message_codec import (
+from minihuman.log.field_codec import (
     Codec,
     CustomCodec,
     FieldCodec,

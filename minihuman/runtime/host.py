@@ -58,12 +58,12 @@ def host_session(
         WorldError: if the world failed; the log has the reason and everything before.
         OSError: if the data folder cannot be written.
     """
-    world_facts = collect_world_facts(list_world_ids(plan))
+    facts_of_worlds = collect_world_facts(list_world_ids(plan))
     device_specs = decode_logged_protocol(plan.protocol_toml).devices if plan.protocol_toml else ()
     if markers:
         pylsl()  # before there is a log: without it nothing is to begin
     with open_devices(device_specs, clock) as (devices, device_facts), ExitStack() as opened:
-        facts = {"player": "human", **collect_machine_facts(), **world_facts, **clock.facts()}
+        facts = {"player": "human", **collect_machine_facts(), **facts_of_worlds, **clock.facts()}
         facts |= _open_window_devices(plan, window) | device_facts
         picture_px = _fit_four_to_three(window.picture_px)
         if picture_px is not None:

@@ -36,8 +36,8 @@ from minihuman.log.paths import PART_SUFFIX, list_sessions, raise_as_log_error
 from minihuman.log.read.reader import LogReader
 from minihuman.log.read.session_rows import (
     FREQUENT_TOPICS,
+    FrequentRows,
     SampleSequence,
-    SessionRows,
     build_state_columns,
     build_step_columns,
     check_step_numbers,
@@ -155,7 +155,7 @@ class SessionAssembler:
         Raises:
             LogError: if a step or a key press cannot be read, or a step is missing. Pictures are read when looked at.
         """
-        rows = SessionRows(self._batches, self._chunks)
+        rows = FrequentRows(self._batches, self._chunks)
         placed = self._place_segments(starts, ends, rows)
         rows.shift_to_session_time(
             np.array([part.begin for part in self._parts], np.int64),
@@ -171,7 +171,7 @@ class SessionAssembler:
         )
         return segments, tuple(self._episodes(segments, rows))
 
-    def _episodes(self, segments: Sequence[Segment], rows: SessionRows) -> Iterator[EpisodeLog]:
+    def _episodes(self, segments: Sequence[Segment], rows: FrequentRows) -> Iterator[EpisodeLog]:
         """Yield every episode in the order played; checks that none of its steps is missing."""
         starts = [replace(span.start, t_ns=span.start.t_ns + segments[span.segment].start_ns) for span in self._spans]
         steps = [rows.steps.between(span.begin, span.end) for span in self._spans]
@@ -214,7 +214,7 @@ class SessionAssembler:
             )
 
     def _place_segments(
-        self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]], rows: SessionRows
+        self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]], rows: FrequentRows
     ) -> list[tuple[Segment, tuple[int, int | None]]]:
         """Place every segment in the session, still without its keys; return with each the places of its messages."""
         clean = {int(end["segment"]): end["clean"] == "true" for end in ends}

@@ -182,7 +182,7 @@ class TopicRows:
         return slice(first, len(self.places) if end is None else int(np.searchsorted(self.places, end)))
 
 
-class SessionRows:
+class FrequentRows:
     """The messages on the topics that have thousands: steps, keys and frames."""
 
     def __init__(self, batches: Mapping[str, Sequence[TopicMessages]], chunks: Sequence[bytes]) -> None:

@@ -188,7 +188,7 @@ class WriteJob:
     steps: int  # of the segment, with these
     finished: threading.Lock = field(default_factory=threading.Lock)  # held until it is written or has failed
     over: bool = False  # it was written or has failed
-    is_complete: bool = False  # it was written to its last byte
+    fully_written: bool = False  # it was written to its last byte
 
 
 class FileWriter:
@@ -286,7 +286,7 @@ class FileWriter:
             try:
                 self.file.append(piece for job in jobs for piece in job.pieces)
                 for job in jobs:
-                    job.is_complete = True
+                    job.fully_written = True
             except Exception as error:  # handed to the session at this write or the next
                 self.failure = error
         self._written_count += len(jobs)
@@ -296,8 +296,8 @@ class FileWriter:
             try:
                 sync()
                 self.file.restore()
-                self.durable_steps = max([self.durable_steps, *(job.steps for job in jobs if job.is_complete)])
-                if all(job.is_complete for job in jobs):
+                self.durable_steps = max([self.durable_steps, *(job.steps for job in jobs if job.fully_written)])
+                if all(job.fully_written for job in jobs):
                     self.durable_writes += len(jobs)
             except Exception as error:
                 self._is_broken, self.failure = True, self.failure or error
