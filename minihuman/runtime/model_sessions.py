@@ -169,7 +169,7 @@ def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path
 
 
 def _play_first_session(
-    protocol: Protocol, data: Path, run: ModelRun, settings: RecorderSettings
+    protocol: Protocol, data_folder: Path, run: ModelRun, settings: RecorderSettings
 ) -> tuple[SessionPlan, Path | None, str]:
     """Finish or resume the session that a killed or stopped run left, or play the next slot's first one.
 
@@ -177,8 +177,8 @@ def _play_first_session(
         Its plan, its log and why it ended.
     """
     left = None
-    with _hold_slots(data):
-        unfinished_session = next(_find_cut_off(data / protocol.study.name, run.name), None)
+    with _hold_slots(data_folder):
+        unfinished_session = next(_find_cut_off(data_folder / protocol.study.name, run.name), None)
         if isinstance(unfinished_session, Path):
             ended = read_log(unfinished_session)
             if ended.end_reason != CUT_OFF:
@@ -188,11 +188,11 @@ def _play_first_session(
             left = resume_segment(unfinished_session)
             assert isinstance(left.events[0], SessionStarted)
             plan = left.events[0].plan
-            log = McapRecorder(data, plan, started_ns=left.started_ns, settings=settings, left=left)
+            log = McapRecorder(data_folder, plan, started_ns=left.started_ns, settings=settings, left=left)
         else:
-            plan = plan_next_session(protocol, data, participant=unfinished_session, prefix="model")
-            log = McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings)
-    return plan, *_play(protocol, data, plan, run, log, left)
+            plan = plan_next_session(protocol, data_folder, participant=unfinished_session, prefix="model")
+            log = McapRecorder(data_folder, plan, started_ns=time.time_ns(), settings=settings)
+    return plan, *_play(protocol, data_folder, plan, run, log, left)
 
 
 def _build_session(plan: SessionPlan, run: ModelRun, spec: ModelSpec) -> SessionMachine:

@@ -100,10 +100,10 @@ class SeatWindow(Window):
             return []
         if not isinstance(message, tuple):
             return [message]
-        screen, shown = message
+        screen, screen_shown = message
         if screen is not self.screen:
             return []
-        return [replace(shown, t_ns=self._clock())]
+        return [replace(screen_shown, t_ns=self._clock())]
 
     def facts(self) -> dict[str, str]:
         """Return the shared window's facts, and how many seats share it."""

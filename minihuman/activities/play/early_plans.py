@@ -16,10 +16,10 @@ def find_early_blocks(plan: SessionPlan) -> Iterator[tuple[int, PlannedPart]]:
     for number, text in enumerate(plan.texts):
         episodes = [episode for episode in plan.episodes if episode.block == number]
         title = words.fill("progress.part", part=number + 1, parts=count) if count > 1 else ""
-        rest = ""
+        rest_text = ""
         rest_s = 0.0
         if number + 1 < count:
-            rest = text.rest
+            rest_text = text.rest
             rest_s = text.rest_s
         block = PlayPlan(
             block=number,
@@ -29,7 +29,7 @@ def find_early_blocks(plan: SessionPlan) -> Iterator[tuple[int, PlannedPart]]:
             title=title,
             instruction=(text.instruction.strip(),) if text.instruction else (),
             feedback=dict.fromkeys(_OUTCOMES, text.feedback) if text.feedback else {},
-            rest=rest,
+            rest=rest_text,
             rest_s=rest_s,
         )
         yield 2, PlannedPart("play", episodes[0].block_name, block)

@@ -216,10 +216,10 @@ def _plan_play(
     block = blocks[number]
     count = len(blocks)
     own_episodes = [episode for episode in episodes if episode.block == number]
-    rest = ""
+    rest_text = ""
     rest_s = 0.0
     if number + 1 < count:
-        rest = block.rest_text
+        rest_text = block.rest_text
         rest_s = protocol.study.min_rest_s
     instruction = paginate_text(block.instructions) if block.instructions else ()
     return PlayPlan(
@@ -230,7 +230,7 @@ def _plan_play(
         title=block.title or _number_part(words, number, count),
         instruction=instruction,
         feedback=_plan_feedback(block),
-        rest=rest,
+        rest=rest_text,
         rest_s=rest_s,
         interval_ms=0.0 if isinstance(block.inter_trial_interval_ms, tuple) else block.inter_trial_interval_ms,
         fixation_ms=block.fixation_ms,
