@@ -108,6 +108,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
     "minihuman.dataset.sessions": ("minihuman.dataset.included_episodes",),
     "minihuman.dataset.store": ("minihuman.dataset.table_queries", "minihuman.dataset.table_database"),
     "minihuman.dataset.table_columns": (
+        "minihuman.dataset.column_aliases",
         "minihuman.dataset.table_catalogue",
         f"{_NEW}.agent_blocks.columns",
         f"{_NEW}.correction.columns",
@@ -157,8 +158,10 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.rating.rows",
         f"{_NEW}.team.rows",
     ),
+    "minihuman.admin.verify.log": ("minihuman.admin.verify.study", "minihuman.admin.verify.messages"),
+    "minihuman.exporters.flat_observations": ("minihuman.exporters.environment_specs",),
     "minihuman.log.system": ("minihuman.storage.system", "minihuman.storage.durable_files"),
-    "minihuman.operating_system": ("minihuman.storage.durable_files",),
+    "minihuman.operating_system": ("minihuman.storage.durable_files", "minihuman.portable_names"),
     "minihuman.workflow": ("minihuman.api",),
 }
 
@@ -187,6 +190,13 @@ def _get_moved(old_module: str, name: str) -> Any:
         stacklevel=3,
     )
     return contents
+
+
+def warn_of_old_name(old_name: str, name: str) -> None:
+    """Warn the caller of the function that has the earlier name."""
+    warnings.warn(
+        f"{old_name} is now {name}; the old name goes with the next version", DeprecationWarning, stacklevel=3
+    )
 
 
 def forward_names(module: str) -> Callable[[str], Any]:

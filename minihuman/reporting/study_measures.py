@@ -168,7 +168,7 @@ def find_measure(name: str) -> StudyMeasure:
     kind, _, argument = name.partition(":")
     if kind in _BUILT_IN:
         return _BUILT_IN[kind](argument)
-    return make_plugin(GROUP, name, StudyMeasure, ReportError, what="measure")  # type: ignore[type-abstract]
+    return make_plugin(GROUP, name, StudyMeasure, ReportError, noun="measure")  # type: ignore[type-abstract]
 
 
 def add_measures(rows: pd.DataFrame, tables: Tables, names: Iterable[str]) -> pd.DataFrame:

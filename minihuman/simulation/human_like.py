@@ -149,7 +149,7 @@ class ParticipantPopulation:
             SimulationError: if a name is no parameter, or a value no number.
         """
         defaults = {field.name: field.default for field in fields(ParticipantParameters)} | {"spread": 1.0}
-        values = read_settings(text, defaults, SimulationError, of="human-like", aliases=EARLIER_NAMES)
+        values = read_settings(text, defaults, SimulationError, owner="human-like", aliases=EARLIER_NAMES)
         spread = values.pop("spread", 1.0)
         if not 0 <= spread < math.inf:
             raise SimulationError(f"spread is {spread}; use 0 or more")

@@ -73,7 +73,7 @@ def test_a_study_that_was_moved_with_what_it_keeps_names_its_logs_where_they_are
     rows(study)
     moved = shutil.move(study, tmp_path / "elsewhere")
     with StudyStore(StudySessions(moved, processes=1), with_shortest=False) as store:
-        assert [one.path for one in store.kept] == [str(path) for path in sorted(moved.rglob("*.mcap"))]
+        assert [one.path for one in store.cached_sessions] == [str(path) for path in sorted(moved.rglob("*.mcap"))]
 
 
 def test_a_log_that_came_changed_or_went_and_a_mark_are_noticed_and_the_order_is_the_paths(study, tmp_path):

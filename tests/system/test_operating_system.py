@@ -20,8 +20,6 @@ from minihuman.errors import AllocationError, LogError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.operating_system import (
-    explain_unportable_name,
-    find_case_twin,
     is_sharing_violation,
     lock_descriptor,
     open_file,
@@ -30,6 +28,7 @@ from minihuman.operating_system import (
     retry_when_shared,
     windows_disposition,
 )
+from minihuman.portable_names import explain_unportable_name, find_case_twin
 from minihuman.storage.durable_files import write_atomically
 from tests.counts import PATIENCE_S
 from tests.disks import fill, small_disk

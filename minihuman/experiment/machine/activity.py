@@ -311,7 +311,7 @@ def find_kind(name: str) -> ActivityKind:
     Raises:
         ProtocolError: if none is installed.
     """
-    kind = load_plugin(GROUP, name, ProtocolError, what="activity")
+    kind = load_plugin(GROUP, name, ProtocolError, noun="activity")
     if not isinstance(kind, ActivityKind):
         raise ProtocolError(
             f"activity {name!r} is of type {type(kind).__name__}; register an instance of minihuman.ext.ActivityKind"
