@@ -165,12 +165,12 @@ def test_a_server_that_renews_hands_over_when_another_asks(servers: tuple[Server
     for _ in range(10):
         clock.now_s += RENEWAL_INTERVAL_S
         one.renew()
-    assert not one.lease.wanted
+    assert not one.lease.is_requested
     with pytest.raises(LeaseHeldError):
         other.host()
     one.record(b"the last")
     one.renew()
-    assert one.lease.wanted
+    assert one.lease.is_requested
     one.record(b" word")
     one.leases.release(one.lease)
     other.host()
