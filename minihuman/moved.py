@@ -40,7 +40,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.correction.activity",
         f"{_NEW}.correction.events",
         f"{_NEW}.correction.plan",
-        f"{_NEW}.correction.requests",
+        f"{_NEW}.clip_requests",
     ),
     f"{_OLD}.keyboard_check": (
         f"{_NEW}.keyboard_check.activity",
@@ -62,7 +62,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.preferences.activity",
         f"{_NEW}.preferences.events",
         f"{_NEW}.preferences.plan",
-        f"{_NEW}.preferences.requests",
+        f"{_NEW}.clip_requests",
         f"{_NEW}.episode_clips",
     ),
     f"{_OLD}.questions": (f"{_NEW}.questions",),

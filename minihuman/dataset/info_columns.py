@@ -12,8 +12,8 @@ from typing import Any
 import duckdb
 import pyarrow as pa
 
-from minihuman.activities.trials.stimulus_table import name_label_column
 from minihuman.dataset.table_columns import TableColumn, TableColumnType
+from minihuman.experiment.plan.session_plan import name_label_column
 
 
 @dataclass(frozen=True, slots=True)

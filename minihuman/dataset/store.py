@@ -185,6 +185,8 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         """Compare rows with their digests, of the tables of which they were not compared yet."""
         changed = set[int]()
         doubled = set[str]()
+        if self.tables.is_new:
+            return _Damage(changed, doubled)
         if not self._compared:
             connection = self.tables.connection
             other_lines = f"SELECT log FROM kept.logs WHERE digest IS DISTINCT FROM hash({LOG_COLUMNS})"

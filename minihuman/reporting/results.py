@@ -15,10 +15,9 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from minihuman.activities.trials.trial_measures import MEASURES as TRIAL_MEASURES
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign
-from minihuman.reporting.study_measures import find_measure
+from minihuman.reporting.study_measures import find_measure, load_trial_measures
 from minihuman.statistics.comparison import (
     Equivalence,
     GroupComparison,
@@ -378,7 +377,7 @@ def compare_labels(
     measured = values.reindex(columns=list(MEASURES)).reset_index()
     if trial_levels is not None:
         of_label = trial_levels[trial_levels["label"].eq(label)].drop(columns=["block"])
-        named = {name: f"trials:{name}" for name in TRIAL_MEASURES}
+        named = {name: f"trials:{name}" for name in load_trial_measures()}
         means = of_label.rename(columns={"level": "block", **named}).groupby(keys)[list(named.values())].mean()
         measured = measured.merge(means.reset_index(), on=keys, how="left")
     conditions = tuple(sorted(measured["block"].unique()))

@@ -14,7 +14,6 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.activities.trials.response_model import TrialResponder, find_stimulus
 from minihuman.agents.goal_search import GoalSearch
 from minihuman.agents.search_choice import build_search
 from minihuman.errors import SimulationError, WorldError
@@ -22,6 +21,7 @@ from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.stimuli import Stimulus
 from minihuman.plugins import read_settings
 from minihuman.simulation.participant import KeyPress, NoPress, SimulatedParticipant
+from minihuman.simulation.response_model import TrialResponder, find_stimulus
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import hash64
 

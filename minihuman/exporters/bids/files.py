@@ -19,12 +19,12 @@ import numpy as np
 
 from minihuman import __version__
 from minihuman.activities.questions.plan import QuestionsPlan
-from minihuman.activities.trials.stimulus_table import name_label_column
 from minihuman.dataset.info_columns import LABELS
 from minihuman.dataset.measures import response_ms
 from minihuman.dataset.table_columns import table_key_name
 from minihuman.errors import ExportError
 from minihuman.experiment.machine.events import Answered, Paused, Sampled
+from minihuman.experiment.plan.session_plan import name_label_column
 from minihuman.experiment.protocol.specs import DeviceSpec
 from minihuman.log.model.session_log import EpisodeLog, Segment, SessionLog
 
