@@ -127,7 +127,12 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         "minihuman.experiment.machine.points",
     ),
     "minihuman.experiment.machine.screens": (f"{_NEW}.correction.screens", f"{_NEW}.preferences.screens"),
-    "minihuman.experiment.machine.session": ("minihuman.experiment.pending_session",),
+    "minihuman.experiment.machine.events": ("minihuman.experiment.machine.event_rules",),
+    "minihuman.experiment.machine.session": (
+        "minihuman.experiment.pending_session",
+        "minihuman.experiment.machine.key_state",
+    ),
+    "minihuman.experiment.replay": ("minihuman.experiment.session_copy",),
     "minihuman.experiment.plan.expansion": (
         "minihuman.experiment.plan.participant_codes",
         "minihuman.experiment.plan.part_names",

@@ -21,7 +21,8 @@ from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.windows.window import VirtualClock
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import find_kind
-from minihuman.experiment.machine.events import Answered, Event, PartEnded, SessionEnded, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import Answered, Event, PartEnded, SessionEnded
 from minihuman.experiment.machine.inputs import Input, PointerPressed, ScreenShown, TextInput
 from minihuman.experiment.machine.screens import PlayScreen, QuestionScreen, Screen
 from minihuman.experiment.machine.session import SessionMachine
@@ -38,7 +39,7 @@ from minihuman.experiment.plan.designs import (
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.random_streams import make_draw
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.experiment.replay import copy_session
+from minihuman.experiment.session_copy import copy_session
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.plugins import load_plugin
 from minihuman.runtime.session_loop import run_session

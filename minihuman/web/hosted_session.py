@@ -84,7 +84,7 @@ class HostedSession:
         """Find the log that is being written; None before there is one."""
         if not self.files:
             return None
-        return self.files[0].where.part
+        return self.files[0].segment_path.part
 
 
 def start_host(
@@ -278,7 +278,7 @@ class SessionRecording:
         if is_dismissed:
             with suppress(OSError):  # else it is put aside when the session is leased here again
                 for file in self._hosted.files:
-                    put_aside(file.where.part, SUPERSEDED)
+                    put_aside(file.segment_path.part, SUPERSEDED)
 
 
 def _seal(log: Path) -> bool:

@@ -6,7 +6,7 @@ A page that knows nothing has contents of its own, anew.
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.session import SessionMachine
-from minihuman.experiment.replay import WorldLender
+from minihuman.experiment.session_copy import WorldLender
 from minihuman.web import messages
 from minihuman.web.computed import ComputedEpisode
 from minihuman.web.message_streams import OutgoingStream

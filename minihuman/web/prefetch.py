@@ -33,7 +33,7 @@ from minihuman.experiment.machine.screens import (
 )
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.session_plan import EpisodePlan
-from minihuman.experiment.replay import WorldLender, can_copy_session, copy_session
+from minihuman.experiment.session_copy import WorldLender, can_copy_session, copy_session
 from minihuman.web.messages import FilmFrame, LookAheadUpdate, PrefetchedScreen, ScreenPrefetch
 from minihuman.web.screen_values import ImageCache, NumberPicture, convert_screen
 from minihuman.worlds.adapters.world import World

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
+from minihuman.experiment.machine.event_rules import find_violations
 from minihuman.experiment.machine.events import (
     Event,
     KeyPressed,
@@ -16,7 +17,6 @@ from minihuman.experiment.machine.events import (
     Noted,
     SessionStarted,
     Stepped,
-    find_violations,
 )
 from minihuman.experiment.machine.inputs import KeyDown, KeyUp, Stop
 from minihuman.experiment.machine.session import SessionMachine

@@ -425,7 +425,7 @@ class WebServer:
             return
         if lease.lost:
             await self._give_up(connection, CLOSE_BUSY)
-        elif lease.wanted:
+        elif lease.is_requested:
             await self._give_up(connection, ANOTHER)
 
     async def _give_up(self, connection: Connection, code: int) -> None:
