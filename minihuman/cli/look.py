@@ -143,7 +143,7 @@ def plot(
 
         tables = select(study, selection)
         with name_output_when_full(out):
-            for path in draw_all_figures(tables, out, each=each):
+            for path in draw_all_figures(tables, out, each_session=each):
                 print(path, flush=True)
         print_account(tables.account.lines())
 

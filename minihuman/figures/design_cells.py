@@ -111,7 +111,9 @@ def cells_figure(
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         draw_cells(left, groups, conditions, measure=measure, limits=limits)
         draw_differences(right, differences, level=level)
-        right.set_yticks(range(len(differences)), [f"{one.first}\n{one.second}" for one in differences])
+        right.set_yticks(
+            range(len(differences)), [f"{difference.first}\n{difference.second}" for difference in differences]
+        )
         right.set_title("interaction, 95 % interval", loc="left")
         for place, ax in enumerate((left, right)):
             label_panel(ax, place)

@@ -60,16 +60,18 @@ def collect_learning_curves(
     numbers = range(1, int(episodes["episode_in_block"].max()) + 1)
     last = episodes.drop_duplicates(["participant", "session", "episode_in_block"], keep="last")
     values = last.assign(value=last[measure].astype(float)).groupby(["group", "session"])
-    several = episodes["session"].nunique() > 1
+    has_several_sessions = episodes["session"].nunique() > 1
     curves = {
         (str(group), session): part.pivot(index="participant", columns="episode_in_block", values="value")
         for (group, session), part in values
     }
     return {
-        f"{group}, session {session}" if several else group: table.reindex(columns=numbers).to_numpy(np.float64)
+        f"{group}, session {session}" if has_several_sessions else group: table.reindex(columns=numbers).to_numpy(
+            np.float64
+        )
         for group in order or sorted({group for group, _ in curves})
-        for (its, session), table in curves.items()
-        if its == group
+        for (curve_group, session), table in curves.items()
+        if curve_group == group
     }
 
 
@@ -78,7 +80,7 @@ def group_by_block(log: SessionLog) -> list[tuple[str, Sequence[EpisodeLog]]]:
     blocks: dict[str, list[EpisodeLog]] = defaultdict(list)
     for episode in log.episodes:
         blocks[episode.plan.block_name].append(episode)
-    return [(name, [strip_events(episode) for episode in theirs[:_PANELS]]) for name, theirs in blocks.items()]
+    return [(name, [strip_events(episode) for episode in episodes[:_PANELS]]) for name, episodes in blocks.items()]
 
 
 def strip_events(episode: EpisodeLog) -> EpisodeLog:

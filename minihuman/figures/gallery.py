@@ -20,24 +20,24 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def draw_all_figures(tables: Tables, out: Path, *, each: bool = False) -> Iterator[Path]:
+def draw_all_figures(tables: Tables, out: Path, *, each_session: bool = False) -> Iterator[Path]:
     """Draw a session's paths and overview, or what many sessions show together; yield the files.
 
-    ``each`` draws every one of many sessions too, which takes some seconds a session.
+    ``each_session`` draws every one of many sessions too, which takes some seconds a session.
 
     Raises:
         LogError: if there is no such file or folder.
     """
     first: SessionLog | None = None
     everyone: list[SessionLog] = []
-    for counted in tables.read_sessions():
-        if not counted.places:
+    for selected in tables.read_sessions():
+        if not selected.places:
             continue
-        if each:
-            yield from draw_session(counted.session, out / _name(counted.log))
-        first = first or counted.session
-        everyone.append(_light(counted.session))
-    if first is not None and len(everyone) == 1 and not each:
+        if each_session:
+            yield from draw_session(selected.session, out / _name(selected.log))
+        first = first or selected.session
+        everyone.append(_light(selected.session))
+    if first is not None and len(everyone) == 1 and not each_session:
         yield from draw_session(first, out / _name(first))
     if len(everyone) > 1:
         yield from draw_study(everyone, out)
@@ -58,7 +58,7 @@ def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
     for block, episodes in collect_rewards(logs).groupby("block", sort=False):
         title = name_measure("reward", str(block))
         means = episodes.groupby(["group", "participant"])["reward"].mean()
-        by_group = {str(group): theirs.to_numpy(float) for group, theirs in means.groupby("group")}
+        by_group = {str(group): group_means.to_numpy(float) for group, group_means in means.groupby("group")}
         if len(by_group) > 1:
             # here, as what it brings takes half a second that no figure of one session needs
             from minihuman.figures.estimation import compare_every_pair, estimation_figure
@@ -74,7 +74,7 @@ def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
 def _light(log: SessionLog) -> SessionLog:
     """The session without its key presses and pictures shown, so that a thousand of them can be held at once."""
     keys = EventColumns.of(KeyPressed, ())
-    segments = tuple(replace(one, keys=keys) for one in log.segments)
+    segments = tuple(replace(segment, keys=keys) for segment in log.segments)
     return replace(log, episodes=tuple(map(strip_events, log.episodes)), segments=segments)
 
 

@@ -27,11 +27,11 @@ def mean_and_band(
     """
     from scipy.special import stdtrit  # no figure of one session needs it
 
-    there = (~np.isnan(values)).sum(axis=0)
+    counts = (~np.isnan(values)).sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.nansum(values, axis=0) / there
-        spread = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / (there - 1)) / np.sqrt(there)
-        half = np.where(there > 1, stdtrit(np.maximum(there - 1, 1), 0.5 + level / 2) * spread, np.nan)
+        mean = np.nansum(values, axis=0) / counts
+        spread = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / (counts - 1)) / np.sqrt(counts)
+        half = np.where(counts > 1, stdtrit(np.maximum(counts - 1, 1), 0.5 + level / 2) * spread, np.nan)
     return mean, mean - half, mean + half
 
 
@@ -39,12 +39,12 @@ def share_and_band(
     values: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Share of ones and its 95 % interval (Wilson), each (episodes,), from (participants, episodes) of 0, 1 and NaN."""
-    there = (~np.isnan(values)).sum(axis=0)
+    counts = (~np.isnan(values)).sum(axis=0)
     ones = np.nansum(values, axis=0)
     with np.errstate(invalid="ignore"):
-        share = ones / there
-    low, high = np.array([wilson_interval(int(of), int(n)) for of, n in zip(ones, there, strict=True)]).T
-    missing = np.where(there, 0.0, np.nan)
+        share = ones / counts
+    low, high = np.array([wilson_interval(int(successes), int(n)) for successes, n in zip(ones, counts, strict=True)]).T
+    missing = np.where(counts, 0.0, np.nan)
     return share, low + missing, high + missing
 
 
@@ -78,8 +78,8 @@ def draw_learning(
         else:
             at = np.asarray(numbers)
         if len(values) <= _FEW and not shares:
-            for theirs in values:
-                ax.plot(at, theirs, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")
+            for participant_values in values:
+                ax.plot(at, participant_values, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")
         ax.plot(
             at, mean, _DASHES[place % len(_DASHES)], marker=_MARKERS[place % len(_MARKERS)], ms=3.2, color=colour,
             label=f"{group} (n = {len(values)})",

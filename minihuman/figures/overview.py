@@ -30,11 +30,11 @@ def draw_steps(ax: Axes, log: SessionLog) -> Axes:
         )
         limit = episode.plan.max_steps
         ax.plot([number - 0.35, number + 0.35], [limit, limit], color=MUTED, lw=0.8)
-    seen = dict.fromkeys(episode.outcome_word for episode in log.episodes)
-    for name in seen:
+    outcomes = dict.fromkeys(episode.outcome_word for episode in log.episodes)
+    for name in outcomes:
         ax.plot([], [], OUTCOME_MARKERS[name], color=OUTCOME_COLOURS[name], label=name, **_DOT)
     ax.plot([], [], color=MUTED, lw=0.8, label="step limit")
-    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=len(seen) + 1, borderaxespad=0, handlelength=1.2)
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=len(outcomes) + 1, borderaxespad=0, handlelength=1.2)
     ax.set_ylabel("steps")
     ax.set_ylim(bottom=0)
     return ax

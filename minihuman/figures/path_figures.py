@@ -65,14 +65,14 @@ def draw_object(ax: Axes, thing: Thing) -> None:
 
 def build_object_legend(maps: Iterable[Map | None]) -> list[Line2D]:
     """The legend's entries: every kind of thing on these maps once, goals aside, which have a mark of their own."""
-    seen: dict[tuple[str, str], Line2D] = {}
+    handles: dict[tuple[str, str], Line2D] = {}
     for thing in (thing for floor in maps if floor is not None for thing in floor.things):
         key = thing.name, get_marker(thing)
-        if thing.name and "goal" not in thing.name and key not in seen:
-            seen[key] = Line2D(
+        if thing.name and "goal" not in thing.name and key not in handles:
+            handles[key] = Line2D(
                 [], [], ls="", marker=key[1], ms=5, mfc=thing.colour, mec=WALL, mew=0.4, alpha=0.6, label=thing.name
             )  # fmt: skip
-    return list(seen.values())[:MAX_LEGEND_ENTRIES]
+    return list(handles.values())[:MAX_LEGEND_ENTRIES]
 
 
 _SPREAD_CELLS = 0.11  # how far a cell's next visit is drawn from its last, so that ways there and back both show
@@ -122,16 +122,16 @@ def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
     Rings mark turns in place of 45 degrees and more, the larger the more was turned. In the grid, where ways overlap
     exactly, every visit to a cell is drawn a little aside of the one before. An episode without poses draws nothing.
     """
-    here = ~np.isnan(episode.poses[:, 0])
-    if not here.any():
+    has_pose = ~np.isnan(episode.poses[:, 0])
+    if not has_pose.any():
         return ax
     _draw_partners(ax, episode)
     unit = episode.start.map.unit if episode.start.map else "m"
     if unit == "cell":
-        points = _spread(episode.poses[here][:, [0, 2]])
+        points = _spread(episode.poses[has_pose][:, [0, 2]])
     else:
-        points = episode.poses[here][:, [0, 2]]
-    spent = (episode.t_ns[here] - episode.t_ns[0]) / max(1, int(episode.t_ns[-1] - episode.t_ns[0]))
+        points = episode.poses[has_pose][:, [0, 2]]
+    spent = (episode.t_ns[has_pose] - episode.t_ns[0]) / max(1, int(episode.t_ns[-1] - episode.t_ns[0]))
     segments = np.stack([points[:-1], points[1:]], axis=1)
     moved = np.abs(np.diff(points, axis=0)).sum(axis=1) > 0
     line = LineCollection(
@@ -149,7 +149,7 @@ def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
     turns = turns[turns["turned_rad"] > _RING_FROM_RAD - 1e-6]
     if turns.size:
         rows = turns["row"]
-        index = np.cumsum(here)[rows] - 1
+        index = np.cumsum(has_pose)[rows] - 1
         rings = ax.scatter(
             points[index, 0], points[index, 1], s=3 + 20 * np.minimum(1.0, turns["turned_rad"] / _FULL_CIRCLE),
             facecolors="none", edgecolors=WALL, linewidths=0.45, zorder=5,
@@ -184,10 +184,10 @@ def find_goal(episode: EpisodeLog) -> tuple[float, float] | None:
     """Where the episode's goal stands (x, z); None where the map does not tell."""
     things = episode.start.map.things if episode.start.map else ()
     named = [thing for thing in things if "goal" in thing.name]
-    asked = [thing for thing in things if thing.name and thing.name in episode.start.mission]
-    for found in (named, asked, list(things) if len(things) == 1 else []):
-        if found:
-            return found[0].x, found[0].z
+    mentioned = [thing for thing in things if thing.name and thing.name in episode.start.mission]
+    for candidates in (named, mentioned, list(things) if len(things) == 1 else []):
+        if candidates:
+            return candidates[0].x, candidates[0].z
     return None
 
 

@@ -43,7 +43,7 @@ def draw_steering(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
     handles += [ax.plot([], [], _RATED[v][0], color=_RATED[v][1], label=_RATED[v][2])[0] for v in sorted(rated)]
     ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=len(handles))
     every = max(1, len(episodes) // 12)
-    ax.set_yticks(range(0, len(episodes), every), [str(each.number) for each in episodes[::every]])
+    ax.set_yticks(range(0, len(episodes), every), [str(episode.number) for episode in episodes[::every]])
     ax.set(xlabel="step", ylabel="episode", ylim=(len(episodes) - 0.4, -0.6))
     return ax
 
@@ -89,7 +89,7 @@ def draw_ratings(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
     """
     begins_ns = episodes[0].t_ns[0]
     presses = sorted(
-        (rating.pressed_ns, rating.value) for each in episodes if each.taught for rating in each.taught.ratings
+        (rating.pressed_ns, rating.value) for episode in episodes if episode.taught for rating in episode.taught.ratings
     )
     minutes = (np.array([t_ns for t_ns, _ in presses]) - begins_ns) / NS_PER_MIN
     values = np.array([value for _, value in presses])

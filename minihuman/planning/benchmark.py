@@ -109,8 +109,8 @@ def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -
         levels: of each family.
     """
     families = FAMILIES[kind]
-    drawn = np.random.SeedSequence([seed, list(FAMILIES).index(kind)]).generate_state(len(families) * levels)
-    seeds = drawn.reshape(len(families), levels).tolist()
+    flat_seeds = np.random.SeedSequence([seed, list(FAMILIES).index(kind)]).generate_state(len(families) * levels)
+    seeds = flat_seeds.reshape(len(families), levels).tolist()
     head = _PROTOCOL_START.format(
         count=len(families) * levels,
         families="1 family" if len(families) == 1 else f"{len(families)} families",
@@ -124,13 +124,13 @@ def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -
             name=family.name,
             world=family.world,
             episodes=levels,
-            seeds=its,
+            seeds=family_seeds,
             actions=", ".join(f'"{action}"' for action in family.actions),
             max_steps=family.max_steps,
             instructions=family.instructions,
             settings=family.settings,
         )
-        for family, its in zip(families, seeds, strict=True)
+        for family, family_seeds in zip(families, seeds, strict=True)
     )
     return head + "".join(blocks)
 
@@ -141,15 +141,15 @@ def parse_players(text: str) -> dict[str, int]:
     Raises:
         SimulationError: if a number is none.
     """
-    found = {}
+    runs_by_player = {}
     for part in filter(None, text.split(",")):
         name, _, runs = part.rpartition("=")
         if not name or not runs.isdecimal() or not int(runs):
             raise SimulationError(
                 f"{part!r} does not give a player and its number of runs; write NAME=RUNS, as in random=3"
             )
-        found[name] = int(runs)
-    return found
+        runs_by_player[name] = int(runs)
+    return runs_by_player
 
 
 def run_baseline(

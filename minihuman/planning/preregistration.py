@@ -84,16 +84,16 @@ def describe_planned_power(toml: bytes, effect: str, *, people: int = 60, studie
     """
     from minihuman.planning.power import Effect, compute_values, describe_power, power_curve, simulate_pool
 
-    wanted = Effect.parse(effect)
+    planned_effect = Effect.parse(effect)
     protocol = decode_protocol(toml, "protocol")
     if protocol.analysis.primary_measure and protocol.analysis.primary_measure not in _POWER:
         return f"Power of {protocol.analysis.primary_measure} cannot be simulated; it can for {', '.join(_POWER)}."
     size = max(protocol.study.participants // max(len(protocol.groups), 1), 4)
     pool = simulate_pool(toml, people=people, player="human-like", seed=1, block=protocol.analysis.block or None)
     measure = _POWER.get(protocol.analysis.primary_measure, "log_excess_steps")
-    treated, untreated = (compute_values(rows, measure) for rows in (wanted.of(pool.episodes), pool.episodes))
-    found = power_curve(measure, treated, untreated, (size // 2, size, 2 * size), studies=studies, seed=1)
-    return describe_power(pool, wanted, found, player="human-like")
+    treated, untreated = (compute_values(rows, measure) for rows in (planned_effect.of(pool.episodes), pool.episodes))
+    estimates = power_curve(measure, treated, untreated, (size // 2, size, 2 * size), studies=studies, seed=1)
+    return describe_power(pool, planned_effect, estimates, player="human-like")
 
 
 def _find_target_block(protocol: Protocol) -> str:
@@ -113,5 +113,5 @@ def _describe_direction(protocol: Protocol) -> str:
     blocks = {block.name for block in protocol.blocks}
     played = {group.name: len(blocks & set(group.blocks or group.parts)) for group in protocol.groups}
     most_first = sorted(protocol.groups, key=lambda group: (-played[group.name], group.name))
-    pairs = (f"{one.name} minus {other.name}" for one, other in combinations(most_first, 2))
+    pairs = (f"{group.name} minus {other.name}" for group, other in combinations(most_first, 2))
     return f"Differences are {', '.join(pairs)}."

@@ -89,8 +89,8 @@ def simulate_report_pool(toml: bytes, *, people: int, player: str, seed: int) ->
     protocol = decode_protocol(toml, "protocol")
     study = msgspec.structs.replace(protocol.study, participants=people)
     with TemporaryDirectory(prefix="minihuman-power-") as folder:
-        whole = msgspec.structs.replace(protocol, study=study)
-        list(simulate(whole, Path(folder), participants=people, seed=seed, player=player))
+        pool_protocol = msgspec.structs.replace(protocol, study=study)
+        list(simulate(pool_protocol, Path(folder), participants=people, seed=seed, player=player))
         with select(Path(folder), processes=1) as tables:
             tables.require(_TABLES, shortest_paths=True)
             return make_report_pool(protocol, {name: tables.frame(name) for name in _TABLES})
@@ -102,8 +102,8 @@ def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> 
     rows = add_measures(tables["blocks"], tables, analysis.find_plugin_measures())
     analysed = {block.name for block in protocol.blocks if block.analysed}
     rows = rows[rows["block"].isin(analysed)].assign(person=rows["participant"])
-    drawn = name_units(rows, find_units(tables["teams"]))["participant"]
-    rows = unite_teams(rows, tables["teams"]).assign(drawn=drawn).reset_index(drop=True)
+    sampling_units = name_units(rows, find_units(tables["teams"]))["participant"]
+    rows = unite_teams(rows, tables["teams"]).assign(drawn=sampling_units).reset_index(drop=True)
     blocks = rows.groupby("group")["block"].nunique()
     ratios = {group.name: group.allocation_ratio for group in protocol.groups}
     order = sorted(map(str, blocks.index), key=lambda group: (-int(blocks[group]), group))
@@ -123,13 +123,13 @@ def estimate_report_power(
     Raises:
         ReportError: if the protocol has no such comparison.
     """
-    found = []
-    several = len(pool.groups) > 1
+    estimates = []
+    has_several_groups = len(pool.groups) > 1
     possible = {
-        "groups": several,
+        "groups": has_several_groups,
         "conditions": bool(pool.analysis.conditions),
         "interaction": pool.design.is_mixed,
-        "change": several and pool.rows["session"].nunique() > 1,
+        "change": has_several_groups and pool.rows["session"].nunique() > 1,
     }
     if not possible[design.on]:
         raise ReportError(
@@ -144,24 +144,24 @@ def estimate_report_power(
             counts.update(rejected | ({"any of them": any(rejected.values())} if len(rejected) > 1 else {}))
         for name, hits in counts.items():
             low, high = wilson_interval(hits, studies)
-            found.append(PowerEstimate(name, size, hits / studies, low, high, studies))
-    return tuple(found)
+            estimates.append(PowerEstimate(name, size, hits / studies, low, high, studies))
+    return tuple(estimates)
 
 
 def draw_study(pool: ReportPool, design: StudyDesign, size: int, rng: np.random.Generator) -> pd.DataFrame:
     """The included rows of one study's table of blocks: participants, or whole teams, drawn with replacement."""
-    (measure, is_log, effect), drawn = _find_effect(pool, design), []
+    (measure, is_log, effect), samples = _find_effect(pool, design), []
     for group, ratio in pool.groups.items():
-        theirs = effect[effect["group"] == group]
-        places = [*theirs.groupby("drawn").indices.values()]
-        count = round(size * ratio * len(places) / theirs["person"].nunique())
-        chosen = [places[one] for one in rng.integers(len(places), size=count)]
-        rows = theirs.iloc[np.concatenate(chosen)]
+        group_rows = effect[effect["group"] == group]
+        places = [*group_rows.groupby("drawn").indices.values()]
+        count = round(size * ratio * len(places) / group_rows["person"].nunique())
+        chosen = [places[unit] for unit in rng.integers(len(places), size=count)]
+        rows = group_rows.iloc[np.concatenate(chosen)]
         number = np.repeat(np.arange(count), [*map(len, chosen)])
         for name in ("participant", "person"):
-            rows = rows.assign(**{name: [f"{at}/{who}" for at, who in zip(number, rows[name], strict=True)]})
-        drawn.append(rows)
-    rows = pd.concat(drawn, ignore_index=True)
+            rows = rows.assign(**{name: [f"{at}/{code}" for at, code in zip(number, rows[name], strict=True)]})
+        samples.append(rows)
+    rows = pd.concat(samples, ignore_index=True)
     if design.drop_out:
         left = {
             code: next((at for at in sorted({*rows["session"]}) if rng.random() < design.drop_out), math.inf)
@@ -172,9 +172,9 @@ def draw_study(pool: ReportPool, design: StudyDesign, size: int, rng: np.random.
     values = rows[measure].astype(float)
     move = rows["move"]
     if measure == "success":  # more failures, or fewer successes, become the other: no share leaves 0 to 1
-        others = values.where(move < 0, 1 - values)
+        other_share = values.where(move < 0, 1 - values)
         chance = (move.abs() / rows["middle"].where(move < 0, 1 - rows["middle"])).fillna(0).clip(0, 1)
-        tries = (others * rows["episodes"]).round().fillna(0).astype(int)
+        tries = (other_share * rows["episodes"]).round().fillna(0).astype(int)
         return rows.assign(success=values + np.sign(move) * rng.binomial(tries, chance) / rows["episodes"])
     return rows.assign(**{measure: values * np.exp(move) if is_log else values + move})
 
@@ -204,18 +204,18 @@ def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.D
         compared = rows["block"].isin(pool.analysis.conditions)
     else:
         compared = rows["block"] == pool.target
-    theirs = rows[compared & rows["exclusion_reason"].isna()]
-    measure = _primary(pool, theirs)
-    scaled, logs = take_logarithms(theirs, [measure])
+    compared_rows = rows[compared & rows["exclusion_reason"].isna()]
+    measure = _primary(pool, compared_rows)
+    scaled, logs = take_logarithms(compared_rows, [measure])
     values = scaled[measure].astype(float)
     means = scaled.groupby(["block", "group", "participant"])[measure].mean()
-    middle = values.groupby([theirs[name] for name in cell]).transform("mean")
-    common = values.mean() if within else values.groupby(theirs["session"]).transform("mean")
-    first_condition = theirs["block"].isin(_list_first_blocks(pool))
-    first_group = theirs["group"] == next(iter(pool.groups))
+    middle = values.groupby([compared_rows[name] for name in cell]).transform("mean")
+    common = values.mean() if within else values.groupby(compared_rows["session"]).transform("mean")
+    first_condition = compared_rows["block"].isin(_list_first_blocks(pool))
+    first_group = compared_rows["group"] == next(iter(pool.groups))
     by_comparison = {"conditions": first_condition, "interaction": first_condition & first_group}
     affected = by_comparison.get(design.on, first_group) & (
-        (design.on != "change") | (theirs["session"] > rows["session"].min())
+        (design.on != "change") | (compared_rows["session"] > rows["session"].min())
     )
     move = common - middle + design.shift * float(means.groupby(["block", "group"]).std().mean()) * affected
     return measure, measure in logs, rows.assign(move=move, middle=middle).fillna({"move": 0.0})
@@ -234,43 +234,45 @@ def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tup
         within = compare_within(*name_conditions(rows, analysis, pool.design))
         primary = _primary(pool, rows[rows["block"].isin(analysis.conditions)])
         yield from (
-            (f"{primary}: {one.first} - {one.second}", one.p_holm)
-            for one in (within.comparisons if within else ())
-            if one.measure == primary
+            (f"{primary}: {comparison.first} - {comparison.second}", comparison.p_holm)
+            for comparison in (within.comparisons if within else ())
+            if comparison.measure == primary
         )
         return
-    theirs = rows[rows["block"] == pool.target]
-    primary = _primary(pool, theirs)
+    target_rows = rows[rows["block"] == pool.target]
+    primary = _primary(pool, target_rows)
     named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if ":" in name]
-    aside = set_measures_aside(theirs, late=int((theirs["success"] < 1).any()))
-    measured = [*(name for name in list_default_measures(theirs) if name not in aside), *named, primary]
+    aside = set_measures_aside(target_rows, late=int((target_rows["success"] < 1).any()))
+    measured = [*(name for name in list_default_measures(target_rows) if name not in aside), *named, primary]
     roles = assign_roles(measured, analysis)
     if analysis.primary_measure:  # the other roles are corrected by themselves
         roles = {name: role for name, role in roles.items() if role == "primary"}
-    scaled, logs = take_logarithms(theirs, list(roles))
+    scaled, logs = take_logarithms(target_rows, list(roles))
     frames = [scaled.groupby(["group", "participant"])[list(roles)].mean().reset_index()]
     if on == "change":
         frames = list(list_changes(scaled, list(roles)).values())
-    for each in frames:
-        for one in compare_measures(each, roles, order, logs, intervals=False):
-            if one.measure == primary:
-                yield f"{primary}: {one.first} - {one.second}", one.p_holm
+    for frame in frames:
+        for comparison in compare_measures(frame, roles, order, logs, intervals=False):
+            if comparison.measure == primary:
+                yield f"{primary}: {comparison.first} - {comparison.second}", comparison.p_holm
 
 
-def _list_interaction_ps(found: InteractionResults) -> Iterator[tuple[str, float]]:
+def _list_interaction_ps(interaction: InteractionResults) -> Iterator[tuple[str, float]]:
     """The p of all of the interaction, or of its contrasts where they answer the question."""
-    whole = next((test for test in found.omnibus if test.measure == found.measure), None)
-    if whole is not None:
-        yield f"{found.measure}: interaction", whole.p_holm
+    omnibus = next((test for test in interaction.omnibus if test.measure == interaction.measure), None)
+    if omnibus is not None:
+        yield f"{interaction.measure}: interaction", omnibus.p_holm
         return
-    for compared in found.headline:
+    for compared in interaction.headline:
         groups = compared.groups
-        yield f"{found.measure}: {compared.contrast}, {groups.first} - {groups.second}", groups.p_holm
+        yield f"{interaction.measure}: {compared.contrast}, {groups.first} - {groups.second}", groups.p_holm
 
 
-def describe_report_power(pool: ReportPool, design: StudyDesign, found: Sequence[PowerEstimate], *, player: str) -> str:
+def describe_report_power(
+    pool: ReportPool, design: StudyDesign, estimates: Sequence[PowerEstimate], *, player: str
+) -> str:
     """Describe the result, for the terminal and a preregistration."""
-    where = {
+    location = {
         "groups": f"in group {next(iter(pool.groups))}, block {pool.target}",
         "conditions": f"in block {(*pool.analysis.conditions, '')[0]}, within participants",
         "interaction": f"in block {(*pool.analysis.conditions, '')[0]} of group {next(iter(pool.groups))} alone",
@@ -282,13 +284,13 @@ def describe_report_power(pool: ReportPool, design: StudyDesign, found: Sequence
         sentence = " The protocol names no primary measure, so all are corrected together."
     ratios = ", ".join(f"{group} {ratio}" for group, ratio in pool.groups.items())
     lines = [
-        f"Power for a difference of {design.shift:g} standard deviations {where}: the share of {found[0].studies:,}",
+        f"Power for a difference of {design.shift:g} standard deviations {location}: the share of {estimates[0].studies:,}",
         f"studies with p < {ALPHA:g} on the report's page, after its corrections.{sentence}",
         f"Participants are drawn from {pool.rows['person'].nunique()} simulated ones, player {player};",
         f"allocation ratio {ratios}; {design.drop_out:.0%} miss each session. In brackets: the Monte Carlo interval.",
         "",
     ]
-    return "\n".join([*lines, *tabulate_power(found)])
+    return "\n".join([*lines, *tabulate_power(estimates)])
 
 
 def plan_report_power(
@@ -318,5 +320,5 @@ def plan_report_power(
         )
     design = StudyDesign(shift, on, drop_out)
     pool = simulate_report_pool(toml, people=people, player=player, seed=seed)
-    found = estimate_report_power(pool, design, sizes, studies=studies, seed=seed)
-    return found, describe_report_power(pool, design, found, player=player)
+    estimates = estimate_report_power(pool, design, sizes, studies=studies, seed=seed)
+    return estimates, describe_report_power(pool, design, estimates, player=player)

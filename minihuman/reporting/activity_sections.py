@@ -91,9 +91,11 @@ class SectionSource:
         """
         if rows.empty:
             return {}
-        wanted = set(zip(rows["participant"], rows["session"], strict=True))
+        selected_sessions = set(zip(rows["participant"], rows["session"], strict=True))
         return {
-            f"{code} session {number}": log for (code, number), log in self._logs.items() if (code, number) in wanted
+            f"{code} session {number}": log
+            for (code, number), log in self._logs.items()
+            if (code, number) in selected_sessions
         }
 
     @cached_property

@@ -119,10 +119,10 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
     pairs = known[1:] & known[:-1]
     low, middle, high = np.quantile(intervals[known], (0.25, 0.5, 0.75))
     if len(times.holds_ms) >= N_OTHERS:
-        held = np.maximum(times.holds_ms, 0.1)
+        holds_ms = np.maximum(times.holds_ms, 0.1)
     else:
-        held = np.full(1, np.nan)
-    found = {
+        holds_ms = np.full(1, np.nan)
+    measures = {
         "median": np.log10(middle),
         "spread": np.log10((high - low) / middle + 1e-3),
         "skewness": np.log10((high - middle + 1.0) / (middle - low + 1.0)),
@@ -130,11 +130,11 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
         "repetition": _compare(intervals[known & times.same], intervals[known & ~times.same]),
         "first": _compare(times.firsts_ms, intervals[known]),
         "practice": _correlate(scipy.stats.rankdata(intervals[known]), np.arange(known.sum())),
-        "hold": np.log10(np.median(held)),
-        "hold_spread": np.log10(np.ptp(np.quantile(held, (0.25, 0.75))) / np.median(held) + 1e-3),
+        "hold": np.log10(np.median(holds_ms)),
+        "hold_spread": np.log10(np.ptp(np.quantile(holds_ms, (0.25, 0.75))) / np.median(holds_ms) + 1e-3),
         "overlap": times.overlap,
     }
-    return {name: float(value) for name, value in found.items()}
+    return {name: float(value) for name, value in measures.items()}
 
 
 def _correlate(first: Array, second: Array) -> float:
@@ -172,7 +172,9 @@ def weigh_measures(
     likelihoods = []
     best = []
     for kinds in (model["people"], model["programs"]):
-        fits = [np.log10(one["weight"]) + sum(one["log10"][name][at] for name, at in places.items()) for one in kinds]
+        fits = [
+            np.log10(kind["weight"]) + sum(kind["log10"][name][at] for name, at in places.items()) for kind in kinds
+        ]
         likelihoods.append(np.logaddexp.reduce(np.array(fits) * np.log(10)) / np.log(10))
         best.append(kinds[int(np.argmax(fits))]["log10"])
     slope: float = model["slope"]
@@ -184,8 +186,8 @@ def weigh_measures(
 def load_model() -> dict[str, Any]:
     """The fitted model that comes with the package."""
     text = (files("minihuman.reporting") / "data" / "bots.json").read_text(encoding="utf-8")
-    found: dict[str, Any] = json.loads(text)
-    return found
+    model: dict[str, Any] = json.loads(text)
+    return model
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,9 +210,9 @@ class Evidence:
         if self.log10_ratio is not None:
             odds = f"{10 ** abs(self.log10_ratio):.2g}"
             ratio = f"person : program = {f'{odds} : 1' if self.log10_ratio >= 0 else f'1 : {odds}'}"
-        what = "FLAGGED" if self.flagged else "-"
+        verdict = "FLAGGED" if self.flagged else "-"
         decided = f"; annotated {self.decision}" if self.decision else ""
-        return f"{self.participant} session {self.session}: {what}  {ratio}{decided}"
+        return f"{self.participant} session {self.session}: {verdict}  {ratio}{decided}"
 
 
 def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False) -> Iterator[Evidence]:
@@ -220,7 +222,7 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
         sessions: of one study, as times of one session in another are looked for.
         typing: also look at how answers were typed.
     """
-    read = [(one.log, one.marks, read_key_times(one.log)) for one in sessions]
+    read = [(session.log, session.marks, read_key_times(session.log)) for session in sessions]
     copies = find_same_times([times for _, _, times in read])
     for number, (log, marks, times) in enumerate(read):
         measured = measure_key_times(times)
@@ -272,17 +274,17 @@ def find_same_times(times: list[PressTimes]) -> dict[int, int]:
     """Which sessions have a run of key times that another one has too, and which one: a log that was replayed."""
     rows = [np.empty((0, _SAME_RUN))]
     owners = [np.empty(0, int)]
-    for number, one in enumerate(times):
-        if len(one.intervals_ms) >= _SAME_RUN:
-            runs = np.lib.stride_tricks.sliding_window_view(one.intervals_ms, _SAME_RUN)
+    for number, press_times in enumerate(times):
+        if len(press_times.intervals_ms) >= _SAME_RUN:
+            runs = np.lib.stride_tricks.sliding_window_view(press_times.intervals_ms, _SAME_RUN)
             varied = runs[~np.isnan(runs).any(axis=1) & (np.ptp(np.nan_to_num(runs), axis=1) > 50 * _SAME_MS)]
             rows.append(varied)
             owners.append(np.full(len(varied), number))
     owner = np.concatenate(owners)
     pairs = scipy.spatial.cKDTree(np.concatenate(rows)).query_pairs(_SAME_MS, p=np.inf, output_type="ndarray")
-    theirs = owner[pairs]
-    if len(theirs):
-        apart = theirs[theirs[:, 0] != theirs[:, 1]]
+    session_pairs = owner[pairs]
+    if len(session_pairs):
+        apart = session_pairs[session_pairs[:, 0] != session_pairs[:, 1]]
     else:
         apart = np.empty((0, 2), int)
-    return {int(one): int(other) for first in (apart, apart[:, ::-1]) for one, other in first[::-1]}
+    return {int(session): int(other) for first in (apart, apart[:, ::-1]) for session, other in first[::-1]}

@@ -155,8 +155,15 @@ def build_report(
         script_files = write_scripts(out, study, results, episodes, scripts)
     else:
         script_files = ()
-    drawn = (*content.figures, *models, *content.first_figures)
-    return (page, participants_page, *table_files, *score_files, *script_files, *(figure.path for figure in drawn))
+    report_figures = (*content.figures, *models, *content.first_figures)
+    return (
+        page,
+        participants_page,
+        *table_files,
+        *score_files,
+        *script_files,
+        *(figure.path for figure in report_figures),
+    )
 
 
 def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path) -> _ReportInput:
@@ -262,15 +269,17 @@ def _gather_content(
     )
 
 
-def _fit_mixed(episodes: pd.DataFrame, one: BlockResults) -> MixedModel | None:
+def _fit_mixed(episodes: pd.DataFrame, block_results: BlockResults) -> MixedModel | None:
     """The mixed model of what a block's growth is of; None of teams, whose members' episodes are the same ones."""
-    if one.growth is None or one.teams:
+    if block_results.growth is None or block_results.teams:
         return None
-    rows = episodes[(episodes["block"] == one.block) & episodes["exclusion_reason"].isna()]
-    left_out = {text.rpartition(": ")[0] for text in one.growth.left_out}
-    groups = [group for group in one.groups["group"] if group not in left_out]
-    column = "reward" if one.growth.measure == "reward" else "log_excess_steps"
-    return fit_mixed_model(rows.rename(columns={column: one.growth.measure}), one.growth.measure, groups)
+    rows = episodes[(episodes["block"] == block_results.block) & episodes["exclusion_reason"].isna()]
+    left_out = {text.rpartition(": ")[0] for text in block_results.growth.left_out}
+    groups = [group for group in block_results.groups["group"] if group not in left_out]
+    column = "reward" if block_results.growth.measure == "reward" else "log_excess_steps"
+    return fit_mixed_model(
+        rows.rename(columns={column: block_results.growth.measure}), block_results.growth.measure, groups
+    )
 
 
 def _score_models(plays: Sequence[PlayerRows], out: Path) -> tuple[list[ReportFigure], list[Path]]:
@@ -284,10 +293,10 @@ def _score_models(plays: Sequence[PlayerRows], out: Path) -> tuple[list[ReportFi
     return [figure], [write_score_table(card, out / "tables" / "scores.csv")]
 
 
-def find_stale_figures(out: Path, written: Collection[Path]) -> tuple[str, ...]:
+def find_stale_figures(out: Path, report_files: Collection[Path]) -> tuple[str, ...]:
     """Name the figures in a report's folder that it did not write: another study's, or of excluded participants."""
-    ours = {path.stem for path in written}
-    left = sorted(path.name for path in (out / "figures").glob("*.p[nd][gf]") if path.stem not in ours)
+    stems = {path.stem for path in report_files}
+    left = sorted(path.name for path in (out / "figures").glob("*.p[nd][gf]") if path.stem not in stems)
     if not left:
         return ()
     return (
@@ -315,21 +324,21 @@ def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> froze
     Raises:
         ReportError: if one version of the protocol analyses a block, and another does not.
     """
-    found = [
+    practice_by_version = [
         frozenset(
             (group, block.name)
             for group in groups
-            for block in (apply_overrides(each, group) for each in protocol.blocks)
+            for block in (apply_overrides(block_spec, group) for block_spec in protocol.blocks)
             if not block.analysed
         )
         for protocol in protocols
     ]
-    if len(set(found)) > 1:
-        blocks = sorted({block for each in found for _, block in each})
+    if len(set(practice_by_version)) > 1:
+        blocks = sorted({block for pairs in practice_by_version for _, block in pairs})
         raise ReportError(
             f"the protocol's versions analyse different blocks ({', '.join(blocks)}); choose one version with --version"
         )
-    return found[0] if found else frozenset()
+    return practice_by_version[0] if practice_by_version else frozenset()
 
 
 def _is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "pd.Series[bool]":

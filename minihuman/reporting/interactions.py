@@ -203,24 +203,24 @@ def _test_omnibus(
     return tuple(OmnibusInteraction(measure, test, corrected[measure]) for measure, test in tests.items())
 
 
-def state_interaction(found: InteractionResults) -> Iterator[str]:
+def state_interaction(interaction: InteractionResults) -> Iterator[str]:
     """Answer whether the difference between conditions depends on the group, for the primary measure."""
-    name = label_measure(found.measure)
+    name = label_measure(interaction.measure)
     opening = f"{name[0].upper()}{name[1:]}, interaction of group and condition"
-    omnibus = next((one for one in found.omnibus if one.measure == found.measure), None)
+    omnibus = next((candidate for candidate in interaction.omnibus if candidate.measure == interaction.measure), None)
     if omnibus is not None:
-        yield _state_omnibus(opening, omnibus.test, found)
+        yield _state_omnibus(opening, omnibus.test, interaction)
     else:
-        for compared in found.headline:
-            yield _state_contrast(opening, compared, is_alone=len(found.headline) == 1)
-    if found.left_out:
-        yield f"{found.left_out} participants without a value in every condition are not in the interaction."
+        for compared in interaction.headline:
+            yield _state_contrast(opening, compared, is_alone=len(interaction.headline) == 1)
+    if interaction.left_out:
+        yield f"{interaction.left_out} participants without a value in every condition are not in the interaction."
 
 
-def _state_omnibus(opening: str, test: InteractionTest, found: InteractionResults) -> str:
+def _state_omnibus(opening: str, test: InteractionTest, interaction: InteractionResults) -> str:
     if test.reason:
         return f"{opening}: not tested ({test.reason})."
-    sizes = ", ".join(f"{n} in {group}" for n, group in zip(test.n, found.groups, strict=True))
+    sizes = ", ".join(f"{n} in {group}" for n, group in zip(test.n, interaction.groups, strict=True))
     return (
         f"{opening}: Wald-type statistic {format_number(test.statistic)} with {test.freedom} degrees of freedom, "
         f"permutation p {format_p_value(test.p)} ({sizes})."
@@ -229,9 +229,9 @@ def _state_omnibus(opening: str, test: InteractionTest, found: InteractionResult
 
 def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: bool) -> str:
     groups = compared.groups
-    what = f"{opening}: {compared.contrast}, {format_pair(groups.first, groups.second)}"
+    subject = f"{opening}: {compared.contrast}, {format_pair(groups.first, groups.second)}"
     if groups.reason and math.isnan(groups.p):
-        return f"{what}: not compared ({groups.reason})."
+        return f"{subject}: not compared ({groups.reason})."
     estimate = format_difference(groups.difference, (math.nan, math.nan), is_log=groups.is_log, sign="+")
     bounds = groups.interval
     if groups.is_log:
@@ -245,22 +245,24 @@ def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: boo
         size = f"; standardised g {format_number(groups.g, 2)}, interval {format_interval(groups.g_interval, 2)}"
     ratio = "ratio of ratios, " if groups.is_log else ""
     n = f"{groups.n[0]} and {groups.n[1]} participants"
-    return f"{what} is {estimate} ({ratio}95 % interval {interval}; {p}{size}; {n})."
+    return f"{subject} is {estimate} ({ratio}95 % interval {interval}; {p}{size}; {n})."
 
 
-def interaction_table(found: InteractionResults) -> Table:
+def interaction_table(interaction: InteractionResults) -> Table:
     """Every measure: all degrees of freedom together, then each contrast between every two groups."""
     rows: list[tuple[str, ...]] = []
-    for measure in found.roles:
-        start = (label_measure(measure), found.roles[measure])
-        for one in found.omnibus:
-            if one.measure == measure:
-                test = one.test
+    for measure in interaction.roles:
+        start = (label_measure(measure), interaction.roles[measure])
+        for omnibus in interaction.omnibus:
+            if omnibus.measure == measure:
+                test = omnibus.test
                 statistic = f"W({test.freedom}) = {format_number(test.statistic)}"
-                ps = (format_p_value(test.p), format_p_value(one.p_holm))
+                ps = (format_p_value(test.p), format_p_value(omnibus.p_holm))
                 rows.append((*start, "all", "all", ", ".join(map(str, test.n)), statistic, *ps, "n/a"))
         rows += [
-            (*start, *_contrast_cells(compared)) for compared in found.contrasts if compared.groups.measure == measure
+            (*start, *_contrast_cells(compared))
+            for compared in interaction.contrasts
+            if compared.groups.measure == measure
         ]
     heads = ("measure", "named before", "contrast", "groups", "n", "difference", "p", "p (Holm)", "g")
     return Table(heads, rows, words=4)
@@ -279,15 +281,15 @@ def _contrast_cells(compared: ContrastComparison) -> tuple[str, ...]:
     )
 
 
-def cells_table(found: InteractionResults) -> Table:
+def cells_table(interaction: InteractionResults) -> Table:
     """Mean and standard deviation of each cell of groups and conditions, over participants, of the primary measure."""
     rows = []
-    for group in found.groups:
-        values = _select_group(found.cells, group)
+    for group in interaction.groups:
+        values = _select_group(interaction.cells, group)
         cells = [
             f"{format_number(float(values[condition].mean()))} ({format_number(float(values[condition].std()))}), "
             f"n {int(values[condition].notna().sum())}"
-            for condition in found.conditions
+            for condition in interaction.conditions
         ]
         rows.append((group, *cells))
-    return Table(("group", *found.conditions), rows)
+    return Table(("group", *interaction.conditions), rows)

@@ -83,12 +83,16 @@ def find_known_keys(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] 
     known_keys: dict[str, dict[str, bool]] = {}
     for block, cells in _find_known_cells(plans, BlockSpecs(protocols)).items():
         of_group = known_keys.setdefault(block, {})
-        first = {group: min(session for its, session, _ in cells if its == group) for group, _, _ in cells}
+        first = {
+            group: min(session for cell_group, session, _ in cells if cell_group == group) for group, _, _ in cells
+        }
         for (group, session, _), known in cells.items():
             if session == first[group]:
                 of_group[group] = of_group.get(group, True) and known
-    found = {block: sorted(group for group, known in groups.items() if known) for block, groups in known_keys.items()}
-    return {block: groups for block, groups in found.items() if groups}
+    groups_by_block = {
+        block: sorted(group for group, known in groups.items() if known) for block, groups in known_keys.items()
+    }
+    return {block: groups for block, groups in groups_by_block.items() if groups}
 
 
 def _find_known_cells(plans: Sequence[PlanOutline], specs: BlockSpecs) -> dict[str, dict[Cell, bool]]:
@@ -96,24 +100,28 @@ def _find_known_cells(plans: Sequence[PlanOutline], specs: BlockSpecs) -> dict[s
 
     Keys that the protocol draws anew are never an earlier block's, whatever was drawn.
     """
-    found: dict[str, dict[Cell, bool]] = {}
+    known_by_block: dict[str, dict[Cell, bool]] = {}
     history: dict[str, list[EpisodePlan]] = {}
     for plan in sorted(plans, key=lambda plan: plan.session):
         earlier = history.setdefault(plan.participant, [])
-        for one in plan.blocks:
-            cells = found.setdefault(one.block_name, {})
+        for block_plan in plan.blocks:
+            cells = known_by_block.setdefault(block_plan.block_name, {})
             cell = plan.group, plan.session, earlier[-1].block_name if earlier else ""
-            spec = specs.find(plan, one.block_name)
+            spec = specs.find(plan, block_plan.block_name)
             may_know = spec is None or spec.key_map not in _DRAWN_ANEW
-            known = may_know and any(_does(one) == _does(before) for before in earlier)
+            known = may_know and any(_does(block_plan) == _does(before) for before in earlier)
             cells[cell] = cells.get(cell, True) and known
-            earlier.append(one)
-    return found
+            earlier.append(block_plan)
+    return known_by_block
 
 
-def _does(one: EpisodePlan) -> dict[str, int]:
+def _does(block_plan: EpisodePlan) -> dict[str, int]:
     """What each key does, by the action's place in the block's list: worlds call the same actions by other names."""
-    return {key: one.actions.index(action) for key, action in one.key_map.keys.items() if action in one.actions}
+    return {
+        key: block_plan.actions.index(action)
+        for key, action in block_plan.key_map.keys.items()
+        if action in block_plan.actions
+    }
 
 
 def _people(plans: Sequence[PlanOutline], simulated: int, specs: BlockSpecs, protocols: Sequence[Protocol] = ()) -> str:
@@ -127,16 +135,16 @@ def _people(plans: Sequence[PlanOutline], simulated: int, specs: BlockSpecs, pro
     by_design = any(protocol.allocation.design for protocol in protocols)
     keys = _are_keys_drawn(plans, specs)
     if by_design:
-        drawn = "Keys" if keys else "Orders"
+        allocated = "Keys" if keys else "Orders"
     else:
-        drawn = f"Groups{' and keys' if keys else ''}"
+        allocated = f"Groups{' and keys' if keys else ''}"
     if by_hand:
         chosen = f"; in {by_hand} sessions the participant or group was chosen by hand"
     else:
         chosen = ""
     return (
         f"{sum(groups.values())} participants took part{days} ({parts}{_nobody(plans, simulated)}). "
-        f"{drawn} came from an allocation list "
+        f"{allocated} came from an allocation list "
         f"drawn before the first session from the study's seed, {plans[0].seed}{_later_keys(plans, specs)}{chosen}."
         f"{_strata(plans, by_design=by_design)}"
     )
@@ -144,18 +152,18 @@ def _people(plans: Sequence[PlanOutline], simulated: int, specs: BlockSpecs, pro
 
 def _designs(protocols: Sequence[Protocol]) -> list[str]:
     """A paragraph on what was adaptive, by the protocols; none where nothing was."""
-    found: dict[str, None] = {}
+    sentences: dict[str, None] = {}
     for protocol in protocols:
-        for what, spec in (
+        for opening, spec in (
             ("Groups were assigned by", protocol.allocation.design),
             ("Enrolment could be stopped by", protocol.allocation.stopping),
             *((f"Episodes of block {block.name} were chosen by", block.design) for block in protocol.blocks),
         ):
             if spec is not None:
                 settings = ", ".join(f"{name} = {value!r}" for name, value in spec.settings.items())
-                found[f"{what} the adaptive design {spec.name}{f' ({settings})' if settings else ''}."] = None
+                sentences[f"{opening} the adaptive design {spec.name}{f' ({settings})' if settings else ''}."] = None
     proof = "Each decision is recorded with what it followed from, and verification asks the design again."
-    return [" ".join([*found, proof])] if found else []
+    return [" ".join([*sentences, proof])] if sentences else []
 
 
 def _later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
@@ -164,8 +172,8 @@ def _later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
         spec.key_map
         for plan in plans
         if plan.session > 1
-        for one in plan.blocks
-        if (spec := specs.find(plan, one.block_name)) is not None
+        for block_plan in plan.blocks
+        if (spec := specs.find(plan, block_plan.block_name)) is not None
     }
     if policies & {*_DRAWN_ANEW}:
         return "; keys that later sessions drew anew came from that seed alone"
@@ -176,32 +184,32 @@ def _are_keys_drawn(plans: Sequence[PlanOutline], specs: BlockSpecs) -> bool:
     """Whether keys were drawn; as far as only the plans tell, whether participants had different ones."""
     keys: dict[tuple[str, str], list[dict[str, str]]] = {}
     for plan in plans:
-        for number, one in enumerate(plan.blocks):
-            spec = specs.find(plan, one.block_name)
+        for number, block_plan in enumerate(plan.blocks):
+            spec = specs.find(plan, block_plan.block_name)
             if spec is None:
-                keys.setdefault((plan.group, one.block_name), []).append(one.key_map.keys)
+                keys.setdefault((plan.group, block_plan.block_name), []).append(block_plan.key_map.keys)
             elif spec.key_map in (*_DRAWN_ANEW, "constant") or (spec.key_map == "carry_over" and not number):
                 return True
-    return any(len(each) == 1 or each.count(each[0]) < len(each) for each in keys.values())
+    return any(len(key_maps) == 1 or key_maps.count(key_maps[0]) < len(key_maps) for key_maps in keys.values())
 
 
 def _strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -> str:
     """Within which strata groups were drawn, and how many of each group each has."""
-    drawn = {plan.participant: (plan.stratum, plan.group) for plan in plans if plan.stratum}
-    if not drawn:
+    allocations = {plan.participant: (plan.stratum, plan.group) for plan in plans if plan.stratum}
+    if not allocations:
         return ""
-    many = Counter(drawn.values())
-    groups = sorted({group for _, group in many})
+    counts = Counter(allocations.values())
+    groups = sorted({group for _, group in counts})
     strata = "; ".join(
-        f"{stratum}: {', '.join(f'{group} {many[stratum, group]}' for group in groups)}"
-        for stratum in sorted({stratum for stratum, _ in many})
+        f"{stratum}: {', '.join(f'{group} {counts[stratum, group]}' for group in groups)}"
+        for stratum in sorted({stratum for stratum, _ in counts})
     )
-    asked = next(plan.stratified_by for plan in plans if plan.stratified_by)
+    question = next(plan.stratified_by for plan in plans if plan.stratified_by)
     if by_design:
         lists = "the design knew the stratum"
     else:
         lists = "with one allocation list per stratum"
-    return f" Groups were stratified by the answer to {asked}, {lists} ({strata})."
+    return f" Groups were stratified by the answer to {question}, {lists} ({strata})."
 
 
 def _nobody(plans: Sequence[PlanOutline], simulated: int) -> str:
@@ -217,9 +225,9 @@ def _blocks(plans: Sequence[PlanOutline], specs: BlockSpecs) -> list[str]:
     known = _find_known_cells(plans, specs)
     descriptions: dict[str, list[tuple[PlanOutline, str]]] = {}
     for plan in sorted(plans, key=lambda plan: -len(plan.blocks)):  # in the order of those who played most
-        for one in plan.blocks:
-            description = _describe(one, specs.find(plan, one.block_name))
-            descriptions.setdefault(one.block_name, []).append((plan, description))
+        for block_plan in plan.blocks:
+            description = _describe(block_plan, specs.find(plan, block_plan.block_name))
+            descriptions.setdefault(block_plan.block_name, []).append((plan, description))
     return [_block(name, described, known[name]) for name, described in descriptions.items()]
 
 
@@ -231,18 +239,20 @@ def _block(name: str, described: Sequence[tuple[PlanOutline, str]], known: Mappi
             kinds.setdefault(tuple(_LABELS[part](plan) for part in parts), set()).add(description)
         if all(len(kind) == 1 for kind in kinds.values()):
             break
-    who: dict[str, list[str]] = {}
+    labels_by_description: dict[str, list[str]] = {}
     for kind, (description,) in sorted(kinds.items()):
-        who.setdefault(description, []).append(" ".join(kind))
+        labels_by_description.setdefault(description, []).append(" ".join(kind))
     sentences = []
-    for description, labels in who.items():
-        of = f", {' and '.join(labels)}" if any(labels) else ""
-        theirs = {
+    for description, labels in labels_by_description.items():
+        qualifier = f", {' and '.join(labels)}" if any(labels) else ""
+        described_cells = {
             cell: known[cell]
             for cell in known
             if any((plan.group, plan.session) == cell[:2] and had == description for plan, had in described)
         }
-        sentences.append(f"Block {name}{of}: {description}{_carried(theirs) if _TO_FIND in description else ''}.")
+        sentences.append(
+            f"Block {name}{qualifier}: {description}{_carried(described_cells) if _TO_FIND in description else ''}."
+        )
     return " ".join(sentences)
 
 
@@ -255,13 +265,15 @@ def _carried(known: Mapping[Cell, bool]) -> str:
             groups_with_keys.append(group)
             continue
         for session in sorted({session for _, session, _ in cells}):
-            theirs = {before: is_known for (_, its, before), is_known in cells.items() if its == session}
-            if all(theirs.values()):
+            session_cells = {
+                before: is_known for (_, cell_session, before), is_known in cells.items() if cell_session == session
+            }
+            if all(session_cells.values()):
                 groups_with_keys.append(f"{group} in session {session}")
             else:
                 groups_with_keys += [
                     f"{group} in session {session} after block {before}"
-                    for before, is_known in sorted(theirs.items())
+                    for before, is_known in sorted(session_cells.items())
                     if is_known
                 ]
     if groups_with_keys:
@@ -269,40 +281,42 @@ def _carried(known: Mapping[Cell, bool]) -> str:
     return ""
 
 
-def _describe(one: EpisodePlan, spec: BlockSpec | None) -> str:
+def _describe(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
     """A block as one participant had it."""
-    offered = sum(action in one.actions for action in one.key_map.keys.values())
-    pool = len(one.key_map.keys) + len(one.key_map.spare_keys)
-    others = sorted({action for action in one.key_map.keys.values() if action not in one.actions})
-    if others:
-        distractors = f", {', '.join(others)} on the other {len(one.key_map.keys) - offered}"
+    offered = sum(action in block_plan.actions for action in block_plan.key_map.keys.values())
+    pool = len(block_plan.key_map.keys) + len(block_plan.key_map.spare_keys)
+    distractor_actions = sorted(
+        {action for action in block_plan.key_map.keys.values() if action not in block_plan.actions}
+    )
+    if distractor_actions:
+        distractors = f", {', '.join(distractor_actions)} on the other {len(block_plan.key_map.keys) - offered}"
     else:
         distractors = ""
     keys = (
-        f"actions {', '.join(one.actions)} on {offered} keys of {pool}{distractors}; "
-        f"{_SHOWN if one.show_keys else _TO_FIND}"
+        f"actions {', '.join(block_plan.actions)} on {offered} keys of {pool}{distractors}; "
+        f"{_SHOWN if block_plan.show_keys else _TO_FIND}"
     )
     practice = "" if spec is None or spec.analysed else "practice, not analysed: "
-    if is_of_trials(one, spec):
-        return f"{practice}{describe_trials(one, spec)}; {keys}"
-    shared = sorted(list_shared_options(one, spec).items())
+    if is_of_trials(block_plan, spec):
+        return f"{practice}{describe_trials(block_plan, spec)}; {keys}"
+    shared = sorted(list_shared_options(block_plan, spec).items())
     options = "".join(f", {option} = {value!r}" for option, value in shared)
     table = describe_stimuli(spec)
     return (
-        f"{practice}{_episodes(one, spec)} in {one.world}"
-        f"{options}{f', further options from {table}' if table else ''}, {one.view} view, at most {one.max_steps} steps"
-        f"{f' or {spec.max_episode_s:g} s' if spec is not None and spec.max_episode_s else ''} each; {_pace(one)}; "
-        f"{keys}{_moved(spec)}{_outcome(one, spec)}"
+        f"{practice}{_episodes(block_plan, spec)} in {block_plan.world}"
+        f"{options}{f', further options from {table}' if table else ''}, {block_plan.view} view, at most {block_plan.max_steps} steps"
+        f"{f' or {spec.max_episode_s:g} s' if spec is not None and spec.max_episode_s else ''} each; {_pace(block_plan)}; "
+        f"{keys}{_moved(spec)}{_outcome(block_plan, spec)}"
     )
 
 
-def _outcome(one: EpisodePlan, spec: BlockSpec | None) -> str:
+def _outcome(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
     """What an end meant, where that does not go without saying."""
-    if is_of_catalogue(one.world) and one.outcome_rule == LAST_REWARD:
+    if is_of_catalogue(block_plan.world) and block_plan.outcome_rule == LAST_REWARD:
         return ""
-    is_older = spec is not None and one.outcome_rule == LAST_REWARD != find_outcome_rule(spec).rule
+    is_older = spec is not None and block_plan.outcome_rule == LAST_REWARD != find_outcome_rule(spec).rule
     since = ", as for every world when the study began" if is_older else ""
-    return f"; {describe_rule(one.outcome_rule)}{since}"
+    return f"; {describe_rule(block_plan.outcome_rule)}{since}"
 
 
 def _moved(spec: BlockSpec | None) -> str:
@@ -313,7 +327,7 @@ def _moved(spec: BlockSpec | None) -> str:
     return ""
 
 
-def _episodes(one: EpisodePlan, spec: BlockSpec | None) -> str:
+def _episodes(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
     """How many episodes there were, and what ended the block before."""
     ends = []
     if spec is not None and spec.stop_criterion is not None:
@@ -321,20 +335,20 @@ def _episodes(one: EpisodePlan, spec: BlockSpec | None) -> str:
     if spec is not None and spec.max_block_s:
         ends.append(f"for at most {spec.max_block_s:g} s in all")
     if ends:
-        return f"up to {one.episodes_in_block} episodes ({', '.join(ends)})"
-    return f"{one.episodes_in_block} episodes"
+        return f"up to {block_plan.episodes_in_block} episodes ({', '.join(ends)})"
+    return f"{block_plan.episodes_in_block} episodes"
 
 
-def _pace(one: EpisodePlan) -> str:
+def _pace(block_plan: EpisodePlan) -> str:
     """What made a step."""
-    if one.pace == "on_key":
-        return "each press of a key made one step" + (", a held key more of them" if one.auto_repeat else "")
-    without = "none without a key" if one.noop is None else f"{one.noop} without a key"
-    if one.onset_at_reset:
+    if block_plan.pace == "on_key":
+        return "each press of a key made one step" + (", a held key more of them" if block_plan.auto_repeat else "")
+    without = "none without a key" if block_plan.noop is None else f"{block_plan.noop} without a key"
+    if block_plan.onset_at_reset:
         onset = "the first picture"
     else:
         onset = "the onsets that the world names"
-    return f"one step every {one.step_period_ms:g} ms, {without}, reaction times from {onset}"
+    return f"one step every {block_plan.step_period_ms:g} ms, {without}, reaction times from {onset}"
 
 
 def _measures(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
@@ -343,10 +357,12 @@ def _measures(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
     names = [name for name in FORMULAS if name in TRIAL_BLOCK_MEASURES or not are_trials]
     parts = "; ".join(f"{MEASURES[name]} \N{EN DASH} {FORMULAS[name]}" for name in names)
     if len({plan.session for plan in plans}) > 1:
-        several = "; of several sessions it is the mean of theirs"
+        session_note = "; of several sessions it is the mean of theirs"
     else:
-        several = ""
-    return f"Unless stated otherwise, a participant's value is the mean over the included episodes{several}. {parts}."
+        session_note = ""
+    return (
+        f"Unless stated otherwise, a participant's value is the mean over the included episodes{session_note}. {parts}."
+    )
 
 
 def _software(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality]) -> str:
@@ -356,13 +372,13 @@ def _software(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality
         "version_minihuman": "minihuman", "git_commit": "commit", "rules": "rules of the worlds", "python": "Python",
         "version_numpy": "NumPy", "system": "on", "window_version": "shown by",
     }  # fmt: skip
-    made = []
+    versions = []
     for name, word in words.items():
-        values = sorted({run[name] for one in qualities for run in one.software if name in run})
+        values = sorted({run[name] for quality in qualities for run in quality.software if name in run})
         if values:
-            made.append(f"{word} {' and '.join(values)}")
-    run_with = f"Protocol of study {plans[0].study}: {parts}. Run with {', '.join(made)}."
-    ran = {(one.participant, one.session): one.software for one in qualities}
+            versions.append(f"{word} {' and '.join(values)}")
+    run_with = f"Protocol of study {plans[0].study}: {parts}. Run with {', '.join(versions)}."
+    ran = {(quality.participant, quality.session): quality.software for quality in qualities}
     computes = [plan for plan in plans if plan.computed]
     with_kernels = [
         p for p in computes if any("page_kernels" in run for run in ran.get((p.participant, p.session), ()))
@@ -370,13 +386,15 @@ def _software(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality
     if not with_kernels:
         return run_with
     blocks = sorted({name for plan in with_kernels for name in plan.computed})
-    kernels = sorted({run["page_kernels"] for one in qualities for run in one.software if "page_kernels" in run})
+    kernels = sorted(
+        {run["page_kernels"] for quality in qualities for run in quality.software if "page_kernels" in run}
+    )
     if len(with_kernels) < len(computes):
-        of = f"in {len(with_kernels)} of {len(computes)} sessions "
+        session_share = f"in {len(with_kernels)} of {len(computes)} sessions "
     else:
-        of = ""
+        session_share = ""
     return (
-        f"{run_with} In browsers {of}the page stepped and drew {'blocks' if len(blocks) > 1 else 'block'} "
+        f"{run_with} In browsers {session_share}the page stepped and drew {'blocks' if len(blocks) > 1 else 'block'} "
         f"{' and '.join(blocks)} ahead of the server (kernels {' and '.join(kernels)}), which compared every step with "
         "its own and recorded its own."
     )

@@ -109,7 +109,7 @@ class PageContent:
     mixed: Mapping[str, MixedModel | None]  # of each block whose change over episodes is compared
 
 
-def build_page(facts: PageContent, found: Results, templates: Path | None = None) -> str:
+def build_page(content: PageContent, results: Results, templates: Path | None = None) -> str:
     """Render the page.
 
     Args:
@@ -121,44 +121,44 @@ def build_page(facts: PageContent, found: Results, templates: Path | None = None
     Raises:
         ReportError: if there is no such file in the folder, or the template in it cannot be rendered.
     """
-    target = found.target_block
-    shown = {
-        "study": facts.study,
-        "versions": _versions(facts.account),
-        "sessions": facts.sessions,
-        "included": found.kept,
-        "players": facts.players,
-        "simulated": facts.simulated,
-        "imported": facts.imported,
-        "windows": ", ".join(f"{window} in {count} sessions" for window, count in facts.windows.items()),
-        "flow": facts.flow,
-        "practice": facts.practice,
-        "published": _published(target) if facts.papers and target else None,
-        "question": ask_question(facts.analysis, found, facts.design, facts.interaction),
-        "answers_first": _answer(target if facts.first_block else None, found, facts),
-        "excluded": _count_excluded(facts.exclusions),
-        "within": _within(found.within),
-        "interaction": _interaction(facts.interaction),
-        "blocks": [_block(one, found, facts) for one in found.blocks],
+    target = results.target_block
+    context = {
+        "study": content.study,
+        "versions": _versions(content.account),
+        "sessions": content.sessions,
+        "included": results.included,
+        "players": content.players,
+        "simulated": content.simulated,
+        "imported": content.imported,
+        "windows": ", ".join(f"{window} in {count} sessions" for window, count in content.windows.items()),
+        "flow": content.flow,
+        "practice": content.practice,
+        "published": _published(target) if content.papers and target else None,
+        "question": ask_question(content.analysis, results, content.design, content.interaction),
+        "answers_first": _answer(target if content.first_block else None, results, content),
+        "excluded": _count_excluded(content.exclusions),
+        "within": _within(results.within),
+        "interaction": _interaction(content.interaction),
+        "blocks": [_block(block, results, content) for block in results.blocks],
         "min_growth_episodes": MIN_EPISODES,
-        "clauses": clauses_table(facts.clauses),
-        "activities": facts.activities,
-        "answers": answers_table(facts.answers),
-        "figures": facts.figures,
-        "first_figures": facts.first_figures,
-        "models": facts.models,
-        "quality": quality_section(facts.qualities),
-        "exclusions": exclusions_section(facts.exclusions),
-        "skipped": skipped_table(facts.account.skipped),
-        "methods": facts.methods,
-        "tables": facts.tables,
+        "clauses": clauses_table(content.clauses),
+        "activities": content.activities,
+        "answers": answers_table(content.answers),
+        "figures": content.figures,
+        "first_figures": content.first_figures,
+        "models": content.models,
+        "quality": quality_section(content.qualities),
+        "exclusions": exclusions_section(content.exclusions),
+        "skipped": skipped_table(content.account.skipped),
+        "methods": content.methods,
+        "tables": content.tables,
     }
-    return render_template(REPORT, shown, templates)
+    return render_template(REPORT, context, templates)
 
 
 def ask_question(
     analysis: AnalysisSpec,
-    found: Results,
+    results: Results,
     design: ExperimentDesign | None = None,
     interaction: InteractionResults | None = None,
 ) -> str:
@@ -173,13 +173,13 @@ def ask_question(
             f"{stated}Asked: whether differences between conditions {_join(interaction.conditions)} in {measure} "
             f"depend on the group ({_join(interaction.groups)})."
         )
-    groups = found.target_block.groups["group"].tolist() if found.target_block else []
-    conditions = found.within.conditions if found.within else ()
+    groups = results.target_block.groups["group"].tolist() if results.target_block else []
+    conditions = results.within.conditions if results.within else ()
     parts = []
     if len(groups) > 1:
-        parts.append(f"groups {_join(groups)} in block {found.target}")
-    if found.within and found.within.label:
-        parts.append(f"levels {_join(conditions)} of {found.within.label} within participants")
+        parts.append(f"groups {_join(groups)} in block {results.target}")
+    if results.within and results.within.label:
+        parts.append(f"levels {_join(conditions)} of {results.within.label} within participants")
     elif conditions:
         parts.append(f"blocks {_join(conditions)} within participants")
     if not parts:
@@ -193,28 +193,35 @@ def _join(names: Sequence[str]) -> str:
     return names[0]
 
 
-def _answer(target: BlockResults | None, found: Results, facts: PageContent) -> list[str]:
+def _answer(target: BlockResults | None, results: Results, content: PageContent) -> list[str]:
     """The statements that answer it: the primary's, adjusted ones, equivalence, and conditions.
 
     Where the question is about the interaction, its answer comes first, and conditions pooled over groups are left to
     their table.
     """
-    is_about_interaction = facts.interaction is not None and facts.design.primary_effect == "interaction"
-    said = []
+    is_about_interaction = content.interaction is not None and content.design.primary_effect == "interaction"
+    statements = []
     if target is not None and len(target.groups) > 1:
-        said += [difference_statement(each, target.block) for each in target.headline]
-        said += [f"Adjusted for the covariates. {difference_statement(each, target.block)}" for each in target.adjusted]
-        said += [equivalence_statement(each, target.roles) for each in target.alike]
-    if found.within and not is_about_interaction:
-        primary = [one for one in found.within.comparisons if found.within.roles[one.measure] == "primary"]
-        said += [paired_statement(one) for one in primary]
-    if facts.interaction:
-        interaction = list(state_interaction(facts.interaction))
+        statements += [difference_statement(comparison, target.block) for comparison in target.headline]
+        statements += [
+            f"Adjusted for the covariates. {difference_statement(comparison, target.block)}"
+            for comparison in target.adjusted
+        ]
+        statements += [equivalence_statement(equivalence, target.roles) for equivalence in target.alike]
+    if results.within and not is_about_interaction:
+        primary = [
+            comparison
+            for comparison in results.within.comparisons
+            if results.within.roles[comparison.measure] == "primary"
+        ]
+        statements += [paired_statement(comparison) for comparison in primary]
+    if content.interaction:
+        interaction = list(state_interaction(content.interaction))
     else:
         interaction = []
     if is_about_interaction:
-        return [*interaction, *said]
-    return [*said, *interaction]
+        return [*interaction, *statements]
+    return [*statements, *interaction]
 
 
 def _count_excluded(exclusions: pd.DataFrame) -> str:
@@ -224,24 +231,24 @@ def _count_excluded(exclusions: pd.DataFrame) -> str:
     return ", ".join(f"{count} ({reason})" for reason, count in counts.items()) or "none"
 
 
-def _within(found: WithinResults | None) -> dict[str, Any] | None:
-    if found is None:
+def _within(within: WithinResults | None) -> dict[str, Any] | None:
+    if within is None:
         return None
     return {
-        "label": found.label,
-        "conditions": _join(found.conditions),
-        "table": conditions_table(found),
-        "effects": crossover_table(found),
+        "label": within.label,
+        "conditions": _join(within.conditions),
+        "table": conditions_table(within),
+        "effects": crossover_table(within),
     }
 
 
-def _interaction(found: InteractionResults | None) -> dict[str, Table] | None:
-    if found is None:
+def _interaction(interaction: InteractionResults | None) -> dict[str, Table] | None:
+    if interaction is None:
         return None
-    return {"cells": cells_table(found), "table": interaction_table(found)}
+    return {"cells": cells_table(interaction), "table": interaction_table(interaction)}
 
 
-def build_participants_page(study: str, blocks: pd.DataFrame, found: Results) -> str:
+def build_participants_page(study: str, blocks: pd.DataFrame, results: Results) -> str:
     """Render the page on which every included participant can be found in every measure; it works from disk alone.
 
     Args:
@@ -250,7 +257,11 @@ def build_participants_page(study: str, blocks: pd.DataFrame, found: Results) ->
         found: the results; their measures, groups and target block are shown.
     """
     included = blocks[blocks["exclusion_reason"].isna()]
-    measures = [one for one in dict.fromkeys(name for block in found.blocks for name in block.roles) if one in included]
+    measures = [
+        measure
+        for measure in dict.fromkeys(name for block in results.blocks for name in block.roles)
+        if measure in included
+    ]
     rows = [
         {
             **{name: row[name] for name in ("participant", "group", "session", "block")},
@@ -260,9 +271,9 @@ def build_participants_page(study: str, blocks: pd.DataFrame, found: Results) ->
     ]
     data = {
         "rows": rows,
-        "groups": list(found.order),
-        "blocks": [one.block for one in found.blocks],
-        "target": found.target,
+        "groups": list(results.order),
+        "blocks": [block.block for block in results.blocks],
+        "target": results.target,
         "measures": {name: label_measure(name) for name in measures},
         "short": {name: label_measure(name).partition(" (")[0].partition(":")[0] for name in measures},
     }
@@ -277,47 +288,50 @@ def _versions(account: SelectionSummary) -> str:
     return f"{len(versions)} versions of the protocol are pooled here ({'; '.join(versions)}), --version takes one"
 
 
-def _block(one: BlockResults, found: Results, facts: PageContent) -> dict[str, Any]:
+def _block(block: BlockResults, results: Results, content: PageContent) -> dict[str, Any]:
     """A block as the template shows it."""
-    alone = len(one.groups) == 1 and len(found.order) > 1
-    pairs = {(each.first, each.second) for each in one.comparisons}
+    is_only_group = len(block.groups) == 1 and len(results.order) > 1
+    pairs = {(comparison.first, comparison.second) for comparison in block.comparisons}
     return {
-        "name": one.block,
-        "worlds": one.worlds,
-        "episodes": one.episodes,
-        "teams": one.teams,
-        "is_target": one.block == found.target and len(one.groups) > 1,
-        "only_group": str(one.groups["group"].iloc[0]) if alone else "",
+        "name": block.block,
+        "worlds": block.worlds,
+        "episodes": block.episodes,
+        "teams": block.teams,
+        "is_target": block.block == results.target and len(block.groups) > 1,
+        "only_group": str(block.groups["group"].iloc[0]) if is_only_group else "",
         "differences": []
-        if one.block == facts.first_block and len(one.groups) > 1
-        else [difference_statement(each, one.block) for each in one.headline],
-        "has_no_primary": bool(one.comparisons) and "primary" not in one.roles.values(),
-        "has_roles": _has_roles(one),
-        "measures": _measures(one),
-        **_subjects(one),
-        "comparisons": _comparisons(one) if one.comparisons else None,
+        if block.block == content.first_block and len(block.groups) > 1
+        else [difference_statement(comparison, block.block) for comparison in block.headline],
+        "has_no_primary": bool(block.comparisons) and "primary" not in block.roles.values(),
+        "has_roles": _has_roles(block),
+        "measures": _measures(block),
+        **_subjects(block),
+        "comparisons": _comparisons(block) if block.comparisons else None,
         "only_pair": f" ({_unbroken(*pairs.pop())})" if len(pairs) == 1 else "",
         "not_compared": [
-            {"measure": label_measure(each.measure), "why": f"{format_pair(each.first, each.second)} ({each.reason})"}
-            for each in one.comparisons
-            if each.reason
+            {
+                "measure": label_measure(comparison.measure),
+                "why": f"{format_pair(comparison.first, comparison.second)} ({comparison.reason})",
+            }
+            for comparison in block.comparisons
+            if comparison.reason
         ],
-        "groups_with_keys": facts.known_keys.get(one.block, ()) if one.comparisons else (),
-        "set_aside": [f"{label_measure(name)} ({reason})" for name, reason in one.set_aside.items()],
-        "without_goal": one.waits.without_goal,
-        "several_sessions": one.by_session["session"].nunique() > 1,
-        "sessions": session_table(one),
-        "session_changes": session_changes_table(one),
-        "survival": survival_table(one.waits),
-        "parts": parts_table(one.parts),
-        "parts_missing": list_missing_parts(one.parts),
-        **_growth(one, facts.mixed.get(one.block)),
-        "reliability": reliability_table(one.reliabilities),
-        "powers": [power_statement(each) for each in one.powers],
+        "groups_with_keys": content.known_keys.get(block.block, ()) if block.comparisons else (),
+        "set_aside": [f"{label_measure(name)} ({reason})" for name, reason in block.set_aside.items()],
+        "without_goal": block.waits.without_goal,
+        "several_sessions": block.by_session["session"].nunique() > 1,
+        "sessions": session_table(block),
+        "session_changes": session_changes_table(block),
+        "survival": survival_table(block.waits),
+        "parts": parts_table(block.parts),
+        "parts_missing": list_missing_parts(block.parts),
+        **_growth(block, content.mixed.get(block.block)),
+        "reliability": reliability_table(block.reliabilities),
+        "powers": [power_statement(power) for power in block.powers],
     }
 
 
-def _published(one: BlockResults) -> dict[str, Any]:
+def _published(block: BlockResults) -> dict[str, Any]:
     """Set the published study's subjects beside this one's."""
     frame = read_published_subjects()
     rows = [(row["group"], str(row["subject"]), f"{row['reward_mean']:.2f}") for row in to_records(frame)]
@@ -326,31 +340,31 @@ def _published(one: BlockResults) -> dict[str, Any]:
     return {
         "source": PUBLISHED_SOURCE,
         "table": Table(("group", "subject", "reward"), rows, words=2),
-        "statements": [difference_statement(e, one.block) for e in one.comparisons if e.measure == "reward_mean"],
-        "block": {"name": one.block, **_subjects(one)},
+        "statements": [difference_statement(e, block.block) for e in block.comparisons if e.measure == "reward_mean"],
+        "block": {"name": block.block, **_subjects(block)},
     }
 
 
-def _subjects(one: BlockResults) -> dict[str, Table]:
+def _subjects(block: BlockResults) -> dict[str, Table]:
     """Each subject's reward, by session where there are several, and the groups' over subjects' means."""
-    several = one.subjects["session"].nunique() > 1
-    heads = ("group", "subject", *(("session",) if several else ()), "n", "reward")
+    has_several_sessions = block.subjects["session"].nunique() > 1
+    heads = ("group", "subject", *(("session",) if has_several_sessions else ()), "n", "reward")
 
     def table(frame: pd.DataFrame, n: str) -> Table:
         rows = [
             (
-                row["group"], row.get("participant", "all"), *((str(row.get("session", "all")),) if several else ()),
+                row["group"], row.get("participant", "all"), *((str(row.get("session", "all")),) if has_several_sessions else ()),
                 str(row[n]), format_mean_sd(row["reward_mean"], row["reward_sd"]),
             )
             for row in to_records(frame)
         ]  # fmt: skip
         return Table(heads, rows, words=len(heads) - 2)
 
-    return {"subjects": table(one.subjects, "episodes"), "subject_means": table(one.groups, "participants")}
+    return {"subjects": table(block.subjects, "episodes"), "subject_means": table(block.groups, "participants")}
 
 
-def _has_roles(one: BlockResults) -> bool:
-    return set(one.roles.values()) != {"exploratory"}
+def _has_roles(block: BlockResults) -> bool:
+    return set(block.roles.values()) != {"exploratory"}
 
 
 def _unbroken(first: str, second: str) -> str:
@@ -358,39 +372,39 @@ def _unbroken(first: str, second: str) -> str:
     return f"{first}\N{NO-BREAK SPACE}\N{MINUS SIGN}\N{NO-BREAK SPACE}{second}"
 
 
-def _comparisons(one: BlockResults) -> Table:
+def _comparisons(block: BlockResults) -> Table:
     """A row per comparison; of several pairs of groups a column says which."""
-    pairs = dict.fromkeys((each.first, each.second) for each in one.comparisons)
-    several = len(pairs) > 1
-    named = _has_roles(one)
+    pairs = dict.fromkeys((comparison.first, comparison.second) for comparison in block.comparisons)
+    has_several_pairs = len(pairs) > 1
+    has_roles = _has_roles(block)
 
-    def row(each: GroupComparison) -> tuple[str, ...]:
+    def row(comparison: GroupComparison) -> tuple[str, ...]:
         return (
-            label_measure(each.measure), *((one.roles[each.measure],) if named else ()),
-            *((_unbroken(each.first, each.second),) if several else ()), f"{each.n[0]}, {each.n[1]}",
-            *((", ".join(map(format_number, each.means[:2])),) if several else map(format_number, each.means)),
-            format_difference(each.difference, each.interval, is_log=each.is_log),
-            format_p_value(each.p), format_p_value(each.p_holm), format_p_value(each.smallest_p),
-            format_with_interval(each.g, each.g_interval, 2),
+            label_measure(comparison.measure), *((block.roles[comparison.measure],) if has_roles else ()),
+            *((_unbroken(comparison.first, comparison.second),) if has_several_pairs else ()), f"{comparison.n[0]}, {comparison.n[1]}",
+            *((", ".join(map(format_number, comparison.means[:2])),) if has_several_pairs else map(format_number, comparison.means)),
+            format_difference(comparison.difference, comparison.interval, is_log=comparison.is_log),
+            format_p_value(comparison.p), format_p_value(comparison.p_holm), format_p_value(comparison.smallest_p),
+            format_with_interval(comparison.g, comparison.g_interval, 2),
         )  # fmt: skip
 
     heads = (
-        *("measure", *(("named before",) if named else ()), *(("groups",) if several else ()), "n"),
-        *(("means",) if several else (f"mean, {group}" for pair in pairs for group in pair)),
+        *("measure", *(("named before",) if has_roles else ()), *(("groups",) if has_several_pairs else ()), "n"),
+        *(("means",) if has_several_pairs else (f"mean, {group}" for pair in pairs for group in pair)),
         *("difference", "p", "p (Holm)", "smallest p", "g"),
     )
-    return Table(heads, [row(each) for each in one.comparisons], words=1 + named + several)
+    return Table(heads, [row(comparison) for comparison in block.comparisons], words=1 + has_roles + has_several_pairs)
 
 
-def _growth(one: BlockResults, mixed: MixedModel | None) -> dict[str, Any]:
-    found = one.growth
-    if found is None:
+def _growth(block: BlockResults, mixed: MixedModel | None) -> dict[str, Any]:
+    growth = block.growth
+    if growth is None:
         return {"growth": None}
     return {
-        "growth": _terms(found.terms),
-        "growth_measure": found.measure.capitalize(),
-        "growth_reference": found.reference,
-        "growth_left_out": found.left_out,
+        "growth": _terms(growth.terms),
+        "growth_measure": growth.measure.capitalize(),
+        "growth_reference": growth.reference,
+        "growth_left_out": growth.left_out,
         "mixed": _estimates(mixed.terms) if mixed and mixed.terms else None,
         "mixed_model": mixed,
     }
@@ -415,9 +429,9 @@ def _terms(terms: Sequence[GrowthTerm]) -> Table:
     return Table(("term", "participants", "estimate", "95 % interval", "p"), rows)
 
 
-def _measures(one: BlockResults) -> Table:
+def _measures(block: BlockResults) -> Table:
     rows = [
         (label_measure(row["measure"]), row["group"], str(row["n"]), format_mean_sd(row["mean"], row["sd"]))
-        for row in to_records(one.measures)
+        for row in to_records(block.measures)
     ]
     return Table(("measure", "group", "n", "mean"), rows, words=2)

@@ -57,39 +57,41 @@ class BlockSurvival:
     @property
     def without_goal(self) -> list[str]:
         """By group, how many episodes did not reach the goal; nothing where all did."""
-        missed = {group: int((~one.observed).sum()) for group, one in self.goal.items()}
+        missed = {group: int((~times.observed).sum()) for group, times in self.goal.items()}
         return [
-            f"{group} {missed[group]} of {len(one.observed)}"
-            for group, one in self.goal.items()
+            f"{group} {missed[group]} of {len(times.observed)}"
+            for group, times in self.goal.items()
             if any(missed.values())
         ]
 
 
-def collect_survival_times(rows: pd.DataFrame, begun: pd.DataFrame, order: Sequence[str]) -> BlockSurvival:
+def collect_survival_times(rows: pd.DataFrame, all_episodes: pd.DataFrame, order: Sequence[str]) -> BlockSurvival:
     """Collect them from a block's rows of the block table and all of its episodes; the goal's from those included.
 
     A participant who never found every key was watched for all of the block's playing time. An episode that failed will
     not reach the goal any more: it waits to its step limit, as one that timed out; it is not censored before.
     """
-    episodes = begun[begun["exclusion_reason"].isna()]
-    played = begun.groupby(["participant", "session"])["playing_s"].sum()
+    episodes = all_episodes[all_episodes["exclusion_reason"].isna()]
+    played = all_episodes.groupby(["participant", "session"])["playing_s"].sum()
     keys: dict[str, SurvivalTimes] = {}
     goal: dict[str, SurvivalTimes] = {}
     for group in order:
-        theirs = rows[(rows["group"] == group) & (rows["keys_total"] > 0)]
-        first = theirs.sort_values("session").drop_duplicates("participant")
-        who = pd.MultiIndex.from_frame(first[["participant", "session"]])
-        watched = played.reindex(who).fillna(0.0).to_numpy(float)
-        found = first["all_keys_discovered_s"].to_numpy(float)
+        group_rows = rows[(rows["group"] == group) & (rows["keys_total"] > 0)]
+        first = group_rows.sort_values("session").drop_duplicates("participant")
+        first_sessions = pd.MultiIndex.from_frame(first[["participant", "session"]])
+        watched = played.reindex(first_sessions).fillna(0.0).to_numpy(float)
+        discovered_s = first["all_keys_discovered_s"].to_numpy(float)
         if len(first):
-            keys[group] = SurvivalTimes(np.where(np.isnan(found), watched, found), ~np.isnan(found))
+            keys[group] = SurvivalTimes(
+                np.where(np.isnan(discovered_s), watched, discovered_s), ~np.isnan(discovered_s)
+            )
         known = episodes["success"].notna()
         part = episodes[(episodes["group"] == group) & (episodes["steps"] > 0) & known]
         if len(part):
-            waited = part["steps"].where(part["outcome"] != "failure", part["max_steps"])
-            goal[group] = SurvivalTimes(waited.to_numpy(float), part["success"].to_numpy(bool))
+            waiting_steps = part["steps"].where(part["outcome"] != "failure", part["max_steps"])
+            goal[group] = SurvivalTimes(waiting_steps.to_numpy(float), part["success"].to_numpy(bool))
     pairs = ((a, b, compare_survival(keys[a], keys[b])) for a, b in combinations(keys, 2))
-    return BlockSurvival(keys, goal, tuple((a, b, one) for a, b, one in pairs if one is not None))
+    return BlockSurvival(keys, goal, tuple((a, b, comparison) for a, b, comparison in pairs if comparison is not None))
 
 
 def compare_reward_parts(episodes: pd.DataFrame, order: Sequence[str]) -> tuple[TwoPartComparison, ...]:
@@ -197,9 +199,11 @@ class BlockResults:
     @property
     def headline(self) -> tuple[GroupComparison, ...]:
         """The comparisons on the primary measure, or on the first of ``MEASURES`` that has values."""
-        measure = next((one.measure for one in self.comparisons if self.roles[one.measure] == "primary"), None)
+        measure = next(
+            (comparison.measure for comparison in self.comparisons if self.roles[comparison.measure] == "primary"), None
+        )
         chosen = measure or next((name for name in self.roles), None)
-        return tuple(one for one in self.comparisons if one.measure == chosen)
+        return tuple(comparison for comparison in self.comparisons if comparison.measure == chosen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -221,12 +225,12 @@ class Results:
     target: str  # the last block that all groups played; "" without any
     order: tuple[str, ...]  # of the groups, in every comparison and figure
     within: "WithinResults | None"  # the conditions that the protocol compares within participants
-    kept: tuple[int, int]  # participants and episodes included
+    included: tuple[int, int]  # participants and episodes included
 
     @property
     def target_block(self) -> BlockResults | None:
         """The block that all groups are compared on."""
-        return next((one for one in self.blocks if one.block == self.target), None)
+        return next((block for block in self.blocks if block.block == self.target), None)
 
 
 def compute_results(
@@ -248,30 +252,32 @@ def compute_results(
     else:
         units = {str(name): find_units(rows) for name, rows in teams.groupby("block")}
     analysis = analysis or AnalysisSpec()
-    counted_people = participants[participants["exclusion_reason"].isna()]
-    counted = episodes[episodes["exclusion_reason"].isna()]
-    kept = blocks[blocks["exclusion_reason"].isna()]
+    included_people = participants[participants["exclusion_reason"].isna()]
+    included_episodes = episodes[episodes["exclusion_reason"].isna()]
+    included_blocks = blocks[blocks["exclusion_reason"].isna()]
     counts = blocks.groupby("group")["block"].nunique()  # more blocks first: a transfer effect is of what came before
     order = sorted((str(group) for group in counts.index), key=lambda group: (-int(counts[group]), group))
-    target = analysis.block or find_target_block(kept)
+    target = analysis.block or find_target_block(included_blocks)
     return Results(
         blocks=tuple(
             compute_block_results(
                 name,
-                kept[kept["block"] == name],
+                included_blocks[included_blocks["block"] == name],
                 episodes[episodes["block"] == name],
                 order,
                 analysis if name == target else AnalysisSpec(),
                 units.get(name, {}),
             )
-            for name in sort_blocks_by_play(kept)
+            for name in sort_blocks_by_play(included_blocks)
         ),
         target=target,
         order=tuple(order),
-        within=compare_labels(counted, analysis, trial_levels)
+        within=compare_labels(included_episodes, analysis, trial_levels)
         if analysis.condition_label
-        else compare_within(*name_conditions(unite_teams(kept, teams), analysis, design or ExperimentDesign())),
-        kept=(counted_people["participant"].nunique(), len(counted)),
+        else compare_within(
+            *name_conditions(unite_teams(included_blocks, teams), analysis, design or ExperimentDesign())
+        ),
+        included=(included_people["participant"].nunique(), len(included_episodes)),
     )
 
 
@@ -307,19 +313,21 @@ def compare_within(rows: pd.DataFrame, analysis: AnalysisSpec) -> WithinResults 
         return None
     rows = rows.reset_index(drop=True)
     place = rows.groupby(["participant", "session"], sort=False).cumcount()
-    theirs = rows.assign(place=place)[rows["block"].isin(analysis.conditions)]
+    condition_rows = rows.assign(place=place)[rows["block"].isin(analysis.conditions)]
     named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
-    measured = [name for name in named or list_default_measures(theirs) if theirs[name].notna().any()]
-    scaled, logs = take_logarithms(theirs, measured)
+    measured = [name for name in named or list_default_measures(condition_rows) if condition_rows[name].notna().any()]
+    scaled, logs = take_logarithms(condition_rows, measured)
     roles = assign_roles(measured, analysis)
     tables = {
         name: scaled.pivot_table(name, "participant", "block").reindex(columns=list(analysis.conditions))
         for name in measured
     }
     comparisons = tuple(
-        one
+        comparison
         for role in get_args(Role)
-        for one in compare_conditions({name: tables[name] for name in roles if roles[name] == role}, log_measures=logs)
+        for comparison in compare_conditions(
+            {name: tables[name] for name in roles if roles[name] == role}, log_measures=logs
+        )
     )
     first = scaled.sort_values(["session", "place"]).drop_duplicates(["participant", "block"]).sort_values("place")
     order = first.groupby("participant", sort=False)
@@ -387,10 +395,10 @@ def compare_labels(
         secondary_measures=tuple(name for name in analysis.secondary_measures if name in measured),
         conditions=conditions,
     )
-    found = compare_within(measured, of_levels) if len(conditions) > 1 else None
+    within = compare_within(measured, of_levels) if len(conditions) > 1 else None
     # levels alternate: they have no position
-    if found:
-        return replace(found, effects=(), label=label)
+    if within:
+        return replace(within, effects=(), label=label)
     return None
 
 
@@ -407,7 +415,7 @@ def list_default_measures(rows: pd.DataFrame) -> list[str]:
 def compute_block_results(
     block: str,
     rows: pd.DataFrame,
-    begun: pd.DataFrame,
+    all_episodes: pd.DataFrame,
     order: list[str],
     analysis: AnalysisSpec,
     units: Mapping[str, str] | None = None,
@@ -417,10 +425,10 @@ def compute_block_results(
     Where people played together, ``units`` names each one's team, which is then the unit of every statistic.
     """
     units = units or {}
-    waits = collect_survival_times(rows, begun, [group for group in order if (rows["group"] == group).any()])
+    waits = collect_survival_times(rows, all_episodes, [group for group in order if (rows["group"] == group).any()])
     people = rows.sort_values(["participant", "session"])
-    rows, begun = (name_units(part, units) for part in (rows, begun)) if units else (rows, begun)
-    episodes = begun[begun["exclusion_reason"].isna()]
+    rows, all_episodes = (name_units(part, units) for part in (rows, all_episodes)) if units else (rows, all_episodes)
+    episodes = all_episodes[all_episodes["exclusion_reason"].isna()]
     order = [group for group in order if (rows["group"] == group).any()]
     rows = _groups_in(order, rows.sort_values(["participant", "session"]))
     aside = {
@@ -439,7 +447,9 @@ def compute_block_results(
         and name not in unasked
         and (name in MEASURES or name in named)
     ]
-    each = rows.groupby(["group", "participant"])[columns].mean().reset_index()  # several sessions: their mean
+    participant_means = (
+        rows.groupby(["group", "participant"])[columns].mean().reset_index()
+    )  # several sessions: their mean
     roles = assign_roles(measured, analysis)
     scaled, logs = take_logarithms(rows, measured)
     scaled_means = scaled.groupby(["group", "participant"])[columns].mean().reset_index()
@@ -450,28 +460,30 @@ def compute_block_results(
         lines = episodes.rename(columns={"log_excess_steps": _LOG_EXCESS})
     else:
         lines = episodes
-    found = BlockResults(
+    results = BlockResults(
         block=block,
         worlds=tuple(dict.fromkeys(episodes["world"])),
         episodes=len(episodes),
         subjects=_groups_in(order, people)[
             ["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]
         ].reset_index(drop=True),
-        groups=_groups_in(order, summarise_group_rewards(each)),
-        measures=_measures(_groups_in(order, each), measured, ["group"]),
+        groups=_groups_in(order, summarise_group_rewards(participant_means)),
+        measures=_measures(_groups_in(order, participant_means), measured, ["group"]),
         by_session=_measures(_groups_in(order, rows), measured, ["group", "session"]),
         changes=tuple(
-            one for sessions, change in changed.items() for one in _estimate(change, measured, sessions, order, logs)
+            session_change
+            for sessions, change in changed.items()
+            for session_change in _estimate(change, measured, sessions, order, logs)
         ),
         changes_compared=tuple(
-            (sessions, one)
+            (sessions, comparison)
             for sessions, change in changed.items()
-            for one in compare_measures(change, roles, order, logs)
+            for comparison in compare_measures(change, roles, order, logs)
         ),
         comparisons=comparisons,
         roles=roles,
         adjusted=compare_adjusted(scaled_means, analysis, order, logs),
-        alike=_alike(each, analysis, order),
+        alike=_alike(participant_means, analysis, order),
         waits=replace(waits, compared=()) if units else waits,
         parts=compare_reward_parts(episodes, order),
         set_aside=aside,
@@ -480,7 +492,7 @@ def compute_block_results(
         powers=(),
         teams=len({*units.values()} & {*rows["participant"]}),
     )
-    return replace(found, powers=tuple(compute_power(one.n) for one in found.headline))
+    return replace(results, powers=tuple(compute_power(comparison.n) for comparison in results.headline))
 
 
 def estimate_reliabilities(episodes: pd.DataFrame, measures: Sequence[str]) -> Iterator[Reliability]:
@@ -490,13 +502,13 @@ def estimate_reliabilities(episodes: pd.DataFrame, measures: Sequence[str]) -> I
         if (column := name.removesuffix("_mean")) in episodes:
             values = episodes[column].astype(float)
             with_values = episodes.assign(value=np.log(values.where(values > 0)) if name in LOG_MEASURES else values)
-            found = estimate_reliability(name, with_values[["group", "participant", "value"]])
-            if found is not None:
-                yield found
+            reliability = estimate_reliability(name, with_values[["group", "participant", "value"]])
+            if reliability is not None:
+                yield reliability
 
 
 def compare_adjusted(
-    each: pd.DataFrame, analysis: AnalysisSpec, order: Sequence[str], logs: Collection[str] = ()
+    participant_means: pd.DataFrame, analysis: AnalysisSpec, order: Sequence[str], logs: Collection[str] = ()
 ) -> tuple[GroupComparison, ...]:
     """Groups compared on the primary measure at equal covariates (analysis of covariance), each pair by itself.
 
@@ -505,20 +517,20 @@ def compare_adjusted(
     """
     primary = analysis.primary_measure
     covariates = list(analysis.covariates)
-    if not covariates or primary not in each:
+    if not covariates or primary not in participant_means:
         return ()
-    known = each.dropna(subset=[primary, *covariates])
+    known = participant_means.dropna(subset=[primary, *covariates])
     parts = {
         group: (rows[primary].to_numpy(float), rows[covariates].to_numpy(float))
         for group, rows in known.groupby(known["group"].astype(str))
     }
-    found = []
+    comparisons = []
     for first, second in combinations([group for group in order if group in parts], 2):
         a, b, test = adjust_groups(parts[first], parts[second]) or (parts[first][0], parts[second][0], None)
-        one = compare_pair(primary, (first, a), (second, b), test, is_log=primary in logs)
-        few = f"{len(a)} and {len(b)} are too few, or too much alike, for the slopes of {len(covariates)} covariates"
-        found.append(one if test else replace(one, reason=few))
-    return correct_comparisons(found)
+        comparison = compare_pair(primary, (first, a), (second, b), test, is_log=primary in logs)
+        reason = f"{len(a)} and {len(b)} are too few, or too much alike, for the slopes of {len(covariates)} covariates"
+        comparisons.append(comparison if test else replace(comparison, reason=reason))
+    return correct_comparisons(comparisons)
 
 
 def take_logarithms(rows: pd.DataFrame, measures: Sequence[str]) -> tuple[pd.DataFrame, frozenset[str]]:
@@ -529,7 +541,7 @@ def take_logarithms(rows: pd.DataFrame, measures: Sequence[str]) -> tuple[pd.Dat
 
 
 def compare_measures(
-    each: pd.DataFrame,
+    participant_means: pd.DataFrame,
     roles: Mapping[str, Role],
     order: Sequence[str],
     logs: Collection[str] = (),
@@ -538,10 +550,14 @@ def compare_measures(
 ) -> tuple[GroupComparison, ...]:
     """Every two groups on every measure, each role corrected by itself; ``each`` has a row per participant."""
     return tuple(
-        one
+        comparison
         for role in get_args(Role)
-        for one in compare_groups(
-            each, [name for name in roles if roles[name] == role], order=order, log_measures=logs, intervals=intervals
+        for comparison in compare_groups(
+            participant_means,
+            [name for name in roles if roles[name] == role],
+            order=order,
+            log_measures=logs,
+            intervals=intervals,
         )
     )
 
@@ -561,7 +577,7 @@ def list_changes(rows: pd.DataFrame, measures: Sequence[str]) -> dict[tuple[int,
 
 
 def _estimate(
-    each: pd.DataFrame,
+    changes: pd.DataFrame,
     measures: Sequence[str],
     sessions: tuple[int, int],
     order: Sequence[str],
@@ -569,7 +585,7 @@ def _estimate(
 ) -> Iterator[SessionChange]:
     for measure in measures:
         for group in order:
-            values = each.loc[each["group"] == group, measure].dropna().to_numpy(np.float64)
+            values = changes.loc[changes["group"] == group, measure].dropna().to_numpy(np.float64)
             if len(values):
                 test = paired_test(values)
                 interval, p = (
@@ -582,14 +598,14 @@ def _estimate(
 
 def set_measures_aside(rows: pd.DataFrame, *, late: int) -> dict[str, str]:
     """Find the measures that omit those who failed, where some did; ``late`` episodes ended without success."""
-    never = int((rows["all_keys_discovered_s"].isna() & (rows["keys_total"] > 0)).sum())
-    why = {
+    undiscovered = int((rows["all_keys_discovered_s"].isna() & (rows["keys_total"] > 0)).sum())
+    reasons = {
         "excess_steps_mean": f"omits {late} episodes without success" if late else "",
-        "all_keys_discovered_s": f"omits {never} who never discovered them all; compared below with these censored"
-        if never
+        "all_keys_discovered_s": f"omits {undiscovered} who never discovered them all; compared below with these censored"
+        if undiscovered
         else "",
     }
-    return {name: reason for name, reason in why.items() if reason and rows[name].notna().any()}
+    return {name: reason for name, reason in reasons.items() if reason and rows[name].notna().any()}
 
 
 def assign_roles(names: Sequence[str], analysis: AnalysisSpec) -> dict[str, Role]:
@@ -600,12 +616,16 @@ def assign_roles(names: Sequence[str], analysis: AnalysisSpec) -> dict[str, Role
     return roles
 
 
-def _alike(each: pd.DataFrame, analysis: AnalysisSpec, order: Sequence[str]) -> tuple[EquivalenceResult, ...]:
+def _alike(
+    participant_means: pd.DataFrame, analysis: AnalysisSpec, order: Sequence[str]
+) -> tuple[EquivalenceResult, ...]:
     if analysis.equivalence_margin is None:
         return ()
     bounds = -analysis.equivalence_margin, analysis.equivalence_margin
     values = {
-        group: each.loc[each["group"] == group, analysis.primary_measure].dropna().to_numpy(np.float64)
+        group: participant_means.loc[participant_means["group"] == group, analysis.primary_measure]
+        .dropna()
+        .to_numpy(np.float64)
         for group in order
     }
     tested = ((a, b, check_equivalence(values[a], values[b], bounds)) for a, b in combinations(order, 2))
@@ -622,13 +642,13 @@ def sort_blocks_by_play(blocks: pd.DataFrame) -> list[str]:
 def find_target_block(blocks: pd.DataFrame) -> str:
     """The last block that every group played; "" without any. Rows are in the order of play."""
     played = [list(dict.fromkeys(part["block"])) for _, part in blocks.groupby("group")]
-    common = [block for block in (played[0] if played else []) if all(block in theirs for theirs in played)]
+    common = [block for block in (played[0] if played else []) if all(block in group_blocks for group_blocks in played)]
     return str(common[-1]) if common else ""
 
 
-def summarise_group_rewards(each: pd.DataFrame) -> pd.DataFrame:
+def summarise_group_rewards(participant_means: pd.DataFrame) -> pd.DataFrame:
     """Mean and standard deviation, by group, of the subjects' mean rewards."""
-    grouped = each.groupby("group")["reward_mean"]
+    grouped = participant_means.groupby("group")["reward_mean"]
     return grouped.agg(participants="count", reward_mean="mean", reward_sd="std").reset_index()
 
 
@@ -639,8 +659,8 @@ def exclude_practice_alone(participants: pd.DataFrame) -> pd.DataFrame:
     """Exclude the participants of whom nothing but practice is included; who had nothing to play stays."""
     counts = participants["exclusion_reason"].isna()
     played = (participants["episodes"] > 0) | participants["completed_share"].isna()
-    alone = counts & ~participants["participant"].isin(participants.loc[counts & played, "participant"])
-    return participants.assign(exclusion_reason=participants["exclusion_reason"].mask(alone, PRACTICE_ALONE))
+    practice_only = counts & ~participants["participant"].isin(participants.loc[counts & played, "participant"])
+    return participants.assign(exclusion_reason=participants["exclusion_reason"].mask(practice_only, PRACTICE_ALONE))
 
 
 def list_exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFrame:
@@ -651,14 +671,14 @@ def list_exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.Da
     people = participants.loc[participants["exclusion_reason"].notna(), ["exclusion_reason", "participant", "session"]]
     included = participants.loc[participants["exclusion_reason"].isna(), "participant"]
     people = people.assign(level=np.where(people["participant"].isin(included), "session", "participant"))
-    whole = set(zip(people["exclusion_reason"], people["participant"], people["session"], strict=True))
+    excluded_sessions = set(zip(people["exclusion_reason"], people["participant"], people["session"], strict=True))
     single = episodes.loc[
         episodes["exclusion_reason"].notna(), ["exclusion_reason", "participant", "session", "episode", "attempt"]
     ]
-    theirs = zip(single["exclusion_reason"], single["participant"], single["session"], strict=True)
-    single = single[np.array([key not in whole for key in theirs], bool)].assign(level="episode")
-    both = pd.concat([people.astype(object), single.astype(object)], ignore_index=True)
-    return both.reindex(columns=["exclusion_reason", "level", "participant", "session", "episode", "attempt"])
+    session_keys = zip(single["exclusion_reason"], single["participant"], single["session"], strict=True)
+    single = single[np.array([key not in excluded_sessions for key in session_keys], bool)].assign(level="episode")
+    exclusions = pd.concat([people.astype(object), single.astype(object)], ignore_index=True)
+    return exclusions.reindex(columns=["exclusion_reason", "level", "participant", "session", "episode", "attempt"])
 
 
 def _groups_in(order: Sequence[str], rows: pd.DataFrame) -> pd.DataFrame:

@@ -56,7 +56,10 @@ class Costs:
             currency = "mixed"
         else:
             currency = other.currency
-        sums = {one.name: getattr(self, one.name) + getattr(other, one.name) for one in fields(Costs)}
+        sums = {
+            cost_field.name: getattr(self, cost_field.name) + getattr(other, cost_field.name)
+            for cost_field in fields(Costs)
+        }
         return Costs(**sums | {"currency": currency})
 
 
@@ -199,14 +202,14 @@ def find_models_folder(study: Path) -> Path:
 def _summarize_answers(answers: pd.DataFrame) -> pd.DataFrame:
     """The mean of numbers, else the most frequent option, by question and player."""
 
-    def summarize(given: pd.DataFrame) -> str:
-        said = given["said"].value_counts()
-        has_options = given["kind"].iloc[0].startswith("choice")
+    def summarize(group_answers: pd.DataFrame) -> str:
+        option_counts = group_answers["said"].value_counts()
+        has_options = group_answers["kind"].iloc[0].startswith("choice")
         if has_options:
-            what = f"{said.index[0]}: {said.iloc[0] / len(given):.0%}"
+            summary = f"{option_counts.index[0]}: {option_counts.iloc[0] / len(group_answers):.0%}"
         else:
-            what = f"{given['number'].mean():.2f}"
-        return f"{what} (n = {len(given)})"
+            summary = f"{group_answers['number'].mean():.2f}"
+        return f"{summary} (n = {len(group_answers)})"
 
     last = answers.drop_duplicates(["run", *_QUESTION], keep="last").groupby([*_QUESTION, "player"])
     if len(answers):
@@ -299,31 +302,34 @@ def _list_unfinished(logs: Iterable[SessionLog]) -> Iterator[dict[str, object]]:
 
 def _name_players(players: Iterable[str]) -> dict[str, str]:
     """Names without the folder of a policy's file, where that tells them apart."""
-    names = {one: f"policy:{Path(one).name}" if one.startswith("policy:") and "/" in one else one for one in players}
-    taken = Counter(names.values())
-    return {player: name if taken[name] == 1 else player for player, name in names.items()}
+    names = {
+        player: f"policy:{Path(player).name}" if player.startswith("policy:") and "/" in player else player
+        for player in players
+    }
+    name_counts = Counter(names.values())
+    return {player: name if name_counts[name] == 1 else player for player, name in names.items()}
 
 
 def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: int, draws: int) -> ScoredPlayer | None:
     """One player's line; None where it shares no level with the reference."""
-    mine = rows[rows["player"] == name]
-    theirs = rows[rows["player"] == reference]
-    shared = mine[_LEVEL].drop_duplicates().merge(theirs[_LEVEL].drop_duplicates())
+    player_rows = rows[rows["player"] == name]
+    reference_rows = rows[rows["player"] == reference]
+    shared = player_rows[_LEVEL].drop_duplicates().merge(reference_rows[_LEVEL].drop_duplicates())
     if not len(shared):
         return None
     levels = pd.MultiIndex.from_frame(shared.sort_values(_LEVEL))
-    runs = {who: _runs(rows[rows["player"] == who], levels) for who in {name, reference, "random"}}
+    runs = {player: _runs(rows[rows["player"] == player], levels) for player in {name, reference, "random"}}
     floor = runs["random"] if len(runs["random"].success) else None
     return ScoredPlayer(
         name,
-        mine["run"].nunique(),
-        len(mine),
+        player_rows["run"].nunique(),
+        len(player_rows),
         len(levels),
-        int((mine.merge(shared)["outcome"] == UNFINISHED).sum()),
-        len(mine.loc[~mine["path_known"]].merge(shared)[_LEVEL].drop_duplicates()),
+        int((player_rows.merge(shared)["outcome"] == UNFINISHED).sum()),
+        len(player_rows.loc[~player_rows["path_known"]].merge(shared)[_LEVEL].drop_duplicates()),
         score_player(runs[name], runs[reference], floor, seed=seed, draws=draws),
-        float(mine["excess_steps"].mean()),
-        tuple(float(share) for share in mine.groupby("episode_in_block")["success"].mean()),
+        float(player_rows["excess_steps"].mean()),
+        tuple(float(share) for share in player_rows.groupby("episode_in_block")["success"].mean()),
         costs,
     )
 
@@ -347,7 +353,7 @@ def _note(lines: Sequence[ScoredPlayer], reference: str, named: str, players: se
         if line.runs == 1:
             yield f"{line.player} has 1 run: its interval says nothing about other runs"
         if line.player != reference and not line.score.separable:
-            people = next(one.runs for one in lines if one.player == reference)
+            people = next(other.runs for other in lines if other.player == reference)
             yield f"{people} of {reference} on {line.levels} levels cannot separate {line.player} from them"
         if line.unfinished:
             share = f"{line.unfinished} of {line.runs * line.levels}"
@@ -409,10 +415,10 @@ def format_scorecard(card: Scorecard) -> str:
     return "\n".join([*table, "", *(f"- {note}" for note in card.notes), ""])
 
 
-def _interval(one: Estimate) -> str:
-    if np.isnan(one.value):
+def _interval(estimate: Estimate) -> str:
+    if np.isnan(estimate.value):
         return ""
-    return f"{one.value:.2f} [{one.low:.2f}, {one.high:.2f}]"
+    return f"{estimate.value:.2f} [{estimate.low:.2f}, {estimate.high:.2f}]"
 
 
 def _number(value: float) -> str:
@@ -436,9 +442,9 @@ def _values(line: ScoredPlayer) -> Mapping[str, object]:
         "levels": line.levels,
         "unfinished": line.unfinished,
         **{
-            f"{name}{end}": f"{getattr(one, what):.6g}"
-            for name, one in named.items()
-            for end, what in (("", "value"), ("_low", "low"), ("_high", "high"))
+            f"{name}{end}": f"{getattr(estimate, attribute):.6g}"
+            for name, estimate in named.items()
+            for end, attribute in (("", "value"), ("_low", "low"), ("_high", "high"))
         },
         "excess_steps": _number(line.excess_steps),
         "separable": score.separable,

@@ -48,7 +48,7 @@ _OF_EPISODE = {  # measures of a block that are the mean of an episode's; times 
 
 
 def write_scripts(
-    out: Path, study: str, found: Results, episodes: pd.DataFrame, languages: Sequence[str]
+    out: Path, study: str, results: Results, episodes: pd.DataFrame, languages: Sequence[str]
 ) -> tuple[Path, ...]:
     """Write ``analysis.R`` and ``analysis.py`` into a report's folder, for the block that groups are compared on.
 
@@ -57,13 +57,13 @@ def write_scripts(
     Raises:
         ReportError: if no block is played by two groups, or no such measure has values.
     """
-    block = found.target_block
+    block = results.target_block
     if block is None or len(block.groups) < 2:
         raise ReportError(
             "--r and --python compare groups, but no block is played by two groups; leave these options out"
         )
-    wanted = sorted(block.roles, key=lambda name: block.roles[name] != "primary")
-    measure = next((name for name in wanted if name in _OF_EPISODE), None)
+    measures = sorted(block.roles, key=lambda name: block.roles[name] != "primary")
+    measure = next((name for name in measures if name in _OF_EPISODE), None)
     if measure is None or episodes[episodes["block"] == block.block].empty:
         raise ReportError(
             f"--r and --python need a measure for each episode, which block {block.block} lacks; remove them"
@@ -74,7 +74,7 @@ def write_scripts(
         lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     environment.filters["tojson"] = json.dumps
-    shown = {
+    context = {
         "study": study,
         "block": block.block,
         "version": minihuman.__version__,
@@ -83,9 +83,9 @@ def write_scripts(
         "label": label_measure(measure),
         "expression": _OF_EPISODE[measure],
     }
-    written = []
+    paths = []
     for language in languages:
         path = out / _FILES[language]
-        path.write_text(environment.get_template(f"{path.name}.j2").render(shown), encoding="utf-8", newline="\n")
-        written.append(path)
-    return tuple(written)
+        path.write_text(environment.get_template(f"{path.name}.j2").render(context), encoding="utf-8", newline="\n")
+        paths.append(path)
+    return tuple(paths)

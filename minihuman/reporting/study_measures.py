@@ -58,21 +58,21 @@ class AnswerScore(StudyMeasure):
 
     def compute(self, tables: Tables) -> pd.DataFrame:
         """The last answers that were given to each asking."""
-        given = tables["answers"]
-        given = given[(given["questions"] == self.questions) & given["number"].notna()]
+        answers = tables["answers"]
+        answers = answers[(answers["questions"] == self.questions) & answers["number"].notna()]
         if self.item:
-            given = given[given["item"] == self.item]
-        given = given.drop_duplicates(["participant", "session", "part", "item"], keep="last")
-        asked = given.groupby(["participant", "session", "part"])["number"].mean().rename("value").reset_index()
-        if asked.groupby(["participant", "session"]).size().max() != 1:
+            answers = answers[answers["item"] == self.item]
+        answers = answers.drop_duplicates(["participant", "session", "part", "item"], keep="last")
+        scores = answers.groupby(["participant", "session", "part"])["number"].mean().rename("value").reset_index()
+        if scores.groupby(["participant", "session"]).size().max() != 1:
             parts = tables["parts"]
             blocks = tables["blocks"]["block"].unique()
             played = parts[(parts["what"] == "started") & parts["name"].isin(blocks)]
-            both = asked.merge(played[["participant", "session", "part", "name"]], on=["participant", "session"])
-            both = both[both["part_y"] < both["part_x"]].sort_values("part_y")
-            last = both.drop_duplicates(["participant", "session", "part_x"], keep="last")
-            asked = last.rename(columns={"name": "block"})[["participant", "session", "block", "value"]]
-        return asked
+            candidates = scores.merge(played[["participant", "session", "part", "name"]], on=["participant", "session"])
+            candidates = candidates[candidates["part_y"] < candidates["part_x"]].sort_values("part_y")
+            last = candidates.drop_duplicates(["participant", "session", "part_x"], keep="last")
+            scores = last.rename(columns={"name": "block"})[["participant", "session", "block", "value"]]
+        return scores
 
 
 class TeachingMeasure(StudyMeasure):

@@ -135,7 +135,7 @@ STYLE = "report.css"
 PARTICIPANTS = "participants.html.j2"
 
 
-def render_template(name: str, shown: Mapping[str, Any], templates: Path | None = None) -> str:
+def render_template(name: str, context: Mapping[str, Any], templates: Path | None = None) -> str:
     """Render a template, all that it shows escaped, in Jinja's sandbox: no template reaches the inside of Python.
 
     Args:
@@ -157,7 +157,7 @@ def render_template(name: str, shown: Mapping[str, Any], templates: Path | None 
     )
     environment.filters["data_uri"] = lambda png: f"data:image/png;base64,{base64.b64encode(png.read_bytes()).decode()}"
     try:
-        return environment.get_template(name).render(shown)
+        return environment.get_template(name).render(context)
     except TemplateError as error:
         line = f":{error.lineno}" if isinstance(error, TemplateSyntaxError) else ""
         raise ReportError(f"{templates}: {name}{line}: {error.message}") from error

@@ -81,7 +81,7 @@ def compare_groups(
     }
     pairs = [(measure, a, b) for measure in measures for a, b in combinations(groups, 2)]
     tests = permutation_tests([(values[a, measure], values[b, measure]) for measure, a, b in pairs])
-    found = [
+    comparisons = [
         compare_pair(
             measure,
             (a, values[a, measure]),
@@ -92,7 +92,7 @@ def compare_groups(
         )
         for (measure, a, b), test in zip(pairs, tests, strict=True)
     ]
-    return correct_comparisons(found)
+    return correct_comparisons(comparisons)
 
 
 def compare_pair(
@@ -108,33 +108,33 @@ def compare_pair(
     (first_name, a), (second_name, b) = first, second
     n = len(a), len(b)
     means = tuple(float(values.mean()) if len(values) else math.nan for values in (a, b))
-    shown = tuple(map(math.exp, means)) if is_log else means
-    one = GroupComparison(
-        measure, first_name, second_name, n, (shown[0], shown[1]), means[0] - means[1], _NOTHING, math.nan, math.nan,
+    reported_means = tuple(map(math.exp, means)) if is_log else means
+    comparison = GroupComparison(
+        measure, first_name, second_name, n, (reported_means[0], reported_means[1]), means[0] - means[1], _NOTHING, math.nan, math.nan,
         math.nan, math.nan, _NOTHING, is_log=is_log,
     )  # fmt: skip
     if test is None:
-        few = first_name if n[0] <= n[1] else second_name
-        return replace(one, reason=f"{min(n)} in {few}: two a group are the least")
-    one = replace(one, p=test.p(), smallest_p=smallest_p(n))
+        smaller_group = first_name if n[0] <= n[1] else second_name
+        return replace(comparison, reason=f"{min(n)} in {smaller_group}: two a group are the least")
+    comparison = replace(comparison, p=test.p(), smallest_p=smallest_p(n))
     if not intervals:
-        return one
+        return comparison
     spreads = a.std(ddof=1), b.std(ddof=1)
     if max(spreads) == 0:
-        return replace(one, reason="nobody in either group differs from the others")
-    one = replace(one, interval=test.interval())
+        return replace(comparison, reason="nobody in either group differs from the others")
+    comparison = replace(comparison, interval=test.interval())
     if min(spreads) == 0:
-        alike, at = (first_name, shown[0]) if spreads[0] == 0 else (second_name, shown[1])
-        return replace(one, reason=f"everybody in {alike} is at {at:g}: no standardised difference")
+        alike, at = (first_name, reported_means[0]) if spreads[0] == 0 else (second_name, reported_means[1])
+        return replace(comparison, reason=f"everybody in {alike} is at {at:g}: no standardised difference")
     if min(n) < LEAST_ESTIMATED:
-        few = first_name if n[0] <= n[1] else second_name
-        return replace(one, reason=f"{min(n)} in {few}: an interval needs {LEAST_ESTIMATED} per group")
+        smaller_group = first_name if n[0] <= n[1] else second_name
+        return replace(comparison, reason=f"{min(n)} in {smaller_group}: an interval needs {LEAST_ESTIMATED} per group")
     if min(n) < LEAST_PER_GROUP:
-        return one
-    g, interval = standardise(a, b, one.interval)
+        return comparison
+    g, interval = standardise(a, b, comparison.interval)
     if abs(g) > LARGEST_G:
-        return replace(one, reason="spreads are next to nothing: no standardised difference")
-    return replace(one, g=g, g_interval=interval)
+        return replace(comparison, reason="spreads are next to nothing: no standardised difference")
+    return replace(comparison, g=g, g_interval=interval)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +181,7 @@ class PermutationTest:
     sums: Values  # (regroupings,) in the first group, of deviations from the own group's mean
     own_sums: Values  # (regroupings,) the same, over those who stay
     squares: Values  # (regroupings,) of those deviations
-    drawn: int  # 1 where regroupings were drawn: the groups as they were are one more of them
+    extra: int  # 1 where regroupings were drawn: the groups as they were are one more of them
 
     def p(self, shift: float = 0.0) -> float:
         """The two-sided p of a difference of ``shift``.
@@ -203,17 +203,17 @@ class PermutationTest:
         total = n * d
         total_squares = self.sum_of_squares + n * d * d
         scale = total_squares / (n + m)
-        rest = total - sums
-        apart = (sums / n - rest / m) ** 2
+        other_sums = total - sums
+        apart = (sums / n - other_sums / m) ** 2
         error = _squared_error(squares - sums**2 / n, n, scale)
-        error += _squared_error(total_squares - squares - rest**2 / m, m, scale)
+        error += _squared_error(total_squares - squares - other_sums**2 / m, m, scale)
         with np.errstate(divide="ignore", invalid="ignore"):
             t = np.where(apart <= _NO_SPREAD * scale, 0.0, np.minimum(apart / error, _LARGEST_T))
         least = 0.0 if d * d <= _NO_SPREAD * scale else _LARGEST_T
         if least and self.error**2 > _NO_SPREAD * scale:
             least = min((d / self.error) ** 2, _LARGEST_T)
         as_far = int(np.count_nonzero(t >= least * (1 - _TIES)))
-        return (as_far + self.drawn) / (len(t) + self.drawn)
+        return (as_far + self.extra) / (len(t) + self.extra)
 
     @property
     def has_interval(self) -> bool:
@@ -274,14 +274,14 @@ def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[V
     """
     n = len(a[0])
     m = len(b[0])
-    values, covariates = (np.concatenate(both) for both in zip(a, b, strict=True))
+    values, covariates = (np.concatenate(arrays) for arrays in zip(a, b, strict=True))
     freedom = n + m - 2 - covariates.shape[1]
     if freedom < LEAST_FREEDOM or min(n, m) < LEAST_ESTIMATED:
         return None
     centred = covariates - covariates.mean(axis=0)
     basis = np.linalg.qr(np.column_stack([np.ones(n + m), centred]))[0]
     groups = (np.arange(n + m) < n).astype(float)
-    x, e = (one - basis @ (basis.T @ one) for one in (groups, values))
+    x, e = (column - basis @ (basis.T @ column) for column in (groups, values))
     scale = float(x @ x)
     if scale <= _NO_SPREAD * (n + m) or e @ e <= _NO_SPREAD * float(values @ values):
         return None
@@ -346,7 +346,7 @@ def permutation_tests(pairs: Sequence[tuple[Values, Values]]) -> list[Permutatio
 
     None where a group has fewer than two. Pairs of the same sizes are regrouped in the same ways.
     """
-    found: list[PermutationTest | None] = [None] * len(pairs)
+    tests: list[PermutationTest | None] = [None] * len(pairs)
     sizes = [(len(a), len(b)) for a, b in pairs]
     for n, m in sorted({size for size in sizes if min(size) > 1}):
         places = [place for place, size in enumerate(sizes) if size == (n, m)]
@@ -357,7 +357,7 @@ def permutation_tests(pairs: Sequence[tuple[Values, Values]]) -> list[Permutatio
         ours = np.arange(n + m) < n
         columns = np.concatenate([deviations, deviations**2, deviations * ours, ours[None]]).T
         totals = draw_totals(columns, n)
-        drawn = int(count_regroupings(n, m) > RESAMPLES)
+        extra = int(count_regroupings(n, m) > RESAMPLES)
         count = len(places)
         for at, (place, (a, b)) in enumerate(zip(places, means, strict=True)):
             squares = deviations[at] ** 2
@@ -367,11 +367,11 @@ def permutation_tests(pairs: Sequence[tuple[Values, Values]]) -> list[Permutatio
                 freedom = float(parts.sum() ** 2 / (parts**2 / (n - 1, m - 1)).sum())
             else:
                 freedom = math.nan
-            found[place] = PermutationTest(
+            tests[place] = PermutationTest(
                 (n, m), a - b, error, freedom, float(squares.sum()), totals[:, -1], totals[:, at],
-                totals[:, 2 * count + at], totals[:, count + at], drawn,
+                totals[:, 2 * count + at], totals[:, count + at], extra,
             )  # fmt: skip
-    return found
+    return tests
 
 
 def draw_totals(columns: Values, n: int) -> Values:
@@ -485,22 +485,25 @@ def standardise(a: Values, b: Values, interval: tuple[float, float]) -> tuple[fl
     return difference * inverse, (bounds[0], bounds[1])
 
 
-def correct_comparisons(found: Sequence[GroupComparison]) -> tuple[GroupComparison, ...]:
+def correct_comparisons(comparisons: Sequence[GroupComparison]) -> tuple[GroupComparison, ...]:
     """The same with p corrected for how many there are; those that have none count as none."""
     return tuple(
-        replace(one, p_holm=p) for one, p in zip(found, holm_correction([one.p for one in found]), strict=True)
+        replace(comparison, p_holm=p)
+        for comparison, p in zip(
+            comparisons, holm_correction([comparison.p for comparison in comparisons]), strict=True
+        )
     )
 
 
 def holm_correction(ps: Sequence[float]) -> list[float]:
     """p values corrected for how many there are (Holm, 1979); NaN stays NaN and counts as none."""
-    found = [math.nan] * len(ps)
+    corrected = [math.nan] * len(ps)
     known = sorted((p, place) for place, p in enumerate(ps) if not math.isnan(p))
     largest = 0.0
     for rank, (p, place) in enumerate(known):
         largest = max(largest, min(1.0, p * (len(known) - rank)))
-        found[place] = largest
-    return found
+        corrected[place] = largest
+    return corrected
 
 
 @dataclass(frozen=True, slots=True)
@@ -531,10 +534,10 @@ def check_equivalence(a: Values, b: Values, bounds: tuple[float, float]) -> Equi
         )
     if min(len(a), len(b)) < 2 or max(np.ptp(a), np.ptp(b)) == 0:
         return None
-    found = compare_means(a, b)
-    above = scipy.special.stdtr(found.freedom, -(found.difference - low) / found.error)
-    below = scipy.special.stdtr(found.freedom, (found.difference - high) / found.error)
-    return Equivalence(bounds, found.difference, found.interval(0.9), float(max(above, below)))
+    welch = compare_means(a, b)
+    above = scipy.special.stdtr(welch.freedom, -(welch.difference - low) / welch.error)
+    below = scipy.special.stdtr(welch.freedom, (welch.difference - high) / welch.error)
+    return Equivalence(bounds, welch.difference, welch.interval(0.9), float(max(above, below)))
 
 
 _LARGE_G = 0.8
@@ -602,11 +605,11 @@ def find_units(teams: pd.DataFrame) -> dict[str, str]:
         if len(members) < 2:
             continue
         joined = {unit[member] for member in members if member in unit}
-        unit |= {member: str(team) for member, of in tuple(unit.items()) if of in joined}
+        unit |= {member: str(team) for member, own_unit in tuple(unit.items()) if own_unit in joined}
         unit |= dict.fromkeys(members, str(team))
     return unit
 
 
 def name_units(rows: pd.DataFrame, units: Mapping[str, str]) -> pd.DataFrame:
     """Rows with their unit in the place of the participant, so that whatever clusters by participant does by team."""
-    return rows.assign(participant=rows["participant"].map(lambda who: units.get(str(who), str(who))))
+    return rows.assign(participant=rows["participant"].map(lambda code: units.get(str(code), str(code))))

@@ -86,21 +86,21 @@ def score_player(
     of_player = _draw_weights(rng, len(player.success), draws)
     of_reference = _draw_weights(rng, len(reference.success), draws)
     of_floor = None if floor is None else _draw_weights(rng, len(floor.success), draws)
-    means, theirs = (
+    means, reference_means = (
         {
-            name: _weighted_mean(getattr(who, name), weights, level_weights)
+            name: _weighted_mean(getattr(runs, name), weights, level_weights)
             for name in ("success", "efficiency", "steps")
         }
-        for who, weights in ((player, of_player), (reference, of_reference))
+        for runs, weights in ((player, of_player), (reference, of_reference))
     )
     if floor is None:
         least = np.zeros(draws + 1)
     else:
         least = _weighted_mean(floor.efficiency, of_floor, level_weights)
     with np.errstate(invalid="ignore", divide="ignore"):
-        normalised = (means["efficiency"] - least) / (theirs["efficiency"] - least)
-        relative = theirs["steps"] / means["steps"]
-    differences = means["success"] - theirs["success"]
+        normalised = (means["efficiency"] - least) / (reference_means["efficiency"] - least)
+        relative = reference_means["steps"] / means["steps"]
+    differences = means["success"] - reference_means["success"]
     if player is reference:  # one value by definition; the spread is that of people against their mean
         normalised[0] = relative[0] = 1.0
     return PlayerScore(
@@ -115,8 +115,8 @@ def score_player(
 
 def _draw_weights(rng: np.random.Generator, count: int, draws: int) -> Array:
     """How often each of ``count`` is in each draw, (draws + 1, count); the first draw is the sample itself."""
-    drawn = rng.multinomial(count, np.full(count, 1 / count), size=draws).astype(float)
-    return np.concatenate([np.ones((1, count)), drawn])
+    resamples = rng.multinomial(count, np.full(count, 1 / count), size=draws).astype(float)
+    return np.concatenate([np.ones((1, count)), resamples])
 
 
 def _weighted_mean(values: Array, rows: Array | None, columns: Array) -> Array:
@@ -130,16 +130,16 @@ def _weighted_mean(values: Array, rows: Array | None, columns: Array) -> Array:
     return mean
 
 
-def _excludes(drawn: Array, value: float) -> bool:
+def _excludes(draws: Array, value: float) -> bool:
     """Whether the interval of 97.5 %, one of two tests, leaves out a value; False where it cannot be known."""
-    interval = _estimate(drawn, share=0.975)
+    interval = _estimate(draws, share=0.975)
     return interval.high < value or interval.low > value
 
 
-def _estimate(drawn: Array, least: float = -np.inf, most: float = np.inf, *, share: float = 0.95) -> Estimate:
+def _estimate(draws: Array, least: float = -np.inf, most: float = np.inf, *, share: float = 0.95) -> Estimate:
     """The sample's value, and the percentile interval of the draws."""
-    known = drawn[1:][np.isfinite(drawn[1:])]
-    if not len(known) or not np.isfinite(drawn[0]):
-        return Estimate(float(drawn[0]), np.nan, np.nan)
+    known = draws[1:][np.isfinite(draws[1:])]
+    if not len(known) or not np.isfinite(draws[0]):
+        return Estimate(float(draws[0]), np.nan, np.nan)
     low, high = np.quantile(known, ((1 - share) / 2, (1 + share) / 2))
-    return Estimate(float(drawn[0]), float(max(least, low)), float(min(most, high)))
+    return Estimate(float(draws[0]), float(max(least, low)), float(min(most, high)))

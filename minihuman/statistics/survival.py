@@ -58,7 +58,7 @@ class SurvivalComparison:
     """Two groups' waiting, first minus second."""
 
     n: tuple[int, int]
-    never: tuple[int, int]  # to whom it had not come
+    censored: tuple[int, int]  # to whom it had not come
     until: float  # restricted means look at the time up to here: as far as both groups' curves are known
     means: tuple[float, float]  # restricted means
     difference: float
@@ -67,10 +67,10 @@ class SurvivalComparison:
     logrank_p: float
 
 
-def kaplan_meier(waited: SurvivalTimes) -> SurvivalCurve:
+def kaplan_meier(survival_times: SurvivalTimes) -> SurvivalCurve:
     """The Kaplan-Meier curve."""
-    times, observed = np.unique(waited.times[waited.observed], return_counts=True)
-    at_risk = waited.waiting(times)
+    times, observed = np.unique(survival_times.times[survival_times.observed], return_counts=True)
+    at_risk = survival_times.waiting(times)
     share: Values = np.cumprod(1 - observed / at_risk).astype(np.float64)
     return SurvivalCurve(times, share, at_risk)
 
@@ -85,24 +85,24 @@ def compare_survival(first: SurvivalTimes, second: SurvivalTimes) -> SurvivalCom
     n = len(first.times), len(second.times)
     if min(n) < 2:
         return None
-    waited = SurvivalTimes(
+    pooled = SurvivalTimes(
         np.concatenate([first.times, second.times]), np.concatenate([first.observed, second.observed])
     )
-    own = _compare_means(waited, (np.arange(sum(n)) < n[0])[None].astype(float))
+    own = _compare_means(pooled, (np.arange(sum(n)) < n[0])[None].astype(float))
     means = float(own.means[0][0]), float(own.means[1][0])
-    interval, p = _test(waited, n, own)
-    never = int((~first.observed).sum()), int((~second.observed).sum())
+    interval, p = _test(pooled, n, own)
+    censored = int((~first.observed).sum()), int((~second.observed).sum())
     return SurvivalComparison(
-        n, never, float(own.until[0]), means, means[0] - means[1], interval, p, logrank_p(first, second)
+        n, censored, float(own.until[0]), means, means[0] - means[1], interval, p, logrank_p(first, second)
     )
 
 
-def _test(waited: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") -> tuple[tuple[float, float], float]:
+def _test(pooled: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") -> tuple[tuple[float, float], float]:
     """The interval of the difference and its p; NaN below LEAST_EVENTS, or where no difference could have p < 0.05."""
     refused = (math.nan, math.nan), math.nan
     if not own.enough[0] or not own.error[0] > 0:
         return refused
-    apart = np.sort(_draw_differences(waited, n))[::-1]
+    apart = np.sort(_draw_differences(pooled, n))[::-1]
     extra = int(count_regroupings(*n) > RESAMPLES)  # the groups as they were
     rank = math.ceil(ALPHA * (len(apart) + extra)) - extra
     if rank < 1 or not math.isfinite(apart[rank - 1]):
@@ -120,17 +120,19 @@ def _test(waited: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") ->
     return (difference - half, difference + half), p
 
 
-def _draw_differences(waited: SurvivalTimes, n: tuple[int, int]) -> Values:
+def _draw_differences(pooled: SurvivalTimes, n: tuple[int, int]) -> Values:
     """Each regrouping's difference in standard errors; with many events from their limit."""
-    if has_limit(*n, int(waited.observed.sum())):
+    if has_limit(*n, int(pooled.observed.sum())):
         return np.abs(np.random.default_rng(SEED).standard_normal(RESAMPLES))
-    drawn = [
-        _compare_means(waited, part)
+    batches = [
+        _compare_means(pooled, part)
         for members in draw_regroupings(*n)
         for part in np.array_split(members, members.size // _AT_ONCE + 1)
     ]
-    enough = np.concatenate([one.enough for one in drawn])  # those that would be refused say nothing of this study
-    apart: Values = np.concatenate([one.apart for one in drawn])[enough]
+    enough = np.concatenate(
+        [batch.enough for batch in batches]
+    )  # those that would be refused say nothing of this study
+    apart: Values = np.concatenate([batch.apart for batch in batches])[enough]
     return apart
 
 
@@ -155,20 +157,20 @@ class _RestrictedMeans:
             return np.where(difference <= _TIES * self.until, 0.0, difference / self.error)
 
 
-def _compare_means(waited: SurvivalTimes, members: Values) -> _RestrictedMeans:
+def _compare_means(pooled: SurvivalTimes, members: Values) -> _RestrictedMeans:
     """The restricted means of two groups; ``members`` is (regroupings, n), 1 for participants in the first."""
-    times, place = np.unique(waited.times, return_inverse=True)
+    times, place = np.unique(pooled.times, return_inverse=True)
     at = scipy.sparse.csr_array((np.ones(len(place)), (place, np.arange(len(place)))), (len(times), len(place)))
-    whole = np.bincount(place)
-    events = at @ waited.observed
+    totals = np.bincount(place)
+    events = at @ pooled.observed
     first = members.T
-    left, came = (np.asarray(at @ each, np.float64) for each in (first, waited.observed[:, None] * first))
-    groups = [_Group.follow(left, came), _Group.follow(whole[:, None] - left, events[:, None] - came)]
-    until = np.minimum(np.minimum(*(one.known_until(times) for one in groups)), times[-1])
+    left, came = (np.asarray(at @ columns, np.float64) for columns in (first, pooled.observed[:, None] * first))
+    groups = [_Group.follow(left, came), _Group.follow(totals[:, None] - left, events[:, None] - came)]
+    until = np.minimum(np.minimum(*(group.known_until(times) for group in groups)), times[-1])
     width = np.diff(np.minimum(times[:, None], until), axis=0, prepend=0.0)
     inside = times[:, None] <= until
-    enough = np.logical_and(*((one.came * inside).sum(axis=0) >= LEAST_EVENTS for one in groups))
-    (mean, part), (other_mean, other_part) = (one.mean_and_error(width) for one in groups)
+    enough = np.logical_and(*((group.came * inside).sum(axis=0) >= LEAST_EVENTS for group in groups))
+    (mean, part), (other_mean, other_part) = (group.mean_and_error(width) for group in groups)
     return _RestrictedMeans(until, (mean, other_mean), (part, other_part), enough)
 
 
@@ -195,22 +197,22 @@ class _Group:
         area = width.copy()
         area[1:] *= self.share[:-1]
         area = np.cumsum(area, axis=0)
-        rest = area[-1] - area
+        later_area = area[-1] - area
         size = float(self.at_risk[0, 0])
-        variance = (rest**2 * self.came / np.maximum(self.at_risk * (self.at_risk - self.came), 1)).sum(axis=0)
+        variance = (later_area**2 * self.came / np.maximum(self.at_risk * (self.at_risk - self.came), 1)).sum(axis=0)
         return area[-1], variance * size / (size - 1)
 
 
 def logrank_p(first: SurvivalTimes, second: SurvivalTimes) -> float:
     """The two-sided p of the log-rank test (Mantel, 1966): that both groups wait alike. NaN where nothing tells it."""
-    whole = np.concatenate([first.times[first.observed], second.times[second.observed]])
-    times, observed = np.unique(whole, return_counts=True)
-    a, b = (waited.waiting(times).astype(np.float64) for waited in (first, second))
+    event_times = np.concatenate([first.times[first.observed], second.times[second.observed]])
+    times, observed = np.unique(event_times, return_counts=True)
+    a, b = (group.waiting(times).astype(np.float64) for group in (first, second))
     n = a + b
     expected = float((a * observed / n).sum())
-    several = n > 1  # with one left nothing varies
+    varies = n > 1  # with one left nothing varies
     spread = a * b * observed * (n - observed)
-    variance = float((spread[several] / (n[several] ** 2 * (n[several] - 1))).sum())
+    variance = float((spread[varies] / (n[varies] ** 2 * (n[varies] - 1))).sum())
     if not variance > 0:
         return math.nan
     return float(2 * scipy.special.ndtr(-abs(first.observed.sum() - expected) / math.sqrt(variance)))

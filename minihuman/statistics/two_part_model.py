@@ -57,39 +57,46 @@ class TwoPartComparison:
 
 def has_mass_at_zero(values: Values) -> bool:
     """Whether a measure of single episodes is 0 in some and above 0 in others."""
-    told = values[~np.isnan(values)]
-    return bool(len(told) and (told == 0).any() and (told > 0).any() and told.min() >= 0)
+    known = values[~np.isnan(values)]
+    return bool(len(known) and (known == 0).any() and (known > 0).any() and known.min() >= 0)
 
 
 def compare_two_parts(rows: pd.DataFrame, measure: str, groups: tuple[str, str]) -> TwoPartComparison:
     """Compare two groups; ``rows`` has one row an episode, with group, participant and the measure."""
-    told = {group: _each(rows[rows["group"].astype(str) == group], measure) for group in groups}
-    above = {group: [one[one > 0] for one in each if (one > 0).any()] for group, each in told.items()}
+    episodes = {group: _each(rows[rows["group"].astype(str) == group], measure) for group in groups}
+    above = {
+        group: [person[person > 0] for person in people if (person > 0).any()] for group, people in episodes.items()
+    }
     a, b = groups
-    n = len(told[a]), len(told[b])
+    n = len(episodes[a]), len(episodes[b])
     shares = tuple(
-        float(np.mean([one > 0 for each in told[g] for one in each])) if told[g] else math.nan for g in groups
+        float(np.mean([reward > 0 for person in episodes[g] for reward in person])) if episodes[g] else math.nan
+        for g in groups
     )
-    few = next((f"fewer than {LEAST} people in {name}" for name in groups if len(told[name]) < LEAST), "")
+    too_few = next((f"fewer than {LEAST} people in {name}" for name in groups if len(episodes[name]) < LEAST), "")
     stuck = next(
         (f"no episode of {name} is at 0" for name, share in zip(groups, shares, strict=True) if share == 1), ""
     )
     stuck = stuck or next(
         (f"every episode of {name} is at 0" for name, share in zip(groups, shares, strict=True) if share == 0), ""
     )
-    thin = next((f"fewer than {LEAST} people of {name} are above 0" for name in groups if len(above[name]) < LEAST), "")
-    happened = {group: [(each > 0).astype(float) for each in told[group]] for group in groups}
+    too_few_above = next(
+        (f"fewer than {LEAST} people of {name} are above 0" for name in groups if len(above[name]) < LEAST), ""
+    )
+    happened = {group: [(person > 0).astype(float) for person in episodes[group]] for group in groups}
     people = {group: summarise_people(rows[rows["group"].astype(str) == group], measure) for group in groups}
     return TwoPartComparison(
         first=a,
         second=b,
         n=n,
         shares=(shares[0], shares[1]),
-        any=_missing(few or stuck)
-        if few or stuck
+        any=_missing(too_few or stuck)
+        if too_few or stuck
         else _compared(fit_gee(happened[a], odds=True), fit_gee(happened[b], odds=True)),
-        amount=_missing(few or thin) if few or thin else _compared(fit_gee(above[a]), fit_gee(above[b])),
-        p=math.nan if few else two_parts_p(people[a], people[b]),
+        amount=_missing(too_few or too_few_above)
+        if too_few or too_few_above
+        else _compared(fit_gee(above[a]), fit_gee(above[b])),
+        p=math.nan if too_few else two_parts_p(people[a], people[b]),
     )
 
 
@@ -111,7 +118,7 @@ def fit_gee(people: Sequence[Values], *, odds: bool = False) -> Marginal:
     one less its weight.
     """
     values = np.concatenate(people)
-    n = np.array([len(one) for one in people], float)
+    n = np.array([len(person) for person in people], float)
     starts = np.concatenate([[0], np.cumsum(n[:-1])]).astype(int)
     means = np.add.reduceat(values, starts) / n
     pairs = float((n * (n - 1) / 2).sum())
@@ -141,27 +148,27 @@ def _compared(a: Marginal, b: Marginal) -> PartComparison:
     apart = a.at - b.at
     error = math.sqrt(sum(parts))
     half = float(scipy.special.stdtrit(freedom, (1 + LEVEL) / 2)) * error
-    told: Callable[[float], float] = math.exp if a.odds else float
+    transform: Callable[[float], float] = math.exp if a.odds else float
     p = float(2 * scipy.special.stdtr(freedom, -abs(apart) / error))
-    return PartComparison(told(apart), (told(apart - half), told(min(apart + half, 700.0))), p)
+    return PartComparison(transform(apart), (transform(apart - half), transform(min(apart + half, 700.0))), p)
 
 
 def _each(rows: pd.DataFrame, measure: str) -> list[Values]:
     """Each person's episodes."""
-    told = rows.dropna(subset=[measure]).sort_values("participant", kind="stable")
-    who = told["participant"].to_numpy()
-    if len(told):
-        return np.split(told[measure].to_numpy(np.float64), np.flatnonzero(who[1:] != who[:-1]) + 1)
+    known = rows.dropna(subset=[measure]).sort_values("participant", kind="stable")
+    participants = known["participant"].to_numpy()
+    if len(known):
+        return np.split(known[measure].to_numpy(np.float64), np.flatnonzero(participants[1:] != participants[:-1]) + 1)
     return []
 
 
 def summarise_people(rows: pd.DataFrame, measure: str) -> Values:
     """One row a person, (n, 2): the share of episodes above 0, and the mean of those; NaN for who has none."""
     above = rows[measure].where(rows[measure] > 0)
-    each = pd.DataFrame({"who": rows["participant"], "any": above.notna().astype(float), "amount": above}).groupby(
+    by_person = pd.DataFrame({"who": rows["participant"], "any": above.notna().astype(float), "amount": above}).groupby(
         "who"
     )
-    return np.column_stack([each["any"].mean(), each["amount"].mean()])
+    return np.column_stack([by_person["any"].mean(), by_person["amount"].mean()])
 
 
 def two_parts_p(a: Values, b: Values) -> float:
@@ -174,7 +181,8 @@ def two_parts_p(a: Values, b: Values) -> float:
         return _limit_p(together, n, float(observed))
     if count_regroupings(n, total - n) <= RESAMPLES:
         every = [
-            [*one, *(place for place in range(total) if place not in one)] for one in combinations(range(total), n)
+            [*members, *(place for place in range(total) if place not in members)]
+            for members in combinations(range(total), n)
         ]
         return float((_sum_of_squares(together[np.array(every)], n) >= observed - 1e-9).mean())
     rng = np.random.default_rng(SEED)
@@ -213,8 +221,8 @@ def _welch_squared(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np
     (mean_a, error_a), (mean_b, error_b) = _mean_and_error(a), _mean_and_error(b)
     apart = mean_a - mean_b
     error = error_a + error_b
-    found = np.where(np.abs(apart) < 1e-12, 0.0, apart**2 / np.maximum(error, 1e-12))
-    return np.where(np.isnan(found), 0.0, found)
+    squared_t = np.where(np.abs(apart) < 1e-12, 0.0, apart**2 / np.maximum(error, 1e-12))
+    return np.where(np.isnan(squared_t), 0.0, squared_t)
 
 
 def _mean_and_error(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -222,11 +230,11 @@ def _mean_and_error(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], N
     known = ~np.isnan(values)
     n = known.sum(axis=1)
     enough = n > 1
-    counted = np.where(enough, n, 2)
+    counts = np.where(enough, n, 2)
     filled = np.where(known, values, 0.0)
-    mean = filled.sum(axis=1) / counted
+    mean = filled.sum(axis=1) / counts
     squares = (np.where(known, values - mean[:, None], 0.0) ** 2).sum(axis=1)
-    error = squares / (counted - 1) / counted
+    error = squares / (counts - 1) / counts
     return np.where(enough, mean, np.nan), np.where(enough, error, np.nan)
 
 

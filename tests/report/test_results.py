@@ -156,7 +156,7 @@ def test_who_never_found_every_key_is_waited_for_to_the_last_step():
     (found,) = compute_block_results("grid", rows, episodes, ["a", "b"], AnalysisSpec()).waits.compared
     a, b, compared = found
     assert (a, b) == ("a", "b")
-    assert compared.never == (0, 12)
+    assert compared.censored == (0, 12)
     assert compared.difference == pytest.approx(5.0 - 30.0)
     assert compared.logrank_p < 0.001
     assert math.isnan(compared.p), "nobody of b found them: no mean can be told from another"
