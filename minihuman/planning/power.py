@@ -32,8 +32,9 @@ from minihuman.figures.style import COLUMN_CM, MUTED, SERIES, figure_style, save
 from minihuman.operating_system import count_processes
 from minihuman.runtime.simulated_session import simulate
 from minihuman.simulation.participant import NoPress, SimulatedParticipant, make_participant
-from minihuman.statistics.comparison import Values, permutation_tests
+from minihuman.statistics.permutation import permutation_tests
 from minihuman.statistics.scores import wilson_interval
+from minihuman.statistics.t_tests import Values
 from minihuman.statistics.two_part_model import summarise_people, two_parts_p
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.outcomes import OutcomeJudge

@@ -16,7 +16,7 @@ from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.protocol.study_design import derive_design
-from minihuman.reporting.results import FORMULAS, MEASURES as MEANINGS, ONLY_IF_NAMED, label_measure
+from minihuman.reporting.block_measures import FORMULAS, MEASURES as MEANINGS, ONLY_IF_NAMED, label_measure
 from minihuman.storage.durable_files import write_atomically
 
 _POWER = {  # what the block table calls a measure, and what power does

@@ -23,23 +23,15 @@ from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign, derive_design
 from minihuman.planning.power import ALPHA, PowerEstimate, tabulate_power
+from minihuman.reporting.block_measures import assign_roles, list_default_measures, set_measures_aside, take_logarithms
+from minihuman.reporting.block_results import compare_measures, list_changes
 from minihuman.reporting.interactions import InteractionResults, compute_interaction
-from minihuman.reporting.results import (
-    assign_roles,
-    compare_measures,
-    compare_within,
-    find_target_block,
-    list_changes,
-    list_default_measures,
-    name_conditions,
-    set_measures_aside,
-    take_logarithms,
-    unite_teams,
-)
+from minihuman.reporting.results import find_target_block
 from minihuman.reporting.study_measures import add_measures
+from minihuman.reporting.within_results import compare_within, name_conditions, unite_teams
 from minihuman.runtime.simulated_session import simulate
-from minihuman.statistics.comparison import find_units, name_units
 from minihuman.statistics.scores import wilson_interval
+from minihuman.statistics.units import find_units, name_units
 
 COMPARISONS = ("groups", "conditions", "interaction", "change")
 _TABLES = ("blocks", "episodes", "participants", "answers", "parts", "points", "teams")

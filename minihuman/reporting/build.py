@@ -20,18 +20,14 @@ from minihuman.reporting.activity_sections import (
     build_activity_sections,
     join_sections,
 )
+from minihuman.reporting.block_results import BlockResults
+from minihuman.reporting.exclusions import exclude_practice_alone, list_exclusions
+from minihuman.reporting.instruction_clauses import ATTEMPT_COLUMNS, count_clauses
 from minihuman.reporting.interactions import choose_first_block, compute_interaction
 from minihuman.reporting.methods import build_methods, find_known_keys
 from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
-from minihuman.reporting.results import (
-    BlockResults,
-    Results,
-    compute_results,
-    exclude_practice_alone,
-    leave_out_navigation,
-    list_exclusions,
-    unite_teams,
-)
+from minihuman.reporting.participant_flow import flow_section
+from minihuman.reporting.results import Results, compute_results, leave_out_navigation
 from minihuman.reporting.scorecard import (
     PlayerRows,
     compose_scorecard,
@@ -41,7 +37,6 @@ from minihuman.reporting.scorecard import (
     write_score_table,
 )
 from minihuman.reporting.scripts import write_scripts
-from minihuman.reporting.sections import ATTEMPT_COLUMNS, count_clauses, flow_section
 from minihuman.reporting.study_figures import (
     CURVES,
     REACTION_TIME_QUERY,
@@ -55,6 +50,7 @@ from minihuman.reporting.study_figures import (
 )
 from minihuman.reporting.study_measures import add_measures
 from minihuman.reporting.template import ReportFigure
+from minihuman.reporting.within_results import unite_teams
 from minihuman.statistics.paired import MixedModel, fit_mixed_model
 
 _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study has many episodes

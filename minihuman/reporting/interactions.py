@@ -14,14 +14,8 @@ import pandas as pd
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import Contrast, ExperimentDesign
-from minihuman.reporting.results import (
-    Results,
-    Role,
-    assign_roles,
-    label_measure,
-    list_default_measures,
-    take_logarithms,
-)
+from minihuman.reporting.block_measures import Role, assign_roles, label_measure, list_default_measures, take_logarithms
+from minihuman.reporting.results import Results
 from minihuman.reporting.template import (
     Table,
     format_difference,
@@ -31,14 +25,9 @@ from minihuman.reporting.template import (
     format_pair,
     format_with_interval,
 )
-from minihuman.statistics.comparison import (
-    GroupComparison,
-    compare_pair,
-    correct_comparisons,
-    holm_correction,
-    permutation_tests,
-)
+from minihuman.statistics.comparison import GroupComparison, compare_pair, correct_comparisons, holm_correction
 from minihuman.statistics.interaction import InteractionTest, compare_contrast_scores
+from minihuman.statistics.permutation import permutation_tests
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 import minihuman
 from minihuman.errors import ReportError
-from minihuman.reporting.results import Results, label_measure
+from minihuman.reporting.block_measures import label_measure
+from minihuman.reporting.results import Results
 
 _FILES = {"r": "analysis.R", "python": "analysis.py"}
 

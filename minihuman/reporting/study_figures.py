@@ -16,8 +16,9 @@ from minihuman.figures.figure_data import (
     group_by_block,
     name_measure,
 )
+from minihuman.reporting.block_measures import label_measure
 from minihuman.reporting.interactions import InteractionResults
-from minihuman.reporting.results import Results, label_measure
+from minihuman.reporting.results import Results
 from minihuman.reporting.template import ReportFigure, format_pair
 
 CURVES = (

@@ -13,7 +13,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from minihuman.statistics.comparison import RESAMPLES, SEED, Values
+from minihuman.statistics.regroupings import RESAMPLES, SEED
+from minihuman.statistics.t_tests import Values
 
 _AT_ONCE = 400_000  # scores permuted at a time
 _SINGULAR = 1e-10  # of the largest eigenvalue of all scores' covariance, a share that rounding leaves of none

@@ -13,16 +13,10 @@ import pandas as pd
 import scipy
 from numpy.typing import NDArray
 
-from minihuman.statistics.comparison import (
-    ALPHA,
-    LEVEL,
-    RESAMPLES,
-    SEED,
-    Values,
-    compare_means,
-    holm_correction,
-    invert_test,
-)
+from minihuman.statistics.comparison import holm_correction
+from minihuman.statistics.permutation import ALPHA, invert_test
+from minihuman.statistics.regroupings import RESAMPLES, SEED
+from minihuman.statistics.t_tests import LEVEL, Values, compare_means
 
 _EXHAUSTIVE = 13  # differences, up to which all 2^n sign flips are taken
 _TIES = 1e-9

@@ -9,16 +9,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from minihuman.statistics.comparison import (
-    ALPHA,
-    RESAMPLES,
-    SEED,
-    Values,
-    count_regroupings,
-    draw_regroupings,
-    floor_freedom,
-    has_limit,
-)
+from minihuman.statistics.permutation import ALPHA, floor_freedom
+from minihuman.statistics.regroupings import RESAMPLES, SEED, count_regroupings, draw_regroupings, has_limit
+from minihuman.statistics.t_tests import Values
 
 LEAST_EVENTS = 5  # a group, below which a restricted mean is too uncertain for an interval and a p
 _TIES = 1e-9  # by so much, relative, may two equal differences come out apart

@@ -15,14 +15,8 @@ import pandas as pd
 import scipy
 from numpy.typing import NDArray
 
-from minihuman.statistics.comparison import (
-    RESAMPLES,
-    SEED,
-    Values,
-    count_regroupings,
-    draw_totals,
-    has_limit,
-)
+from minihuman.statistics.regroupings import RESAMPLES, SEED, count_regroupings, draw_totals, has_limit
+from minihuman.statistics.t_tests import Values
 
 LEVEL = 0.95
 LEAST = 3  # people a group, below whom no covariance between people is told

@@ -6,16 +6,12 @@ import pytest
 
 from minihuman.experiment.protocol import specs
 from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.reporting.block_measures import FORMULAS, MEASURES
+from minihuman.reporting.block_results import compute_block_results, summarise_group_rewards
+from minihuman.reporting.exclusions import list_exclusions
 from minihuman.reporting.page import read_published_subjects
-from minihuman.reporting.results import (
-    FORMULAS,
-    MEASURES,
-    compute_block_results,
-    find_target_block,
-    list_exclusions,
-    summarise_group_rewards,
-)
-from minihuman.reporting.sections import difference_statement
+from minihuman.reporting.results import find_target_block
+from minihuman.reporting.statements import difference_statement
 from minihuman.statistics.survival import kaplan_meier
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from minihuman.statistics.comparison import permutation_tests
+from minihuman.statistics.permutation import permutation_tests
 from minihuman.statistics.survival import SurvivalTimes, compare_survival, kaplan_meier, logrank_p
 from tests.counts import count
 
