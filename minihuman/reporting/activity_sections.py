@@ -50,7 +50,7 @@ class ReportSection:
 
     @property
     def anchor(self) -> str:
-        """The heading's name in links."""
+        """Return the heading's name in links."""
         return self.title.lower().replace(" ", "-")
 
 
@@ -100,7 +100,7 @@ class SectionSource:
 
     @cached_property
     def _logs(self) -> dict[tuple[str, int], SessionLog]:
-        """Every session's included episodes; read once, whichever sections ask."""
+        """Read every session's included episodes, once, whichever sections ask."""
         asked_for = (session for session in self._tables.sessions if session.outline is not None)
         selected = (self._tables.read_session(session) for session in asked_for)
         logs = [session.session for session in selected if session.places]

@@ -257,8 +257,9 @@ def estimate_reliabilities(episodes: pd.DataFrame, measures: Sequence[str]) -> I
             continue
         values = episodes[column].astype(float)
         if name in LOG_MEASURES:
-            values = np.log(values.where(values > 0))
-        with_values = episodes.assign(value=values)
+            with_values = episodes.assign(value=np.log(values.where(values > 0)))
+        else:
+            with_values = episodes.assign(value=values)
         reliability = estimate_reliability(name, with_values[["group", "participant", "value"]])
         if reliability is not None:
             yield reliability

@@ -71,11 +71,12 @@ class PressTimes:
 
 
 def read_key_times(log: SessionLog) -> PressTimes:
-    """A session's key times, of the episodes that a person's seat played."""
-    parts = [part for episode in log.episodes if (part := _read_episode(episode)) is not None]
+    """Read a session's key times, of the episodes that a person's seat played."""
+    parts = [part for part in map(_read_episode, log.episodes) if part is not None]
     joined = [np.concatenate([np.empty(0), *column]) for column in zip(*parts, strict=True)] or [np.empty(0)] * 5
     intervals, same, firsts, holds, overlaps = joined
-    return PressTimes(intervals, same.astype(bool), firsts, holds, float(overlaps.mean()) if len(overlaps) else np.nan)
+    overlap = float(overlaps.mean()) if len(overlaps) else np.nan
+    return PressTimes(intervals, same.astype(bool), firsts, holds, overlap)
 
 
 def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
@@ -107,7 +108,7 @@ def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
 
 
 def measure_key_times(times: PressTimes) -> dict[str, float]:
-    """The measures of `MEASURES`; NaN where there is too little, none at all with too few intervals."""
+    """Compute the measures of `MEASURES`; NaN where there is too little, none at all with too few intervals."""
     known = ~np.isnan(times.intervals_ms)
     intervals = np.maximum(times.intervals_ms, 0.1)
     if known.sum() < N_INTERVALS:
@@ -150,7 +151,7 @@ def _compare(first: Array, second: Array) -> float:
 
 
 def place_in_bin(name: str, value: float) -> int:
-    """The bin of a measure's histogram that holds a value."""
+    """Return the bin of a measure's histogram that holds a value."""
     _, low, high = MEASURES[name]
     return int(np.clip((value - low) / (high - low) * BINS, 0, BINS - 1))
 
@@ -158,7 +159,7 @@ def place_in_bin(name: str, value: float) -> int:
 def weigh_measures(
     measured: Mapping[str, float], model: Mapping[str, Any], *, bound: float = BOUND
 ) -> tuple[float, dict[str, float]]:
-    """log10 of the likelihood ratio of a person against a program, and what each measure adds to it.
+    """Compute log10 of the likelihood ratio of a person against a program, and what each measure adds to it.
 
     A measure's share is that between the kind of person and the kind of program that fit best.
 
@@ -184,7 +185,7 @@ def weigh_measures(
 
 @cache
 def load_model() -> dict[str, Any]:
-    """The fitted model that comes with the package."""
+    """Load the fitted model that comes with the package."""
     text = (files("minihuman.reporting") / "data" / "bots.json").read_text(encoding="utf-8")
     model: dict[str, Any] = json.loads(text)
     return model
@@ -205,14 +206,20 @@ class Evidence:
     decision: str  # a reviewer's annotations of the whole session
 
     def line(self) -> str:
-        """The verdict in one line; ``facts`` and ``reasons`` say why."""
-        ratio = "too few keys"
-        if self.log10_ratio is not None:
-            odds = f"{10 ** abs(self.log10_ratio):.2g}"
-            ratio = f"person : program = {f'{odds} : 1' if self.log10_ratio >= 0 else f'1 : {odds}'}"
+        """State the verdict in one line; ``facts`` and ``reasons`` say why."""
         verdict = "FLAGGED" if self.flagged else "-"
-        decided = f"; annotated {self.decision}" if self.decision else ""
-        return f"{self.participant} session {self.session}: {verdict}  {ratio}{decided}"
+        line = f"{self.participant} session {self.session}: {verdict}  {self._format_ratio()}"
+        if self.decision:
+            line += f"; annotated {self.decision}"
+        return line
+
+    def _format_ratio(self) -> str:
+        if self.log10_ratio is None:
+            return "too few keys"
+        odds = f"{10 ** abs(self.log10_ratio):.2g}"
+        if self.log10_ratio >= 0:
+            return f"person : program = {odds} : 1"
+        return f"person : program = 1 : {odds}"
 
 
 def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False) -> Iterator[Evidence]:
@@ -226,10 +233,14 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
     copies = find_same_times([times for _, _, times in read])
     for number, (log, marks, times) in enumerate(read):
         measured = measure_key_times(times)
-        total, shares = weigh_measures(measured, load_model()) if measured else (None, {})
+        total: float | None = None
+        shares: dict[str, float] = {}
+        if measured:
+            total, shares = weigh_measures(measured, load_model())
         facts = list(_find_facts(log, typing=typing))
-        if (other := copies.get(number)) is not None:
-            name = f"{read[other][0].plan.participant.id} session {read[other][0].plan.session}"
+        if number in copies:
+            plan = read[copies[number]][0].plan
+            name = f"{plan.participant.id} session {plan.session}"
             facts.append(f"{_SAME_RUN} times in a row within {_SAME_MS:g} ms of those of {name}")
         flagged = bool(facts) or (total is not None and total <= FLAG)
         strongest = sorted(shares, key=lambda name: -shares[name] * np.sign(total or 1))[:3]
@@ -247,31 +258,37 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
 
 
 def _find_facts(log: SessionLog, *, typing: bool) -> Iterator[str]:
+    """Yield what flags a session by itself: scripted keys, keys without focus, pasted answers."""
     scripted = sum(
         isinstance(note, Noted) and note.kind == BROWSER_NOTE and note.text.endswith("made by a script")
         for note in log.notes
     )
     if scripted:
         yield f"{scripted} key events were made by a script (isTrusted)"
-    focus = [note for note in log.notes if isinstance(note, Noted) and note.kind == "focus"]
-    changes = [(note.t_ns, note.text == "lost") for note in focus]
-    if changes:
-        presses = log.keys
-        t_ns = np.asarray(presses.column("t_ns"))[np.asarray(presses.column("down"), bool)]
-        places = np.searchsorted([t for t, _ in changes], t_ns)
-        blind = int(np.append(False, [lost for _, lost in changes])[places].sum())
-        if blind:
-            yield f"{blind} keys were pressed while the page had no focus"
+    without_focus = _count_keys_without_focus(log)
+    if without_focus:
+        yield f"{without_focus} keys were pressed while the page had no focus"
     if typing:
         at_once = [len(event.text) for event in log.part_events if isinstance(event, TextTyped)]
-    else:
-        at_once = []
-    if at_once and max(at_once) >= _ANSWER_AT_ONCE:
-        yield f"{max(at_once)} characters of an answer came at once: pasted, dictated or made by a program"
+        longest = max(at_once, default=0)
+        if longest >= _ANSWER_AT_ONCE:
+            yield f"{longest} characters of an answer came at once: pasted, dictated or made by a program"
+
+
+def _count_keys_without_focus(log: SessionLog) -> int:
+    """Count the keys that were pressed while the page had no focus."""
+    focus = [note for note in log.notes if isinstance(note, Noted) and note.kind == "focus"]
+    changes = [(note.t_ns, note.text == "lost") for note in focus]
+    if not changes:
+        return 0
+    presses = log.keys
+    t_ns = np.asarray(presses.column("t_ns"))[np.asarray(presses.column("down"), bool)]
+    places = np.searchsorted([change_ns for change_ns, _ in changes], t_ns)
+    return int(np.append(False, [lost for _, lost in changes])[places].sum())
 
 
 def find_same_times(times: list[PressTimes]) -> dict[int, int]:
-    """Which sessions have a run of key times that another one has too, and which one: a log that was replayed."""
+    """Find the sessions with a run of key times that another has too, and which: logs that were replayed."""
     rows = [np.empty((0, _SAME_RUN))]
     owners = [np.empty(0, int)]
     for number, press_times in enumerate(times):
@@ -281,10 +298,12 @@ def find_same_times(times: list[PressTimes]) -> dict[int, int]:
             rows.append(varied)
             owners.append(np.full(len(varied), number))
     owner = np.concatenate(owners)
-    pairs = scipy.spatial.cKDTree(np.concatenate(rows)).query_pairs(_SAME_MS, p=np.inf, output_type="ndarray")
-    session_pairs = owner[pairs]
-    if len(session_pairs):
-        apart = session_pairs[session_pairs[:, 0] != session_pairs[:, 1]]
-    else:
-        apart = np.empty((0, 2), int)
-    return {int(session): int(other) for first in (apart, apart[:, ::-1]) for session, other in first[::-1]}
+    run_pairs = scipy.spatial.cKDTree(np.concatenate(rows)).query_pairs(_SAME_MS, p=np.inf, output_type="ndarray")
+    session_pairs = owner[run_pairs]
+    if not len(session_pairs):
+        return {}
+    apart = session_pairs[session_pairs[:, 0] != session_pairs[:, 1]]
+    copies: dict[int, int] = {}
+    for pairs in (apart, apart[:, ::-1]):
+        copies |= {int(session): int(other) for session, other in pairs[::-1]}  # the first pair of a session counts
+    return copies

@@ -169,7 +169,8 @@ def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path)
     blocks = tables.frame("blocks")
     practice = find_practice(protocols, tables.frame("participants", ["group"])["group"].unique())
     sections = build_activity_sections(SectionSource(tables, figures, practice))
-    if measures := analysis.find_plugin_measures():
+    measures = analysis.find_plugin_measures()
+    if measures:
         tables_by_name = {name: tables.frame(name) for name in names}
         for section in sections:
             tables_by_name |= section.measure_tables
@@ -266,16 +267,16 @@ def _gather_content(
 
 
 def _fit_mixed(episodes: pd.DataFrame, block_results: BlockResults) -> MixedModel | None:
-    """The mixed model of what a block's growth is of; None of teams, whose members' episodes are the same ones."""
+    """Fit the mixed model of a block's growth; None of teams, whose members' episodes are the same ones."""
     if block_results.growth is None or block_results.teams:
         return None
     rows = episodes[(episodes["block"] == block_results.block) & episodes["exclusion_reason"].isna()]
     left_out = {text.rpartition(": ")[0] for text in block_results.growth.left_out}
     groups = [group for group in block_results.groups["group"] if group not in left_out]
-    column = "reward" if block_results.growth.measure == "reward" else "log_excess_steps"
-    return fit_mixed_model(
-        rows.rename(columns={column: block_results.growth.measure}), block_results.growth.measure, groups
-    )
+    measure = block_results.growth.measure
+    if measure != "reward":
+        rows = rows.rename(columns={"log_excess_steps": measure})
+    return fit_mixed_model(rows, measure, groups)
 
 
 def _score_models(plays: Sequence[PlayerRows], out: Path) -> tuple[list[ReportFigure], list[Path]]:
@@ -303,7 +304,9 @@ def find_stale_figures(out: Path, report_files: Collection[Path]) -> tuple[str, 
 def read_planned_analysis(protocols: Sequence[Protocol]) -> AnalysisSpec:
     """Read what the protocol named before the study; nothing where its versions name different things."""
     named = {protocol.analysis for protocol in protocols}
-    return named.pop() if len(named) == 1 else AnalysisSpec()
+    if len(named) == 1:
+        return named.pop()
+    return AnalysisSpec()
 
 
 def read_planned_design(protocols: Sequence[Protocol]) -> ExperimentDesign:
@@ -334,12 +337,17 @@ def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> froze
         raise ReportError(
             f"the protocol's versions analyse different blocks ({', '.join(blocks)}); choose one version with --version"
         )
-    return practice_by_version[0] if practice_by_version else frozenset()
+    if not practice_by_version:
+        return frozenset()
+    return practice_by_version[0]
 
 
 def _is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "pd.Series[bool]":
+    """Say of each row whether it is of practice."""
+    if not practice:
+        return pd.Series(False, rows.index, dtype=bool)
     pairs = pd.MultiIndex.from_frame(rows[["group", "block"]])
-    return pd.Series(pairs.isin(sorted(practice)) if practice else False, rows.index, bool)
+    return pd.Series(pairs.isin(sorted(practice)), rows.index, bool)
 
 
 def _find_study(tables: Tables) -> str:

@@ -61,12 +61,12 @@ class InteractionResults:
 
     @property
     def measure(self) -> str:
-        """The primary measure, or the first that has values."""
+        """Return the primary measure, or the first that has values."""
         return next(iter(sorted(self.roles, key=lambda name: self.roles[name] != "primary")), "")
 
     @property
     def headline(self) -> tuple[ContrastComparison, ...]:
-        """The contrasts of that measure."""
+        """Return the contrasts of that measure."""
         return tuple(compared for compared in self.contrasts if compared.groups.measure == self.measure)
 
 
@@ -103,7 +103,9 @@ def compute_interaction(
     complete = {name: table.dropna() for name, table in tables.items()}
     contrasts = _compare_contrasts(complete, design.tested_contrasts, groups, roles, logs)
     is_single = len(groups) == 2 and len(design.conditions) == 2
-    omnibus = () if is_single or design.contrasts else _test_omnibus(complete, groups, roles)
+    omnibus: tuple[OmnibusInteraction, ...] = ()
+    if not is_single and not design.contrasts:
+        omnibus = _test_omnibus(complete, groups, roles)
     first = min(measures, key=lambda name: roles[name] != "primary")
     cells = _tabulate_cells(compared, first, design.conditions)
     return InteractionResults(
@@ -131,7 +133,7 @@ def choose_first_block(
 
 
 def _tabulate_cells(rows: pd.DataFrame, measure: str, conditions: tuple[str, ...]) -> pd.DataFrame:
-    """A row per group and participant, a column per condition; NaN without a value."""
+    """Tabulate a measure: a row per group and participant, a column per condition; NaN without a value."""
     known = rows.assign(value=rows[measure].astype(float)).dropna(subset=["value"])
     means = known.groupby(["group", "participant", "condition"])["value"].mean()
     return means.unstack("condition").reindex(columns=list(conditions))
@@ -148,7 +150,7 @@ def _compare_contrasts(
     roles: Mapping[str, Role],
     logs: frozenset[str],
 ) -> tuple[ContrastComparison, ...]:
-    """Every two groups on every contrast of every measure; p is corrected within each role (Holm)."""
+    """Compare every two groups on every contrast of every measure; p is corrected within each role (Holm)."""
     compared: list[ContrastComparison] = []
     for role in get_args(Role):
         parts = [
@@ -222,23 +224,23 @@ def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: boo
     if groups.reason and math.isnan(groups.p):
         return f"{subject}: not compared ({groups.reason})."
     estimate = format_difference(groups.difference, (math.nan, math.nan), is_log=groups.is_log, sign="+")
-    bounds = groups.interval
     if groups.is_log:
-        bounds = (math.exp(bounds[0]), math.exp(bounds[1]))
-    interval = format_interval(bounds, sign="-" if groups.is_log else "+")
+        bounds = (math.exp(groups.interval[0]), math.exp(groups.interval[1]))
+        interval = f"ratio of ratios, 95 % interval {format_interval(bounds)}"
+    else:
+        interval = f"95 % interval {format_interval(groups.interval, sign='+')}"
     p = f"permutation p {format_p_value(groups.p)}"
     if not is_alone:
         p = f"p {format_p_value(groups.p_holm)} (permutation, Holm)"
     size = ""
     if not math.isnan(groups.g):
         size = f"; standardised g {format_number(groups.g, 2)}, interval {format_interval(groups.g_interval, 2)}"
-    ratio = "ratio of ratios, " if groups.is_log else ""
     n = f"{groups.n[0]} and {groups.n[1]} participants"
-    return f"{subject} is {estimate} ({ratio}95 % interval {interval}; {p}{size}; {n})."
+    return f"{subject} is {estimate} ({interval}; {p}{size}; {n})."
 
 
 def interaction_table(interaction: InteractionResults) -> Table:
-    """Every measure: all degrees of freedom together, then each contrast between every two groups."""
+    """Tabulate every measure: all degrees of freedom together, then each contrast between every two groups."""
     rows: list[tuple[str, ...]] = []
     for measure in interaction.roles:
         start = (label_measure(measure), interaction.roles[measure])
@@ -271,14 +273,15 @@ def _contrast_cells(compared: ContrastComparison) -> tuple[str, ...]:
 
 
 def cells_table(interaction: InteractionResults) -> Table:
-    """Mean and standard deviation of each cell of groups and conditions, over participants, of the primary measure."""
+    """Tabulate the primary measure's mean and SD over participants, by group and condition."""
     rows = []
     for group in interaction.groups:
         values = _select_group(interaction.cells, group)
-        cells = [
-            f"{format_number(float(values[condition].mean()))} ({format_number(float(values[condition].std()))}), "
-            f"n {int(values[condition].notna().sum())}"
-            for condition in interaction.conditions
-        ]
-        rows.append((group, *cells))
+        rows.append((group, *(_format_cell(values[condition]) for condition in interaction.conditions)))
     return Table(("group", *interaction.conditions), rows)
+
+
+def _format_cell(values: "pd.Series[float]") -> str:
+    mean = format_number(float(values.mean()))
+    sd = format_number(float(values.std()))
+    return f"{mean} ({sd}), n {int(values.notna().sum())}"

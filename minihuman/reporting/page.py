@@ -166,7 +166,9 @@ def ask_question(
     interaction: InteractionResults | None = None,
 ) -> str:
     """State what the study compares, in one sentence, after the protocol's own question."""
-    stated = f"{design.question} " if design and design.question else ""
+    stated = ""
+    if design and design.question:
+        stated = f"{design.question} "
     if analysis.primary_measure:
         measure = label_measure(analysis.primary_measure)
     else:

@@ -69,24 +69,29 @@ def write_scripts(
         raise ReportError(
             f"--r and --python need a measure for each episode, which block {block.block} lacks; remove them"
         )
-    groups = [str(group) for group in block.groups["group"]]
-    environment = Environment(
-        loader=PackageLoader("minihuman.reporting", "templates"), undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
-    environment.filters["tojson"] = json.dumps
     context = {
         "study": study,
         "block": block.block,
         "version": minihuman.__version__,
-        "groups": groups,
-        "reference": groups[-1],
+        "groups": [str(group) for group in block.groups["group"]],
+        "reference": str(block.groups["group"].iloc[-1]),
         "label": label_measure(measure),
         "expression": _OF_EPISODE[measure],
     }
+    environment = _make_environment()
     paths = []
     for language in languages:
         path = out / _FILES[language]
         path.write_text(environment.get_template(f"{path.name}.j2").render(context), encoding="utf-8", newline="\n")
         paths.append(path)
     return tuple(paths)
+
+
+def _make_environment() -> Environment:
+    """Make the environment that renders the scripts' templates."""
+    environment = Environment(
+        loader=PackageLoader("minihuman.reporting", "templates"), undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    environment.filters["tojson"] = json.dumps
+    return environment

@@ -39,19 +39,30 @@ _BOUNDED_MEASURES = frozenset(
 
 
 def _find_limits(measure: str, values: "pd.Series[float]") -> tuple[float, float] | None:
-    """The bounds that a measure cannot leave, where none of its values does; None where there are none."""
+    """Return the bounds that a measure cannot leave, where none of its values does; None where there are none."""
     if measure in _BOUNDED_MEASURES and values.dropna().between(0, 1).all():
         return (0.0, 1.0)
     return None
+
+
+def _begin_sentence(label: str) -> str:
+    return f"{label[0].upper()}{label[1:]}"
+
+
+def _shorten(label: str) -> str:
+    """Return a measure's label without what is in brackets or follows a colon, for an axis."""
+    return label.partition(" (")[0].partition(":")[0]
 
 
 def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
     """Draw every participant and the groups' differences on the measure that each block is compared on first."""
     included = blocks[blocks["exclusion_reason"].isna()]
     for block in results.blocks:
-        measure = block.headline[0].measure if block.headline else ""
+        if not block.headline or block.teams:
+            continue
+        measure = block.headline[0].measure
         rows = included[included["block"] == block.block]
-        if not measure or block.teams or not rows[measure].notna().any():
+        if not rows[measure].notna().any():
             continue
         means = rows.groupby(["group", "participant"])[measure].mean()  # over sessions, as the groups are compared
         groups = {group: means.loc[group].to_numpy(float) for group in results.order if group in means.index}
@@ -59,16 +70,18 @@ def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterato
             Difference(comparison.first, comparison.second, comparison.difference, comparison.interval)
             for comparison in block.headline
         ]
-        name = label_measure(measure)
-        short = name.partition(" (")[0].partition(":")[0]
-        title = name_measure(name, block.block, width=110)
-        stem = out / f"{block.block}_result"
-        limits = _find_limits(measure, rows[measure])
+        label = label_measure(measure)
         png, _ = draw_figure_files(
-            stem, "estimation.estimation_figure", groups, differences, measure=short, title=title, limits=limits
+            out / f"{block.block}_result",
+            "estimation.estimation_figure",
+            groups,
+            differences,
+            measure=_shorten(label),
+            title=name_measure(label, block.block, width=110),
+            limits=_find_limits(measure, rows[measure]),
         )
         caption = (
-            f"{name[0].upper()}{name[1:]} in block {block.block}. A: a dot per participant, beside them the group's mean "
+            f"{_begin_sentence(label)} in block {block.block}. A: a dot per participant, beside them the group's mean "
             "with its 95 % interval. B: differences of the means, with the intervals of the comparison."
         )
         yield ReportFigure(block.block, png, caption)
@@ -76,7 +89,7 @@ def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterato
 
 def draw_interaction(interaction: InteractionResults, out: Path) -> ReportFigure:
     """Draw every participant in every cell of groups and conditions, and the interaction's contrasts."""
-    name = label_measure(interaction.measure)
+    label = label_measure(interaction.measure)
     cells = interaction.cells
     groups = {
         group: cells[cells.index.get_level_values("group") == group].to_numpy(float) for group in interaction.groups
@@ -97,13 +110,13 @@ def draw_interaction(interaction: InteractionResults, out: Path) -> ReportFigure
         groups,
         interaction.conditions,
         differences,
-        measure=name.partition(" (")[0].partition(":")[0],
-        title=name_measure(name, width=110),
+        measure=_shorten(label),
+        title=name_measure(label, width=110),
         level="difference of log contrast scores" if is_log else "difference of contrast scores",
         limits=_find_limits(interaction.measure, pd.Series(cells.to_numpy(float).ravel())),
     )
     caption = (
-        f"{name[0].upper()}{name[1:]} by group and condition. A: a dot per participant and condition, a thin line "
+        f"{_begin_sentence(label)} by group and condition. A: a dot per participant and condition, a thin line "
         "through the dots of each; large symbols: the cells' means with 95 % intervals. B: differences of groups in "
         "participants' contrast scores, with the intervals of the comparison."
     )
@@ -138,8 +151,9 @@ def draw_reaction_times(times: pd.DataFrame, results: Results, out: Path) -> Ite
         title = name_measure("reaction times", block.block)
         png, _ = draw_figure_files(stem, "estimation.reaction_time_figure", groups, edges_ms, title=title)
         caption = (
-            f"Reaction times in block {block.block}, {_BINS_PER_OCTAVE} bins per doubling: a thin line per participant, "
-            "or above 12 a band from their 10th to their 90th percentile; thick the mean of the group's participants."
+            f"Reaction times in block {block.block}, {_BINS_PER_OCTAVE} bins per doubling: a thin line per "
+            "participant, or above 12 a band from their 10th to their 90th percentile; thick the mean of the group's "
+            "participants."
         )
         yield ReportFigure(block.block, png, caption)
 
@@ -147,48 +161,58 @@ def draw_reaction_times(times: pd.DataFrame, results: Results, out: Path) -> Ite
 def draw_learning_curves(episodes: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
     """Draw the learning curves of every block, by group."""
     included = episodes[episodes["exclusion_reason"].isna()]
-    for block in (block_results.block for block_results in results.blocks):
+    for block_results in results.blocks:
+        block = block_results.block
         rows = included[included["block"] == block]
-        for measure, label, limits in CURVES:
+        if rows["episode_in_block"].nunique() < 2:
+            continue
+        for measure, label, bounds in CURVES:
             curves = collect_learning_curves(rows, measure, order=results.order)
-            if curves and rows["episode_in_block"].nunique() > 1 and rows[measure].notna().any():
-                if rows[measure].dropna().between(*limits).all():
-                    cannot_leave = limits
-                else:
-                    cannot_leave = None
-                stem = out / f"{block}_{measure}"
-                title = name_measure(label, block)
-                axis = {"measure": _AXIS[measure], "limits": cannot_leave, "title": title}
-                png, _ = draw_figure_files(stem, "learning_curves.learning_figure", curves, **axis)
-                caption = f"{label[0].upper()}{label[1:]} over the episodes of block {block}: mean, 95 % interval."
-                yield ReportFigure(block, png, caption)
+            if not curves or not rows[measure].notna().any():
+                continue
+            limits = None
+            if rows[measure].dropna().between(*bounds).all():
+                limits = bounds
+            png, _ = draw_figure_files(
+                out / f"{block}_{measure}",
+                "learning_curves.learning_figure",
+                curves,
+                measure=_AXIS[measure],
+                limits=limits,
+                title=name_measure(label, block),
+            )
+            caption = f"{_begin_sentence(label)} over the episodes of block {block}: mean, 95 % interval."
+            yield ReportFigure(block, png, caption)
 
 
 def draw_sessions(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
-    """Of every block of several sessions, the measure that groups are compared on first, session by session."""
+    """Draw the measure that groups are compared on first, session by session, of every block of several sessions."""
     included = blocks[blocks["exclusion_reason"].isna()]
     for block in results.blocks:
         rows = included[included["block"] == block.block]
-        measures = block.by_session["measure"].tolist()
-        measure = block.headline[0].measure if block.headline else next(iter(measures), None)
-        if measure is None or rows["session"].nunique() < 2:
+        measures = [comparison.measure for comparison in block.headline] or block.by_session["measure"].tolist()
+        if not measures or rows["session"].nunique() < 2:
             continue
-        of_group = {group: rows[rows["group"] == group] for group in results.order}
+        measure = measures[0]
         sessions = sorted(rows["session"].unique())
-        curves = {
-            group: group_rows.pivot(index="participant", columns="session", values=measure)
-            .reindex(columns=sessions)
-            .to_numpy(float)
-            for group, group_rows in of_group.items()
-            if len(group_rows)
-        }
-        name = label_measure(measure)
-        limits = _find_limits(measure, rows[measure])
-        title = name_measure(name, block.block)
-        short = name.partition(" (")[0].partition(":")[0]
-        axis = {"measure": short, "limits": limits, "xlabel": "session", "numbers": sessions, "title": title}
-        png, _ = draw_figure_files(out / f"{block.block}_sessions", "learning_curves.learning_figure", curves, **axis)
-        caption = f"{name[0].upper()}{name[1:]} in block {block.block}, session by session: mean, 95 % interval."
+        curves = {}
+        for group in results.order:
+            group_rows = rows[rows["group"] == group]
+            if len(group_rows):
+                table = group_rows.pivot(index="participant", columns="session", values=measure)
+                curves[group] = table.reindex(columns=sessions).to_numpy(float)
+        label = label_measure(measure)
+        png, _ = draw_figure_files(
+            out / f"{block.block}_sessions",
+            "learning_curves.learning_figure",
+            curves,
+            measure=_shorten(label),
+            limits=_find_limits(measure, rows[measure]),
+            xlabel="session",
+            numbers=sessions,
+            title=name_measure(label, block.block),
+        )
+        caption = f"{_begin_sentence(label)} in block {block.block}, session by session: mean, 95 % interval."
         yield ReportFigure(block.block, png, caption)
 
 
@@ -208,13 +232,15 @@ def draw_waiting_times(results: Results, out: Path) -> Iterator[ReportFigure]:
                 png, _ = draw_figure_files(
                     stem, "survival_curves.survival_figure", groups, independent=is_independent, **axis
                 )
-                band = "95 % intervals (Greenwood, log-log); " if is_independent else ""
+                band = ""
+                if is_independent:
+                    band = "95 % intervals (Greenwood, log-log); "
                 caption = f"Share of {waiting} (Kaplan and Meier); {band}ticks: censored. Below: the number at risk."
                 yield ReportFigure(block.block, png, caption)
 
 
 def draw_paths(tables: Tables, out: Path) -> Iterator[ReportFigure]:
-    """The path figure of one session of each group, the one with the most blocks, over the included episodes."""
+    """Draw the paths of one session of each group, the one with the most blocks, over the included episodes."""
     examples: dict[str, CachedSession] = {}
     for candidate in sorted(tables.sessions, key=lambda session: -session.blocks):
         if candidate.blocks and candidate.outline is not None:
