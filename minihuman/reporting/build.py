@@ -107,38 +107,14 @@ def build_report(
     report_input = _read_input(tables, study, names, out / "figures")
     tables.release()  # drawing takes seconds
     practice = find_practice(report_input.protocols, report_input.participants["group"].unique())
-    episodes, blocks = (rows[~_is_practice(rows, practice)] for rows in (report_input.episodes, report_input.blocks))
-    trial_blocks = frozenset(block for section in report_input.sections for block in section.blocks)
-    episodes, blocks = leave_out_navigation(episodes, blocks, trial_blocks)
-    levels = [section.measure_tables.get("trial_levels") for section in report_input.sections]
-    analysis = report_input.analysis
-    design = report_input.design
-    results = compute_results(
-        episodes,
-        blocks,
-        report_input.participants,
-        analysis,
-        report_input.teams,
-        next((rows for rows in levels if rows is not None), None),
-        design,
-    )
-    included = unite_teams(blocks[blocks["exclusion_reason"].isna()], report_input.teams)
-    interaction = compute_interaction(included, design, analysis, results.order)
-    if interaction is None:
-        cells = []
-    else:
-        cells = [draw_interaction(interaction, out / "figures")]
-    first_block = choose_first_block(design, analysis, results, interaction)
-    estimates = list(draw_estimates(blocks, results, out / "figures"))
-    figures = _draw_figures(tables, report_input, (episodes, blocks), results, out / "figures")
-    models, score_files = _score_models(report_input.plays, out)
+    episodes, blocks = _leave_out_practice(report_input, practice)
+    results = _compute_results(report_input, episodes, blocks)
     content = _gather_content(tables, report_input, results, practice)
+    content = _add_interaction(content, report_input, blocks, results)
+    content = _add_figures(content, tables, report_input, (episodes, blocks), results, out / "figures")
+    models, score_files = _score_models(report_input.plays, out)
     content = replace(
         content,
-        interaction=interaction,
-        first_block=first_block,
-        figures=[*(figure for figure in estimates if figure.block != first_block), *figures],
-        first_figures=[*cells, *(figure for figure in estimates if figure.block == first_block)],
         models=models,
         tables=[*table_files, *score_files],
         mixed={block.block: _fit_mixed(episodes, block) for block in results.blocks},
@@ -147,19 +123,69 @@ def build_report(
     page.write_text(build_page(content, results, templates), encoding="utf-8", newline="\n")
     participants_page = out / "participants.html"
     participants_page.write_text(build_participants_page(study, blocks, results), encoding="utf-8", newline="\n")
+    script_files: tuple[Path, ...] = ()
     if scripts:
         script_files = write_scripts(out, study, results, episodes, scripts)
-    else:
-        script_files = ()
-    report_figures = (*content.figures, *models, *content.first_figures)
-    return (
-        page,
-        participants_page,
-        *table_files,
-        *score_files,
-        *script_files,
-        *(figure.path for figure in report_figures),
+    figures = [figure.path for figure in (*content.figures, *models, *content.first_figures)]
+    return (page, participants_page, *table_files, *score_files, *script_files, *figures)
+
+
+def _leave_out_practice(
+    report_input: _ReportInput, practice: Collection[tuple[str, str]]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return the episodes and blocks without practice, and those of trials without navigation measures."""
+    episodes = report_input.episodes[~_is_practice(report_input.episodes, practice)]
+    blocks = report_input.blocks[~_is_practice(report_input.blocks, practice)]
+    trial_blocks = frozenset(block for section in report_input.sections for block in section.blocks)
+    return leave_out_navigation(episodes, blocks, trial_blocks)
+
+
+def _compute_results(report_input: _ReportInput, episodes: pd.DataFrame, blocks: pd.DataFrame) -> Results:
+    """Compute the results of the episodes and blocks without practice."""
+    levels = [section.measure_tables.get("trial_levels") for section in report_input.sections]
+    return compute_results(
+        episodes,
+        blocks,
+        report_input.participants,
+        report_input.analysis,
+        report_input.teams,
+        next((rows for rows in levels if rows is not None), None),
+        report_input.design,
     )
+
+
+def _add_interaction(
+    content: PageContent, report_input: _ReportInput, blocks: pd.DataFrame, results: Results
+) -> PageContent:
+    """Add the interaction of groups and conditions, and choose the block whose comparison answers the question."""
+    analysis = report_input.analysis
+    design = report_input.design
+    included = unite_teams(blocks[blocks["exclusion_reason"].isna()], report_input.teams)
+    interaction = compute_interaction(included, design, analysis, results.order)
+    first_block = choose_first_block(design, analysis, results, interaction)
+    return replace(content, interaction=interaction, first_block=first_block)
+
+
+def _add_figures(
+    content: PageContent,
+    tables: Tables,
+    report_input: _ReportInput,
+    analysed: tuple[pd.DataFrame, pd.DataFrame],
+    results: Results,
+    out: Path,
+) -> PageContent:
+    """Draw the figures, and put those of the answers first; ``analysed`` are episodes and blocks without practice."""
+    first_figures: list[ReportFigure] = []
+    if content.interaction is not None:
+        first_figures.append(draw_interaction(content.interaction, out))
+    figures: list[ReportFigure] = []
+    for figure in draw_estimates(analysed[1], results, out):
+        if figure.block == content.first_block:
+            first_figures.append(figure)
+        else:
+            figures.append(figure)
+    figures += _draw_figures(tables, report_input, analysed, results, out)
+    return replace(content, figures=figures, first_figures=first_figures)
 
 
 def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path) -> _ReportInput:

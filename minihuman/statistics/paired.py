@@ -35,17 +35,17 @@ class PairedTest:
     error: float  # of the mean
     sums: Values  # (flips,) of the signed deviations from the mean
     signs: Values  # (flips,) sum of the signs
-    extra: int
+    extra: int  # 1 where flips are a random sample: the differences as they were count as one more
 
     @property
     def smallest_p(self) -> float:
-        """The smallest p that so many differences can reach."""
+        """Return the smallest p that so many differences can reach."""
         if self.extra:
             return 1 / (RESAMPLES + 1)
         return 2.0 ** (1 - self.n)
 
     def p(self, shift: float = 0.0) -> float:
-        """The two-sided p of a mean difference of ``shift``."""
+        """Return the two-sided p of a mean difference of ``shift``."""
         d = self.difference - shift
         observed = abs(self.n * d)
         slack = _TIES * (observed + self.error * self.n)
@@ -53,14 +53,14 @@ class PairedTest:
         return (as_far + self.extra) / (len(self.sums) + self.extra)
 
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval of the mean difference; NaN where no difference could have p < 0.05."""
+        """Return the 95 % interval of the mean difference; NaN where no difference could have p < 0.05."""
         if not self.error > 0 or self.smallest_p >= ALPHA:
             return math.nan, math.nan
         return invert_test(self.p, self.difference, self.error)
 
 
 def paired_test(differences: Values) -> PairedTest | None:
-    """The test of differences, one per participant; None of fewer than two."""
+    """Test differences, one per participant; None of fewer than two."""
     n = len(differences)
     if n < 2:
         return None
@@ -163,7 +163,8 @@ def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]
     for effect in dummies:
         other_dummies = [dummy for name, dummy in dummies.items() if name != effect]
         rank, squares = _fit(np.column_stack([people, *other_dummies]), value)
-        if own := whole_rank - rank:
+        own = whole_rank - rank
+        if own:
             f = (squares - whole_squares) / own / (whole_squares / residual_freedom)
             terms.append(
                 CrossoverTerm(
@@ -174,7 +175,7 @@ def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]
 
 
 def _fit(design: Values, value: Values) -> tuple[int, float]:
-    """The rank of a design and the residual sum of squares of its least-squares fit."""
+    """Return a design's rank and the residual sum of squares of its least-squares fit."""
     fitted, _, rank, _ = np.linalg.lstsq(design, value, rcond=1e-10)
     return int(rank), float(((value - design @ fitted) ** 2).sum())
 
@@ -204,7 +205,7 @@ class GrowthComparison:
 
 
 def compare_growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = ()) -> GrowthComparison | None:
-    """Lines of a measure over ``episode_in_block``, compared between groups. None where no group has two people.
+    """Compare lines of a measure over ``episode_in_block`` between groups; None where no group has two people.
 
     ``rows`` has one row an episode: ``participant``, ``group``, ``episode_in_block`` and the measure. The last group
     of ``order`` (of the alphabet without one) that can be compared is the reference.
@@ -213,22 +214,7 @@ def compare_growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = (
     nominal error where people's slopes differ, which a random intercept alone is not (with slopes of SD 0.01 around 0,
     20 people and a term for the episode, it rejects a true null in a third of studies).
     """
-    known = rows.dropna(subset=[measure])
-    middle = known["episode_in_block"].mean()
-    lines: dict[str, list[tuple[float, float]]] = {}
-    at = known.assign(at=known["episode_in_block"] - middle, value=known[measure]).groupby(["group", "participant"])
-    mean = at[["at", "value"]].transform("mean")
-    episodes = at["at"].nunique()
-    apart = pd.DataFrame(
-        {"at": known["episode_in_block"] - middle - mean["at"], "value": known[measure] - mean["value"]}
-    )
-    sums = apart.assign(product=apart["at"] * apart["value"], square=apart["at"] ** 2)
-    sums = sums.groupby([known["group"], known["participant"]])[["product", "square"]].sum()
-    enough = episodes >= MIN_EPISODES
-    slopes = (sums["product"] / sums["square"])[enough]
-    levels = at["value"].mean()[enough] - slopes * at["at"].mean()[enough]
-    for (group, _), level, slope in zip(slopes.index, levels, slopes, strict=True):
-        lines.setdefault(str(group), []).append((float(level), float(slope)))
+    lines = _fit_lines(rows.dropna(subset=[measure]), measure)
     everyone = list(order) or sorted({str(group) for group in rows["group"]})
     groups = [group for group in everyone if len(lines.get(group, ())) >= 2]
     if not groups:
@@ -238,17 +224,37 @@ def compare_growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = (
     terms = []
     for column, name in enumerate((f"{measure} in the middle of the block", "change an episode")):
         base = people[reference][:, column]
-        level = estimate_mean(f"{reference}: {name}", base)
-        terms.append(level if column else replace(level, p=math.nan))  # a test of a level against 0 means nothing
-        terms += [
-            _difference(f"{group} minus {reference}: {name}", people[group][:, column], base) for group in other_groups
-        ]
+        term = estimate_mean(f"{reference}: {name}", base)
+        if column == 0:
+            term = replace(term, p=math.nan)  # a test of a level against 0 means nothing
+        terms.append(term)
+        for group in other_groups:
+            values = people[group][:, column]
+            terms.append(_estimate_difference(f"{group} minus {reference}: {name}", values, base))
     left_out = tuple(
         f"{group}: {len(lines.get(group, ()))} with {MIN_EPISODES} episodes or more"
         for group in everyone
         if group not in groups
     )
     return GrowthComparison(measure, reference, tuple(terms), left_out)
+
+
+def _fit_lines(known: pd.DataFrame, measure: str) -> dict[str, list[tuple[float, float]]]:
+    """Fit a line to each participant with enough episodes: level in the middle of the block and slope, by group."""
+    middle = known["episode_in_block"].mean()
+    centred = known.assign(at=known["episode_in_block"] - middle, value=known[measure])
+    by_person = centred.groupby(["group", "participant"])
+    mean = by_person[["at", "value"]].transform("mean")
+    at = known["episode_in_block"] - middle - mean["at"]
+    products = pd.DataFrame({"product": at * (known[measure] - mean["value"]), "square": at**2})
+    sums = products.groupby([known["group"], known["participant"]])[["product", "square"]].sum()
+    enough = by_person["at"].nunique() >= MIN_EPISODES
+    slopes = (sums["product"] / sums["square"])[enough]
+    levels = by_person["value"].mean()[enough] - slopes * by_person["at"].mean()[enough]
+    lines: dict[str, list[tuple[float, float]]] = {}
+    for (group, _), level, slope in zip(slopes.index, levels, slopes, strict=True):
+        lines.setdefault(str(group), []).append((float(level), float(slope)))
+    return lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,7 +319,7 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
 
 
 def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) -> tuple[float, Values, Values]:
-    """The restricted maximum likelihood of random lines of people, as lme4 profiles it (Bates et al., 2015, 3.4).
+    """Maximise the restricted likelihood of random lines of people, as lme4 profiles it (Bates et al., 2015, 3.4).
 
     Args:
         design: the terms, and last the measure.
@@ -348,16 +354,20 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
         return profile(entries)[0]
 
     bounds = ((0, _MAX_RATIO), (-_MAX_RATIO, _MAX_RATIO), (0, _MAX_RATIO))[:free]
-    optima: list[list[float]] = [] if free else [[]]
+    optima: list[list[float]] = []
+    if not free:
+        optima.append([])
     for start in ((0.5, 0.1, 0.1), (0.5, -0.1, 0.1))[: min(free, 2)]:
         optima += [scipy.optimize.minimize(loss_of, start[:free], bounds=bounds, tol=1e-10).x.tolist()]
     best = min(optima, key=loss_of)
     loss, estimates, errors = profile(best)
-    return -loss if np.all(np.abs(best) < _MAX_RATIO / 2) else -math.inf, estimates, errors
+    if not np.all(np.abs(best) < _MAX_RATIO / 2):
+        return -math.inf, estimates, errors
+    return -loss, estimates, errors
 
 
 def estimate_mean(name: str, values: Values) -> GrowthTerm:
-    """A mean over people, with its t interval and the p of its being 0; NaN where they all have one value."""
+    """Estimate a mean over people, with its t interval and the p of its being 0; NaN where all have one value."""
     mean = float(values.mean())
     n = len(values)
     if not np.ptp(values):
@@ -369,7 +379,8 @@ def estimate_mean(name: str, values: Values) -> GrowthTerm:
     )
 
 
-def _difference(name: str, values: Values, base: Values) -> GrowthTerm:
+def _estimate_difference(name: str, values: Values, base: Values) -> GrowthTerm:
+    """Estimate the difference of two groups' means; without interval and p where no value differs."""
     people = len(values) + len(base)
     if not max(np.ptp(values), np.ptp(base)):
         return GrowthTerm(name, float(values.mean() - base.mean()), (math.nan, math.nan), math.nan, people)

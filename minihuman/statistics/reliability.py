@@ -61,5 +61,5 @@ def estimate_reliability(measure: str, rows: pd.DataFrame) -> Reliability | None
     reach = float(scipy.stats.norm.ppf(0.975)) / math.sqrt(spare - 2)
     icc, low, high = ((ratio - 1) / (ratio + length - 1) for ratio in (f, *ends))
     correlations = (math.tanh(math.atanh(r) + z) for z in (0.0, -reach, reach))
-    corrected, least, most = (max(0.0, 2 * correlation / (1 + correlation)) for correlation in correlations)
-    return Reliability(measure, len(people), len(rows), icc, (low, high), corrected, (least, most))
+    whole_length, least, most = (max(0.0, 2 * correlation / (1 + correlation)) for correlation in correlations)
+    return Reliability(measure, len(people), len(rows), icc, (low, high), whole_length, (least, most))

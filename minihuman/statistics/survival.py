@@ -21,25 +21,25 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurvivalTimes:
-    """How long each waited, and whether it came: False where the watching stopped first (right-censored)."""
+    """Waiting times, and whether the event was observed: False where the watching stopped first (right-censored)."""
 
     times: Values  # (n,) of any unit
     observed: Flags  # (n,)
 
     def __post_init__(self) -> None:
-        """Refuse what is none."""
+        """Refuse times without flags, of other shapes, or that are NaN."""
         if self.times.shape != self.observed.shape or self.times.ndim != 1 or np.isnan(self.times).any():
             shapes = f"times has shape {self.times.shape} and observed {self.observed.shape}"
             raise ValueError(f"{shapes}; give one finite time and one observed flag per participant")
 
     def waiting(self, at: Values) -> NDArray[np.int64]:
-        """How many are still waiting at some times: the line under a survival figure."""
+        """Count who is still waiting at some times: the line under a survival figure."""
         return len(self.times) - np.searchsorted(np.sort(self.times), at)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurvivalCurve:
-    """The share to whom it has not come yet (Kaplan and Meier, 1958), at each time of an event."""
+    """The share without the event (Kaplan and Meier, 1958), at each time of an event."""
 
     times: Values  # (k,) rising
     share: Values  # (k,) just after
@@ -51,7 +51,7 @@ class SurvivalComparison:
     """Two groups' waiting, first minus second."""
 
     n: tuple[int, int]
-    censored: tuple[int, int]  # to whom it had not come
+    censored: tuple[int, int]  # without the event until the watching stopped
     until: float  # restricted means look at the time up to here: as far as both groups' curves are known
     means: tuple[float, float]  # restricted means
     difference: float
@@ -61,7 +61,7 @@ class SurvivalComparison:
 
 
 def kaplan_meier(survival_times: SurvivalTimes) -> SurvivalCurve:
-    """The Kaplan-Meier curve."""
+    """Compute the Kaplan-Meier curve."""
     times, observed = np.unique(survival_times.times[survival_times.observed], return_counts=True)
     at_risk = survival_times.waiting(times)
     share: Values = np.cumprod(1 - observed / at_risk).astype(np.float64)
@@ -69,30 +69,30 @@ def kaplan_meier(survival_times: SurvivalTimes) -> SurvivalCurve:
 
 
 def compare_survival(first: SurvivalTimes, second: SurvivalTimes) -> SurvivalComparison | None:
-    """Two groups compared by restricted means and the log-rank test; None where a group has fewer than two.
+    """Compare two groups by restricted means and the log-rank test; None where a group has fewer than two.
 
     Interval and p are of one permutation test of the studentised difference (Horiguchi and Uno, 2020; Ditzhaus et al.,
     2023): participants are regrouped with their times, and curves, horizon and Greenwood's variance are computed again.
     If all were watched to the end, it is the test of |Welch's t| of the times, cut there.
     """
-    n = len(first.times), len(second.times)
+    n = (len(first.times), len(second.times))
     if min(n) < 2:
         return None
     pooled = SurvivalTimes(
         np.concatenate([first.times, second.times]), np.concatenate([first.observed, second.observed])
     )
     own = _compare_means(pooled, (np.arange(sum(n)) < n[0])[None].astype(float))
-    means = float(own.means[0][0]), float(own.means[1][0])
+    means = (float(own.means[0][0]), float(own.means[1][0]))
     interval, p = _test(pooled, n, own)
-    censored = int((~first.observed).sum()), int((~second.observed).sum())
+    censored = (int((~first.observed).sum()), int((~second.observed).sum()))
     return SurvivalComparison(
         n, censored, float(own.until[0]), means, means[0] - means[1], interval, p, logrank_p(first, second)
     )
 
 
 def _test(pooled: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") -> tuple[tuple[float, float], float]:
-    """The interval of the difference and its p; NaN below LEAST_EVENTS, or where no difference could have p < 0.05."""
-    refused = (math.nan, math.nan), math.nan
+    """Test the difference: its interval and p; NaN below LEAST_EVENTS, or where none could have p < 0.05."""
+    refused = ((math.nan, math.nan), math.nan)
     if not own.enough[0] or not own.error[0] > 0:
         return refused
     apart = np.sort(_draw_differences(pooled, n))[::-1]
@@ -105,7 +105,8 @@ def _test(pooled: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") ->
     p = (int(np.count_nonzero(apart >= observed * (1 - _TIES))) + extra) / (len(apart) + extra)
     parts = np.array([float(part[0]) for part in own.parts])
     satterthwaite = float(parts.sum() ** 2 / (parts**2 / (n[0] - 1, n[1] - 1)).sum())
-    if freedom := floor_freedom(n, satterthwaite):
+    freedom = floor_freedom(n, satterthwaite)
+    if freedom:
         p = max(p, float(2 * scipy.special.stdtr(freedom, -observed)))
         critical = max(critical, float(scipy.special.stdtrit(freedom, 1 - ALPHA / 2)))
     difference = float(own.means[0][0] - own.means[1][0])
@@ -114,7 +115,7 @@ def _test(pooled: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") ->
 
 
 def _draw_differences(pooled: SurvivalTimes, n: tuple[int, int]) -> Values:
-    """Each regrouping's difference in standard errors; with many events from their limit."""
+    """Draw each regrouping's difference in standard errors; with many events from their limit."""
     if has_limit(*n, int(pooled.observed.sum())):
         return np.abs(np.random.default_rng(SEED).standard_normal(RESAMPLES))
     batches = [
@@ -144,14 +145,14 @@ class _RestrictedMeans:
 
     @property
     def apart(self) -> Values:
-        """The difference in standard errors, without its sign."""
+        """Return the difference in standard errors, without its sign."""
         difference = np.abs(self.means[0] - self.means[1])
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(difference <= _TIES * self.until, 0.0, difference / self.error)
 
 
 def _compare_means(pooled: SurvivalTimes, members: Values) -> _RestrictedMeans:
-    """The restricted means of two groups; ``members`` is (regroupings, n), 1 for participants in the first."""
+    """Compute two groups' restricted means; ``members`` is (regroupings, n), 1 for participants in the first."""
     times, place = np.unique(pooled.times, return_inverse=True)
     at = scipy.sparse.csr_array((np.ones(len(place)), (place, np.arange(len(place)))), (len(times), len(place)))
     totals = np.bincount(place)
@@ -181,12 +182,12 @@ class _Group:
         return cls(came, at_risk, np.cumprod(1 - came / np.maximum(at_risk, 1), axis=0).astype(np.float64))
 
     def known_until(self, times: Values) -> Values:
-        """How far the curve is known: for ever where it came to the last one of all."""
+        """Return how far the curve is known: without end where the event came to everyone."""
         last = np.count_nonzero(self.at_risk, axis=0) - 1
         return np.where(self.share[-1] <= _TIES, math.inf, times[last])
 
     def mean_and_error(self, width: Values) -> tuple[Values, Values]:
-        """The area under the curve, and its squared standard error (Greenwood, with n / (n - 1))."""
+        """Return the area under the curve, and its squared standard error (Greenwood, with n / (n - 1))."""
         area = width.copy()
         area[1:] *= self.share[:-1]
         area = np.cumsum(area, axis=0)
@@ -197,7 +198,7 @@ class _Group:
 
 
 def logrank_p(first: SurvivalTimes, second: SurvivalTimes) -> float:
-    """The two-sided p of the log-rank test (Mantel, 1966): that both groups wait alike. NaN where nothing tells it."""
+    """Return the two-sided p of the log-rank test (Mantel, 1966) of equal curves; NaN without any variance."""
     event_times = np.concatenate([first.times[first.observed], second.times[second.observed]])
     times, observed = np.unique(event_times, return_counts=True)
     a, b = (group.waiting(times).astype(np.float64) for group in (first, second))

@@ -50,48 +50,57 @@ class TwoPartComparison:
 
 
 def has_mass_at_zero(values: Values) -> bool:
-    """Whether a measure of single episodes is 0 in some and above 0 in others."""
+    """Say whether a measure of single episodes is 0 in some and above 0 in others."""
     known = values[~np.isnan(values)]
     return bool(len(known) and (known == 0).any() and (known > 0).any() and known.min() >= 0)
 
 
 def compare_two_parts(rows: pd.DataFrame, measure: str, groups: tuple[str, str]) -> TwoPartComparison:
     """Compare two groups; ``rows`` has one row an episode, with group, participant and the measure."""
-    episodes = {group: _each(rows[rows["group"].astype(str) == group], measure) for group in groups}
-    above = {
-        group: [person[person > 0] for person in people if (person > 0).any()] for group, people in episodes.items()
-    }
+    by_group = {group: rows[rows["group"].astype(str) == group] for group in groups}
+    episodes = {group: _split_by_person(by_group[group], measure) for group in groups}
+    above = {group: _keep_above_zero(people) for group, people in episodes.items()}
     a, b = groups
-    n = len(episodes[a]), len(episodes[b])
-    shares = tuple(
-        float(np.mean([reward > 0 for person in episodes[g] for reward in person])) if episodes[g] else math.nan
-        for g in groups
-    )
+    shares = (_share_above_zero(episodes[a]), _share_above_zero(episodes[b]))
     too_few = next((f"fewer than {LEAST} people in {name}" for name in groups if len(episodes[name]) < LEAST), "")
-    stuck = next(
-        (f"no episode of {name} is at 0" for name, share in zip(groups, shares, strict=True) if share == 1), ""
-    )
-    stuck = stuck or next(
-        (f"every episode of {name} is at 0" for name, share in zip(groups, shares, strict=True) if share == 0), ""
-    )
-    too_few_above = next(
+    any_reason = too_few or _find_constant_group(groups, shares)
+    amount_reason = too_few or next(
         (f"fewer than {LEAST} people of {name} are above 0" for name in groups if len(above[name]) < LEAST), ""
     )
-    happened = {group: [(person > 0).astype(float) for person in episodes[group]] for group in groups}
-    people = {group: summarise_people(rows[rows["group"].astype(str) == group], measure) for group in groups}
-    return TwoPartComparison(
-        first=a,
-        second=b,
-        n=n,
-        shares=(shares[0], shares[1]),
-        any=_missing(too_few or stuck)
-        if too_few or stuck
-        else _compared(fit_gee(happened[a], odds=True), fit_gee(happened[b], odds=True)),
-        amount=_missing(too_few or too_few_above)
-        if too_few or too_few_above
-        else _compared(fit_gee(above[a]), fit_gee(above[b])),
-        p=math.nan if too_few else two_parts_p(people[a], people[b]),
-    )
+    if any_reason:
+        any_part = _missing(any_reason)
+    else:
+        happened = {group: [(person > 0).astype(float) for person in episodes[group]] for group in groups}
+        any_part = _compare_marginals(fit_gee(happened[a], odds=True), fit_gee(happened[b], odds=True))
+    if amount_reason:
+        amount_part = _missing(amount_reason)
+    else:
+        amount_part = _compare_marginals(fit_gee(above[a]), fit_gee(above[b]))
+    p = math.nan
+    if not too_few:
+        p = two_parts_p(summarise_people(by_group[a], measure), summarise_people(by_group[b], measure))
+    return TwoPartComparison(a, b, (len(episodes[a]), len(episodes[b])), shares, any_part, amount_part, p)
+
+
+def _keep_above_zero(people: Sequence[Values]) -> list[Values]:
+    """Keep each person's episodes above 0, of those who have any."""
+    return [person[person > 0] for person in people if (person > 0).any()]
+
+
+def _share_above_zero(people: Sequence[Values]) -> float:
+    """Return the share of episodes above 0; NaN without episodes."""
+    if not people:
+        return math.nan
+    return float(np.mean(np.concatenate(people) > 0))
+
+
+def _find_constant_group(groups: tuple[str, str], shares: tuple[float, float]) -> str:
+    """Say which group's episodes are all above 0, or all at 0; "" where neither group's are."""
+    for share, reason in ((1, "no episode of {} is at 0"), (0, "every episode of {} is at 0")):
+        for name, group_share in zip(groups, shares, strict=True):
+            if group_share == share:
+                return reason.format(name)
+    return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +114,7 @@ class Marginal:
 
 
 def fit_gee(people: Sequence[Values], *, odds: bool = False) -> Marginal:
-    """A group's marginal mean by generalised estimating equations, of each of its people's episodes.
+    """Fit a group's marginal mean by generalised estimating equations, of each of its people's episodes.
 
     With nothing but the group to tell episodes apart by, the equations come to a mean of people's means whose weights
     depend on the correlation of one person's episodes; Mancl and DeRouen's correction divides each person's residual by
@@ -134,8 +143,9 @@ def fit_gee(people: Sequence[Values], *, odds: bool = False) -> Marginal:
     return Marginal(mean, error, len(people), odds)
 
 
-def _compared(a: Marginal, b: Marginal) -> PartComparison:
-    parts = a.error**2, b.error**2
+def _compare_marginals(a: Marginal, b: Marginal) -> PartComparison:
+    """Compare two groups' marginal means by Welch's t; log odds as an odds ratio."""
+    parts = (a.error**2, b.error**2)
     if not sum(parts) > 0:
         return _missing("nobody differs from the others of the group")
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (a.people - 1) + parts[1] ** 2 / (b.people - 1))
@@ -147,17 +157,18 @@ def _compared(a: Marginal, b: Marginal) -> PartComparison:
     return PartComparison(transform(apart), (transform(apart - half), transform(min(apart + half, 700.0))), p)
 
 
-def _each(rows: pd.DataFrame, measure: str) -> list[Values]:
-    """Each person's episodes."""
+def _split_by_person(rows: pd.DataFrame, measure: str) -> list[Values]:
+    """Split a measure's values into one array per person, in the order of episodes."""
     known = rows.dropna(subset=[measure]).sort_values("participant", kind="stable")
     participants = known["participant"].to_numpy()
-    if len(known):
-        return np.split(known[measure].to_numpy(np.float64), np.flatnonzero(participants[1:] != participants[:-1]) + 1)
-    return []
+    if not len(known):
+        return []
+    begins = np.flatnonzero(participants[1:] != participants[:-1]) + 1
+    return np.split(known[measure].to_numpy(np.float64), begins)
 
 
 def summarise_people(rows: pd.DataFrame, measure: str) -> Values:
-    """One row a person, (n, 2): the share of episodes above 0, and the mean of those; NaN for who has none."""
+    """Summarise each person, (n, 2): the share of episodes above 0, and the mean of those; NaN without any."""
     above = rows[measure].where(rows[measure] > 0)
     by_person = pd.DataFrame({"who": rows["participant"], "any": above.notna().astype(float), "amount": above}).groupby(
         "who"
@@ -166,7 +177,7 @@ def summarise_people(rows: pd.DataFrame, measure: str) -> Values:
 
 
 def two_parts_p(a: Values, b: Values) -> float:
-    """The p of no difference in either part; ``a`` and ``b`` have one row a person, (n, 2)."""
+    """Return the p of no difference in either part; ``a`` and ``b`` have one row per person, (n, 2)."""
     together = np.concatenate([a, b])
     n = len(a)
     total = len(a) + len(b)
@@ -174,11 +185,11 @@ def two_parts_p(a: Values, b: Values) -> float:
     if has_limit(n, total - n, int(np.count_nonzero(~np.isnan(together), axis=0).min())):
         return _limit_p(together, n, float(observed))
     if count_regroupings(n, total - n) <= RESAMPLES:
-        every = [
-            [*members, *(place for place in range(total) if place not in members)]
-            for members in combinations(range(total), n)
-        ]
-        return float((_sum_of_squares(together[np.array(every)], n) >= observed - 1e-9).mean())
+        orders = []
+        for members in combinations(range(total), n):
+            others = [place for place in range(total) if place not in members]
+            orders.append([*members, *others])
+        return float((_sum_of_squares(together[np.array(orders)], n) >= observed - 1e-9).mean())
     rng = np.random.default_rng(SEED)
     at_once = max(1, _AT_ONCE // total)
     # the grouping that was observed is one of those that chance could have made
@@ -186,14 +197,14 @@ def two_parts_p(a: Values, b: Values) -> float:
     left = RESAMPLES
     while left:
         now = min(left, at_once)
-        orders = rng.random((now, total)).argsort(axis=1)
-        as_far += int((_sum_of_squares(together[orders], n) >= observed - 1e-9).sum())
+        drawn_orders = rng.random((now, total)).argsort(axis=1)
+        as_far += int((_sum_of_squares(together[drawn_orders], n) >= observed - 1e-9).sum())
         left -= now
     return as_far / (RESAMPLES + 1)
 
 
 def _limit_p(together: Values, n: int, observed: float) -> float:
-    """The same p from the distribution that regroupings' totals tend to."""
+    """Return the same p from the distribution that regroupings' totals tend to."""
     known = ~np.isnan(together)
     filled = np.where(known, together - np.nanmean(together, axis=0), 0.0)
     columns = np.concatenate([known, filled, filled**2], axis=1)
@@ -206,13 +217,14 @@ def _limit_p(together: Values, n: int, observed: float) -> float:
 
 
 def _sum_of_squares(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
-    """Squared Welch's t of both parts added up; ``values`` is (regroupings, people, 2)."""
+    """Add up squared Welch's t of both parts; ``values`` is (regroupings, people, 2)."""
     parts = [_welch_squared(values[:, :n, part], values[:, n:, part]) for part in (0, 1)]
     return parts[0] + parts[1]
 
 
 def _welch_squared(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    (mean_a, error_a), (mean_b, error_b) = _mean_and_error(a), _mean_and_error(b)
+    mean_a, error_a = _mean_and_error(a)
+    mean_b, error_b = _mean_and_error(b)
     apart = mean_a - mean_b
     error = error_a + error_b
     squared_t = np.where(np.abs(apart) < 1e-12, 0.0, apart**2 / np.maximum(error, 1e-12))
@@ -220,7 +232,7 @@ def _welch_squared(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np
 
 
 def _mean_and_error(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of each row its mean and the squared error of it, NaNs excluded; NaN where fewer than two are left."""
+    """Return each row's mean and its squared error, NaNs excluded; NaN where fewer than two are left."""
     known = ~np.isnan(values)
     n = known.sum(axis=1)
     enough = n > 1
