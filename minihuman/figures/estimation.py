@@ -27,7 +27,7 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
 def compare_every_pair(groups: Mapping[str, Values]) -> list[Difference]:
-    """Every two groups' difference, with the interval that the report has; none with a group that has no value."""
+    """Compare every two groups, with the interval that the report has; no group without a value."""
     rows = pd.concat([pd.DataFrame({"group": name, "value": values}) for name, values in groups.items()])
     compared = compare_groups(rows, ["value"], order=list(groups))
     return [
@@ -38,12 +38,16 @@ def compare_every_pair(groups: Mapping[str, Values]) -> list[Difference]:
 
 
 def spread_dots(values: Values, *, rows: int = 40, width: float = 0.36) -> Values:
-    """How far to the side each dot stands, so that equal ones lie beside each other: (n,), at most ``width``."""
-    extent = float(np.ptp(values)) if len(values) else 0.0
-    height = (values - values.min()) / extent if extent else np.zeros(len(values))
+    """Spread dots to the side, so that equal ones lie beside each other: offsets (n,) of at most ``width``."""
+    if not len(values):
+        return np.zeros(0)
+    extent = float(np.ptp(values))
+    height = np.zeros(len(values))
+    if extent:
+        height = (values - values.min()) / extent
     row = (height * (rows - 1)).round().astype(int)
     offsets = np.zeros(len(values))
-    fullest = max(np.bincount(row).max() if len(row) else 1, 2)
+    fullest = max(np.bincount(row).max(), 2)
     step = min(0.09, 2 * width / fullest)
     for level in np.unique(row):
         places = np.flatnonzero(row == level)
@@ -79,7 +83,8 @@ def draw_participants(
         if len(known):
             (mean,), (low,), (high,) = mean_and_band(known[:, None])
             if np.isfinite(low):
-                low, high = np.clip((low, high), *limits) if limits else (low, high)
+                if limits is not None:
+                    low, high = np.clip((low, high), *limits)
                 ax.plot([place + mean_offset] * 2, [low, high], color="black", lw=1.1, gid=f"interval: {group}")
             ax.plot(place + mean_offset, mean, "D", ms=3.6, color="black", gid=f"mean: {group}")
     ax.set_xticks(range(len(groups)), [f"{group}\nn = {int((~np.isnan(v)).sum())}" for group, v in groups.items()])
@@ -124,7 +129,7 @@ def estimation_figure(
     title: str = "",
     limits: tuple[float, float] | None = None,
 ) -> Figure:
-    """Every participant by group, and the groups' differences beside them, for the width of a page.
+    """Draw every participant by group, and the groups' differences beside them, for the width of a page.
 
     Args:
         groups: one value per participant; NaN where there is none.
@@ -180,7 +185,7 @@ def draw_reaction_times(ax: Axes, groups: Mapping[str, NDArray[np.float64]], edg
 
 
 def reaction_time_figure(groups: Mapping[str, NDArray[np.float64]], edges_ms: Values, *, title: str) -> Figure:
-    """Distributions of reaction times for one column of a page."""
+    """Draw distributions of reaction times for one column of a page."""
     with figure_style():
         figure = new_figure(height_cm=6.6)
         figure.suptitle(title)

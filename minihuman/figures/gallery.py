@@ -36,7 +36,7 @@ def draw_all_figures(tables: Tables, out: Path, *, each_session: bool = False) -
         if each_session:
             yield from draw_session(selected.session, out / _name(selected.log))
         first = first or selected.session
-        everyone.append(_light(selected.session))
+        everyone.append(_strip_session(selected.session))
     if first is not None and len(everyone) == 1 and not each_session:
         yield from draw_session(first, out / _name(first))
     if len(everyone) > 1:
@@ -71,15 +71,15 @@ def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
         yield from save_figure(figure, out / f"learning_{_file_name(str(block))}")
 
 
-def _light(log: SessionLog) -> SessionLog:
-    """The session without its key presses and pictures shown, so that a thousand of them can be held at once."""
+def _strip_session(log: SessionLog) -> SessionLog:
+    """Remove a session's key presses and pictures, so that a thousand sessions fit into memory."""
     keys = EventColumns.of(KeyPressed, ())
     segments = tuple(replace(segment, keys=keys) for segment in log.segments)
     return replace(log, episodes=tuple(map(strip_events, log.episodes)), segments=segments)
 
 
 def collect_rewards(logs: Iterable[SessionLog]) -> "pd.DataFrame":
-    """Every episode's reward with whose it is and where in its block, as in the table "episodes"."""
+    """Collect every episode's reward, with its participant and its place in the block, as in the table "episodes"."""
     import pandas as pd  # half a second: no figure of one session needs it
 
     columns = ["participant", "session", "group", "block", "episode_in_block", "reward"]
@@ -98,4 +98,5 @@ def _name(log: SessionLog) -> str:
 
 
 def _file_name(text: str) -> str:
+    """Make a file's name from what follows the last slash, with hyphens for unusual characters."""
     return "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in text.rpartition("/")[2])

@@ -21,7 +21,7 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 def mean_and_band(
     values: NDArray[np.float64], *, level: float = 0.95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Mean over participants and Student's t interval of that mean, each (episodes,), from (participants, episodes).
+    """Compute the mean over participants and its t interval, each (episodes,), from (participants, episodes).
 
     NaN stands for a missing episode. With fewer than two participants in an episode the interval there is NaN.
     """
@@ -38,7 +38,11 @@ def mean_and_band(
 def share_and_band(
     values: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Share of ones and its 95 % interval (Wilson), each (episodes,), from (participants, episodes) of 0, 1 and NaN."""
+    """Compute the share of ones and its 95 % interval (Wilson), each (episodes,).
+
+    Args:
+        values: (participants, episodes) of 0, 1 and NaN.
+    """
     counts = (~np.isnan(values)).sum(axis=0)
     ones = np.nansum(values, axis=0)
     with np.errstate(invalid="ignore"):
@@ -64,12 +68,15 @@ def draw_learning(
     measure that has no others beyond, means are shares and bands Wilson's, of 95 %. Others are Student's, cut at
     ``limits``, which the measure cannot leave.
     """
-    shares = limits in (None, (0, 1)) and all(
+    are_shares = limits in (None, (0, 1)) and all(
         np.isin(values[~np.isnan(values)], (0, 1)).all() for values in curves.values()
     )
     for place, (group, values) in enumerate(curves.items()):
         colour = SERIES[place % len(SERIES)]
-        mean, low, high = share_and_band(values) if shares else mean_and_band(values, level=level)
+        if are_shares:
+            mean, low, high = share_and_band(values)
+        else:
+            mean, low, high = mean_and_band(values, level=level)
         if limits is not None:
             low = np.clip(low, *limits)
             high = np.clip(high, *limits)
@@ -77,7 +84,7 @@ def draw_learning(
             at = np.arange(1, values.shape[1] + 1)
         else:
             at = np.asarray(numbers)
-        if len(values) <= _FEW and not shares:
+        if len(values) <= _FEW and not are_shares:
             for participant_values in values:
                 ax.plot(at, participant_values, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")
         ax.plot(
@@ -86,12 +93,17 @@ def draw_learning(
         )  # fmt: skip
         ax.fill_between(at, low, high, color=colour, alpha=0.18, lw=0, gid=f"band: {group}")
     ax.set(xlabel=xlabel, ylabel=measure)
-    if limits is not None and np.isfinite(limits).all():
-        margin = 0.03 * (limits[1] - limits[0])
-        ax.set_ylim(limits[0] - margin, limits[1] + margin)
+    _set_limits(ax, limits)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(2, len(curves)))
     return ax
+
+
+def _set_limits(ax: Axes, limits: tuple[float, float] | None) -> None:
+    """Let the axis end just beyond the limits of the measure, where it has any on both sides."""
+    if limits is not None and np.isfinite(limits).all():
+        margin = 0.03 * (limits[1] - limits[0])
+        ax.set_ylim(limits[0] - margin, limits[1] + margin)
 
 
 def learning_figure(
@@ -103,7 +115,7 @@ def learning_figure(
     numbers: Sequence[int] | None = None,
     title: str = "",
 ) -> Figure:
-    """One measure's learning curves for one column of a page."""
+    """Draw one measure's learning curves for one column of a page."""
     with figure_style():
         figure = new_figure(height_cm=6.2 + 0.4 * (title.count("\n") + bool(title)))
         figure.suptitle(title)

@@ -21,7 +21,7 @@ _MAX_SQUARES = 4_000_000
 def compute_occupancy(
     participants: Sequence[Sequence[EpisodeLog]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Share of steps in each square of the floor: (columns, rows), with the edges along x and along z.
+    """Compute the share of steps in each square of the floor: (columns, rows), with the edges along x and along z.
 
     Squares are cells in the grid and half metres in 3D. Every participant weighs the same, however long they took;
     episodes without a map or poses do not count.
@@ -97,14 +97,14 @@ def draw_occupancy(
 
 
 def find_occupancy_limits(*shares: NDArray[np.float64]) -> tuple[float, float]:
-    """The percentages that a colour scale shows: up to the largest, down to the smallest or a 300th of that."""
+    """Find the percentages that a colour scale shows: up to the largest, down to the smallest or a 300th of that."""
     highest = max(100 * float(share.max()) for share in shares)
     lowest = min(100 * float(share[share > 0].min()) for share in shares)
     return max(lowest, highest / 300), highest
 
 
 def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeLog]]]) -> Figure:
-    """The floor plan of each group, with one colour scale, for a column of a page or, of several groups, the whole.
+    """Draw the floor plan of each group, with one colour scale: a column wide, or of several groups a page.
 
     Args:
         title: what they played.
@@ -130,7 +130,7 @@ def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeL
 
 
 def group_by_participant(logs: Iterable[SessionLog], world: str) -> list[list[EpisodeLog]]:
-    """The episodes of a world that tell places, a list a participant, all of their sessions together."""
+    """Group the episodes of a world that have positions by participant, over all of their sessions."""
     by_participant: dict[tuple[str, str], list[EpisodeLog]] = {}
     for log in logs:
         episodes = [episode for episode in log.episodes if episode.plan.world == world and has_positions(episode)]
@@ -140,7 +140,7 @@ def group_by_participant(logs: Iterable[SessionLog], world: str) -> list[list[Ep
 
 
 def group_participants_by_group(logs: Iterable[SessionLog], world: str) -> dict[str, list[list[EpisodeLog]]]:
-    """The same, by the participants' groups, in order of the alphabet."""
+    """Group the participants' episodes of a world by group, in order of the alphabet."""
     logs = list(logs)
     groups = sorted({log.plan.participant.group for log in logs})
     by_group = {
@@ -151,5 +151,5 @@ def group_participants_by_group(logs: Iterable[SessionLog], world: str) -> dict[
 
 
 def has_positions(episode: EpisodeLog) -> bool:
-    """Whether an episode has a map, and a pose at every step."""
+    """Say whether an episode has a map, and a pose at every step."""
     return episode.start.map is not None and not bool(np.isnan(episode.poses[:, [0, 2]]).any())

@@ -76,7 +76,7 @@ def draw_different_keys(ax: Axes, log: SessionLog) -> Axes:
 
 
 def overview_figure(log: SessionLog) -> Figure:
-    """Four panels over the session's episodes, blocks told apart by bands, for one column of a page.
+    """Draw four panels over the session's episodes, blocks told apart by bands, for one column of a page.
 
     Raises:
         LogError: if it has no episode.

@@ -16,7 +16,7 @@ _DASHES = ("-", "--", ":", "-.")
 
 
 def survival_band(curve: SurvivalCurve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The 95 % interval of a curve's share after each event, of observations that are independent of each other.
+    """Compute the 95 % interval of a curve's share after each event, of independent observations.
 
     Greenwood's variance on the log-log scale (Kalbfleisch and Prentice, 2002, section 1.4); NaN at a share of 0.
     """
@@ -65,7 +65,7 @@ def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str, 
 def survival_figure(
     groups: Mapping[str, SurvivalTimes], *, label: str, title: str = "", independent: bool = False
 ) -> Figure:
-    """One event's curves for one column of a page, with the number at risk per group under the axis."""
+    """Draw one event's curves for one column of a page, with the number at risk per group under the axis."""
     with figure_style():
         figure = new_figure(height_cm=6.2 + 0.45 * len(groups) + 0.4 * (title.count("\n") + bool(title)))
         axes, below = figure.subplots(2, height_ratios=(6, len(groups) + 0.6))

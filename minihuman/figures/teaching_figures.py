@@ -30,7 +30,7 @@ def draw_steering(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
     for row, episode in enumerate(episodes):
         taught = episode.taught
         assert taught is not None, f"{episode.name} had no agent"
-        for begin, end, person in _stretches(taught.by_person):
+        for begin, end, person in _split_runs(taught.by_person):
             ax.barh(row, end - begin, left=begin, height=0.8, color=PERSON if person else AGENT, linewidth=0)
         if before is not None and taught.policy != before:
             ax.axhline(row - 0.5, color="black", linewidth=0.6)
@@ -49,15 +49,15 @@ def draw_steering(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
 
 
 def steering_figure(episodes: Sequence[EpisodeLog]) -> Figure:
-    """One session's episodes of one block, for one column of a page."""
+    """Draw one session's episodes of one block, for one column of a page."""
     with figure_style():
         figure = new_figure(height_cm=2.6 + 0.36 * min(40, len(episodes)))
         draw_steering(figure.subplots(), episodes)
     return figure
 
 
-def _stretches(by_person: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
-    """Begin, end and who of each run of steps."""
+def _split_runs(by_person: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
+    """Split steps into runs of one actor: begin, end, and whether it was the person."""
     edges = [0, *(np.flatnonzero(np.diff(by_person)) + 1).tolist(), len(by_person)]
     return [(begin, end, bool(by_person[begin])) for begin, end in pairwise(edges) if end > begin]
 
@@ -67,7 +67,7 @@ NS_PER_MIN = 60e9
 
 
 def compute_shares_of_good(values: NDArray[np.float64], *, latest: int = WINDOW_PRESSES) -> NDArray[np.float64]:
-    """For each press the share of good ones among the latest, itself the last of them: of fewer at the beginning.
+    """Compute, for each press, the share of good ones among the latest, itself included; of fewer at the beginning.
 
     Args:
         values: (n,) 1 good, -1 bad, in order of time.
@@ -115,7 +115,7 @@ def draw_ratings(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
 
 
 def ratings_figure(episodes: Sequence[EpisodeLog]) -> Figure:
-    """One session's presses in one block, for one column of a page."""
+    """Draw one session's presses in one block, for one column of a page."""
     with figure_style():
         figure = new_figure(height_cm=5.0)
         draw_ratings(figure.subplots(), episodes)

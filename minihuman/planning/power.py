@@ -55,7 +55,7 @@ _PRESSES_PER_STEP = 20  # of the limit: who needs more will never find the keys
 
 
 def can_run_headless(protocol: Protocol) -> bool:
-    """Whether a study can be played headless: one session, self-paced, without an agent."""
+    """Say whether a study can be played headless: one session, self-paced, without an agent."""
     return len(protocol.sessions) <= 1 and all(
         find_kind(block.kind).is_plain_play
         and block.pace == "on_key"
@@ -77,6 +77,7 @@ def play_headless(
 
 
 def _play(plan: EpisodePlan, pool: tuple[str, ...], player: SimulatedParticipant, world: World) -> HeadlessEpisode:
+    """Play one episode, until it ends or more keys are pressed than any patient player needs."""
     world.reset(plan.seed)
     shortest = world.path_length_bounds().feasible
     player.begin(plan, pool, world)
@@ -119,7 +120,7 @@ class ParticipantPool:
 
     @property
     def people(self) -> int:
-        """How many there are."""
+        """Count the participants."""
         return int(self.episodes["participant"].nunique())
 
 
@@ -197,7 +198,7 @@ def _play_bare_share(protocol: Protocol, player: str, seed: int) -> pd.DataFrame
 
 
 def parse_group_sizes(text: str) -> tuple[int, ...]:
-    """Numbers of participants per group, as in ``10,20``.
+    """Read numbers of participants per group, as in ``10,20``.
 
     Raises:
         ReportError: if they are none, or one is below two.
@@ -242,7 +243,7 @@ class Effect:
         return cls(excess)
 
     def of(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Episodes as they would have gone with the effect.
+        """Return the episodes as they would have gone with the effect.
 
         An episode that timed out stays so, since its remaining steps are unknown; power is understated a little.
         Reward is taken to fall in a straight line from the best way's, as Minigrid's and Miniworld's does.
@@ -257,15 +258,18 @@ class Effect:
         )
 
 
-def _each(rows: pd.DataFrame, measure: Callable[..., float | None]) -> list[float]:
-    return [
-        math.nan if (found := measure(*one)) is None else found
-        for one in rows[["steps", "feasible_steps", "max_steps", "outcome"]].itertuples(index=False)
-    ]
+def _measure_episodes(rows: pd.DataFrame, measure: Callable[..., float | None]) -> list[float]:
+    """Compute a measure of each episode; NaN where it has none."""
+    episodes = rows[["steps", "feasible_steps", "max_steps", "outcome"]].itertuples(index=False)
+    measured = (measure(*episode) for episode in episodes)
+    return [math.nan if number is None else number for number in measured]
 
 
-def _best(value: float) -> int | None:
-    return None if pd.isna(value) else int(value)
+def _best(steps: float) -> int | None:
+    """Return the fewest steps as a whole number; None where they are not known."""
+    if pd.isna(steps):
+        return None
+    return int(steps)
 
 
 def _known(rows: pd.DataFrame, values: "pd.Series[float]") -> list[float]:
@@ -275,9 +279,13 @@ def _known(rows: pd.DataFrame, values: "pd.Series[float]") -> list[float]:
 
 
 MEASURES: Mapping[str, Callable[[pd.DataFrame], Sequence[float]]] = {
-    "log_excess_steps": lambda rows: _each(rows, lambda s, b, m, o: log_excess_steps(s, _best(b), int(m), o)),
-    "log_steps_ratio": lambda rows: _each(rows, lambda s, b, m, o: log_steps_ratio(s, _best(b), int(m), o)),
-    "spl": lambda rows: _each(rows, lambda s, b, m, o: spl(s, _best(b), o)),
+    "log_excess_steps": lambda rows: _measure_episodes(
+        rows, lambda steps, best, limit, outcome: log_excess_steps(steps, _best(best), int(limit), outcome)
+    ),
+    "log_steps_ratio": lambda rows: _measure_episodes(
+        rows, lambda steps, best, limit, outcome: log_steps_ratio(steps, _best(best), int(limit), outcome)
+    ),
+    "spl": lambda rows: _measure_episodes(rows, lambda steps, best, _, outcome: spl(steps, _best(best), outcome)),
     "steps_at_limit": lambda rows: _known(rows, rows["steps"].where(rows["outcome"] == "goal", rows["max_steps"])),
     "reward": lambda rows: rows["reward"].tolist(),
     "success": lambda rows: _known(rows, (rows["outcome"] == "goal").astype(float)),
@@ -297,7 +305,7 @@ class PowerEstimate:
 
 
 def compute_values(rows: pd.DataFrame, measure: str) -> Values:
-    """One value a person: the mean over episodes; of the reward in two parts two, (n, 2).
+    """Compute one value per person, the mean over episodes; of the reward in two parts two values, (n, 2).
 
     Raises:
         ReportError: if the measure is unknown, or too few participants have a value.
@@ -332,6 +340,7 @@ def power_curve(
 
 
 def _power_at(measure: str, treated: Values, untreated: Values, size: int, *, studies: int, seed: int) -> PowerEstimate:
+    """Estimate the power at one size of groups; see ``power_curve``."""
     test = _group_p if untreated.ndim == 1 else two_parts_p
     rng = np.random.default_rng([seed, size])
     hits = list[int]()
@@ -358,7 +367,9 @@ def _power_at(measure: str, treated: Values, untreated: Values, size: int, *, st
 
 def _group_p(a: Values, b: Values) -> float:
     (test,) = permutation_tests([(a, b)])
-    return math.nan if test is None else test.p()
+    if test is None:
+        return math.nan
+    return test.p()
 
 
 _LIKELY = 0.8
@@ -371,8 +382,9 @@ def describe_power(pool: ParticipantPool, effect: Effect, estimates: Sequence[Po
         effect_text = "no effect"
     else:
         effect_text = f"excess steps times {effect.excess:g} in one of two groups"
+    studies = estimates[0].studies
     lines = [
-        f"Power for {effect_text}, block {pool.block}: the share of {estimates[0].studies:,} studies with p < {ALPHA:g}",
+        f"Power for {effect_text}, block {pool.block}: the share of {studies:,} studies with p < {ALPHA:g}",
         f"(permutation of |Welch's t| over participants' means), people drawn from {pool.people} simulated ones of",
         f"group {pool.group}, player {player}. In brackets (95 %): the Monte Carlo interval.",
         "Whether real participants are like the simulated ones is not tested.",
@@ -382,7 +394,7 @@ def describe_power(pool: ParticipantPool, effect: Effect, estimates: Sequence[Po
 
 
 def tabulate_power(estimates: Sequence[PowerEstimate]) -> Iterator[str]:
-    """The lines of a table with a row per measure and a column per number of participants."""
+    """Yield the lines of a table with a row per measure and a column per number of participants."""
     sizes = sorted({estimate.participants for estimate in estimates})
     width = max(len("participants per group"), *(len(estimate.measure) + 2 for estimate in estimates))
     yield f"{'participants per group':<{width}}" + "".join(f"{size:>22}" for size in sizes)

@@ -64,7 +64,7 @@ def build_preregistration(protocol: Protocol, plan: SessionPlan, power: str = ""
 
 
 def write_preregistration(protocol: Protocol, plan: SessionPlan, path: Path, power: str = "") -> Path:
-    """Write it to a new file.
+    """Write the preregistration to a new file.
 
     Raises:
         ReportError: if there is such a file.
@@ -77,7 +77,7 @@ def write_preregistration(protocol: Protocol, plan: SessionPlan, path: Path, pow
 
 
 def describe_planned_power(toml: bytes, effect: str, *, people: int = 60, studies: int = 500) -> str:
-    """What the study's power is at half of its places a group, and at half and twice that.
+    """Describe the study's power at its number of places per group, and at half and twice that.
 
     Raises:
         ReportError: if the effect is none.
@@ -97,17 +97,21 @@ def describe_planned_power(toml: bytes, effect: str, *, people: int = 60, studie
 
 
 def _find_target_block(protocol: Protocol) -> str:
-    """The block that groups are compared on: the one that is named, or the last that all of them play."""
+    """Find the block that groups are compared on: the one that is named, or the last that all of them play."""
+    if protocol.analysis.block:
+        return protocol.analysis.block
     common = [
         block.name
         for block in protocol.blocks
         if all(block.name in (group.blocks or group.parts) for group in protocol.groups)
     ]
-    return protocol.analysis.block or (common[-1] if common else "")
+    if not common:
+        return ""
+    return common[-1]
 
 
 def _describe_direction(protocol: Protocol) -> str:
-    """Which group is taken from which, as the report does it."""
+    """Say which group is subtracted from which, as the report does it."""
     if len(protocol.groups) < 2:
         return "There is one group, so nothing is compared."
     blocks = {block.name for block in protocol.blocks}

@@ -66,7 +66,7 @@ class ReactionTimeFit:
 
 
 def log_density(times: ReactionTimes, values: Mapping[str, float], *, floor_ms: float) -> NDArray[np.float64]:
-    """The logarithm of each time's density per ms; of a time at the floor, of the chance to be there or below."""
+    """Compute the log density of each time per ms; of a time at the floor, the log chance to be there or below."""
     gone = values["practice"] * -np.expm1(-times.presses / values["practice_presses"])
     share = np.where(times.again, values["repeat_factor"], 1.0) * (1 - gone) * (1 + _FATIGUE * times.presses / 1000)
     at_floor = times.ms <= floor_ms + 0.5
@@ -80,7 +80,7 @@ def log_density(times: ReactionTimes, values: Mapping[str, float], *, floor_ms: 
 
 
 def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTimeFit | None:
-    """The most likely parameters; None where there are too few times, or none are most likely."""
+    """Fit the most likely parameters; None where there are too few times."""
     if len(times.ms) < MIN_TIMES:
         return None
 
@@ -89,9 +89,7 @@ def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTime
         return prior - float(log_density(times, _values(point), floor_ms=floor_ms).sum())
 
     named = zip(PARAMETER_NAMES, _START, strict=True)
-    start = np.array(
-        [math.log(start_value / (1 - start_value) if name in _CHANCES else start_value) for name, start_value in named]
-    )
+    start = np.array([_to_line(name, start_value) for name, start_value in named])
     options: Any = {"maxiter": 4000, "maxfev": 4000, "xatol": 1e-3, "fatol": 1e-2, "adaptive": True}
     optimum = scipy.optimize.minimize(unlikely, start, method="Nelder-Mead", options=options)
     point = optimum.x
@@ -123,7 +121,15 @@ def _values(point: NDArray[np.float64]) -> dict[str, float]:
     return {name: _from_line(name, float(at)) for name, at in zip(PARAMETER_NAMES, point, strict=True)}
 
 
+def _to_line(name: str, parameter: float) -> float:
+    """Return the log odds of a chance, the logarithm of any other parameter."""
+    if name in _CHANCES:
+        return math.log(parameter / (1 - parameter))
+    return math.log(parameter)
+
+
 def _from_line(name: str, at: float) -> float:
+    """Return a parameter from its log odds or logarithm."""
     at = min(max(at, -30.0), 30.0)
     if name in _CHANCES:
         return 1 / (1 + math.exp(-at))
@@ -194,7 +200,7 @@ def select_reaction_times(steps: pd.DataFrame) -> tuple[ReactionTimes, NDArray[n
 
 
 def measure_gain(fitted: ReactionTimeFit, training: ReactionTimes, held_out: ReactionTimes) -> float:
-    """Bits per unseen press by which a fit predicts better than a log-normal given key and practice.
+    """Measure by how many bits per held-out press a fit predicts better than a log-normal given key and practice.
 
     Both are conditional on being above the floor, where a chance and a density cannot be compared.
     """
@@ -218,7 +224,8 @@ def describe_fits(participants: list[FittedParticipant]) -> Iterator[str]:
     """Describe each participant's fit, the median participant, and the gain on held-out episodes."""
     for participant in participants:
         parameters = ", ".join(f"{name} {participant.fitted.values[name]:.3g}" for name in PARAMETER_NAMES)
-        yield f"{participant.participant}  {parameters}  ({participant.fitted.n} presses; held out: {participant.gain:+.2f} bits per press)"
+        bits = f"{participant.gain:+.2f} bits per press"
+        yield f"{participant.participant}  {parameters}  ({participant.fitted.n} presses; held out: {bits})"
     middle = {
         name: float(np.median([participant.fitted.values[name] for participant in participants]))
         for name in PARAMETER_NAMES
@@ -229,7 +236,7 @@ def describe_fits(participants: list[FittedParticipant]) -> Iterator[str]:
 
 
 def write_fits(participants: list[FittedParticipant], path: Path) -> Path:
-    """Write all values and intervals as CSV."""
+    """Write all parameters and intervals as CSV."""
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(("participant", "parameter", "value", "low", "high", "presses", "held_out_bits"))

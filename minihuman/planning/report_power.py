@@ -46,7 +46,7 @@ class StudyDesign:
     drop_out: float = 0.0  # the chance to be missing from a session, and from all later ones
 
     def __post_init__(self) -> None:
-        """Refuse what is no design."""
+        """Refuse an unknown comparison, or a drop-out that is no chance."""
         if self.on not in COMPARISONS:
             raise ReportError(f"--on {self.on!r} is unknown; use one of {', '.join(COMPARISONS)}")
         if not 0 <= self.drop_out < 1:
@@ -89,7 +89,7 @@ def simulate_report_pool(toml: bytes, *, people: int, player: str, seed: int) ->
 
 
 def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> ReportPool:
-    """A pool of a study's tables."""
+    """Make a pool from a study's tables."""
     analysis = protocol.analysis
     rows = add_measures(tables["blocks"], tables, analysis.find_plugin_measures())
     analysed = {block.name for block in protocol.blocks if block.analysed}
@@ -107,7 +107,7 @@ def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> 
 def estimate_report_power(
     pool: ReportPool, design: StudyDesign, sizes: Sequence[int], *, studies: int, seed: int
 ) -> tuple[PowerEstimate, ...]:
-    """The share of studies in which the report's corrected p of each comparison is below 5 %.
+    """Estimate the share of studies in which the report's corrected p of each comparison is below 5 %.
 
     ``sizes`` are participants per group, times the group's allocation ratio. Of each size, an estimate per comparison
     of the primary measure (of the first that has values where none is named), and one of any of them.
@@ -133,7 +133,9 @@ def estimate_report_power(
         for _ in range(studies):
             ps = compare_study(draw_study(pool, design, size, rng), pool, design.on)
             rejected = {name: p < ALPHA for name, p in ps}
-            counts.update(rejected | ({"any of them": any(rejected.values())} if len(rejected) > 1 else {}))
+            if len(rejected) > 1:
+                rejected["any of them"] = any(rejected.values())
+            counts.update(rejected)
         for name, hits in counts.items():
             low, high = wilson_interval(hits, studies)
             estimates.append(PowerEstimate(name, size, hits / studies, low, high, studies))
@@ -141,8 +143,24 @@ def estimate_report_power(
 
 
 def draw_study(pool: ReportPool, design: StudyDesign, size: int, rng: np.random.Generator) -> pd.DataFrame:
-    """The included rows of one study's table of blocks: participants, or whole teams, drawn with replacement."""
-    (measure, is_log, effect), samples = _find_effect(pool, design), []
+    """Draw the included rows of one study's table of blocks: participants, or whole teams, with replacement."""
+    measure, is_log, effect = _find_effect(pool, design)
+    rows = _draw_participants(pool, effect, size, rng)
+    if design.drop_out:
+        rows = _drop_out(rows, design.drop_out, rng)
+    rows = rows[rows["exclusion_reason"].isna()]
+    values = rows[measure].astype(float)
+    move = rows["move"]
+    if measure == "success":
+        return rows.assign(success=_move_success(rows, values, rng))
+    if is_log:
+        return rows.assign(**{measure: values * np.exp(move)})
+    return rows.assign(**{measure: values + move})
+
+
+def _draw_participants(pool: ReportPool, effect: pd.DataFrame, size: int, rng: np.random.Generator) -> pd.DataFrame:
+    """Draw each group's participants, or whole teams, with replacement, and number them."""
+    samples = []
     for group, ratio in pool.groups.items():
         group_rows = effect[effect["group"] == group]
         places = [*group_rows.groupby("drawn").indices.values()]
@@ -153,22 +171,26 @@ def draw_study(pool: ReportPool, design: StudyDesign, size: int, rng: np.random.
         for name in ("participant", "person"):
             rows = rows.assign(**{name: [f"{at}/{code}" for at, code in zip(number, rows[name], strict=True)]})
         samples.append(rows)
-    rows = pd.concat(samples, ignore_index=True)
-    if design.drop_out:
-        left = {
-            code: next((at for at in sorted({*rows["session"]}) if rng.random() < design.drop_out), math.inf)
-            for code in rows["person"].unique()
-        }
-        rows = rows[rows["session"] < rows["person"].map(left)]
-    rows = rows[rows["exclusion_reason"].isna()]
-    values = rows[measure].astype(float)
+    return pd.concat(samples, ignore_index=True)
+
+
+def _drop_out(rows: pd.DataFrame, chance: float, rng: np.random.Generator) -> pd.DataFrame:
+    """Leave out each person's sessions from the one on that the person is missing from, if any."""
+    sessions = sorted({*rows["session"]})
+    left = {
+        person: next((session for session in sessions if rng.random() < chance), math.inf)
+        for person in rows["person"].unique()
+    }
+    return rows[rows["session"] < rows["person"].map(left)]
+
+
+def _move_success(rows: pd.DataFrame, values: "pd.Series[float]", rng: np.random.Generator) -> "pd.Series[float]":
+    """Turn failures into successes, or successes into failures: so no share leaves 0 to 1."""
     move = rows["move"]
-    if measure == "success":  # more failures, or fewer successes, become the other: no share leaves 0 to 1
-        other_share = values.where(move < 0, 1 - values)
-        chance = (move.abs() / rows["middle"].where(move < 0, 1 - rows["middle"])).fillna(0).clip(0, 1)
-        tries = (other_share * rows["episodes"]).round().fillna(0).astype(int)
-        return rows.assign(success=values + np.sign(move) * rng.binomial(tries, chance) / rows["episodes"])
-    return rows.assign(**{measure: values * np.exp(move) if is_log else values + move})
+    other_share = values.where(move < 0, 1 - values)
+    chance = (move.abs() / rows["middle"].where(move < 0, 1 - rows["middle"])).fillna(0).clip(0, 1)
+    tries = (other_share * rows["episodes"]).round().fillna(0).astype(int)
+    return values + np.sign(move) * rng.binomial(tries, chance) / rows["episodes"]
 
 
 def _primary(pool: ReportPool, rows: pd.DataFrame) -> str:
@@ -176,7 +198,7 @@ def _primary(pool: ReportPool, rows: pd.DataFrame) -> str:
 
 
 def _list_first_blocks(pool: ReportPool) -> list[str]:
-    """The blocks of the first condition."""
+    """List the blocks of the first condition."""
     named = dict(pool.design.condition_of_block) or {block: block for block in pool.analysis.conditions}
     first = next(iter(named.values()), "")
     return [block for block, condition in named.items() if condition == first]
@@ -184,7 +206,7 @@ def _list_first_blocks(pool: ReportPool) -> list[str]:
 
 @lru_cache(maxsize=1)
 def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.DataFrame]:
-    """The primary measure, whether it is compared as logarithms, and the pool's rows with how far each is to be moved.
+    """Find the primary measure, whether it is compared as logarithms, and how far each of the pool's rows is moved.
 
     What is compared is moved to a common mean first: the difference is the design's, whatever the one by which the
     simulated groups or conditions differ. ``middle`` is the mean before.
@@ -202,7 +224,10 @@ def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.D
     values = scaled[measure].astype(float)
     means = scaled.groupby(["block", "group", "participant"])[measure].mean()
     middle = values.groupby([compared_rows[name] for name in cell]).transform("mean")
-    common = values.mean() if within else values.groupby(compared_rows["session"]).transform("mean")
+    if within:
+        common = values.mean()
+    else:
+        common = values.groupby(compared_rows["session"]).transform("mean")
     first_condition = compared_rows["block"].isin(_list_first_blocks(pool))
     first_group = compared_rows["group"] == next(iter(pool.groups))
     by_comparison = {"conditions": first_condition, "interaction": first_condition & first_group}
@@ -214,7 +239,7 @@ def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.D
 
 
 def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tuple[str, float]]:
-    """The corrected p of each comparison of the primary measure, as the report's page has it."""
+    """Yield the corrected p of each comparison of the primary measure, as the report's page has it."""
     analysis = pool.analysis
     order = list(pool.groups)
     if on == "interaction":
@@ -223,14 +248,27 @@ def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tup
             yield from _list_interaction_ps(interaction)
         return
     if on == "conditions":
-        within = compare_within(*name_conditions(rows, analysis, pool.design))
-        primary = _primary(pool, rows[rows["block"].isin(analysis.conditions)])
-        yield from (
-            (f"{primary}: {comparison.first} - {comparison.second}", comparison.p_holm)
-            for comparison in (within.comparisons if within else ())
-            if comparison.measure == primary
-        )
+        yield from _list_condition_ps(rows, pool)
         return
+    yield from _list_group_ps(rows, pool, order, is_change=on == "change")
+
+
+def _list_condition_ps(rows: pd.DataFrame, pool: ReportPool) -> Iterator[tuple[str, float]]:
+    """Yield the corrected p of each two conditions."""
+    within = compare_within(*name_conditions(rows, pool.analysis, pool.design))
+    if within is None:
+        return
+    primary = _primary(pool, rows[rows["block"].isin(pool.analysis.conditions)])
+    for comparison in within.comparisons:
+        if comparison.measure == primary:
+            yield f"{primary}: {comparison.first} - {comparison.second}", comparison.p_holm
+
+
+def _list_group_ps(
+    rows: pd.DataFrame, pool: ReportPool, order: Sequence[str], *, is_change: bool
+) -> Iterator[tuple[str, float]]:
+    """Yield the corrected p of each two groups in the target block, or of their changes between sessions."""
+    analysis = pool.analysis
     target_rows = rows[rows["block"] == pool.target]
     primary = _primary(pool, target_rows)
     named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if ":" in name]
@@ -240,9 +278,10 @@ def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tup
     if analysis.primary_measure:  # the other roles are corrected by themselves
         roles = {name: role for name, role in roles.items() if role == "primary"}
     scaled, logs = take_logarithms(target_rows, list(roles))
-    frames = [scaled.groupby(["group", "participant"])[list(roles)].mean().reset_index()]
-    if on == "change":
+    if is_change:
         frames = list(list_changes(scaled, list(roles)).values())
+    else:
+        frames = [scaled.groupby(["group", "participant"])[list(roles)].mean().reset_index()]
     for frame in frames:
         for comparison in compare_measures(frame, roles, order, logs, intervals=False):
             if comparison.measure == primary:
@@ -250,7 +289,7 @@ def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tup
 
 
 def _list_interaction_ps(interaction: InteractionResults) -> Iterator[tuple[str, float]]:
-    """The p of all of the interaction, or of its contrasts where they answer the question."""
+    """Yield the p of all of the interaction, or of its contrasts where they answer the question."""
     omnibus = next((test for test in interaction.omnibus if test.measure == interaction.measure), None)
     if omnibus is not None:
         yield f"{interaction.measure}: interaction", omnibus.p_holm
@@ -274,9 +313,10 @@ def describe_report_power(
         sentence = ""
     else:
         sentence = " The protocol names no primary measure, so all are corrected together."
+    studies = estimates[0].studies
     ratios = ", ".join(f"{group} {ratio}" for group, ratio in pool.groups.items())
     lines = [
-        f"Power for a difference of {design.shift:g} standard deviations {location}: the share of {estimates[0].studies:,}",
+        f"Power for a difference of {design.shift:g} standard deviations {location}: the share of {studies:,}",
         f"studies with p < {ALPHA:g} on the report's page, after its corrections.{sentence}",
         f"Participants are drawn from {pool.rows['person'].nunique()} simulated ones, player {player};",
         f"allocation ratio {ratios}; {design.drop_out:.0%} miss each session. In brackets: the Monte Carlo interval.",
@@ -297,7 +337,7 @@ def plan_report_power(
     player: str,
     seed: int,
 ) -> tuple[tuple[PowerEstimate, ...], str]:
-    """Simulate a pool and estimate the power of an effect such as ``shift=0.5``; also the text that says what it is.
+    """Simulate a pool and estimate the power of an effect such as ``shift=0.5``; return it with its description.
 
     Raises:
         ReportError: if the effect is none, or the protocol has no such comparison.

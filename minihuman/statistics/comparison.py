@@ -1,5 +1,6 @@
-"""Comparisons of groups, two by two: differences with permutation tests, intervals and effect sizes, corrected for their
-number. States the reason where a comparison cannot be made.
+"""Comparisons of groups, two by two: permutation tests with intervals and effect sizes, corrected for their number.
+
+States the reason where a comparison cannot be made.
 """
 
 import math
@@ -157,7 +158,7 @@ def _add_interval(
 
 
 def standardise(a: Values, b: Values, interval: tuple[float, float]) -> tuple[float, tuple[float, float]]:
-    """Standardise a difference: g, means over the average SD (Bonett, 2008; Hedges' correction), with its 95 % interval.
+    """Compute g, the difference over the average SD (Bonett, 2008; Hedges' correction), with its 95 % interval.
 
     The standardiser assumes no equal variances. The interval recovers both errors, of the difference from its
     ``interval`` and of the SD from chi square with Satterthwaite's degrees of freedom (Zou and Donner, 2008), and has

@@ -56,7 +56,7 @@ def count_regroupings(n: int, m: int) -> float:
 
 
 def draw_regroupings(n: int, m: int) -> Iterable[Values]:
-    """Yield batches of (regroupings, n + m), 1 for members of the first group: all regroupings, or RESAMPLES of them."""
+    """Return batches of (regroupings, n + m), 1 for members of the first group: all, or RESAMPLES drawn ones."""
     if n + m <= _CACHED_SIZE:
         return _cache_regroupings(n, m)
     return _make_regroupings(n, m)
