@@ -185,12 +185,13 @@ def _drop_out(rows: pd.DataFrame, chance: float, rng: np.random.Generator) -> pd
 
 
 def _move_success(rows: pd.DataFrame, values: "pd.Series[float]", rng: np.random.Generator) -> "pd.Series[float]":
-    """Turn failures into successes, or successes into failures: so no share leaves 0 to 1."""
+    """Turn failures into successes, or successes into failures, so that no share leaves 0 to 1."""
     move = rows["move"]
     other_share = values.where(move < 0, 1 - values)
     chance = (move.abs() / rows["middle"].where(move < 0, 1 - rows["middle"])).fillna(0).clip(0, 1)
     tries = (other_share * rows["episodes"]).round().fillna(0).astype(int)
-    return values + np.sign(move) * rng.binomial(tries, chance) / rows["episodes"]
+    moved: pd.Series[float] = values + np.sign(move) * rng.binomial(tries, chance) / rows["episodes"]
+    return moved
 
 
 def _primary(pool: ReportPool, rows: pd.DataFrame) -> str:
@@ -224,9 +225,8 @@ def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.D
     values = scaled[measure].astype(float)
     means = scaled.groupby(["block", "group", "participant"])[measure].mean()
     middle = values.groupby([compared_rows[name] for name in cell]).transform("mean")
-    if within:
-        common = values.mean()
-    else:
+    common: float | pd.Series[float] = values.mean()
+    if not within:
         common = values.groupby(compared_rows["session"]).transform("mean")
     first_condition = compared_rows["block"].isin(_list_first_blocks(pool))
     first_group = compared_rows["group"] == next(iter(pool.groups))

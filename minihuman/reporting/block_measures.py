@@ -35,11 +35,7 @@ LOG_MEASURES = ("playing_s_mean", "response_median_ms", "all_keys_discovered_s",
 
 # Compared only where the protocol names them: they repeat another measure, at a cost in Holm's correction.
 ONLY_IF_NAMED = frozenset({"log_steps_ratio_mean", "reaction_median_ms"})
-
-
 TRIAL_BLOCK_MEASURES = ("reward_mean", "response_median_ms")  # of MEASURES, those that a block of trials has
-
-
 FORMULAS = {  # of one episode, where a measure's name does not tell it
     "log_excess_steps_mean": "ln(1 + steps - shortest), shortest: steps of the shortest known path",
     "log_steps_ratio_mean": "ln(steps / shortest)",

@@ -13,8 +13,6 @@ from minihuman.reporting.template import (
 from minihuman.statistics.scores import wilson_interval
 
 VERBS = {"GoTo": "go to", "Open": "open", "Pickup": "pick up", "PutNext": "put next to"}  # by a clause's type
-
-
 ATTEMPT_COLUMNS = ["participant", "session", "segment", "episode"]  # one of an episode: a segment has one at most
 
 
@@ -63,10 +61,10 @@ def clauses_table(rows: pd.DataFrame) -> Table | None:
 
 
 def _list_clause_cells(row: dict[str, Any]) -> tuple[str, ...]:
-    asked = row["asked"]
-    done = row["done"]
+    n = row["asked"]
+    successes = row["done"]
     step = "\N{EN DASH}"
-    if done:
+    if successes:
         step = format_number(float(row["median_step"]))
-    share = format_with_interval(done / asked, wilson_interval(done, asked), 2)
-    return (row["block"], row["verb"], row["group"], str(asked), share, step)
+    share = format_with_interval(successes / n, wilson_interval(successes, n), 2)
+    return (row["block"], row["verb"], row["group"], str(n), share, step)

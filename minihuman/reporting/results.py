@@ -2,12 +2,14 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign
+from minihuman.moved import forward_names
 from minihuman.reporting.block_measures import MEASURES, TRIAL_BLOCK_MEASURES
 from minihuman.reporting.block_results import BlockResults, compute_block_results
 from minihuman.reporting.within_results import (
@@ -119,3 +121,7 @@ def find_target_block(blocks: pd.DataFrame) -> str:
     if not common:
         return ""
     return str(common[-1])
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

@@ -1,7 +1,7 @@
 """Sections of the report's page on the data themselves: answers, recording quality, exclusions and skipped logs."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -10,6 +10,7 @@ from minihuman.activities.questions.question import find_question_kind
 from minihuman.dataset.log_files import SkippedLog
 from minihuman.dataset.recording_quality import LATE_MS, RecordingQuality
 from minihuman.errors import ProtocolError
+from minihuman.moved import forward_names
 from minihuman.reporting.template import (
     AnswerCounts,
     Cell,
@@ -20,8 +21,6 @@ from minihuman.reporting.template import (
 
 _MOST_ANSWERS = 8  # of a question, that are listed one by one
 _GIVEN_ONCE = ["participant", "session", "part", "questions", "item", "attempt"]  # who goes back answers anew
-
-
 _TIMED_COLUMNS = slice(3, 9)  # of the table of quality, those that need a display and a keyboard
 
 
@@ -190,3 +189,7 @@ def exclusions_section(rows: pd.DataFrame) -> ExclusionsSection | None:
 def skipped_table(logs: Sequence[SkippedLog]) -> Table:
     """Tabulate the logs that could not be read, and why."""
     return Table(("log", "reason"), [(str(log.path), log.reason) for log in logs], words=2)
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

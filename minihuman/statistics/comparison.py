@@ -7,11 +7,13 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 import scipy
 
+from minihuman.moved import forward_names
 from minihuman.statistics.permutation import (
     LEAST_ESTIMATED,
     AdjustedTest,
@@ -200,3 +202,7 @@ def holm_correction(ps: Sequence[float]) -> list[float]:
         largest = max(largest, min(1.0, p * (len(known) - rank)))
         corrected[place] = largest
     return corrected
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

@@ -187,8 +187,8 @@ def two_parts_p(a: Values, b: Values) -> float:
     if count_regroupings(n, total - n) <= RESAMPLES:
         orders = []
         for members in combinations(range(total), n):
-            others = [place for place in range(total) if place not in members]
-            orders.append([*members, *others])
+            second_group = [place for place in range(total) if place not in members]
+            orders.append([*members, *second_group])
         return float((_sum_of_squares(together[np.array(orders)], n) >= observed - 1e-9).mean())
     rng = np.random.default_rng(SEED)
     at_once = max(1, _AT_ONCE // total)
