@@ -80,10 +80,7 @@ def draw_learning(
         if limits is not None:
             low = np.clip(low, *limits)
             high = np.clip(high, *limits)
-        if numbers is None:
-            at = np.arange(1, values.shape[1] + 1)
-        else:
-            at = np.asarray(numbers)
+        at = np.arange(1, values.shape[1] + 1) if numbers is None else np.asarray(numbers)
         if len(values) <= _FEW and not are_shares:
             for participant_values in values:
                 ax.plot(at, participant_values, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")

@@ -101,21 +101,15 @@ def compute_interaction(
     roles = assign_roles(measures, analysis)
     tables = {name: _tabulate_cells(scaled, name, design.conditions) for name in measures}
     complete = {name: table.dropna() for name, table in tables.items()}
-    contrasts = _compare_contrasts(complete, design.tested_contrasts, groups, roles, logs)
-    is_single = len(groups) == 2 and len(design.conditions) == 2
-    omnibus: tuple[OmnibusInteraction, ...] = ()
-    if not is_single and not design.contrasts:
-        omnibus = _test_omnibus(complete, groups, roles)
     first = min(measures, key=lambda name: roles[name] != "primary")
-    cells = _tabulate_cells(compared, first, design.conditions)
     return InteractionResults(
         groups=groups,
         conditions=design.conditions,
         roles=roles,
-        omnibus=omnibus,
-        contrasts=contrasts,
+        omnibus=_test_omnibus(complete, groups, roles, design),
+        contrasts=_compare_contrasts(complete, design.tested_contrasts, groups, roles, logs),
         left_out=len(tables[first]) - len(complete[first]),
-        cells=cells,
+        cells=_tabulate_cells(compared, first, design.conditions),
     )
 
 
@@ -179,8 +173,11 @@ def _compare_scores(
 
 
 def _test_omnibus(
-    tables: Mapping[str, pd.DataFrame], groups: tuple[str, ...], roles: Mapping[str, Role]
+    tables: Mapping[str, pd.DataFrame], groups: tuple[str, ...], roles: Mapping[str, Role], design: ExperimentDesign
 ) -> tuple[OmnibusInteraction, ...]:
+    """Test all groups and conditions together; none of one degree of freedom, or where contrasts are stated."""
+    if design.contrasts or (len(groups) == 2 and len(design.conditions) == 2):
+        return ()
     tests = {
         measure: compare_contrast_scores(
             [np.diff(_select_group(table, group).to_numpy(float), axis=1) for group in groups]

@@ -56,11 +56,10 @@ def compute_results(
     if teams is not None:
         units = {str(name): find_units(rows) for name, rows in teams.groupby("block")}
     analysis = analysis or AnalysisSpec()
-    included_people = participants[participants["exclusion_reason"].isna()]
+    people = participants[participants["exclusion_reason"].isna()]
     included_episodes = episodes[episodes["exclusion_reason"].isna()]
     included_blocks = blocks[blocks["exclusion_reason"].isna()]
-    counts = blocks.groupby("group")["block"].nunique()  # more blocks first: a transfer effect is of what came before
-    order = sorted((str(group) for group in counts.index), key=lambda group: (-int(counts[group]), group))
+    order = _order_groups(blocks)
     target = analysis.block or find_target_block(included_blocks)
     block_results = [
         compute_block_results(
@@ -83,8 +82,14 @@ def compute_results(
         target=target,
         order=tuple(order),
         within=within,
-        included=(included_people["participant"].nunique(), len(included_episodes)),
+        included=(people["participant"].nunique(), len(included_episodes)),
     )
+
+
+def _order_groups(blocks: pd.DataFrame) -> list[str]:
+    """Order the groups by their number of blocks, most first: a transfer effect is of what came before."""
+    counts = blocks.groupby("group")["block"].nunique()
+    return sorted((str(group) for group in counts.index), key=lambda group: (-int(counts[group]), group))
 
 
 def leave_out_navigation(
