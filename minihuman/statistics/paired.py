@@ -296,11 +296,6 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
     at = (known["episode_in_block"] - known["episode_in_block"].mean()).to_numpy(float)
     shares = np.column_stack([np.ones(len(at)), *((known["group"] == group).to_numpy(float) for group in other_groups)])
     design = np.column_stack([shares, shares * at[:, None], known[measure].to_numpy(float)])
-    names = [
-        label
-        for name in (f"{measure} in the middle of the block", "change an episode")
-        for label in (f"{reference}: {name}", *(f"{group} minus {reference}: {name}" for group in other_groups))
-    ]
     if np.linalg.matrix_rank(design) < design.shape[1]:  # the terms cannot be told apart, or explain everything
         return MixedModel(False, people, ())
     nothing, level, singular, slopes = (_fit_reml(design, at, begins, free) for free in range(4))
@@ -311,11 +306,21 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
     half = scipy.special.stdtrit(freedom, (1 + LEVEL) / 2) * errors
     ps = 2 * scipy.special.stdtr(freedom, -np.abs(estimates / errors))
     ps[0] = math.nan  # a test of a level against 0 means nothing
+    names = _name_mixed_terms(measure, reference, other_groups)
     terms = tuple(
         GrowthTerm(name, float(b), (float(b - h), float(b + h)), float(p), people)
         for name, b, h, p in zip(names, estimates, half, ps, strict=True)
     )
     return MixedModel(chosen is slopes, people, terms)
+
+
+def _name_mixed_terms(measure: str, reference: str, other_groups: Sequence[str]) -> list[str]:
+    """Name the terms of a mixed model: the levels of the groups, then their changes."""
+    names = []
+    for quantity in (f"{measure} in the middle of the block", "change an episode"):
+        names.append(f"{reference}: {quantity}")
+        names += [f"{group} minus {reference}: {quantity}" for group in other_groups]
+    return names
 
 
 def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) -> tuple[float, Values, Values]:
