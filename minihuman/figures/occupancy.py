@@ -131,12 +131,12 @@ def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeL
 
 def group_by_participant(logs: Iterable[SessionLog], world: str) -> list[list[EpisodeLog]]:
     """Group the episodes of a world that have positions by participant, over all of their sessions."""
-    by_participant: dict[tuple[str, str], list[EpisodeLog]] = {}
+    participants: dict[tuple[str, str], list[EpisodeLog]] = {}
     for log in logs:
         episodes = [episode for episode in log.episodes if episode.plan.world == world and has_positions(episode)]
         if episodes:
-            by_participant.setdefault((log.plan.study, log.plan.participant.id), []).extend(episodes)
-    return list(by_participant.values())
+            participants.setdefault((log.plan.study, log.plan.participant.id), []).extend(episodes)
+    return list(participants.values())
 
 
 def group_participants_by_group(logs: Iterable[SessionLog], world: str) -> dict[str, list[list[EpisodeLog]]]:

@@ -15,13 +15,13 @@ from minihuman.statistics.survival import SurvivalCurve, SurvivalTimes, kaplan_m
 _DASHES = ("-", "--", ":", "-.")
 
 
-def survival_band(curve: SurvivalCurve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def survival_band(survival: SurvivalCurve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compute the 95 % interval of a curve's share after each event, of independent observations.
 
     Greenwood's variance on the log-log scale (Kalbfleisch and Prentice, 2002, section 1.4); NaN at a share of 0.
     """
-    share = curve.share
-    at_risk = curve.at_risk
+    share = survival.share
+    at_risk = survival.at_risk
     before = np.concatenate([[1.0], share[:-1]])
     with np.errstate(divide="ignore", invalid="ignore"):
         events = np.round(at_risk * (1 - share / before))
@@ -41,15 +41,15 @@ def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str, 
     """
     last = max(float(survival_times.times.max()) for survival_times in groups.values())
     for place, (group, survival_times) in enumerate(groups.items()):
-        curve = kaplan_meier(survival_times)
+        survival = kaplan_meier(survival_times)
         colour = SERIES[place % len(SERIES)]
         end = float(survival_times.times.max())
-        times = np.concatenate([[0.0], curve.times, [end]])
-        share = np.concatenate([[1.0], curve.share, [curve.share[-1] if len(curve.share) else 1.0]])
+        times = np.concatenate([[0.0], survival.times, [end]])
+        share = np.concatenate([[1.0], survival.share, [survival.share[-1] if len(survival.share) else 1.0]])
         ax.step(times, share, _DASHES[place % len(_DASHES)], where="post", color=colour, label=group)
-        if independent and len(curve.times):
-            low, high = (np.concatenate([[1.0], bound]) for bound in survival_band(curve))
-            at_events = np.concatenate([[0.0], curve.times])
+        if independent and len(survival.times):
+            low, high = (np.concatenate([[1.0], bound]) for bound in survival_band(survival))
+            at_events = np.concatenate([[0.0], survival.times])
             ax.fill_between(
                 np.append(at_events, end), np.append(low, low[-1]), np.append(high, high[-1]),
                 step="post", color=colour, alpha=0.16, lw=0, gid=f"band: {group}",

@@ -292,14 +292,14 @@ def _gather_content(
     )
 
 
-def _fit_mixed(episodes: pd.DataFrame, block_results: BlockResults) -> MixedModel | None:
+def _fit_mixed(episodes: pd.DataFrame, block: BlockResults) -> MixedModel | None:
     """Fit the mixed model of a block's growth; None of teams, whose members' episodes are the same ones."""
-    if block_results.growth is None or block_results.teams:
+    if block.growth is None or block.teams:
         return None
-    rows = episodes[(episodes["block"] == block_results.block) & episodes["exclusion_reason"].isna()]
-    left_out = {text.rpartition(": ")[0] for text in block_results.growth.left_out}
-    groups = [group for group in block_results.groups["group"] if group not in left_out]
-    measure = block_results.growth.measure
+    rows = episodes[(episodes["block"] == block.block) & episodes["exclusion_reason"].isna()]
+    left_out = {text.rpartition(": ")[0] for text in block.growth.left_out}
+    groups = [group for group in block.groups["group"] if group not in left_out]
+    measure = block.growth.measure
     if measure != "reward":
         rows = rows.rename(columns={"log_excess_steps": measure})
     return fit_mixed_model(rows, measure, groups)

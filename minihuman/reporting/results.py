@@ -61,7 +61,7 @@ def compute_results(
     included_blocks = blocks[blocks["exclusion_reason"].isna()]
     order = _order_groups(blocks)
     target = analysis.block or find_target_block(included_blocks)
-    block_results = [
+    results_in_order = [
         compute_block_results(
             name,
             included_blocks[included_blocks["block"] == name],
@@ -78,7 +78,7 @@ def compute_results(
         united = unite_teams(included_blocks, teams)
         within = compare_within(*name_conditions(united, analysis, design or ExperimentDesign()))
     return Results(
-        blocks=tuple(block_results),
+        blocks=tuple(results_in_order),
         target=target,
         order=tuple(order),
         within=within,

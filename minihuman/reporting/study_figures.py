@@ -161,9 +161,8 @@ def draw_reaction_times(times: pd.DataFrame, results: Results, out: Path) -> Ite
 def draw_learning_curves(episodes: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
     """Draw the learning curves of every block, by group."""
     included = episodes[episodes["exclusion_reason"].isna()]
-    for block_results in results.blocks:
-        block = block_results.block
-        rows = included[included["block"] == block]
+    for block in results.blocks:
+        rows = included[included["block"] == block.block]
         if rows["episode_in_block"].nunique() < 2:
             continue
         for measure, label, bounds in CURVES:
@@ -174,15 +173,15 @@ def draw_learning_curves(episodes: pd.DataFrame, results: Results, out: Path) ->
             if rows[measure].dropna().between(*bounds).all():
                 limits = bounds
             png, _ = draw_figure_files(
-                out / f"{block}_{measure}",
+                out / f"{block.block}_{measure}",
                 "learning_curves.learning_figure",
                 curves,
                 measure=_AXIS[measure],
                 limits=limits,
-                title=name_measure(label, block),
+                title=name_measure(label, block.block),
             )
-            caption = f"{_begin_sentence(label)} over the episodes of block {block}: mean, 95 % interval."
-            yield ReportFigure(block, png, caption)
+            caption = f"{_begin_sentence(label)} over the episodes of block {block.block}: mean, 95 % interval."
+            yield ReportFigure(block.block, png, caption)
 
 
 def draw_sessions(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:

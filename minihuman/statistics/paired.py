@@ -389,5 +389,5 @@ def _estimate_difference(name: str, values: Values, base: Values) -> GrowthTerm:
     people = len(values) + len(base)
     if not max(np.ptp(values), np.ptp(base)):
         return GrowthTerm(name, float(values.mean() - base.mean()), (math.nan, math.nan), math.nan, people)
-    welch = compare_means(values, base)
-    return GrowthTerm(name, welch.difference, welch.interval(), welch.p, people)
+    comparison = compare_means(values, base)
+    return GrowthTerm(name, comparison.difference, comparison.interval(), comparison.p, people)

@@ -72,10 +72,10 @@ def check_equivalence(a: Values, b: Values, bounds: tuple[float, float]) -> Equi
         )
     if min(len(a), len(b)) < 2 or max(np.ptp(a), np.ptp(b)) == 0:
         return None
-    welch = compare_means(a, b)
-    above = scipy.special.stdtr(welch.freedom, -(welch.difference - low) / welch.error)
-    below = scipy.special.stdtr(welch.freedom, (welch.difference - high) / welch.error)
-    return Equivalence(bounds, welch.difference, welch.interval(0.9), float(max(above, below)))
+    comparison = compare_means(a, b)
+    above = scipy.special.stdtr(comparison.freedom, -(comparison.difference - low) / comparison.error)
+    below = scipy.special.stdtr(comparison.freedom, (comparison.difference - high) / comparison.error)
+    return Equivalence(bounds, comparison.difference, comparison.interval(0.9), float(max(above, below)))
 
 
 @dataclass(frozen=True, slots=True)
