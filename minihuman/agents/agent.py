@@ -102,7 +102,7 @@ def load_agent_class(name: str) -> Any:
     Raises:
         MinihumanError: if no agent has that name, or it cannot be imported.
     """
-    return load_plugin(AGENT_GROUP, name, SimulationError, what="agent")
+    return load_plugin(AGENT_GROUP, name, SimulationError, noun="agent")
 
 
 def make_agent(name: str) -> BaseAgent:
@@ -111,7 +111,7 @@ def make_agent(name: str) -> BaseAgent:
     Raises:
         MinihumanError: if no agent has that name, or it cannot be made.
     """
-    return make_plugin(AGENT_GROUP, name, BaseAgent, SimulationError, what="agent")  # type: ignore[type-abstract]
+    return make_plugin(AGENT_GROUP, name, BaseAgent, SimulationError, noun="agent")  # type: ignore[type-abstract]
 
 
 def make_policy_agent(path: Path) -> BaseAgent:

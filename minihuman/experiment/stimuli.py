@@ -18,8 +18,8 @@ from minihuman.display.shaping import is_rtl
 from minihuman.display.text import draw_line
 from minihuman.display.typefaces import select_typefaces
 from minihuman.errors import WorldError
+from minihuman.experiment.trial_responses import NO_RESPONSE as NO_RESPONSE
 
-NO_RESPONSE = "none"
 SIDES = {"left": 0.25, "centre": 0.5, "right": 0.75}  # of the width
 _CARDS = {"left": 0.27, "right": 0.73}
 SHAPES = ("circle", "square", "diamond")

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from minihuman.errors import LogError, MinihumanError
-from minihuman.operating_system import explain_unportable_name, open_without_waiting
+from minihuman.operating_system import open_without_waiting
+from minihuman.portable_names import explain_unportable_name
 from minihuman.storage.outside_names import is_system_companion, require_name
 
 if TYPE_CHECKING:

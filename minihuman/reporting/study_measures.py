@@ -7,12 +7,13 @@ A name is ``KIND:ARGUMENT``, such as ``answer:load.mental``.
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
+from importlib import import_module
 
 import numpy as np
 import pandas as pd
 
-from minihuman.activities.trials.trial_measures import MEASURES as TRIAL_MEASURES
 from minihuman.errors import ReportError
+from minihuman.experiment.machine.activity import find_kind, list_kinds
 from minihuman.plugins import make_plugin
 
 GROUP = "minihuman.measures"
@@ -140,17 +141,25 @@ class TrialMeasure(StudyMeasure):
     """``trials:NAME``: a measure of trials, such as ``trials:d_prime``."""
 
     def __init__(self, argument: str) -> None:
-        if argument not in TRIAL_MEASURES:
-            raise ReportError(
-                f"measure 'trials:{argument}' is unknown; after trials:, use one of {', '.join(TRIAL_MEASURES)}"
-            )
+        labels = load_trial_measures()
+        if argument not in labels:
+            raise ReportError(f"measure 'trials:{argument}' is unknown; after trials:, use one of {', '.join(labels)}")
         self.name = argument
-        self.label = TRIAL_MEASURES[argument]
+        self.label = labels[argument]
 
     def compute(self, tables: Tables) -> pd.DataFrame:
         """Return the column of the measures of all trials of a block."""
         rows = tables.get("trial_measures", pd.DataFrame(columns=["participant", "session", "block", self.name]))
         return rows.rename(columns={self.name: "value"})[["participant", "session", "block", "value"]]
+
+
+def load_trial_measures() -> dict[str, str]:
+    """Load the measures of trials that kinds of activity have, by name, with what they are called."""
+    labels: dict[str, str] = {}
+    for kind in list_kinds(lambda kind: bool(kind.measures)):
+        module, _, name = find_kind(kind).measures.partition(":")
+        labels |= getattr(import_module(module), name)
+    return labels
 
 
 _BUILT_IN: Mapping[str, type[StudyMeasure]] = {
@@ -171,7 +180,7 @@ def find_measure(name: str) -> StudyMeasure:
     kind, _, argument = name.partition(":")
     if kind in _BUILT_IN:
         return _BUILT_IN[kind](argument)
-    return make_plugin(GROUP, name, StudyMeasure, ReportError, what="measure")  # type: ignore[type-abstract]
+    return make_plugin(GROUP, name, StudyMeasure, ReportError, noun="measure")  # type: ignore[type-abstract]
 
 
 def _keep_included(table: pd.DataFrame) -> pd.DataFrame:

@@ -8,7 +8,6 @@ from typing import get_args
 import msgspec
 import pandas as pd
 
-from minihuman.activities.trials.trial_measures import MEASURES as TRIAL_MEASURES
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign
 from minihuman.reporting.block_measures import (
@@ -18,6 +17,7 @@ from minihuman.reporting.block_measures import (
     list_default_measures,
     take_logarithms,
 )
+from minihuman.reporting.study_measures import load_trial_measures
 from minihuman.statistics.paired import CrossoverTerm, PairedComparison, compare_conditions, fit_crossover
 from minihuman.statistics.units import find_units, name_units
 
@@ -141,7 +141,7 @@ def _measure_levels(rows: pd.DataFrame, label: str, trial_levels: pd.DataFrame |
     measured = values.reindex(columns=list(MEASURES)).reset_index()
     if trial_levels is not None:
         of_label = trial_levels[trial_levels["label"].eq(label)].drop(columns=["block"])
-        named = {name: f"trials:{name}" for name in TRIAL_MEASURES}
+        named = {name: f"trials:{name}" for name in load_trial_measures()}
         means = of_label.rename(columns={"level": "block", **named}).groupby(keys)[list(named.values())].mean()
         measured = measured.merge(means.reset_index(), on=keys, how="left")
     return measured

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from minihuman.activities.correction.requests import EpisodeRequest
+from minihuman.activities.clip_requests import ClipRequest, EpisodeRequest
 from minihuman.activities.episode_clips import EpisodeClip
-from minihuman.activities.preferences.requests import ClipRequest
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.read.session_reader import read_log

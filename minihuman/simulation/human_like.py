@@ -14,7 +14,6 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.activities.trials.response_model import TrialResponder, find_stimulus
 from minihuman.agents.goal_search import GoalSearch
 from minihuman.agents.search_choice import build_search
 from minihuman.errors import SimulationError, WorldError
@@ -22,6 +21,7 @@ from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.stimuli import Stimulus
 from minihuman.plugins import read_settings
 from minihuman.simulation.participant import KeyPress, NoPress, SimulatedParticipant
+from minihuman.simulation.response_model import TrialResponder, find_stimulus
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import hash64
 
@@ -149,7 +149,7 @@ class ParticipantPopulation:
             SimulationError: if a name is no parameter, or a value no number.
         """
         defaults = {field.name: field.default for field in fields(ParticipantParameters)} | {"spread": 1.0}
-        values = read_settings(text, defaults, SimulationError, of="human-like", aliases=EARLIER_NAMES)
+        values = read_settings(text, defaults, SimulationError, owner="human-like", aliases=EARLIER_NAMES)
         spread = values.pop("spread", 1.0)
         if not 0 <= spread < math.inf:
             raise SimulationError(f"spread is {spread}; use 0 or more")

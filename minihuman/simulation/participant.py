@@ -100,5 +100,5 @@ def make_participant(name: str, rng: np.random.Generator) -> SimulatedParticipan
         SimulatedParticipant,  # type: ignore[type-abstract]
         SimulationError,
         rng,
-        what="player",
+        noun="player",
     )

@@ -135,7 +135,7 @@ class ObserverParticipant(SimulatedParticipant):
     """Knows the trial's ``correct`` response or guesses among the keys; ``observer:threshold=0.04,spread=0.3``."""
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
-        its = {**DEFAULTS, **read_settings(argument, DEFAULTS, SimulationError, of="observer")}
+        its = {**DEFAULTS, **read_settings(argument, DEFAULTS, SimulationError, owner="observer")}
         self._settings, self._rng, self._keys = its, rng, list[str]()
         self.threshold = float(its["threshold"] * np.exp(its["spread"] * rng.standard_normal()))
 

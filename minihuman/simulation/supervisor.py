@@ -338,7 +338,7 @@ def _parse_settings(argument: str) -> dict[str, dict[str, Any]]:
     defaults = {name: field.default for name, (_, field) in role_of.items()}
     values: dict[str, dict[str, Any]] = {prefix: {} for prefix in PARAMETERS_BY_PREFIX}
     for name, value in read_settings(
-        argument, defaults, SimulationError, of="supervisor", aliases=EARLIER_NAMES
+        argument, defaults, SimulationError, owner="supervisor", aliases=EARLIER_NAMES
     ).items():
         prefix, field = role_of[name]
         values[prefix][field.name] = value

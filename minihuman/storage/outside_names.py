@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from minihuman.errors import LogError
-from minihuman.operating_system import explain_unportable_name
+from minihuman.portable_names import explain_unportable_name
 
 MAX_NAME_LETTERS = 200  # of one part; file systems take 255 bytes, and copies of a file get longer names
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")

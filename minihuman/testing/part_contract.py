@@ -253,7 +253,7 @@ def _make(make: str | type[Design | EnrolmentDesign], settings: Mapping[str, Any
         require(issubclass(make, Design | EnrolmentDesign), f"{make.__name__} is no Design and no EnrolmentDesign")
         return make(settings)
     spec = DesignSpec(make, dict(settings))
-    kind = load_plugin(GROUP, make, ProtocolError, what="design")
+    kind = load_plugin(GROUP, make, ProtocolError, noun="design")
     if issubclass(kind, EnrolmentDesign):
         return make_enrolment_design(spec)
     return make_design(spec)

@@ -105,7 +105,7 @@ def _blank(screen: screens.BlankScreen, number: NumberPicture) -> BlankValues:
     return {"kind": "blank", **_locale(screen), "cross": screen.cross}
 
 
-def _play(screen: screens.PlayScreen, number: NumberPicture) -> PlayValues:
+def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
     labels = {key: (cap, above) for key, cap, above in screen.labels}
     values: PlayValues = {
         "kind": "play",
@@ -122,9 +122,7 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> PlayValues:
     }
     if screen.accepts_pointer:
         values["pointer"] = True
-    if screen.messages:
-        values["messages"] = screen.messages
-    return values
+    return {**values, **screen.page_fields}
 
 
 def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:

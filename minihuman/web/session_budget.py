@@ -13,7 +13,7 @@ _PART_BYTES = 50_000  # pages turned, sliders moved, keys tried
 _FACTOR = 2
 _BASE_BYTES = 1_000_000
 _RATE_BYTES_PER_S = 3_000  # five keys, pressed and released in vain, every second
-_CHAT_BYTES_PER_S = 10 * _CHARACTER_BYTES
+_TEXT_BYTES_PER_S = 10 * _CHARACTER_BYTES
 _GAMEPAD_BYTES_PER_S = 60 * 2 * (60 + MESSAGE_COST_BYTES)  # both axes of a stick, once a frame
 
 
@@ -30,8 +30,8 @@ class SessionBudget:
         self._bytes_per_s = _RATE_BYTES_PER_S
         if needs_gamepad(plan):
             self._bytes_per_s += _GAMEPAD_BYTES_PER_S
-        if any(getattr(getattr(part.plan, "team", None), "chat", False) for part in plan.parts):
-            self._bytes_per_s += _CHAT_BYTES_PER_S
+        if any(getattr(part.plan, "has_text_entry", False) for part in plan.parts):
+            self._bytes_per_s += _TEXT_BYTES_PER_S
 
     def spend(self, n_bytes: int, session_ns: int) -> bool:
         """Take the bytes of a message into account; False once they are more than the session can need by now."""

@@ -202,7 +202,7 @@ def test_what_is_left_out_can_be_taken_back_in_and_one_version_taken_alone(study
     assert count(with_=("exclude", "unfinished", "rules")) == 28
     assert count(version=("1",)) + count(version=("2",)) == 25
     (first,) = {
-        format_version(one.log.plan) for one in StudySessions(study, Selection(version=("1",))) if any(one.asked)
+        format_version(one.log.plan) for one in StudySessions(study, Selection(version=("1",))) if any(one.selected)
     }
     assert count(version=(first,)) == count(version=("1",))
 

@@ -226,7 +226,7 @@ def test_the_index_is_read_while_a_report_has_the_tables_open(tmp_path: Path, ca
             ran = subprocess.run([sys.executable, "-c", READ_ALL, study], capture_output=True, text=True, check=True)
             assert (ran.stdout.split()[0], ran.stderr) == ("2", "")
         assert [row.path.relative_to(tmp_path) for row in read_session_index(study)] == logs
-        assert len(store.kept) == 2
+        assert len(store.cached_sessions) == 2
     assert (caplog.messages, sessions.account.notes) == ([], [])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from minihuman.activities.agent_blocks.events import LearnerAsked, PolicyGiven
-from minihuman.activities.preferences.requests import ClipRequest
+from minihuman.activities.clip_requests import ClipRequest
 from minihuman.admin.policies import PolicyStore
 from minihuman.admin.verify.log import verify_session
 from minihuman.display.windows.window import VirtualClock

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from minihuman.activities.clip_requests import EpisodeRequest
 from minihuman.activities.correction.events import (
     CorrectionBegun,
     CorrectionEnded,
@@ -19,7 +20,6 @@ from minihuman.activities.correction.events import (
     NothingToCorrect,
 )
 from minihuman.activities.correction.plan import CorrectionPlan
-from minihuman.activities.correction.requests import EpisodeRequest
 from minihuman.activities.correction.screens import FilmScreen
 from minihuman.activities.episode_clips import ClipOffered, EpisodeClip, EpisodeFilm
 from minihuman.experiment.machine import screen_texts

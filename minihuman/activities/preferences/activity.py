@@ -7,6 +7,7 @@ the first clips. Clips repeat until the participant answers.
 import json
 from typing import Any
 
+from minihuman.activities.clip_requests import ClipRequest
 from minihuman.activities.episode_clips import ClipOffered, EpisodeClip, EpisodeFilm
 from minihuman.activities.preferences.events import (
     NothingToCompare,
@@ -17,7 +18,6 @@ from minihuman.activities.preferences.events import (
     StretchShown,
 )
 from minihuman.activities.preferences.plan import PreferencesPlan
-from minihuman.activities.preferences.requests import ClipRequest
 from minihuman.activities.preferences.screens import PairScreen
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.activity import Activity, ActivityKind, ActivityRequest, PartEnding

@@ -176,7 +176,7 @@ def find_question_kind(name: str) -> QuestionKind:
     Raises:
         ProtocolError: if none is installed.
     """
-    kind = load_plugin(QUESTION_GROUP, name, ProtocolError, what="question kind")
+    kind = load_plugin(QUESTION_GROUP, name, ProtocolError, noun="question kind")
     if not isinstance(kind, QuestionKind):
         raise ProtocolError(
             f"question kind {name!r} is of type {type(kind).__name__}; register an instance of "

@@ -348,7 +348,7 @@ class TeamPlayActivity(PlayActivity):
 
     def _play_screen(self) -> PlayScreen:
         words = self.context.words
-        screen = replace(super()._play_screen(), messages=self._messages.look(self._play))
+        screen = replace(super()._play_screen(), page_fields=self._messages.list_page_fields(self._play))
         text = "  ".join(self._describe_role())
         if self.playing and self.formed is not None and self._holders[self.formed.seat] == "agent":
             text = words["team.replaced"]
@@ -368,6 +368,7 @@ TEAM = ActivityKind(
     messages="minihuman.activities.team.rows:TEAM_ROWS",
     tables="minihuman.activities.team.tables:TEAM_TABLES",
     report="minihuman.activities.team.report:build_section",
+    page_fields="minihuman.activities.team.screens:TeamPageFields",
     check_block=check_block,
     is_for_players=True,
 )

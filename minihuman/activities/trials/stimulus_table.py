@@ -90,11 +90,6 @@ def find_option_names(world: str) -> OptionNames | None:
     return OptionNames(names, world_class.option_prefix if takes_more else "")
 
 
-def name_label_column(label: str) -> str:
-    """Name a label's column in tables: in letters, digits and underscores, as every format takes them."""
-    return f"label_{re.sub(r'[^a-zA-Z0-9]+', '_', label).strip('_')}"
-
-
 def clean_label(cell: Any) -> Any:
     """Return a label without the spaces around it, which nobody sees in a spreadsheet."""
     return cell.strip() if isinstance(cell, str) else cell

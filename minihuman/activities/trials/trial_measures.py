@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pandas as pd
 
-from minihuman.experiment.stimuli import NO_RESPONSE
+from minihuman.experiment.trial_responses import NO_RESPONSE
 from minihuman.statistics.signal_detection import measure_detection
 
 ANTICIPATION_MS = 150.0  # a response before it cannot follow from the stimulus

@@ -337,7 +337,7 @@ def _open(name: str, clock: Clock, *, fullscreen: bool, size_px: Size) -> Window
         Window,  # type: ignore[type-abstract]
         WindowError,
         clock,
-        what="window",
+        noun="window",
         fullscreen=fullscreen,
         size_px=size_px,
     )

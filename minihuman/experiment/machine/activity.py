@@ -252,6 +252,9 @@ class ActivityKind:
         block_field: the plan's field that names a block of the protocol, if it has one.
         tables: a tuple of ``minihuman.dataset.activity_tables.ActivityTable``.
         screens: its own screens; each names its drawing, and how the page shows it.
+        page_fields: a ``TypedDict`` of what its screen of play adds for a page, from which the page's types are made.
+        measures: its measures of a participant, by name, with what they are called; the rows of the table
+            ``trial_measures`` have them.
         report: a function that makes a ``ReportSection`` of a ``SectionSource`` (``minihuman.reporting``), or None.
         simulator: a ``PartSimulator`` (``minihuman.simulation``), which does the parts in simulated sessions; without
             one, the activity's own `Activity.simulate`, and what is usual on screens that every kind may show.
@@ -264,6 +267,7 @@ class ActivityKind:
         is_plain_play: whether a block is its worlds' steps by one person's keys and nothing else, so that a page can
             compute it, and a study can be tried without sessions.
         is_for_players: whether a language model, or a simulated player that decides on each key, can do it.
+        has_trials: whether its episodes are trials, and are described as such.
         is_check: whether who is screened out in it has failed a check, and not a block's criterion.
     """
 
@@ -275,6 +279,8 @@ class ActivityKind:
     block_field: str = ""
     tables: str = field(default="", kw_only=True)
     screens: tuple[type[ActivityScreen], ...] = field(default=(), kw_only=True)
+    page_fields: str = field(default="", kw_only=True)
+    measures: str = field(default="", kw_only=True)
     report: str = field(default="", kw_only=True)
     simulator: str = field(default="", kw_only=True)
     check_block: Callable[[Any, tuple[str, ...]], Iterable[tuple[str, str]]] | None = field(default=None, kw_only=True)
@@ -284,6 +290,7 @@ class ActivityKind:
     is_played_alone: bool = field(default=False, kw_only=True)
     is_plain_play: bool = field(default=False, kw_only=True)
     is_for_players: bool = field(default=False, kw_only=True)
+    has_trials: bool = field(default=False, kw_only=True)
     is_check: bool = field(default=False, kw_only=True)
 
     @property
@@ -311,7 +318,7 @@ def find_kind(name: str) -> ActivityKind:
     Raises:
         ProtocolError: if none is installed.
     """
-    kind = load_plugin(GROUP, name, ProtocolError, what="activity")
+    kind = load_plugin(GROUP, name, ProtocolError, noun="activity")
     if not isinstance(kind, ActivityKind):
         raise ProtocolError(
             f"activity {name!r} is of type {type(kind).__name__}; register an instance of minihuman.ext.ActivityKind"

@@ -127,12 +127,12 @@ def make_design(spec: DesignSpec) -> Design:
     Raises:
         ProtocolError: if there is none, it is another kind of design, or a setting is wrong.
     """
-    return call_plugin(GROUP, spec.name, Design, ProtocolError, spec.settings, what="design")  # type: ignore[type-abstract]
+    return call_plugin(GROUP, spec.name, Design, ProtocolError, spec.settings, noun="design")  # type: ignore[type-abstract]
 
 
 def make_enrolment_design(spec: DesignSpec) -> EnrolmentDesign:
     """The same for a design that decides at enrolment."""
-    return call_plugin(GROUP, spec.name, EnrolmentDesign, ProtocolError, spec.settings, what="design")  # type: ignore[type-abstract]
+    return call_plugin(GROUP, spec.name, EnrolmentDesign, ProtocolError, spec.settings, noun="design")  # type: ignore[type-abstract]
 
 
 SettingsType = TypeVar("SettingsType", bound=msgspec.Struct)

@@ -1,6 +1,7 @@
 """The plan of a session: participant, key maps, episodes and parts, resolved before the first key press."""
 
-from typing import Any, Literal
+import re
+from typing import Any, ClassVar, Literal
 
 import msgspec
 
@@ -82,7 +83,12 @@ class BlockText(msgspec.Struct, frozen=True):
 
 
 class PartPlan(msgspec.Struct, frozen=True):
-    """A part's plan, as the session sees it: a kind's plan derives from it to say otherwise."""
+    """A part's plan, as the session sees it: a kind's plan derives from it to say otherwise.
+
+    ``host`` is "module:function": it makes what answers the part's requests from a `HostContext`.
+    """
+
+    host: ClassVar[str] = ""
 
     @property
     def asks_consent(self) -> bool:
@@ -93,6 +99,11 @@ class PartPlan(msgspec.Struct, frozen=True):
     def sign_interval_s(self) -> float:
         """The longest time in which a page of the session sends nothing, as others wait for it; 0: nobody waits."""
         return 0.0
+
+    @property
+    def has_text_entry(self) -> bool:
+        """Whether people type words while they play, of which a page sends every key."""
+        return False
 
     @property
     def closes_session(self) -> bool:
@@ -173,6 +184,11 @@ class SessionPlan(msgspec.Struct, frozen=True):
 
     def __post_init__(self) -> None:
         keep_files(self.files.values())
+
+
+def name_label_column(label: str) -> str:
+    """Name the column of a label of episodes in tables: letters, digits and underscores, as every format takes them."""
+    return f"label_{re.sub(r'[^a-zA-Z0-9]+', '_', label).strip('_')}"
 
 
 def needs_gamepad(plan: SessionPlan) -> bool:

@@ -12,11 +12,11 @@ from minihuman.activities.trials.stimulus_table import (
     OptionNames,
     find_option_names,
     is_label,
-    name_label_column,
     read_table,
 )
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.plan.part_plans import list_world_options
+from minihuman.experiment.plan.session_plan import name_label_column
 from minihuman.experiment.plan.trials import TrialStimulus, list_label_columns, read_stimuli
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import apply_overrides

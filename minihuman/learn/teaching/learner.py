@@ -242,7 +242,7 @@ class Learner(abc.ABC):
 
     def __init__(self, argument: str = "") -> None:
         defaults = {field.name: field.default for field in fields(self.settings_type)}
-        self.settings: Any = self.settings_type(**read_settings(argument, defaults, LearnError, of=self.name))
+        self.settings: Any = self.settings_type(**read_settings(argument, defaults, LearnError, owner=self.name))
 
     @abc.abstractmethod
     def learn(self, request: LearningRequest) -> LearningResult:
@@ -259,7 +259,7 @@ def make_learner(name: str) -> Learner:
     Raises:
         LearnError: if no learner has that name, or its settings are wrong.
     """
-    return make_plugin(GROUP, name, Learner, LearnError, what="learner")  # type: ignore[type-abstract]
+    return make_plugin(GROUP, name, Learner, LearnError, noun="learner")  # type: ignore[type-abstract]
 
 
 def choose_encoder(dataset: Dataset) -> EncoderName:

@@ -57,7 +57,7 @@ def make_device(source: str) -> Device:
     Raises:
         DeviceError: if there is no such plug-in, it cannot be imported, or its own part is wrong.
     """
-    return make_plugin(DEVICE_GROUP, source, Device, DeviceError, what="device")  # type: ignore[type-abstract]
+    return make_plugin(DEVICE_GROUP, source, Device, DeviceError, noun="device")  # type: ignore[type-abstract]
 
 
 POLL_INTERVAL_S = 0.02  # how often devices are polled

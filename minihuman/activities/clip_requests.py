@@ -1,4 +1,4 @@
-"""What comparisons of clips ask of the session host."""
+"""What comparisons and corrections ask of the session host: clips of the session's own episodes."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -21,3 +21,13 @@ class ClipRequest(ActivityRequest):
     again: EpisodeClip | None  # what the first of the pair is
     pairing: PairingPolicy = "random"
     wait_s: float = 0.0  # how long a pair that is disagreed on may be waited for
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeRequest(ActivityRequest):
+    """An episode to review; the answer is a ``ClipOffered`` of the whole episode, or of None if there is no other."""
+
+    part: int
+    source: str  # the block whose episodes are looked at
+    number: int  # 0 for the first
+    count: int  # how many are looked at: the latest
