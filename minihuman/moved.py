@@ -151,6 +151,24 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         "minihuman.simulation.part_simulation",
     ),
     "minihuman.reporting.teaching_section": (f"{_NEW}.agent_blocks.report",),
+    "minihuman.reporting.results": (
+        "minihuman.reporting.block_measures",
+        "minihuman.reporting.block_results",
+        "minihuman.reporting.exclusions",
+        "minihuman.reporting.within_results",
+    ),
+    "minihuman.reporting.sections": (
+        "minihuman.reporting.instruction_clauses",
+        "minihuman.reporting.participant_flow",
+        "minihuman.reporting.result_tables",
+        "minihuman.reporting.statements",
+    ),
+    "minihuman.statistics.comparison": (
+        "minihuman.statistics.permutation",
+        "minihuman.statistics.regroupings",
+        "minihuman.statistics.t_tests",
+        "minihuman.statistics.units",
+    ),
     "minihuman.log.activity_topics": (
         f"{_NEW}.agent_blocks.rows",
         f"{_NEW}.correction.rows",

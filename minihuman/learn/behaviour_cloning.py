@@ -19,8 +19,8 @@ from minihuman.learn.policy.file import PolicyCard, get_versions, save_policy
 from minihuman.learn.policy.network import EncoderName, Policy, build_policy
 from minihuman.learn.policy.observation import Observation, ObservationEncoder, ViewMode, get_image_shape
 from minihuman.learn.ppo import episode_seed
-from minihuman.statistics.comparison import find_units
 from minihuman.statistics.scores import wilson_interval
+from minihuman.statistics.units import find_units
 from minihuman.storage.durable_files import write_atomically
 from minihuman.worlds.adapters.world import World
 

@@ -90,8 +90,8 @@ PLANTED = (
     Mutant(
         'the report says "p < 0.001" of anything below 0.01',
         "reporting/template.py",
-        '"< 0.001" if value < 0.001',
-        '"< 0.001" if value < 0.01',
+        "if value < 0.001:",
+        "if value < 0.01:",
         ("tests/report/test_elements.py", "tests/report/test_results.py"),
     ),
     Mutant(
