@@ -127,7 +127,12 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         "minihuman.experiment.machine.points",
     ),
     "minihuman.experiment.machine.screens": (f"{_NEW}.correction.screens", f"{_NEW}.preferences.screens"),
-    "minihuman.experiment.machine.session": ("minihuman.experiment.pending_session",),
+    "minihuman.experiment.machine.events": ("minihuman.experiment.machine.event_rules",),
+    "minihuman.experiment.machine.session": (
+        "minihuman.experiment.pending_session",
+        "minihuman.experiment.machine.key_state",
+    ),
+    "minihuman.experiment.replay": ("minihuman.experiment.session_copy",),
     "minihuman.experiment.plan.expansion": (
         "minihuman.experiment.plan.participant_codes",
         "minihuman.experiment.plan.part_names",
@@ -146,6 +151,24 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         "minihuman.simulation.part_simulation",
     ),
     "minihuman.reporting.teaching_section": (f"{_NEW}.agent_blocks.report",),
+    "minihuman.reporting.results": (
+        "minihuman.reporting.block_measures",
+        "minihuman.reporting.block_results",
+        "minihuman.reporting.exclusions",
+        "minihuman.reporting.within_results",
+    ),
+    "minihuman.reporting.sections": (
+        "minihuman.reporting.instruction_clauses",
+        "minihuman.reporting.participant_flow",
+        "minihuman.reporting.result_tables",
+        "minihuman.reporting.statements",
+    ),
+    "minihuman.statistics.comparison": (
+        "minihuman.statistics.permutation",
+        "minihuman.statistics.regroupings",
+        "minihuman.statistics.t_tests",
+        "minihuman.statistics.units",
+    ),
     "minihuman.log.activity_topics": (
         f"{_NEW}.agent_blocks.rows",
         f"{_NEW}.correction.rows",

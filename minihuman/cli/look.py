@@ -148,7 +148,7 @@ def plot(
 
         tables = select(study, selection)
         with name_output_when_full(out):
-            for path in draw_all_figures(tables, out, each=every_session):
+            for path in draw_all_figures(tables, out, each_session=every_session):
                 print(path, flush=True)
         print_account(tables.account.lines())
 

@@ -78,7 +78,7 @@ _SETTINGS: dict[Any, Any] = {
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Matplotlib's settings for the figures drawn inside, whatever the user's own are; put back on the way out."""
+    """Set Matplotlib for the figures drawn inside, whatever the user's own settings are; put them back at the end."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_SETTINGS)
@@ -86,7 +86,7 @@ def figure_style() -> Iterator[None]:
 
 
 def new_figure(*, width_cm: float = COLUMN_CM, height_cm: float) -> Figure:
-    """An empty figure of that size, its layout worked out when it is saved."""
+    """Make an empty figure of that size, its layout worked out when it is saved."""
     return Figure(figsize=(width_cm / 2.54, height_cm / 2.54), layout="constrained")
 
 

@@ -58,7 +58,7 @@ class ClipSampler:
         return _make_clip(left[word % len(left)], want.steps)
 
     def episode(self, want: EpisodeRequest) -> EpisodeClip | None:
-        """One of the block's latest episodes, all of it; None where there is no further one."""
+        """Return one of the block's latest episodes, whole; None where there is no further one."""
         if self._part != want.part:
             self._part = want.part
             self._places = [(episode, 0) for episode in self._episodes(want.source)]

@@ -46,7 +46,7 @@ _SPREADS = {  # the standard deviation of each parameter's logarithm between peo
 
 @dataclass(frozen=True, slots=True)
 class TrialResponse:
-    """What a person does in a trial."""
+    """The response of a person in a trial."""
 
     response: str  # "none": it is withheld
     time_ms: float  # since the stimulus
@@ -105,15 +105,18 @@ class TrialResponder:
             total = sum(weights.values())
             return {name: parameters.drift_correct * weight / total for name, weight in weights.items()}
         self._may_withhold |= correct == NO_RESPONSE
-        made = (*responses, NO_RESPONSE) if self._may_withhold else responses
-        drifts = {name: parameters.drift_correct if name == correct else parameters.drift_error for name in made}
+        drifts = dict.fromkeys(responses, parameters.drift_error)
+        if self._may_withhold:
+            drifts.setdefault(NO_RESPONSE, parameters.drift_error)
+        if correct in drifts:
+            drifts[correct] = parameters.drift_correct
         for name in stimulus.prompted_responses:
             if name in drifts:
                 drifts[name] += parameters.drift_automatic
         return drifts
 
     def _race(self, drifts: Mapping[str, float]) -> tuple[str, float]:
-        """Which accumulator arrives first, and when."""
+        """Find which accumulator arrives first, and when."""
         threshold = self.parameters.threshold
         arrivals_s = {
             name: float(self._rng.wald(threshold / drift, threshold**2)) for name, drift in drifts.items() if drift > 0
@@ -124,14 +127,16 @@ class TrialResponder:
 
 def draw_parameters(rng: np.random.Generator, spread: float = 1.0) -> ResponseParameters:
     """Draw one person."""
-    drawn: dict[str, Any] = {}
+    parameters: dict[str, Any] = {}
     for name, deviation in _SPREADS.items():
         factor = math.exp(spread * deviation * float(rng.standard_normal()))
-        drawn[name] = getattr(ResponseParameters(), name) * factor
-    drawn["learning_rate"] = min(drawn["learning_rate"], 1.0)
-    return replace(ResponseParameters(), **drawn)
+        parameters[name] = getattr(ResponseParameters(), name) * factor
+    parameters["learning_rate"] = min(parameters["learning_rate"], 1.0)
+    return replace(ResponseParameters(), **parameters)
 
 
 def find_stimulus(world: Any) -> Stimulus | None:
     """Return the trial that a world is; None for another world."""
-    return world if isinstance(world, Stimulus) else None
+    if isinstance(world, Stimulus):
+        return world
+    return None

@@ -41,10 +41,10 @@ def explain_refused_name(name: str) -> str:
 
 def shorten_name(name: str) -> str:
     """Return a name from outside as a line may show it: with its control characters escaped, and not too long."""
-    shown = repr(name[:_SHOWN_LETTERS])
+    quoted = repr(name[:_SHOWN_LETTERS])
     if len(name) <= _SHOWN_LETTERS:
-        return shown
-    return f"{shown} and {len(name) - _SHOWN_LETTERS} more characters"
+        return quoted
+    return f"{quoted} and {len(name) - _SHOWN_LETTERS} more characters"
 
 
 def require_name(name: str, owner: str) -> str:

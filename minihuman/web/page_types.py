@@ -91,8 +91,10 @@ class _Writer:
         if annotation in _PRIMITIVES:
             return _PRIMITIVES[annotation]
         if origin is Annotated:
-            forms = [extra.form for extra in arguments[1:] if isinstance(extra, PageType)]
-            return self._write_type(forms[0] if forms else arguments[0])
+            for extra in arguments[1:]:
+                if isinstance(extra, PageType):
+                    return self._write_type(extra.form)
+            return self._write_type(arguments[0])
         if origin is NotRequired:
             return self._write_type(arguments[0])
         if origin is Literal:
@@ -135,7 +137,9 @@ class _Writer:
 
 
 def _enclose(text: str) -> str:
-    return f"({text})" if " | " in text else text
+    if " | " in text:
+        return f"({text})"
+    return text
 
 
 def _list_fields(form: type) -> Iterator[_Field]:

@@ -8,7 +8,7 @@ from minihuman.experiment.plan.session_plan import SessionPlan, needs_gamepad
 MESSAGE_COST_BYTES = 400  # of a message in a log, beyond its own text
 _STEP_BYTES = 4 * (60 + MESSAGE_COST_BYTES)  # a key down and up, a tick and a picture
 _CHARACTER_BYTES = 60 + MESSAGE_COST_BYTES  # a message of its own
-_MAX_STEPS = 20_000  # of one episode, whatever the protocol's limit: nobody plays more
+_MAX_STEPS = 20_000  # of one episode, whatever the protocol's limit: no participant plays more
 _PART_BYTES = 50_000  # pages turned, sliders moved, keys tried
 _FACTOR = 2
 _BASE_BYTES = 1_000_000
@@ -18,7 +18,7 @@ _GAMEPAD_BYTES_PER_S = 60 * 2 * (60 + MESSAGE_COST_BYTES)  # both axes of a stic
 
 
 class SessionBudget:
-    """The bytes of one session.
+    """Limits the bytes of one session.
 
     Args:
         plan: what is played.

@@ -151,7 +151,7 @@ def test_the_report_its_curves_and_its_statistics(study, counting, tmp_path):
         pd.read_parquet(tmp_path / f"out/tables/{name}.parquet") for name in ("episodes", "blocks", "participants")
     ]
     found = compute_results(*frames)
-    assert found.kept == (9, len(counting))
+    assert found.included == (9, len(counting))
     assert sum(block.subjects["episodes"].sum() for block in found.blocks) == len(counting)
     (reward,) = [one for one in found.target_block.comparisons if one.measure == "reward_mean"]
     assert sum(reward.n) == 9

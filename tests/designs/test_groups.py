@@ -20,7 +20,7 @@ from minihuman.experiment.plan.enrolment_designs import GroupSequential
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.methods import build_methods
-from minihuman.reporting.sections import looks_table
+from minihuman.reporting.participant_flow import looks_table
 from minihuman.runtime.simulated_session import simulate
 from minihuman.worlds.adapters.world import World
 

@@ -9,7 +9,7 @@ import pytest
 
 import minihuman
 from minihuman.errors import ReportError
-from minihuman.reporting.sections import FlowSection
+from minihuman.reporting.participant_flow import FlowSection
 from minihuman.reporting.template import AnswerCounts, Table
 from tests.report.pages import page
 from tests.sources import parse_source

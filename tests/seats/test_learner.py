@@ -102,7 +102,7 @@ def test_whatever_becomes_of_the_learner_every_episode_is_played_and_nothing_is_
     seat = AgentHost(
         PolicyStore(tmp_path / "taught"),
         {},
-        logs=lambda: [recorder.where.part],
+        logs=lambda: [recorder.segment_path.part],
         learner=worker(tmp_path, kind),
         patient=True,  # the learner's time is real time, and the session's is not
         unhurried=False,

@@ -16,7 +16,8 @@ from minihuman.activities.rating.events import Rated
 from minihuman.agents.agent import BaseAgent, make_agent
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
-from minihuman.experiment.machine.events import Event, Stepped, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import Event, Stepped
 from minihuman.experiment.machine.inputs import ActivityInput, KeyDown, KeyUp, Stop
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.session import SessionMachine

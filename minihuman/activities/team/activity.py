@@ -328,8 +328,10 @@ class TeamPlayActivity(PlayActivity):
         """Whether an agent has the seat of another person, and the session is by the rules that say so."""
         if self.formed is None or self.context.facts.get("presence_rules", "1") != PRESENCE_RULES:
             return False
-        others = [seat for seat, kind in enumerate(self.formed.seats) if kind == PERSON and seat != self.formed.seat]
-        return any(self._holders[seat] == "agent" for seat in others)
+        partner_seats = [
+            seat for seat, kind in enumerate(self.formed.seats) if kind == PERSON and seat != self.formed.seat
+        ]
+        return any(self._holders[seat] == "agent" for seat in partner_seats)
 
     def _describe_role(self) -> tuple[str, ...]:
         roles = self.plan.team.roles

@@ -18,7 +18,8 @@ from minihuman.admin.verify.plan import compare_plan
 from minihuman.admin.verify.shown_pictures import verify_pictures
 from minihuman.dataset.annotations import describe_useless_annotation, read_annotations, split_annotations
 from minihuman.experiment.machine.activity import WorldFactory
-from minihuman.experiment.machine.events import EpisodeEnded, EpisodesSkipped, ModelCall, Stepped, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import EpisodeEnded, EpisodesSkipped, ModelCall, Stepped
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
 from minihuman.experiment.replay import compare_replay
 from minihuman.log import names as log_names

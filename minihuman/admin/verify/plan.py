@@ -153,6 +153,6 @@ def compare_slot(protocol: Protocol, segment: LogSegment, plan: SessionPlan) -> 
     strata = build_strata(protocol)
     if strata is None or plan.session > 1 or plan.segment > 1:
         return
-    answered = strata.drawn(segment.events)
+    answered = strata.find_stratum(segment.events)
     if answered not in (None, participant.stratum):
         yield f"plan: participant's stratum {participant.stratum!r}, by the answer to {strata.question} {answered!r}"

@@ -18,7 +18,7 @@ ControlIndicator = Literal["", "person", "agent"]
 
 @dataclass(frozen=True, slots=True)
 class TextLocale:
-    """How a screen's words are written."""
+    """The way in which a screen's words are written."""
 
     language: str = "en"
     rtl: bool = False  # from right to left
@@ -217,7 +217,7 @@ class QuestionScreen:
 
 @dataclass(frozen=True, slots=True)
 class PageView:
-    """How the page of a browser shows a kind's own screen.
+    """The view of a kind's own screen on a browser's page.
 
     Args:
         name: a word for it, by which style sheets know it.
@@ -263,7 +263,7 @@ class FilmsScreen(ActivityScreen, abc.ABC):
     @property
     @abc.abstractmethod
     def identity(self) -> tuple[object, ...]:
-        """What tells the screen from another one, whatever step is seen."""
+        """The parts of the screen that tell it from another one, whatever its step."""
 
 
 Screen = TextScreen | BlankScreen | PlayScreen | PageScreen | QuestionScreen | ActivityScreen

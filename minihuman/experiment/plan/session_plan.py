@@ -19,7 +19,7 @@ HoldPolicy = Literal["once", "repeat"]
 
 
 class Participant(msgspec.Struct, frozen=True):
-    """Who plays: a code, never a name."""
+    """A participant: a code, never a name."""
 
     id: str  # "sub-07"
     index: int  # order of enrolment, 0 for the first
@@ -30,8 +30,10 @@ class Participant(msgspec.Struct, frozen=True):
 
     @property
     def place(self) -> int:
-        """Where in the allocation list they are."""
-        return self.index if self.slot is None else self.slot
+        """The participant's place in the allocation list."""
+        if self.slot is None:
+            return self.index
+        return self.slot
 
 
 class KeyMap(msgspec.Struct, frozen=True):
@@ -41,6 +43,12 @@ class KeyMap(msgspec.Struct, frozen=True):
     spare_keys: tuple[str, ...]  # the pool's other keys, which do nothing
     spare: SpareKeyPolicy  # how spare keys were dealt with: left without an action, or given the block's distractors
     seed: int
+
+    def judge_idle_key(self, key: str) -> Literal["spare", "unmapped"]:
+        """Return the verdict on a press of a key that has no action."""
+        if key in self.spare_keys:
+            return "spare"
+        return "unmapped"
 
 
 class EpisodePlan(msgspec.Struct, frozen=True):
@@ -74,7 +82,7 @@ class EpisodePlan(msgspec.Struct, frozen=True):
 
 
 class BlockText(msgspec.Struct, frozen=True):
-    """What a participant reads around a block; empty text shows no screen."""
+    """The texts around a block; an empty one shows no screen."""
 
     instruction: str
     feedback: str  # after each episode; may hold {outcome} {reward} {steps} {episode} {episodes}
@@ -130,7 +138,7 @@ class PlannedPart(msgspec.Struct, frozen=True):
 
 
 class ResumeState(msgspec.Struct, frozen=True):
-    """What a resumed session goes on from, beside the next episode."""
+    """The state from which a resumed session continues, beside the next episode."""
 
     part: int = 0  # the part to begin with
     points: float = 0.0
@@ -142,7 +150,7 @@ class ResumeState(msgspec.Struct, frozen=True):
 
 
 class BonusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What points are worth."""
+    """The pay for points."""
 
     per_point: float
     currency: str = ""
@@ -192,6 +200,10 @@ def name_label_column(label: str) -> str:
 
 
 def needs_gamepad(plan: SessionPlan) -> bool:
-    """Whether keys are drawn over a gamepad's buttons, or its axes move anything."""
-    bound = [name for part in plan.parts if (its := getattr(part.plan, "bindings", None)) for name in its.axes]
-    return bool(list_pad_inputs([*plan.key_pool, *bound]))
+    """Tell whether keys are drawn over a gamepad's buttons, or its axes move anything."""
+    names = list(plan.key_pool)
+    for part in plan.parts:
+        bindings = getattr(part.plan, "bindings", None)
+        if bindings:
+            names += bindings.axes
+    return bool(list_pad_inputs(names))

@@ -8,7 +8,8 @@ import pytest
 
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_episodes
-from minihuman.experiment.machine.events import ClauseDone, EpisodeStarted, SessionStarted, Stepped, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import ClauseDone, EpisodeStarted, SessionStarted, Stepped
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.replay import compare_replay
 from minihuman.log.read.session_reader import read_events, read_log
