@@ -181,8 +181,8 @@ class LookAheadGraph:
             picture = cache.number_tiles(tiles)
         else:
             drawn = np.ascontiguousarray(world.frame(*look))
-            picture = cache.number(drawn)
             picture_hash = 0 if world.is_built_in else hash_picture(drawn)
+            picture = cache.number(drawn, picture_hash=picture_hash)
         saved = None
         if not closed and not self.blind:
             try:
