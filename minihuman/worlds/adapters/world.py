@@ -7,7 +7,7 @@ other world plays too, without pose and map. Knows no keys and no time. A world 
 import copy
 import logging
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar, Literal, TypeVar
 
 import gymnasium
@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.trust import locate_world
+from minihuman.worlds.adapters.construction import make_environment, require_space
 from minihuman.worlds.adapters.foreign_code import WorldCodeError, contain_errors
 from minihuman.worlds.adapters.returned_values import (
-    describe_value,
     explain_unhashable,
     read_onset,
     read_picture,
     read_reset,
     read_step,
 )
-from minihuman.worlds.adapters.seat import SeatEnv, make_seat
+from minihuman.worlds.adapters.seat import SeatEnv
 from minihuman.worlds.adapters.spaces import Action, build_actions
 from minihuman.worlds.adapters.transition import ResetResult, StepResult
 from minihuman.worlds.adapters.upstream import MinigridAdapter, MiniworldAdapter, is_minigrid_like, is_miniworld_like
@@ -39,7 +39,7 @@ from minihuman.worlds.contract import (
     View,
     answer_to_old_names,
 )
-from minihuman.worlds.hashing import hash64, resolve_files
+from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.step_limit import elapsed_steps, set_elapsed_steps, step_limit_of
 from minihuman.worlds.team import PictureTiles
@@ -66,14 +66,14 @@ class World:
         self.id = world_id
         self.options = options or {}
         with contain_errors(world_id, "its code"):
-            self._env = _make(world_id, self.options if trusted else locate_world(world_id, self.options))
+            self._env = make_environment(world_id, self.options if trusted else locate_world(world_id, self.options))
             self.is_built_in = _is_built_in(self._env)  # its class and its wrappers are this package's
             native = self._env.unwrapped
             self.drawn = isinstance(native, NativeWorld) and native.drawn  # see there
             self.reward_means_success = _has_own_rule(native)
-            _require_space(world_id, self._env, "action_space")
+            require_space(world_id, self._env, "action_space")
             self.actions = build_actions(world_id, self._env)
-            _require_space(world_id, self._env, "observation_space")
+            require_space(world_id, self._env, "observation_space")
             self._wrappers = WrapperState(self._env)
         self.action_names = self.actions.names
         self._known: NativeWorld | None = None
@@ -445,67 +445,6 @@ def _is_built_in(env: gymnasium.Env[Any, Any]) -> bool:
         env = env.env
     team = getattr(env, "team", env)  # of a seat
     return type(env).__module__.startswith("minihuman.") and type(team).__module__.startswith("minihuman.")
-
-
-def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
-    try:
-        seat = make_seat(world_id, options)
-        env = (
-            seat
-            if seat is not None
-            else gymnasium.make(world_id, render_mode="rgb_array", disable_env_checker=True, **resolve_files(options))
-        )
-    except ModuleNotFoundError as error:
-        raise WorldError(
-            f"{world_id}: {error}; install the package that provides this world, or trust the protocol's folder that "
-            "has it: minihuman check PROTOCOL"
-        ) from error
-    except gymnasium.error.InvalidMetadata as error:
-        raise WorldError(f"{world_id}: its metadata is no dict; set it to {{'render_modes': ['rgb_array']}}") from error
-    except gymnasium.error.Error as error:
-        raise WorldError(f"{world_id}: {error}") from error
-    except WorldError as error:
-        raise WorldError(f"{world_id}: {error}") from error
-    except TypeError as error:
-        if options:
-            reason = f"the options {options!r} are invalid: {error}"
-        else:
-            reason = f"it cannot be created: {error}"
-        raise WorldError(f"{world_id}: {reason}") from error
-    except Exception as error:  # a constructor may raise whatever it likes of an id or an option
-        raise WorldError(
-            f"{world_id} cannot be created with the options {options!r} ({type(error).__name__}: {error})"
-        ) from error
-    if "rgb_array" not in _render_modes(world_id, env):
-        env.close()
-        raise WorldError(f"{world_id} has no render mode 'rgb_array', which a session needs to show pictures; add it")
-    return env
-
-
-def _render_modes(world_id: str, env: gymnasium.Env[Any, Any]) -> Collection[Any]:
-    """The render modes that an environment states."""
-    if isinstance(env.metadata, Mapping):
-        modes = env.metadata.get("render_modes", ())
-    else:
-        modes = None
-    if isinstance(modes, Collection):
-        return modes
-    raise WorldError(
-        f"{world_id}: its metadata lists no render modes; write metadata = {{'render_modes': ['rgb_array']}}"
-    )
-
-
-def _require_space(world_id: str, env: gymnasium.Env[Any, Any], name: str) -> None:
-    """Refuse an environment that does not say what it takes, or what it shows.
-
-    Raises:
-        WorldError: if the space of that name is none of Gymnasium's.
-    """
-    space = getattr(env, name, None)
-    if not isinstance(space, gymnasium.Space):
-        raise WorldError(
-            f"{world_id}: its {name} is {describe_value(space)}; set it to a space of Gymnasium's in __init__"
-        )
 
 
 def _known(env: Any) -> NativeWorld | None:

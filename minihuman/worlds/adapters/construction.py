@@ -1,0 +1,90 @@
+"""Construction of a Gymnasium environment by its id; what it cannot be made by is said in words of ours."""
+
+import re
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import gymnasium
+
+from minihuman.errors import WorldError
+from minihuman.worlds.adapters.foreign_code import describe_error
+from minihuman.worlds.adapters.returned_values import describe_value
+from minihuman.worlds.adapters.seat import make_seat
+from minihuman.worlds.hashing import resolve_files
+
+_MISSING_ARGUMENTS = re.compile(
+    r"missing \d+ required (?:positional|keyword-only) arguments?: (.+?)(?: was raised from|$)"
+)
+
+
+def make_environment(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
+    """Make an environment that draws pictures, by its id.
+
+    Raises:
+        WorldError: if it cannot be made, or has no render mode for pictures.
+    """
+    try:
+        seat = make_seat(world_id, options)
+        env = (
+            seat
+            if seat is not None
+            else gymnasium.make(world_id, render_mode="rgb_array", disable_env_checker=True, **resolve_files(options))
+        )
+    except ModuleNotFoundError as error:
+        raise WorldError(
+            f"{world_id}: {error}; install the package that provides this world, or trust the protocol's folder that "
+            "has it: minihuman check PROTOCOL"
+        ) from error
+    except gymnasium.error.InvalidMetadata as error:
+        raise WorldError(f"{world_id}: its metadata is no dict; set it to {{'render_modes': ['rgb_array']}}") from error
+    except gymnasium.error.Error as error:
+        raise WorldError(f"{world_id}: {error}") from error
+    except WorldError as error:
+        raise WorldError(f"{world_id}: {error}") from error
+    except TypeError as error:
+        raise WorldError(f"{world_id}: {_explain_arguments(error, options)}") from error
+    except Exception as error:  # a constructor may raise whatever it likes of an id or an option
+        given = f" with the options {options!r}" if options else ""
+        raise WorldError(f"{world_id}: it cannot be created{given}: making it {describe_error(error)}") from error
+    if "rgb_array" not in _render_modes(world_id, env):
+        env.close()
+        raise WorldError(f"{world_id} has no render mode 'rgb_array', which a session needs to show pictures; add it")
+    return env
+
+
+def _explain_arguments(error: TypeError, options: Mapping[str, Any]) -> str:
+    """Explain a TypeError of a constructor, which is mostly one of its arguments."""
+    missing = _MISSING_ARGUMENTS.search(str(error))
+    if missing:
+        return f"its constructor needs {missing[1]}; give it in the block, as options = {{ NAME = VALUE }}"
+    if "unexpected keyword argument 'render_mode'" in str(error):
+        return "its constructor takes no render_mode; write def __init__(self, render_mode=None) and keep it"
+    if options:
+        return f"the options {options!r} are invalid: {error}"
+    return f"it cannot be created: making it {describe_error(error)}"
+
+
+def _render_modes(world_id: str, env: gymnasium.Env[Any, Any]) -> Collection[Any]:
+    """The render modes that an environment states."""
+    if isinstance(env.metadata, Mapping):
+        modes = env.metadata.get("render_modes", ())
+    else:
+        modes = None
+    if isinstance(modes, Collection):
+        return modes
+    raise WorldError(
+        f"{world_id}: its metadata lists no render modes; write metadata = {{'render_modes': ['rgb_array']}}"
+    )
+
+
+def require_space(world_id: str, env: gymnasium.Env[Any, Any], name: str) -> None:
+    """Refuse an environment that does not say what it takes, or what it shows.
+
+    Raises:
+        WorldError: if the space of that name is none of Gymnasium's.
+    """
+    space = getattr(env, name, None)
+    if not isinstance(space, gymnasium.Space):
+        raise WorldError(
+            f"{world_id}: its {name} is {describe_value(space)}; set it to a space of Gymnasium's in __init__"
+        )
