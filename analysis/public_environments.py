@@ -45,6 +45,7 @@ from minihuman.worlds.adapters.world import World
 
 FOLDER = Path(__file__).parent
 TABLE = "public_environments.toml"
+PAGE = FOLDER.parent / "docs/public-environments.md"
 N_EPISODES = 2
 MAX_STEPS = 8
 TIMEOUT_S = 600.0
@@ -152,7 +153,7 @@ def try_environment(family: Family, name: str, folder: Path, *, is_full: bool) -
         notices = check_worlds(protocol, "study", provable=is_full)
     except MinihumanError as error:
         trial.verdict = "refused"
-        trial.refused_because = str(error)
+        trial.refused_because = str(error).rsplit(family.prefix + name, 1)[-1].lstrip("': ")
         return trial
     trial.notices = "; ".join(notice.removeprefix(f"{family.prefix}{name}: ") for notice in notices)
     try:
@@ -256,6 +257,74 @@ def write_trial(trial: Trial, folder: Path) -> None:
     (folder / "public_environments.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 
+def write_page(folder: Path, page: Path) -> None:
+    """Write the page of the docs: the rules, and what became of each id."""
+    with (folder / "public_environments.csv").open(encoding="utf-8", newline="") as file:
+        trials = list(csv.DictReader(file))
+    record = json.loads((folder / "public_environments.json").read_text(encoding="utf-8"))
+    tried = {trial["package"] for trial in trials}
+    rules = [_describe_family(family) for family in read_families() if family.package in tried]
+    results = [_describe_trial(trial) for trial in trials]
+    refused = sum(trial["verdict"] == "refused" for trial in trials)
+    counts = f"{len(trials)} ids of {len(tried)} packages: {len(trials) - refused} played, proven and exported"
+    text = _PAGE.format(
+        counts=counts,
+        refused=refused,
+        date=record["date"],
+        python=record["python"],
+        numpy=record["versions"]["numpy"],
+        steps=record["steps"],
+        rules="\n".join(rules),
+        results="\n".join(results),
+    )
+    page.write_text(text, encoding="utf-8")
+
+
+def _describe_family(family: Family) -> str:
+    ids = ", ".join(f"`{name}`" for name in family.ids)
+    success = f"`{family.success}`" if family.success else "-"
+    linked = f"[{family.reason}]({family.source})" if family.source.startswith("https") else family.reason
+    return f"| `{family.package}` | {ids} | {success} | {linked} |"
+
+
+def _describe_trial(trial: Mapping[str, str]) -> str:
+    if trial["verdict"] == "refused":
+        fate = f"refused: {trial['refused_because'].replace('|', '&#124;')}"
+    else:
+        fate = f"played, proven, in {trial['exports']} formats"
+        if trial["exports_refused"]:
+            fate += f"; not in {trial['exports_refused'].replace('|', '&#124;')}"
+    return f"| `{trial['package']}` {trial['version']} | `{trial['id']}` | {trial['check']} | {fate} |"
+
+
+_PAGE = """# Public environments
+
+Other people's environments, tried as a study has them: check, two episodes of at most {steps} steps, `minihuman verify`
+and every exporter. {counts},
+{refused} refused before any data, each for the reason below. `python analysis/public_environments.py` tries those that
+are installed, and writes this page ({date}, Python {python}, numpy {numpy}; other versions are in the table).
+
+## What success is
+
+By hand, from their documentation. A block states `success` as the third column has it; where that is "-", what
+[`minihuman check` finds](outcomes.md) is right: the table of Gymnasium's and ALE's own, or `info["is_success"]` and
+`info["success"]`.
+
+| package | ids | `success` | why |
+|---|---|---|---|
+{rules}
+
+## What became of them
+
+A short check plays 60 steps, as `serve` does before sessions; a full one is that of `minihuman check`: 300 steps, with
+pictures and without, again from a saved state and in a second process.
+
+| package | id | check | |
+|---|---|---|---|
+{results}
+"""
+
+
 def _find_version(package: str) -> str:
     try:
         return version(package)
@@ -276,6 +345,7 @@ def main() -> None:
     warm_up()
     for trial in try_all(families, arguments.ids, is_full=arguments.full):
         write_trial(trial, arguments.out)
+    write_page(arguments.out, PAGE if arguments.out == FOLDER else arguments.out / "public_environments.md")
     print(arguments.out / "public_environments.csv")
 
 

@@ -16,6 +16,8 @@ _MISSING_ARGUMENTS = re.compile(
     r"missing \d+ required (?:positional|keyword-only) arguments?: (.+?)(?: was raised from|$)"
 )
 
+_UNEXPECTED_ARGUMENT = re.compile(r"unexpected keyword argument '(\w+)'")
+
 
 def make_environment(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
     """Make an environment that draws pictures, by its id.
@@ -57,8 +59,11 @@ def _explain_arguments(error: TypeError, options: Mapping[str, Any]) -> str:
     missing = _MISSING_ARGUMENTS.search(str(error))
     if missing:
         return f"its constructor needs {missing[1]}; give it in the block, as options = {{ NAME = VALUE }}"
-    if "unexpected keyword argument 'render_mode'" in str(error):
+    unexpected = _UNEXPECTED_ARGUMENT.search(str(error))
+    if unexpected and unexpected[1] == "render_mode":
         return "its constructor takes no render_mode; write def __init__(self, render_mode=None) and keep it"
+    if unexpected and unexpected[1] not in options:
+        return f"its constructor takes no {unexpected[1]}, which its registration gives; correct one of the two"
     if options:
         return f"the options {options!r} are invalid: {error}"
     return f"it cannot be created: making it {describe_error(error)}"

@@ -135,6 +135,17 @@ class MakingNeedsArgument(Plain):
         super().__init__(render_mode)
 
 
+@odd(r"its constructor takes no width, which its registration gives", kwargs={"width": 9})
+class MakingWithAnotherArgument(Plain):
+    pass
+
+
+@odd(r"render\(\) is not implemented")
+class PictureNotImplemented(Plain):
+    def render(self):
+        raise NotImplementedError
+
+
 @odd(r"its constructor takes no render_mode; write def __init__")
 class MakingWithoutRenderMode(Plain):
     def __init__(self):
