@@ -45,10 +45,7 @@ if TYPE_CHECKING:
         Session as Session,
         Study as Study,
     )
-    from minihuman.worlds.adapters.page_world import (
-        ActionsVerification as ActionsVerification,
-        verify_actions as verify_actions,
-    )
+    from minihuman.worlds.adapters.page_world import verify_actions as verify_actions
     from minihuman.worlds.adapters.pettingzoo import parallel_env as parallel_env
     from minihuman.worlds.grid.layout import observation_to_text as observation_to_text
     from minihuman.worlds.team import make_team as make_team
@@ -56,7 +53,6 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _MODULES = {  # where each public name is; imported when it is asked for, so that importing minihuman is fast
-    "ActionsVerification": "minihuman.worlds.adapters.page_world",
     "Episode": "minihuman.recorded_study",
     "ExportSummary": "minihuman.api",
     "MinihumanError": "minihuman.errors",

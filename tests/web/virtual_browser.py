@@ -19,9 +19,11 @@ from minihuman.web.eligibility import get_page_texts
 from minihuman.web.key_codes import KEY_CODES
 from minihuman.web.message_codec import decode_page_message
 from minihuman.web.outbox import PageSettings
+from minihuman.web.page_presence import find_sign_interval_ms
 from minihuman.web.page_protocol import PageProtocol, PageSession, ServerMessages, StreamNames
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.source_digest import kernels_digest
+from tests.programs import running
 
 PROGRAM = Path(__file__).parent / "page" / "virtual_page.js"
 SETTLE_MS = 4000  # after the last act: repeats have ended, everything was sent and answered
@@ -73,6 +75,15 @@ class VirtualConnection(PageSession):
         if self._streams.incoming.take(numbered.n) and not self.host.over:
             self.host.receive(numbered.n, numbered.at, numbered.what, more=more)
 
+    def hear(self) -> None:
+        """Take no note: no seat waits for this page."""
+
+    def bid_farewell(self, *, is_left: bool) -> None:
+        """Take no note: no seat waits for this page."""
+
+    def spend(self, n_bytes: int) -> bool:
+        return True
+
     def forget(self) -> None:
         self._streams.life = ""
         self.host.restart()
@@ -113,6 +124,7 @@ class VirtualConnection(PageSession):
             get_page_texts(language),
             0,
             False,
+            sign_ms=find_sign_interval_ms(self.host.session.plan),
         )
         self._protocol = PageProtocol(self, welcome, 0, 0.0)
         return self._protocol.encode_welcome()
@@ -153,7 +165,7 @@ class VirtualBrowser:
 @contextmanager
 def virtual_browser() -> Iterator[VirtualBrowser]:
     """A program that is ended at the end."""
-    with subprocess.Popen(["node", str(PROGRAM)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as program:
+    with running(["node", str(PROGRAM)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as program:
         assert program.stdin is not None
         assert program.stdout is not None
         yield VirtualBrowser(program.stdin, program.stdout)

@@ -20,7 +20,7 @@ from minihuman.worlds.isolation.isolated_world import IsolatedWorld, IsolatedWor
 from minihuman.worlds.isolation.process_pool import WorldLimits
 from minihuman.worlds.outcomes import parse_outcome_rule
 from tests.counts import PATIENCE_S
-from tests.programs import find_descendants, wait_until_ended
+from tests.programs import find_descendants, running, wait_until_ended
 from tests.worlds import corridor, faulty, odd_ends
 
 FAULTY = f"{faulty.__name__}:tests/Faulty-v0"
@@ -160,8 +160,8 @@ if __name__ == "__main__":
 def test_a_process_ends_with_a_host_that_is_killed(tmp_path: Path) -> None:
     script = tmp_path / "host.py"
     script.write_text(_HOST)
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with subprocess.Popen([sys.executable, str(script)], **pipes) as host:  # type: ignore[call-overload]
+    with running([sys.executable, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as host:
+        assert host.stdout is not None
         pid = int(host.stdout.readline())
         processes = {process for process in find_descendants(os.getpid()) if process.pid == pid}
         assert processes
