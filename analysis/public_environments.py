@@ -176,7 +176,7 @@ def _export(trial: Trial, folder: Path) -> None:
             export_study(name, folder / "public", folder / f"as-{name}", Selection())
             trial.exports += 1
         except ExportError as error:
-            refusals[name] = str(error)
+            refusals[name] = str(error).replace(f"{folder}/", "")
     trial.exports_refused = "; ".join(f"{name}: {reason}" for name, reason in refusals.items())
 
 
