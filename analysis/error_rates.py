@@ -19,17 +19,13 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from minihuman.statistics.comparison import (
-    adjust_groups,
-    compare_means,
-    find_units,
-    name_units,
-    permutation_tests,
-    standardise,
-)
+from minihuman.statistics.comparison import standardise
 from minihuman.statistics.paired import paired_test
+from minihuman.statistics.permutation import adjust_groups, permutation_tests
 from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.survival import SurvivalTimes, compare_survival
+from minihuman.statistics.t_tests import compare_means
+from minihuman.statistics.units import find_units, name_units
 
 ALPHA = 0.05
 WITH_INTERVALS = (

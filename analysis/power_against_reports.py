@@ -48,11 +48,13 @@ from minihuman.planning.report_power import (
     make_report_pool,
 )
 from minihuman.reporting import build
-from minihuman.reporting.results import MEASURES, Results, compute_results, exclude_practice_alone, take_logarithms
-from minihuman.reporting.sections import difference_statement, paired_statement
+from minihuman.reporting.block_measures import MEASURES, take_logarithms
+from minihuman.reporting.exclusions import exclude_practice_alone
+from minihuman.reporting.results import Results, compute_results
+from minihuman.reporting.statements import difference_statement, paired_statement
 from minihuman.runtime.simulated_session import simulate
-from minihuman.statistics.comparison import find_units, name_units
 from minihuman.statistics.scores import wilson_interval
+from minihuman.statistics.units import find_units, name_units
 
 ALPHA = 0.05
 BATCH = 100  # studies between two writings

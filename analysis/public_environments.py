@@ -45,7 +45,6 @@ from minihuman.worlds.adapters.world import World
 
 FOLDER = Path(__file__).parent
 TABLE = "public_environments.toml"
-PAGE = FOLDER.parent / "docs/public-environments.md"
 N_EPISODES = 2
 MAX_STEPS = 8
 TIMEOUT_S = 600.0
@@ -307,7 +306,7 @@ are installed, and writes this page ({date}, Python {python}, numpy {numpy}; oth
 ## What success is
 
 By hand, from their documentation. A block states `success` as the third column has it; where that is "-", what
-[`minihuman check` finds](outcomes.md) is right: the table of Gymnasium's and ALE's own, or `info["is_success"]` and
+[`minihuman check` finds](../docs/environments.md) is right: the table of Gymnasium's and ALE's own, or `info["is_success"]` and
 `info["success"]`.
 
 | package | ids | `success` | why |
@@ -345,7 +344,7 @@ def main() -> None:
     warm_up()
     for trial in try_all(families, arguments.ids, is_full=arguments.full):
         write_trial(trial, arguments.out)
-    write_page(arguments.out, PAGE if arguments.out == FOLDER else arguments.out / "public_environments.md")
+    write_page(arguments.out, arguments.out / "public_environments.md")
     print(arguments.out / "public_environments.csv")
 
 

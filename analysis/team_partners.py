@@ -17,7 +17,8 @@ from pathlib import Path
 
 import minihuman
 from minihuman.admin.protocol_file import read_protocol
-from minihuman.reporting.results import BlockResults, compute_results
+from minihuman.reporting.block_results import BlockResults
+from minihuman.reporting.results import compute_results
 
 PROTOCOL = Path(__file__).with_suffix(".toml")
 WORLD = "minihuman/Team-CrampedRoom-v0"

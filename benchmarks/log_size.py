@@ -93,7 +93,7 @@ def time_log() -> None:
         for event in session_events(plan, steps=100)[:-1]:
             recorder.write([event])
         recorder.leave()
-        part, log = recorder.where.part, recorder.where.log
+        part, log = recorder.segment_path.part, recorder.segment_path.log
         live = part.read_bytes()
 
         def finish() -> None:

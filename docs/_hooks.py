@@ -9,7 +9,8 @@ the extra `docs` does not bring.
 import posixpath
 import re
 import sys
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -32,8 +33,31 @@ from minihuman.plugins import list_plugin_names
 
 _ROOT = Path(__file__).parents[1]
 _PAGES = {"protocols/README.md": "protocols.md", "CHANGELOG.md": "changelog.md"}
+_MOVED = {  # an address that a page had, and where its text is now
+    "desk": "tutorial-desk.html#the-start-page",
+    "designs": "trials.html#adapt-to-the-participant",
+    "first-study": "tutorial-first.html",
+    "from-minigrid": "environments.html#coming-from-minigrid-or-miniworld",
+    "gallery-first-person": "play.html#first-person-worlds",
+    "gallery-grid": "play.html#grid-worlds",
+    "gallery-levels": "play.html#babyai-levels",
+    "instructions": "grid-worlds.html#babyai-levels",
+    "kubernetes": "web.html#kubernetes",
+    "log-topics": "log-format.html#topics-and-their-fields",
+    "notebook": "api.html#a-study-in-a-notebook",
+    "outcomes": "environments.html#what-an-end-means",
+    "pages": "play.html#worlds-in-your-own-pages",
+    "ports": "extending.html#ports",
+    "simulated-people": "models.html#simulated-participants",
+    "team-worlds": "teams.html#worlds-with-several-bodies",
+    "trust": "protocols.html#protocols-from-others",
+    "tutorial-agent": "teaching.html#a-study-with-an-agent",
+    "upgrading": "install.html#upgrade",
+    "windows": "devices.html",
+}
 _MARKER = re.compile(r"^<!-- ([./\w]+) -->$", re.MULTILINE)  # where a page's generated part stands
 _LABEL = re.compile(r"^(```\w+) [\w-]+$", re.MULTILINE)  # by which tests know a block of code
+_HEADING = re.compile(r"^##", re.MULTILINE)
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(([^)#\s]+)(#[^)\s]*)?\)")
 
 
@@ -51,9 +75,9 @@ def on_page_markdown(markdown: str, *, page: Page, **_: Any) -> str:
         "api.md": list_exports,
         "commands.md": list_commands,
         "tables.md": list_tables,
-        "log-topics.md": list_topics,
-        "ports.md": list_ports,
-        "upgrading.md": list_frozen_logs,
+        "log-format.md": partial(_write_section, list_topics),
+        "extending.md": partial(_write_section, list_ports),
+        "install.md": list_frozen_logs,
     }
     if write := written.get(page.file.src_uri):
         markdown = _MARKER.sub(lambda marker: write(marker[1]), markdown)
@@ -62,9 +86,17 @@ def on_page_markdown(markdown: str, *, page: Page, **_: Any) -> str:
 
 
 def on_post_page(output: str, **_: Any) -> str:
-    """Mend two things that the theme leaves: a search dialog without a name, and hidden inputs that Tab reaches."""
-    dialog, hidden = 'data-md-component="search" role="dialog"', '<input class="md-option"'
-    return output.replace(dialog, f'{dialog} aria-label="Search"').replace(hidden, f'{hidden} tabindex="-1"')
+    """Mend a search dialog without a name, inputs that Tab should not reach, and galleries that load at once."""
+    dialog = 'data-md-component="search" role="dialog"'
+    hidden = '<input class="md-option"'
+    picture = ' src="gallery-'
+    output = output.replace(dialog, f'{dialog} aria-label="Search"').replace(hidden, f'{hidden} tabindex="-1"')
+    return output.replace(picture, f' loading="lazy"{picture}')
+
+
+def _write_section(write: Callable[[str], str], marker: str) -> str:
+    """Write a generated part that is one section of its page: its headings are a level lower."""
+    return _HEADING.sub("###", write(marker))
 
 
 def list_exports(package: str) -> str:
@@ -249,7 +281,10 @@ def _resolve_links(markdown: str, folder: Path, page: str) -> str:
 
 
 def on_post_build(*, config: MkDocsConfig) -> None:
-    """Put the live gallery and the level editor beside the pages: `play/` is files alone."""
+    """Put the live gallery and the level editor beside the pages, and a page that leads on where one was before."""
+    for name, address in _MOVED.items():
+        page = f'<meta http-equiv="refresh" content="0; url={address}"><a href="{address}">This page has moved.</a>'
+        (Path(config.site_dir) / f"{name}.html").write_text(f"<!doctype html><title>Moved</title>{page}\n", "utf-8")
     sys.path.insert(0, str(_ROOT / "docs"))
     try:
         write_gallery = import_module("gallery_live").write_gallery

@@ -29,7 +29,6 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 PAGES = (
     "index",
-    "first-study",
     "tutorial-first",
     "tutorial-desk",
     "protocols",
@@ -158,6 +157,20 @@ def judge_pages(browser: Browser, address: str) -> list[str]:
     return problems
 
 
+def judge_filter(browser: Browser, address: str) -> list[str]:
+    """Return whether the field above the galleries fails to leave the worlds whose text has the words."""
+    page = browser.new_page()
+    page.goto(f"{address}/play.html")
+    worlds = page.locator(".gallery-cells td:visible")
+    every = worlds.count()
+    page.get_by_label("Filter the worlds").fill("doorkey 6x6")
+    names = worlds.all_inner_texts()
+    page.close()
+    if every < 150 or [name.split()[0] for name in names] != ["MiniGrid-DoorKey-6x6-v0"]:
+        return [f"play: of {every} worlds the filter leaves {names}"]
+    return []
+
+
 def judge_readme(browser: Browser) -> list[str]:
     """Return where the README is wider than its window, or "More" begins after two screens."""
     problems = []
@@ -219,7 +232,7 @@ def main() -> None:
         with browsing() as browser:
             problems += check_play(browser, address, arguments.pictures)
             problems += judge_pages(browser, address)
-            problems += judge_readme(browser)
+            problems += judge_filter(browser, address) + judge_readme(browser)
         if arguments.lighthouse:
             scores = score_pages(address)
             arguments.lighthouse.write_text(json.dumps(scores, indent=1) + "\n", encoding="utf-8")

@@ -26,6 +26,7 @@ PACKAGES = {  # and the module that registers theirs
 SECONDS = 5.0
 PAGE = Path(__file__).with_name("environments.md")
 FOUND = PAGE.with_suffix(".json")  # of each id, what was found when it was tried last
+TABLE = "## Environments by their id"  # the page up to here is written by hand
 KEPT = "## A minute in real time"  # the page from here on is other scripts': real_time_minutes, recorded_sessions
 
 
@@ -151,7 +152,7 @@ def describe(found: dict[str, dict[str, str]]) -> str:
     share = 100 * (len(made) - len(failed)) / max(1, len(made))
     browsers = Counter(one["browser"] for name, one in made.items() if name not in failed)
     lines = [
-        "# Environments by their id",
+        TABLE,
         "",
         "Any Gymnasium environment with pictures and actions that are Discrete, MultiDiscrete, MultiBinary or Box,",
         "or Dict and Tuple of them, can be the `world` of a block. `minihuman new --world ID` writes a study with",
@@ -169,7 +170,7 @@ def describe(found: dict[str, dict[str, str]]) -> str:
         f"were played for {SECONDS:g} s",
         f"and their logs proven or marked; {browsers['ahead']} are shown ahead in a browser.",
         f"{sum('MiniHack' in name for name in made)} of them are MiniHack's, one is a game of arcengine, which needs",
-        "Python 3.12 or later. A run of `python docs/environments.py` writes this page.",
+        "Python 3.12 or later. A run of `python docs/environments.py` writes this section.",
         "",
         "| id | actions | keys | pace | replays | browser |",
         "|---|---|---|---|---|---|",
@@ -179,8 +180,9 @@ def describe(found: dict[str, dict[str, str]]) -> str:
             cells = (f"`{name}`", *(one[column] for column in ("space", "keys", "pace", "replays", "browser")))
             lines.append("| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |")
     lines += ["", "Not played:", "", *(f"- `{name}`: {why}" for name, why in failed.items())] if failed else []
-    _, heading, recorded = PAGE.read_text(encoding="utf-8").partition(KEPT)
-    return "\n".join([*lines, "", heading + recorded if heading else ""]).rstrip() + "\n"
+    page, heading, recorded = PAGE.read_text(encoding="utf-8").partition(KEPT)
+    by_hand = page.partition(TABLE)[0].rstrip()
+    return "\n".join([by_hand, "", *lines, "", heading + recorded if heading else ""]).rstrip() + "\n"
 
 
 def main() -> None:

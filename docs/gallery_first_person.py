@@ -1,4 +1,4 @@
-"""Draws docs/gallery-first-person.md: every first-person world as the agent sees it and from above.
+"""Draws the first-person section of docs/play.md: each world as the agent sees it and from above.
 
 python docs/gallery_first_person.py [FOLDER]
 """
@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import gymnasium
+from gallery_section import replace_section
 from PIL import Image
 
 from minihuman.worlds.catalogue import FIRST_PERSON_WORLDS
@@ -17,15 +18,13 @@ SIZE_PX = (320, 240)
 
 
 def draw_gallery(folder: Path, *, limit: int | None = None) -> list[Path]:
-    """Write the page and its pictures into a folder, overwriting them; the files written.
+    """Write the section into the folder's play.md, and its pictures beside it; return the files written.
 
     ``limit`` draws only the first worlds of the catalogue.
     """
     pictures = folder / "gallery-first-person"
     pictures.mkdir(parents=True, exist_ok=True)
     lines = [
-        "# The first-person worlds",
-        "",
         "Each world at the start of an episode: what the agent sees, and the plan with the agent in red.",
         "Drawn by `python docs/gallery_first_person.py`.",
         "",
@@ -49,8 +48,8 @@ def draw_gallery(folder: Path, *, limit: int | None = None) -> list[Path]:
         actions = ", ".join(f"`{name}`" for name in world.action_names)
         longest = f"{world.max_steps} steps" if world.max_steps else "no limit"
         lines.append(f"| `{entry.id}` | {entry.summary} | {actions} | {longest} | {cells[0]} | {cells[1]} |")
-    page = folder / "gallery-first-person.md"
-    page.write_text("\n".join(lines) + "\n")
+    page = folder / "play.md"
+    replace_section(page, "gallery-first-person", lines)
     return [page, *written]
 
 

@@ -1,4 +1,4 @@
-"""Draw the galleries of grid worlds and of levels: a picture of each, and the pages that show them.
+"""Draw the galleries of grid worlds and of levels: a picture of each, and their sections of play.md.
 
 python docs/gallery_grid.py
 """
@@ -6,6 +6,7 @@ python docs/gallery_grid.py
 from pathlib import Path
 
 import gymnasium
+from gallery_section import replace_section
 from PIL import Image
 
 import minihuman  # noqa: F401  # registers the worlds
@@ -14,28 +15,24 @@ from minihuman.worlds.catalogue import CatalogueEntry
 
 SEED = 3
 WIDTH_PX = 176  # of a picture at most, which a page shows three abreast
-GRID = """# Grid worlds: the gallery
-
-Every grid world at seed 3, the agent's field of view lit, and the most that a block's `max_steps` may be. The actions
-are `left`, `right`, `forward`, `pickup`, `drop`, `toggle` and `done`, in DynamicObstacles the first three.
+GRID = """Every grid world at seed 3, the agent's field of view lit, and the most that a block's `max_steps` may be. The
+actions are `left`, `right`, `forward`, `pickup`, `drop`, `toggle` and `done`, in DynamicObstacles the first three.
 Drawn by `python docs/gallery_grid.py`.
 """
-LEVELS = """# Levels: the gallery
-
-Every level at seed 3 with what it says, the agent's field of view lit, and the most that a block's
+LEVELS = """Every level at seed 3 with what it says, the agent's field of view lit, and the most that a block's
 `max_steps` may be. The actions are `left`, `right`, `forward`, `pickup`, `drop`, `toggle` and `done`.
 Drawn by `python docs/gallery_grid.py`.
 """
 
 
 def write(folder: Path) -> None:
-    """Write the pages and the pictures that they show into a folder."""
-    write_page(folder, "gallery-grid", GRID, catalogue.GRID_WORLDS)
-    write_page(folder, "gallery-levels", LEVELS, levels.BABYAI_WORLDS)
+    """Write both sections into the folder's play.md, and the pictures that they show beside it."""
+    write_section(folder, "gallery-grid", GRID, catalogue.GRID_WORLDS)
+    write_section(folder, "gallery-levels", LEVELS, levels.BABYAI_WORLDS)
 
 
-def write_page(folder: Path, name: str, head: str, entries: tuple[CatalogueEntry, ...]) -> None:
-    """Write one page, and its pictures into a folder of its name."""
+def write_section(folder: Path, name: str, head: str, entries: tuple[CatalogueEntry, ...]) -> None:
+    """Write one section, and its pictures into a folder of its name."""
     pictures = folder / name
     pictures.mkdir(parents=True, exist_ok=True)
     lines = [head, "| | | |", "|---|---|---|"]
@@ -50,7 +47,7 @@ def write_page(folder: Path, name: str, head: str, entries: tuple[CatalogueEntry
         cells.append(f"![{entry.summary}]({name}/{entry.name}.png)<br>**{entry.name}**<br>{mission}<br>{longest}")
     for start in range(0, len(cells), 3):
         lines.append("| " + " | ".join(cells[start : start + 3]) + " |")
-    (folder / f"{name}.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    replace_section(folder / "play.md", name, lines)
 
 
 if __name__ == "__main__":

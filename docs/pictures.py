@@ -3,7 +3,7 @@
 python docs/pictures.py FOLDER
 
 Figures and windows need nothing but minihuman; the report's page is photographed by Chromium and the replays by rerun's
-viewer, under a virtual display. ``pictures.md`` says the same command by command.
+viewer, under a virtual display. ``CONTRIBUTING.md`` says the same command by command.
 """
 
 import shutil

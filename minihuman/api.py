@@ -5,16 +5,16 @@ The commands of the same names call these. What only one of them needs is import
 verifying a log opens no window and running a session reads no tables.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from minihuman.errors import LogError, MinihumanError
+from minihuman.errors import LogError
 from minihuman.moved import forward_names
 from minihuman.trust import Permission
+from minihuman.verification import VerificationLine as VerificationLine, verify as verify
 
 if TYPE_CHECKING:
     from minihuman.dataset.selection import Selection
@@ -24,22 +24,10 @@ if TYPE_CHECKING:
     from minihuman.web.page_data.imports import ImportedFile
 
 Listener = Callable[[str], None]
-_PAGE_DATA_SUFFIXES = (".json", ".csv")
-_LOGS_PER_PROCESS = 8  # to verify; fewer are replayed sooner than one more process starts
 
 
 def _ignore(_: str) -> None:
     pass
-
-
-@dataclass(frozen=True, slots=True)
-class VerificationLine:
-    """One finding about one log."""
-
-    log: Path
-    text: str
-    ok: bool
-    error: MinihumanError | None = None  # why the log cannot be read or checked
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +116,6 @@ def run(
     from minihuman.admin.legibility import require_legible
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.display.windows.blocking_window import open_window
-    from minihuman.errors import AllocationError
     from minihuman.experiment.plan.dry_run import check_worlds
     from minihuman.runtime.agent_host import make_agent_host
     from minihuman.runtime.host import host_session
@@ -144,9 +131,7 @@ def run(
         _require_none_interrupted(protocol, data, study)
     seats = count_seats_at_machine(study, group)
     require_one_process(study, f"on one machine; use minihuman serve {protocol}", group=group, at_one_machine=seats)
-    codes = participant.split(",") if participant else [None] * seats
-    if len(codes) != seats:
-        raise AllocationError(f"{participant!r} names {len(codes)} of {seats} people; give {seats} codes, with commas")
+    codes = _split_codes(participant, seats)
     on_progress(f"preparing the worlds of {study.study.name}")
     check_worlds(study, str(protocol))
     require_legible(study, str(protocol))
@@ -174,10 +159,29 @@ def run(
                 return host_session(plans[0], opened, clock, data, markers=lsl, agent=agent, make_world=make_world)
         logs = host_team(study, plans, SharedWindow(opened, clock, seats), clock, data, markers=lsl)
         for log in logs[1:]:
-            on_start(f"log: {log}" if log else "a session ended before anything was recorded; its slot is free again")
+            if log:
+                on_start(f"log: {log}")
+            else:
+                on_start("a session ended before anything was recorded; its slot is free again")
         return logs[0]
     finally:
         opened.close()
+
+
+def _split_codes(participant: str | None, seats: int) -> list[str] | list[None]:
+    """Split the codes of those who share this machine; None for each where the next free slots are taken.
+
+    Raises:
+        AllocationError: if they are not as many as the seats.
+    """
+    from minihuman.errors import AllocationError
+
+    if not participant:
+        return [None] * seats
+    codes = participant.split(",")
+    if len(codes) != seats:
+        raise AllocationError(f"{participant!r} names {len(codes)} of {seats} people; give {seats} codes, with commas")
+    return codes
 
 
 def _require_none_interrupted(protocol: Path, data: Path, study: "Protocol") -> None:
@@ -299,120 +303,21 @@ def _simulate_models(
     from minihuman.runtime.model_sessions import simulate_models
     from minihuman.simulation.model_conversation import SpentTotals
 
-    done = 0
+    n_done = 0
     currency = study.model.currency
 
     def say(spent: SpentTotals) -> None:
         cost = f"{spent.price:.4f} {currency}".strip()
         on_progress(
-            f"{player} plays {study.study.name}: {done} of {participants} participants done, {spent.calls} calls, "
+            f"{player} plays {study.study.name}: {n_done} of {participants} participants done, {spent.calls} calls, "
             f"{spent.tokens} tokens, {cost}"
         )
 
     run = ModelRun.of_model(player, max_price=max_price, changed=say)
     for path in simulate_models(study, data, participants=participants, parallel=parallel, run=run):
-        done += 1
+        n_done += 1
         say(run.spent)
         yield path
-
-
-def verify(
-    *paths: Path | str,
-    manifest: str | None = None,
-    trust: bool = False,
-    policies: bool = False,
-    tables: bool = False,
-    outputs: Collection[Path | str] = (),
-    engine: str = "local",
-) -> Iterator[VerificationLine]:
-    """Replay logs from their seeds and inputs, and compare every message; of a study also its enrolment log.
-
-    Args:
-        paths: session logs, or folders of them, and files of a page's episodes (.json, .csv); with a manifest, study
-            folders.
-        manifest: a digest or manifest file; then only the files are compared with it.
-        trust: trust the modules of the logs' worlds, now and from now on.
-        policies: compare the agents' actions with their policy files, too.
-        tables: instead of replaying, recompute every table of study folders from their logs, and compare the caches.
-        outputs: folders of reports and of CSV and Parquet exports, made of all that is included by default; they are
-            compared with what is recomputed, too.
-        engine: replays many logs in processes of this machine (local) or in a Ray cluster (ray).
-
-    Yields:
-        Findings. ``all(line.ok for line in verify(path))`` says whether everything is as logged. A log that cannot be
-        read is a line with an ``error`` and does not hold up the others.
-
-    Raises:
-        MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are not compared with
-            one study's tables, or nothing is at a path.
-    """
-    from minihuman.admin.verify.episodes import verify_teams
-    from minihuman.admin.verify.log import find_sessions, find_studies, verify_enrolment, verify_manifest
-    from minihuman.dataset.log_files import map_paths
-
-    if manifest is not None and (trust or policies):
-        raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
-    if tables and (manifest is not None or trust or policies):
-        raise MinihumanError(
-            "--tables does not replay logs; use --manifest, --trust or --policies in a separate command"
-        )
-    if outputs and (not tables or len(paths) != 1):
-        raise MinihumanError(
-            "--report needs --tables and exactly one study; run: minihuman verify STUDY --tables --report FOLDER"
-        )
-    yield from _obey_withdrawals(paths)
-    checks: list[Iterable[VerificationLine]] = []
-    verify_log = partial(_verify_log, trust=trust, policies=policies)
-    for path in map(Path, paths):
-        if tables:
-            from minihuman.reporting.recomputation import verify_tables
-
-            checks.append(_name_findings(path, verify_tables(path, [Path(output) for output in outputs])))
-            continue
-        if manifest is not None:
-            checks.append(_name_findings(path, verify_manifest(path, manifest)))
-            continue
-        if path.suffix.lower() in _PAGE_DATA_SUFFIXES and path.is_file():
-            checks.append(_name_findings(path, _verify_page_data(path)))
-            continue
-        studies = find_studies(path)
-        logs = find_sessions(path, required=not studies)
-        processes = 1 if trust else None  # what is trusted is one file
-        found = map_paths(logs, verify_log, processes=processes, engine=engine, per_process=_LOGS_PER_PROCESS)
-        checks.append(chain.from_iterable(found))
-        checks += (_name_findings(study, verify_enrolment(study)) for study in studies)
-        checks += (_name_findings(study, verify_teams(study)) for study in studies)
-    yield from chain.from_iterable(checks)
-
-
-def _obey_withdrawals(paths: Iterable[Path | str]) -> Iterator[VerificationLine]:
-    from minihuman.admin.local_copies import obey_withdrawals
-    from minihuman.admin.verify.log import find_studies
-
-    for study in dict.fromkeys(study for path in paths for study in find_studies(Path(path))):
-        lines: list[str] = []
-        obey_withdrawals(study, say=lines.append)
-        yield from (VerificationLine(study, line, ok=True) for line in lines)
-
-
-def _verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
-    from minihuman.web.page_data.imports import verify_page_data
-
-    yield from verify_page_data(file)
-
-
-def _verify_log(log: Path, *, trust: bool, policies: bool) -> list[VerificationLine]:
-    from minihuman.admin.verify.log import verify_session
-
-    return list(_name_findings(log, verify_session(log, trust=trust, policies=policies)))
-
-
-def _name_findings(path: Path, found: Iterable[tuple[str, bool]]) -> Iterator[VerificationLine]:
-    try:
-        for text, ok in found:
-            yield VerificationLine(path, text, ok)
-    except MinihumanError as error:
-        yield VerificationLine(path, str(error), ok=False, error=error)
 
 
 def import_page_data(*paths: Path | str, study: Path | str) -> Iterator["ImportedFile"]:
@@ -474,7 +379,7 @@ def export(
     obeyed: list[str] = []
     obey_withdrawals(Path(study), say=obeyed.append)
     with name_output_when_full(out):
-        written, card = export_study(
+        summary, card = export_study(
             format_name,
             Path(study),
             out,
@@ -485,9 +390,9 @@ def export(
             progress=lambda log: on_progress(str(log)),
         )
     forgotten = record_output(Path(study), f"export {format_name}", out)
-    excluded = (f"excluded: {line}" for line in written.left_out)
+    excluded = (f"excluded: {line}" for line in summary.left_out)
     notes = (*obeyed, *card.account.lines(), *excluded, *card.account.notes, *filter(None, [forgotten]))
-    return ExportSummary(out, written.episodes, written.steps, notes)
+    return ExportSummary(out, summary.episodes, summary.steps, notes)
 
 
 def report(

@@ -39,14 +39,14 @@ def name_output_when_full(out: PathLike[str]) -> Iterator[None]:
 
 
 def escape_control_characters(text: str) -> str:
-    """A text for a terminal: control characters, which could do anything to it, as they are written in Python."""
+    """Escape a text for a terminal: control characters, which could do anything to it, as Python writes them."""
     if text.isprintable():  # most lines of a long list
         return text
     return "".join(letter if letter.isprintable() or letter in "\n\t" else ascii(letter)[1:-1] for letter in text)
 
 
 def escape_line(text: str) -> str:
-    """A text as one line for a terminal: a line break in it, of a file's name, is escaped too."""
+    """Escape a text as one line for a terminal: a line break in it, of a file's name, is escaped too."""
     return escape_control_characters(text).replace("\n", "\\n")
 
 
@@ -67,7 +67,7 @@ class ProtocolError(MinihumanError, ValueError):
 
     @classmethod
     def of(cls, mistakes: Sequence[str], source: str) -> "ProtocolError":
-        """The error of one mistake or more: it says the first, and where the others are said."""
+        """Make the error of one mistake or more: it says the first, and where the others are said."""
         more = f" (and {len(mistakes) - 1} more: minihuman check {source} says all)" if len(mistakes) > 1 else ""
         error = cls(mistakes[0] + more)
         error.mistakes = tuple(mistakes)

@@ -40,7 +40,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.correction.activity",
         f"{_NEW}.correction.events",
         f"{_NEW}.correction.plan",
-        f"{_NEW}.correction.requests",
+        f"{_NEW}.clip_requests",
     ),
     f"{_OLD}.keyboard_check": (
         f"{_NEW}.keyboard_check.activity",
@@ -62,7 +62,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.preferences.activity",
         f"{_NEW}.preferences.events",
         f"{_NEW}.preferences.plan",
-        f"{_NEW}.preferences.requests",
+        f"{_NEW}.clip_requests",
         f"{_NEW}.episode_clips",
     ),
     f"{_OLD}.questions": (f"{_NEW}.questions",),
@@ -108,6 +108,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
     "minihuman.dataset.sessions": ("minihuman.dataset.included_episodes",),
     "minihuman.dataset.store": ("minihuman.dataset.table_queries", "minihuman.dataset.table_database"),
     "minihuman.dataset.table_columns": (
+        "minihuman.dataset.column_aliases",
         "minihuman.dataset.table_catalogue",
         f"{_NEW}.agent_blocks.columns",
         f"{_NEW}.correction.columns",
@@ -126,7 +127,12 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         "minihuman.experiment.machine.points",
     ),
     "minihuman.experiment.machine.screens": (f"{_NEW}.correction.screens", f"{_NEW}.preferences.screens"),
-    "minihuman.experiment.machine.session": ("minihuman.experiment.pending_session",),
+    "minihuman.experiment.machine.events": ("minihuman.experiment.machine.event_rules",),
+    "minihuman.experiment.machine.session": (
+        "minihuman.experiment.pending_session",
+        "minihuman.experiment.machine.key_state",
+    ),
+    "minihuman.experiment.replay": ("minihuman.experiment.session_copy",),
     "minihuman.experiment.plan.expansion": (
         "minihuman.experiment.plan.participant_codes",
         "minihuman.experiment.plan.part_names",
@@ -145,6 +151,24 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         "minihuman.simulation.part_simulation",
     ),
     "minihuman.reporting.teaching_section": (f"{_NEW}.agent_blocks.report",),
+    "minihuman.reporting.results": (
+        "minihuman.reporting.block_measures",
+        "minihuman.reporting.block_results",
+        "minihuman.reporting.exclusions",
+        "minihuman.reporting.within_results",
+    ),
+    "minihuman.reporting.sections": (
+        "minihuman.reporting.instruction_clauses",
+        "minihuman.reporting.participant_flow",
+        "minihuman.reporting.result_tables",
+        "minihuman.reporting.statements",
+    ),
+    "minihuman.statistics.comparison": (
+        "minihuman.statistics.permutation",
+        "minihuman.statistics.regroupings",
+        "minihuman.statistics.t_tests",
+        "minihuman.statistics.units",
+    ),
     "minihuman.log.activity_topics": (
         f"{_NEW}.agent_blocks.rows",
         f"{_NEW}.correction.rows",
@@ -152,8 +176,10 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.rating.rows",
         f"{_NEW}.team.rows",
     ),
+    "minihuman.admin.verify.log": ("minihuman.admin.verify.study", "minihuman.admin.verify.messages"),
+    "minihuman.exporters.flat_observations": ("minihuman.exporters.environment_specs",),
     "minihuman.log.system": ("minihuman.storage.system", "minihuman.storage.durable_files"),
-    "minihuman.operating_system": ("minihuman.storage.durable_files",),
+    "minihuman.operating_system": ("minihuman.storage.durable_files", "minihuman.portable_names"),
     "minihuman.workflow": ("minihuman.api",),
 }
 
@@ -182,6 +208,13 @@ def _get_moved(old_module: str, name: str) -> Any:
         stacklevel=3,
     )
     return contents
+
+
+def warn_of_old_name(old_name: str, name: str) -> None:
+    """Warn the caller of the function that has the earlier name."""
+    warnings.warn(
+        f"{old_name} is now {name}; the old name goes with the next version", DeprecationWarning, stacklevel=3
+    )
 
 
 def forward_names(module: str) -> Callable[[str], Any]:

@@ -14,7 +14,7 @@ import stat
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -34,31 +34,6 @@ REPLACE_ATTEMPTS = 50  # a virus scanner or an indexer has let go of a file by t
 REPLACE_INTERVAL_S = 0.1
 _SHARING_VIOLATIONS = frozenset({5, 32, 33})  # Windows: access denied, open elsewhere, locked elsewhere
 _LOCK_OFFSET_HIGH = 0x4000_0000  # Windows locks bytes against reading: lock one that no file has
-_RESERVED_NAMES = frozenset(
-    {"con", "prn", "aux", "nul"} | {f"{device}{number}" for device in ("com", "lpt") for number in range(10)}
-)
-
-
-def explain_unportable_name(name: str) -> str:
-    """Say why a file or folder of this name cannot be kept on every system; "" where it can."""
-    if name.partition(".")[0].casefold() in _RESERVED_NAMES:
-        return "Windows reserves the name for a device"
-    if name.endswith((".", " ")):
-        return "Windows drops a dot or space at the end"
-    if any(letter in '<>:"/\\|?*' or ord(letter) < 32 for letter in name):
-        return "Windows refuses one of its characters"
-    return ""
-
-
-def find_case_twin(name: str, names: Iterable[str]) -> str:
-    """The name among others that differs from this one in case only; "" where there is none, or the same name too.
-
-    Windows, and macOS as it comes, keep one folder for both.
-    """
-    others = set(names)
-    if name in others:
-        return ""
-    return next((one for one in sorted(others) if one.casefold() == name.casefold()), "")
 
 
 def is_sharing_violation(error: OSError) -> bool:
@@ -95,9 +70,7 @@ def make_private_folder(folder: Path, mode: int = OWNER_ONLY_FOLDER) -> None:
 def keep_private(file: Path) -> None:
     """Let a file that a library has made be its owner's alone, where the system and the file's owner allow it."""
     with contextlib.suppress(OSError):
-        if (
-            stat.S_IMODE(os.stat(file).st_mode) != OWNER_ONLY_FILE
-        ):  # or its time changes, by which caches are told apart
+        if stat.S_IMODE(os.stat(file).st_mode) != OWNER_ONLY_FILE:  # or its time changes, which tells caches apart
             os.chmod(file, OWNER_ONLY_FILE)
 
 
@@ -120,7 +93,7 @@ def open_file(path: Path, flags: int, mode: int = 0o600) -> int:
 
 
 def windows_disposition(flags: int) -> int:
-    """The creation disposition of Windows' CreateFile that means what the flags of ``os.open`` mean."""
+    """Return the creation disposition of Windows' CreateFile that means what the flags of ``os.open`` mean."""
     create_new = 1
     create_always = 2
     open_existing = 3
@@ -276,7 +249,7 @@ def retry_when_shared(call: Callable[[], object], *, interval_s: float = REPLACE
 
 
 def _replace_open_file(source: Path, target: Path) -> None:
-    """``os.replace``, which Windows refuses while the target is open: there, rename with POSIX semantics first."""
+    """Replace a file. Windows refuses that while the target is open: there, rename with POSIX semantics first."""
     if sys.platform == "win32":
         delete_and_synchronize = 0x0011_0000
         share_all = 7
@@ -316,15 +289,19 @@ def raise_file_limit(needed: int) -> int:
     import resource  # of Unix alone
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft == resource.RLIM_INFINITY or soft >= needed:
-        return needed if soft == resource.RLIM_INFINITY else soft
-    allowed = needed if hard == resource.RLIM_INFINITY else min(needed, hard)
+    if soft == resource.RLIM_INFINITY:
+        return needed
+    if soft >= needed:
+        return soft
+    allowed = needed
+    if hard != resource.RLIM_INFINITY:
+        allowed = min(needed, hard)
     resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, hard))
     return allowed
 
 
 def count_processes() -> int:
-    """How many processes work side by side at most: one per core."""
+    """Return how many processes work side by side at most: one per core."""
     return min(os.cpu_count() or 1, MAX_PROCESSES)
 
 

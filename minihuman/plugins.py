@@ -42,20 +42,25 @@ class Plugin:
 
 
 def list_plugins() -> tuple[Plugin, ...]:
-    """Everything that is installed, by group and name."""
-    found = {
+    """List every plug-in that is installed, by group and name."""
+    installed = {
         Plugin(entry.group.removeprefix(GROUP_PREFIX), entry.name, entry.value, f"{package.name} {package.version}")
         for package in distributions()
         for entry in package.entry_points
         if entry.group.startswith(GROUP_PREFIX)
     }
-    return tuple(sorted(found, key=lambda one: (one.group, one.name, one.package)))
+    return tuple(sorted(installed, key=lambda plugin: (plugin.group, plugin.name, plugin.package)))
 
 
 def list_plugin_names(group: str, *, built_in: bool = False) -> tuple[str, ...]:
-    """The names in a group ("minihuman.players"), sorted; of ``built_in`` ones only those of this package."""
-    module = GROUP_PREFIX if built_in else ""
-    return tuple(sorted({entry.name for entry in _find_entry_points(group) if entry.value.startswith(module)}))
+    """List the names in a group ("minihuman.players"), sorted; with ``built_in`` only those of this package."""
+    return _list_names(group, GROUP_PREFIX if built_in else "", tuple(sys.path))
+
+
+@cache
+def _list_names(group: str, module: str, path: tuple[str, ...]) -> tuple[str, ...]:
+    """The names of a group's entries that are in modules of a prefix: asked for hundreds of times a command."""
+    return tuple(sorted({entry.name for entry in _load_group(group, path) if entry.value.startswith(module)}))
 
 
 def _find_entry_points(group: str, name: str = "") -> tuple[EntryPoint, ...]:
@@ -64,40 +69,42 @@ def _find_entry_points(group: str, name: str = "") -> tuple[EntryPoint, ...]:
 
 @cache
 def _load_group(group: str, path: tuple[str, ...]) -> EntryPoints:
-    """What is registered in a group; read once, as it takes 5 ms."""
+    """Read what is registered in a group; once, as it takes 5 ms."""
     return entry_points(group=group)
 
 
-def load_plugin(group: str, name: str, error: Callable[[str], MinihumanError], *, what: str) -> Any:
-    """What is registered under a name.
+def load_plugin(group: str, name: str, error: Callable[[str], MinihumanError], *, noun: str) -> Any:
+    """Load what is registered under a name.
 
     Args:
         group: "minihuman.players".
         name: the name.
         error: makes the error that is raised, from its line.
-        what: what it is, for that line: "player".
+        noun: what it is, for that line: "player".
 
     Raises:
         MinihumanError: ``error``'s: nothing or several things have the name, or it cannot be imported.
     """
-    found = sorted(set(_find_entry_points(group, name=name)), key=lambda entry: entry.value)
-    if not found:
-        raise error(f"{what} {name!r} is unknown; it is one of {', '.join(list_plugin_names(group))}")
-    if len(found) > 1:
-        both = " and ".join(f"{entry.value} ({_package(entry)})" for entry in found)
-        raise error(f"{what} {name!r} is registered twice, by {both}; uninstall or rename one")
+    candidates = sorted(set(_find_entry_points(group, name=name)), key=lambda entry: entry.value)
+    if not candidates:
+        raise error(f"{noun} {name!r} is unknown; it is one of {', '.join(list_plugin_names(group))}")
+    if len(candidates) > 1:
+        owners = " and ".join(f"{entry.value} ({_package(entry)})" for entry in candidates)
+        raise error(f"{noun} {name!r} is registered twice, by {owners}; uninstall or rename one")
     try:
-        return found[0].load()
+        return candidates[0].load()
     except ImportError as failed:
         missing = failed.name if isinstance(failed, ModuleNotFoundError) else None
         extra = EXTRA_OF_PACKAGE.get((missing or "").partition(".")[0])
         if extra:
             cure = f"install minihuman with its extra {extra!r}"
         else:
-            cure = f"repair {_package(found[0])}"
-        raise error(f"{what} {name!r} ({found[0].value}) cannot be imported: {failed}; {cure}") from failed
+            cure = f"repair {_package(candidates[0])}"
+        raise error(f"{noun} {name!r} ({candidates[0].value}) cannot be imported: {failed}; {cure}") from failed
     except AttributeError as failed:
-        raise error(f"{what} {name!r}: {found[0].value} does not exist; repair {_package(found[0])}") from failed
+        raise error(
+            f"{noun} {name!r}: {candidates[0].value} does not exist; repair {_package(candidates[0])}"
+        ) from failed
 
 
 def remember_by_name(find: Callable[[str], Port]) -> Callable[[str], Port]:
@@ -115,7 +122,7 @@ def remember_by_name(find: Callable[[str], Port]) -> Callable[[str], Port]:
 
 
 def make_plugin(
-    group: str, name: str, port: type[Port], error: Callable[[str], MinihumanError], *arguments: Any, what: str
+    group: str, name: str, port: type[Port], error: Callable[[str], MinihumanError], *arguments: Any, noun: str
 ) -> Port:
     """Make a plug-in from its name and the text after the colon, which it takes as its first argument.
 
@@ -123,7 +130,7 @@ def make_plugin(
         MinihumanError: ``error``'s: as `call_plugin`.
     """
     kind, _, argument = name.partition(":")
-    return call_plugin(group, kind, port, error, argument, *arguments, what=what)
+    return call_plugin(group, kind, port, error, argument, *arguments, noun=noun)
 
 
 def call_plugin(
@@ -132,7 +139,7 @@ def call_plugin(
     port: type[Port],
     error: Callable[[str], MinihumanError],
     *arguments: Any,
-    what: str,
+    noun: str,
     **settings: Any,
 ) -> Port:
     """Make a plug-in of a name with these arguments.
@@ -140,12 +147,12 @@ def call_plugin(
     Raises:
         MinihumanError: ``error``'s: as `load_plugin`, or what is made is no ``port``.
     """
-    made = load_plugin(group, name, error, what=what)(*arguments, **settings)
-    if isinstance(made, port):
-        return made
+    plugin = load_plugin(group, name, error, noun=noun)(*arguments, **settings)
+    if isinstance(plugin, port):
+        return plugin
     (entry, *_) = _find_entry_points(group, name=name)
     raise error(
-        f"{entry.value} ({_package(entry)}) makes a {type(made).__name__}; "
+        f"{entry.value} ({_package(entry)}) makes a {type(plugin).__name__}; "
         f"a plug-in of {group!r} must make a {port.__module__}.{port.__qualname__}"
     )
 
@@ -161,7 +168,7 @@ def read_settings(
     defaults: Mapping[str, Any],
     error: Callable[[str], MinihumanError],
     *,
-    of: str,
+    owner: str,
     aliases: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Read the settings after a plug-in's colon, ``updates=400,batch_size=32``.
@@ -170,7 +177,7 @@ def read_settings(
         text: What follows the colon.
         defaults: Every setting with its default, whose type the value takes; a boolean is 0 or 1.
         error: Makes the error that is raised, from its line.
-        of: The plug-in's name, for that line.
+        owner: The plug-in's name, for that line.
         aliases: Earlier names of settings, and what each is now.
 
     Returns:
@@ -181,15 +188,15 @@ def read_settings(
     """
     values: dict[str, Any] = {}
     for part in filter(None, text.split(",")):
-        given, _, value = part.partition("=")
-        name = (aliases or {}).get(given, given)
+        setting, _, value = part.partition("=")
+        name = (aliases or {}).get(setting, setting)
         if name not in defaults:
-            raise error(f"{of} has no setting {given!r}; use {', '.join(defaults)}")
+            raise error(f"{owner} has no setting {setting!r}; use {', '.join(defaults)}")
         kind = type(defaults[name])
         try:
             values[name] = bool(int(value)) if kind is bool else kind(value)
         except ValueError:
-            raise error(f"{of}: setting {given} is {value!r}; use a number") from None
+            raise error(f"{owner}: setting {setting} is {value!r}; use a number") from None
     return values
 
 
@@ -210,7 +217,7 @@ def limit_answer_time() -> Iterator[None]:
 
 
 def locate_error(error: BaseException) -> str:
-    """Where an error was raised: file name and line, without the folder."""
+    """Say where an error was raised: file name and line, without the folder."""
     frames = traceback.extract_tb(error.__traceback__)
     if frames:
         return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}"

@@ -47,8 +47,8 @@ def format_html_table(caption: str, heads: Sequence[str], rows: Iterable[Sequenc
     """Format a small table under a caption."""
     from minihuman.reporting.template import CAPTIONED_TABLE, Table, render_template  # Jinja, which only notebooks need
 
-    its = Table(heads, [tuple(map(str, row)) for row in rows], words=0)
-    return render_template(CAPTIONED_TABLE, {"caption": caption, "its": its})
+    table = Table(heads, [tuple(map(str, row)) for row in rows], words=0)
+    return render_template(CAPTIONED_TABLE, {"caption": caption, "its": table})
 
 
 def check_figure_name(name: str, names: Sequence[str]) -> None:
@@ -171,7 +171,7 @@ class Episode:
         return self.recorded.start.map
 
     def frames(self) -> list[NDArray[np.uint8]]:
-        """The pictures shown, steps + 1 of uint8[height, width, 3]: rendered again by the world and compared by hash.
+        """Render the pictures shown, steps + 1 of uint8[height, width, 3], again by the world; compare them by hash.
 
         Raises:
             LogError: if the world now renders another picture, and the log holds none.
@@ -190,29 +190,29 @@ class Episode:
         """
         from minihuman.worlds.adapters.world import World
 
-        one = self.recorded
-        with closing(World(one.plan.world, one.world_options)) as world:
-            found = world.reset(one.plan.seed).observation_hash
-            for place, action in enumerate(one.actions):
-                self._compare(found, place)
-                seen = copy.deepcopy(world.observation)  # as a world may use its arrays again
+        recorded = self.recorded
+        with closing(World(recorded.plan.world, recorded.world_options)) as world:
+            observation_hash = world.reset(recorded.plan.seed).observation_hash
+            for place, action in enumerate(recorded.actions):
+                self._compare(observation_hash, place)
+                observation = copy.deepcopy(world.observation)  # as a world may use its arrays again
                 change = world.step(int(action))
-                found = change.observation_hash
-                ended = bool(one.terminated[place]), bool(one.truncated[place])
-                yield ReplayedStep(place + 1, seen, one.start.action_names[action], change.reward, *ended)
-            self._compare(found, self.steps)
+                observation_hash = change.observation_hash
+                ended = bool(recorded.terminated[place]), bool(recorded.truncated[place])
+                yield ReplayedStep(place + 1, observation, recorded.start.action_names[action], change.reward, *ended)
+            self._compare(observation_hash, self.steps)
 
     def figure(self) -> "Figure":
-        """The path over the floor plan."""
+        """Draw the path over the floor plan."""
         from minihuman.figures.path_figures import paths_figure
 
         return paths_figure([(self.world, [self.recorded])], across=1)
 
-    def _compare(self, found: int, step: int) -> None:
-        if found != int(self.recorded.observation_hashes[step]):
-            where = f"{self.participant}: {self.recorded.name} step {step}"
+    def _compare(self, observation_hash: int, step: int) -> None:
+        if observation_hash != int(self.recorded.observation_hashes[step]):
+            place = f"{self.participant}: {self.recorded.name} step {step}"
             raise LogError(
-                f"{where}: the observation of {self.world} differs from the recorded one; run: minihuman verify"
+                f"{place}: the observation of {self.world} differs from the recorded one; run: minihuman verify"
             )
 
     def __repr__(self) -> str:
@@ -223,54 +223,54 @@ class Episode:
 class Session:
     """One participant's session and its included episodes."""
 
-    def __init__(self, counted: SelectedSession, selection: Selection) -> None:
-        self._counted = counted
+    def __init__(self, selected: SelectedSession, selection: Selection) -> None:
+        self._selected = selected
         self._selection = selection
 
     @property
     def path(self) -> Path:
         """The log, or the folder with its segments."""
-        return self._counted.log.path
+        return self._selected.log.path
 
     @property
     def study(self) -> str:
         """The study's name in the protocol."""
-        return self._counted.log.plan.study
+        return self._selected.log.plan.study
 
     @property
     def participant(self) -> str:
         """The participant's code."""
-        return self._counted.log.plan.participant.id
+        return self._selected.log.plan.participant.id
 
     @property
     def group(self) -> str:
         """The group the participant was allocated to."""
-        return self._counted.log.plan.participant.group
+        return self._selected.log.plan.participant.group
 
     @property
     def number(self) -> int:
         """The number among the participant's sessions, 1 for the first."""
-        return self._counted.log.plan.session
+        return self._selected.log.plan.session
 
     @property
     def player(self) -> str:
         """Who pressed the keys: human, or the name of a simulated participant."""
-        return self._counted.log.player
+        return self._selected.log.player
 
     @property
     def started_at(self) -> str:
         """The wall clock when session time was 0, ISO 8601 UTC."""
-        return self._counted.log.started_at
+        return self._selected.log.started_at
 
     @property
     def end_reason(self) -> str:
         """Why it ended: complete, quit and others; cut_off where the log ends in the middle."""
-        return self._counted.log.end_reason
+        return self._selected.log.end_reason
 
     @property
     def segments(self) -> tuple[Segment, ...]:
         """One per run of the program: more than one if the session was resumed."""
-        return self._counted.log.segments
+        return self._selected.log.segments
 
     @property
     def sessions(self) -> tuple["Session", ...]:
@@ -280,16 +280,16 @@ class Session:
     @property
     def episodes(self) -> tuple[Episode, ...]:
         """The included episodes, in the order played."""
-        counted = set(self._counted.places)
-        return tuple(episode for place, episode in enumerate(self.all_episodes) if place in counted)
+        included = set(self._selected.places)
+        return tuple(episode for place, episode in enumerate(self.all_episodes) if place in included)
 
     @property
     def all_episodes(self) -> tuple[Episode, ...]:
         """Every episode that began; ``exclusion`` says why one is excluded."""
-        one = self._counted
+        selected = self._selected
         return tuple(
-            Episode(episode, participant=self.participant, exclusion=one.session_reason or reason)
-            for episode, reason in zip(one.log.episodes, one.reasons, strict=True)
+            Episode(episode, participant=self.participant, exclusion=selected.session_reason or reason)
+            for episode, reason in zip(selected.log.episodes, selected.reasons, strict=True)
         )
 
     def table(self, name: str = "episodes", *, with_excluded: bool = False) -> "pd.DataFrame":
@@ -311,25 +311,29 @@ class Session:
         from minihuman.figures.path_figures import session_paths
 
         check_figure_name(name, ("paths", "overview"))
-        return (session_paths if name == "paths" else overview_figure)(self._counted.session)
+        if name == "paths":
+            return session_paths(self._selected.session)
+        return overview_figure(self._selected.session)
 
     def __iter__(self) -> Iterator[Episode]:
         return iter(self.episodes)
 
     def __len__(self) -> int:
-        return len(self._counted.places)
+        return len(self._selected.places)
 
     def __repr__(self) -> str:
-        begun = len(self._counted.log.episodes)
-        return f"<session {self.number} of {self.participant} ({self.group}): {len(self)} of {begun} episodes included>"
+        n_begun = len(self._selected.log.episodes)
+        return (
+            f"<session {self.number} of {self.participant} ({self.group}): {len(self)} of {n_begun} episodes included>"
+        )
 
     def _repr_html_(self) -> str:
         rows = [
             (
-                one.number, one.attempt, one.block, one.outcome, one.steps, f"{one.reward:.3f}",
-                f"{one.playing_s:.1f}", one.exclusion,
+                episode.number, episode.attempt, episode.block, episode.outcome, episode.steps, f"{episode.reward:.3f}",
+                f"{episode.playing_s:.1f}", episode.exclusion,
             )
-            for one in self.all_episodes
+            for episode in self.all_episodes
         ]  # fmt: skip
         heads = ("episode", "attempt", "block", "outcome", "steps", "reward", "playing s", "excluded")
         return format_html_table(repr(self).strip("<>"), heads, rows)
@@ -360,7 +364,7 @@ class Study:
     @cached_property
     def _opened(self) -> tuple[tuple[Session, ...], SelectionSummary]:
         tables = select(self.path, self.selection)
-        return tuple(Session(counted, self.selection) for counted in tables.read_sessions()), tables.account
+        return tuple(Session(session, self.selection) for session in tables.read_sessions()), tables.account
 
     @property
     def sessions(self) -> tuple[Session, ...]:
@@ -411,42 +415,46 @@ class Study:
         from minihuman.figures.learning_curves import learning_figure
         from minihuman.figures.occupancy import group_participants_by_group, occupancy_figure
 
-        logs = [session._counted.session for session in self.sessions]
+        logs = [session._selected.session for session in self.sessions]
         played = [episode for log in logs for episode in log.episodes]
         if name == "learning":
-            of = of or (played[-1].plan.block_name if played else "")
+            place = of or (played[-1].plan.block_name if played else "")
             rewards = collect_rewards(logs)
-            episodes = rewards[rewards["block"] == of]
+            episodes = rewards[rewards["block"] == place]
             curves = collect_learning_curves(episodes)
             if curves:
-                title = name_measure("reward", of)
+                title = name_measure("reward", place)
                 return learning_figure(curves, measure="reward", limits=find_reward_limits(episodes), title=title)
         else:
-            of = of or (played[-1].plan.world if played else "")
-            groups = group_participants_by_group(logs, of)
+            place = of or (played[-1].plan.world if played else "")
+            groups = group_participants_by_group(logs, place)
             if groups:
-                return occupancy_figure(of, groups)
+                return occupancy_figure(place, groups)
         raise LogError(
-            f"{self.path} has no included episode of {of!r} that can be drawn; choose another block or world"
+            f"{self.path} has no included episode of {place!r} that can be drawn; choose another block or world"
         )
 
     def __getitem__(self, key: str | tuple[str, int]) -> Session:
-        """A participant's session: ``study["sub-01"]`` is the first, ``study["sub-01", 2]`` the second.
+        """Read a participant's session: ``study["sub-01"]`` is the first, ``study["sub-01", 2]`` the second.
 
         Raises:
             KeyError: if there is none.
         """
-        participant, number = (key, None) if isinstance(key, str) else key
+        number: int | None = None
+        if isinstance(key, str):
+            participant = key
+        else:
+            participant, number = key
         for path in list_participant_logs(self.path, participant):
-            for counted in select(path, self.selection).read_sessions():
-                session = Session(counted, self.selection)
+            for selected in select(path, self.selection).read_sessions():
+                session = Session(selected, self.selection)
                 if session.participant == participant and number in (None, session.number):
                     return session
         raise KeyError(key)
 
     def __iter__(self) -> Iterator[Session]:
         selected = select(self.path, self.selection).read_sessions()
-        return (Session(counted, self.selection) for counted in selected)
+        return (Session(session, self.selection) for session in selected)
 
     def __len__(self) -> int:
         return len(list_readable_logs(self.path)[0])
@@ -456,8 +464,8 @@ class Study:
 
     def _repr_html_(self) -> str:
         rows = [
-            (one.participant, one.group, one.number, len(one), one.end_reason)
-            for one in self.sessions[:_MAX_SHOWN_SESSIONS]
+            (session.participant, session.group, session.number, len(session), session.end_reason)
+            for session in self.sessions[:_MAX_SHOWN_SESSIONS]
         ]  # fmt: skip
         if len(self.sessions) > _MAX_SHOWN_SESSIONS:
             more = f"; the first {_MAX_SHOWN_SESSIONS} are shown"

@@ -30,7 +30,7 @@ NamedWorld = tuple[str, Mapping[str, Any]]  # id and options
 
 
 def find_config_folder() -> Path:
-    """The folder of the user's configuration of minihuman; it need not exist."""
+    """Find the folder of the user's configuration of minihuman; it need not exist."""
     if chosen := os.environ.get(CONFIG_VARIABLE):
         return Path(chosen)
     if sys.platform == "win32":
@@ -56,7 +56,7 @@ class Trust:
 
     @classmethod
     def read(cls) -> "Trust":
-        """What the user trusts, by the record and the environment.
+        """Read what the user trusts, by the record and the environment.
 
         Raises:
             MinihumanError: if a line of the record cannot be read.
@@ -67,11 +67,11 @@ class Trust:
             lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
         else:
             lines = []
-        found = [_read_line(path, number, line) for number, line in enumerate(lines, 1) if line.strip()]
+        entries = [_read_line(path, number, line) for number, line in enumerate(lines, 1) if line.strip()]
         modules = filter(None, os.environ.get(TRUST_VARIABLE, "").split(","))
         return cls(
-            frozenset(Path(name) for kind, name in found if kind == "folder"),
-            frozenset({*modules, *(name for kind, name in found if kind == "module")}),
+            frozenset(Path(name) for kind, name in entries if kind == "folder"),
+            frozenset({*modules, *(name for kind, name in entries if kind == "module")}),
         )
 
     def record(self) -> None:
@@ -90,11 +90,11 @@ class Trust:
                 file.write("".join(f"{json.dumps(line)}\n" for line in new))
 
     def holds(self, path: Path) -> bool:
-        """Whether a file or folder lies in a trusted folder, once its links are followed."""
+        """Tell whether a file or folder lies in a trusted folder, once its links are followed."""
         return any(path.resolve().is_relative_to(folder) for folder in self.folders)
 
     def allows(self, module: str, spec: ModuleSpec) -> bool:
-        """Whether a module, of whose first part this is the specification, may be imported."""
+        """Tell whether a module, of whose first part this is the specification, may be imported."""
         return _is_known(module) or module in self.modules or any(map(self.holds, _places(spec)))
 
     def __bool__(self) -> bool:
@@ -105,7 +105,7 @@ class Trust:
 
 
 def find_trust_record() -> Path:
-    """The file that says what the user trusts; it need not exist."""
+    """Find the file that says what the user trusts; it need not exist."""
     return find_config_folder() / "trust.jsonl"
 
 
@@ -147,21 +147,21 @@ def admit_worlds(worlds: Iterable[NamedWorld], folder: Path, permission: Permiss
 
 
 def _find_untrusted(worlds: Iterable[NamedWorld], folder: Path, trusted: Trust) -> Trust:
-    """What of these worlds would have to be trusted besides."""
+    """Find the folders and modules of these worlds that are not trusted yet."""
     folders = set[Path]()
     modules = set[str]()
     for world, options in worlds:
         module = _module_of(world)
         if module and not _is_known(module) and module not in trusted.modules:
             spec = _find_first_part(module)
-            beside = _find_in_folder(module, folder)
+            local_file = _find_in_folder(module, folder)
             if spec:
                 places = _places(spec)
-            elif beside:
-                places = [beside]
+            elif local_file:
+                places = [local_file]
             else:
                 places = []
-            if spec is None and beside is not None:
+            if spec is None and local_file is not None:
                 folders.add(folder)
             for place in places:
                 if place.resolve().is_relative_to(folder):
@@ -172,7 +172,7 @@ def _find_untrusted(worlds: Iterable[NamedWorld], folder: Path, trusted: Trust) 
                     modules.add(module)
         if any(_paths_in(options)) and _is_known(module):
             folders.add(folder)
-    return Trust(frozenset(one for one in folders if not trusted.holds(one)), frozenset(modules))
+    return Trust(frozenset(folder for folder in folders if not trusted.holds(folder)), frozenset(modules))
 
 
 def locate_world(world: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -218,9 +218,9 @@ def _locate_module(world: str, module: str) -> None:
 
 def _locate_file(world: str, name: str, path: str) -> Path:
     trusted = Trust.read()
-    for found in (folder / path for folder in sorted(trusted.folders)):
-        if found.exists() and trusted.holds(found):
-            return found
+    for file in (folder / path for folder in sorted(trusted.folders)):
+        if file.exists() and trusted.holds(file):
+            return file
     raise WorldError(
         f"{world}: {name} is {path!r}, which is not in a trusted folder; copy it to the protocol's folder, use a "
         "relative path, and pass --trust to `minihuman check`"
@@ -240,31 +240,36 @@ def find_logged_sources(facts: Mapping[str, str]) -> None:
 
 
 def list_world_sources(worlds: Iterable[str]) -> dict[str, Path]:
-    """The files of the modules that provide these worlds, and of what these imported from their folder, by module.
+    """List the files of the modules that provide these worlds, and of what these imported from their folder, by module.
 
     Installed packages are left out: their versions say what they are.
     """
     modules = {module for module in map(_module_of, worlds) if module}
-    found = {module: path for module in modules if (path := _source_of(find_spec(module))) is not None}
-    roots = {path.parents[name.count(".") + (path.name == "__init__.py")] for name, path in found.items()}
-    trusted = Trust.read() if roots else Trust()
+    paths = {module: _source_of(find_spec(module)) for module in modules}
+    sources = {module: path for module, path in paths.items() if path is not None}
+    if not sources:
+        return {}
+    roots = {path.parents[name.count(".") + (path.name == "__init__.py")] for name, path in sources.items()}
+    trusted = Trust.read()
     roots = {root for root in roots if trusted.holds(root)}
-    for name, module in list(sys.modules.items()) if roots else ():
+    for name, module in list(sys.modules.items()):
         path = _source_of(getattr(module, "__spec__", None))
         if path is not None and any(path.is_relative_to(root) for root in roots):
-            found[name] = path
-    return dict(sorted(found.items()))
+            sources[name] = path
+    return dict(sorted(sources.items()))
 
 
 def find_changed_sources(facts: Mapping[str, str]) -> list[str]:
-    """The imported modules whose files are not those that a session was played with."""
-    found = []
+    """Find the imported modules whose files are not those that a session was played with."""
+    changed = []
     for fact, digest in facts.items():
-        spec = getattr(sys.modules.get(fact.removeprefix(SOURCE_FACT)), "__spec__", None)
-        path = _source_of(spec) if fact.startswith(SOURCE_FACT) else None
+        if not fact.startswith(SOURCE_FACT):
+            continue
+        module = fact.removeprefix(SOURCE_FACT)
+        path = _source_of(getattr(sys.modules.get(module), "__spec__", None))
         if path is not None and hashlib.sha256(path.read_bytes()).hexdigest() != digest:
-            found.append(fact.removeprefix(SOURCE_FACT))
-    return found
+            changed.append(module)
+    return changed
 
 
 def _source_of(spec: ModuleSpec | None) -> Path | None:
@@ -277,28 +282,31 @@ def _source_of(spec: ModuleSpec | None) -> Path | None:
 
 
 def list_foreign_modules(worlds: Iterable[str]) -> frozenset[str]:
-    """The modules that these worlds are in, but for those of known packages."""
+    """List the modules that these worlds are in, but for those of known packages."""
     return frozenset(module for module in map(_module_of, worlds) if not _is_known(module))
 
 
 def _module_of(world: str) -> str:
-    return world.partition(":")[0] if ":" in world else ""
+    module, colon, _ = world.partition(":")
+    if not colon:
+        return ""
+    return module
 
 
 def _is_known(module: str) -> bool:
-    """Whether a module is a known package or a part of one; so is "", for a world that is registered already."""
+    """Tell whether a module is a known package or a part of one; so is "", for a world that is registered already."""
     return not module or (module.partition(".")[0] in KNOWN_PACKAGES and "__" not in module)
 
 
 def _paths_in(options: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """The options that name a file or a folder."""
+    """Yield the options that name a file or a folder."""
     for name, value in options.items():
         if isinstance(value, str) and (name in _FOLDER_OPTIONS or "/" in value or "\\" in value):
             yield name, value
 
 
 def _find_first_part(module: str) -> ModuleSpec | None:
-    """The specification of a module's outermost package, which finding does not run."""
+    """Find the specification of a module's outermost package, which does not run it."""
     try:
         return find_spec(module.partition(".")[0])
     except (ImportError, ValueError):
@@ -306,14 +314,14 @@ def _find_first_part(module: str) -> ModuleSpec | None:
 
 
 def _places(spec: ModuleSpec) -> list[Path]:
-    """Where a module or package lies; nowhere if it is part of Python itself."""
+    """List where a module or package lies; nowhere if it is part of Python itself."""
     if spec.has_location and spec.origin:
         return [Path(spec.origin)]
     return [Path(place) for place in spec.submodule_search_locations or ()]
 
 
 def _find_in_folder(module: str, folder: Path) -> Path | None:
-    """A module's file in a folder."""
+    """Find a module's file in a folder."""
     if not all(part.isidentifier() for part in module.split(".")):
         return None
     base = folder.joinpath(*module.split("."))
@@ -321,9 +329,9 @@ def _find_in_folder(module: str, folder: Path) -> Path | None:
 
 
 def _find_holders(module: str, trusted: Trust) -> list[tuple[Path, Path]]:
-    """The trusted folders that have a module, each with its file."""
-    found = [(folder, _find_in_folder(module, folder)) for folder in sorted(trusted.folders)]
-    return [(folder, path) for folder, path in found if path is not None and trusted.holds(path)]
+    """List the trusted folders that have a module, each with its file."""
+    candidates = [(folder, _find_in_folder(module, folder)) for folder in sorted(trusted.folders)]
+    return [(folder, path) for folder, path in candidates if path is not None and trusted.holds(path)]
 
 
 def _search_folder(folder: Path) -> None:

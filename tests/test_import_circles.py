@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import minihuman
+from tests.sources import parse_source
 
 PACKAGE = Path(minihuman.__file__).parent  # of the checkout, or of an installed wheel
 Imports = dict[str, set[str]]  # a module -> the modules that it imports
@@ -23,7 +24,7 @@ def read_imports(package: Path) -> Imports:
     imports: Imports = {}
     for module, path in paths.items():
         inside = module if path.name == "__init__.py" else module.rpartition(".")[0]
-        targets = _find_imports(ast.parse(path.read_text(encoding="utf-8")), package.name, inside)
+        targets = _find_imports(parse_source(path), package.name, inside)
         named = {target if target in paths else target.rpartition(".")[0] for target in targets}
         imports[module] = (named & paths.keys()) - {module}
     return imports

@@ -3,10 +3,10 @@
 import ast
 import csv
 from collections import defaultdict
-from functools import cache
 from pathlib import Path
 
 import minihuman
+from tests.sources import parse_source
 
 PACKAGE = Path(minihuman.__file__).parent
 TABLE = Path(__file__).with_name("vocabulary.tsv")
@@ -86,9 +86,8 @@ def _modules() -> list[Path]:
     return [path for path in sorted(PACKAGE.rglob("*.py")) if not path.stem.endswith("_pb2")]
 
 
-@cache
 def _trees() -> dict[Path, ast.Module]:
-    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in _modules()}
+    return {path: parse_source(path) for path in _modules()}
 
 
 def test_no_public_class_name_stands_twice():

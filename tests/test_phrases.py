@@ -11,6 +11,7 @@ import pytest
 
 import minihuman
 from minihuman.cli.command_line import make_command_line
+from tests.sources import parse_source
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = Path(minihuman.__file__).parent
@@ -39,7 +40,7 @@ def _docs() -> Iterator[tuple[str, str]]:
 
 def _errors() -> Iterator[tuple[str, str]]:
     for path in sorted(PACKAGE.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(parse_source(path)):
             raised = isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call)
             if raised or (isinstance(node, ast.Yield) and path.is_relative_to(PACKAGE / "experiment" / "protocol")):
                 literals = [one.value for one in ast.walk(node) if isinstance(one, ast.Constant)]

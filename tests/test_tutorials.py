@@ -61,7 +61,7 @@ def save_files(page: Path, folder: Path) -> None:
         case "tutorial-home":
             study = next(block for kind, block in blocks(DOCS / "tutorial-desk.md") if kind == "toml")
             (folder / "three-rooms.toml").write_text(study.replace(WEB, f"\n{tomls[0]}{WEB}", 1))
-        case "tutorial-agent":
+        case "teaching":
             (folder / "helper.toml").write_text(tomls[0])
             head, _, rest = tomls[0].partition("[blocks.agent]")
             decode_protocol(f"{head}{tomls[1]}{rest[rest.index(chr(10) * 2) :]}".encode())
@@ -91,7 +91,7 @@ def serve(line: str, folder: Path, here: dict[str, str]) -> str:
 
 @pytest.mark.nightly(by_day=["tutorial-first", "tutorial-home"])
 @pytest.mark.program
-@pytest.mark.parametrize("name", ["tutorial-first", "tutorial-desk", "tutorial-home", "tutorial-agent"])
+@pytest.mark.parametrize("name", ["tutorial-first", "tutorial-desk", "tutorial-home", "teaching"])
 def test_a_tutorial_prints_what_it_says(name: str, tmp_path: Path) -> None:
     page = DOCS / f"{name}.md"
     save_files(page, tmp_path)
@@ -155,7 +155,7 @@ def test_no_page_shows_a_diagram_as_its_source() -> None:
 
 
 def test_the_drawn_level_of_the_play_page_can_be_trained_on() -> None:
-    (python,) = [block for kind, block in blocks(DOCS / "play.md") if kind == "python"]
+    python = next(block for kind, block in blocks(DOCS / "play.md") if kind == "python")
     found: dict[str, object] = {}
     exec(compile(python, "play.md", "exec"), found)
     level = next(block for kind, block in blocks(DOCS / "play.md") if kind == "toml")

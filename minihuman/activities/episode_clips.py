@@ -87,7 +87,7 @@ class EpisodeFilm(Sequence[ImageArray]):
             self.last_hash = world.state_hash()
 
     def __len__(self) -> int:
-        """One more than the steps from the first picture on."""
+        """Return one more than the steps from the first picture on."""
         return len(self._actions) + 1 - self._first
 
     @overload
@@ -95,7 +95,7 @@ class EpisodeFilm(Sequence[ImageArray]):
     @overload
     def __getitem__(self, step: slice) -> Sequence[ImageArray]: ...
     def __getitem__(self, step: int | slice) -> ImageArray | Sequence[ImageArray]:
-        """A picture, drawn now."""
+        """Draw a picture now."""
         if isinstance(step, slice):
             return [self[number] for number in range(*step.indices(len(self)))]
         if not -len(self) <= step < len(self):

@@ -5,6 +5,7 @@ in it, so the enrolment log tells later which ones they were.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from minihuman.admin.enrolment_entries import (
 from minihuman.errors import AllocationError
 from minihuman.experiment.machine.events import FINAL_END_REASONS
 from minihuman.experiment.plan.designs import (
+    DesignSpec,
     EnrolledParticipant,
     EnrolmentDecision,
     EnrolmentDesign,
@@ -47,7 +49,7 @@ _OUTCOMES: Mapping[str, Callable[[EpisodeLog], float]] = {
 def assign_group(
     protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Path, index: int, stratum: str
 ) -> tuple[str, GroupAssignment | None]:
-    """The group of the next participant and what it was decided from; "" and None where no design assigns groups."""
+    """Return the next participant's group and what it was decided from; "" and None where no design assigns groups."""
     spec = protocol.allocation.design
     if spec is None:
         return "", None
@@ -58,7 +60,7 @@ def assign_group(
 
 
 def decide_again(protocol: Protocol, assigned: GroupAssignment, index: int, stratum: str) -> EnrolmentDecision:
-    """What the protocol's design decides from logged statistics."""
+    """Return what the protocol's design decides from logged statistics."""
     assert protocol.allocation.design is not None
     return make_enrolment_design(protocol.allocation.design).decide(
         assigned.statistics, stratum, make_draw(protocol.study.seed, "assignment", index)
@@ -66,7 +68,7 @@ def decide_again(protocol: Protocol, assigned: GroupAssignment, index: int, stra
 
 
 def take_look(protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Path, at: str) -> LookTaken | None:
-    """The look that is due at a sequential study; None if none is.
+    """Return the look that is due at a sequential study; None if none is.
 
     Raises:
         AllocationError: if the study has stopped.
@@ -74,27 +76,27 @@ def take_look(protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Pa
     spec = protocol.allocation.stopping
     if spec is None:
         return None
-    taken = [line for line in lines if isinstance(line, LookTaken)]
-    require_not_stopped(taken)
+    looks = [line for line in lines if isinstance(line, LookTaken)]
+    require_not_stopped(looks)
     design = make_enrolment_design(spec)
     statistics = _compute_statistics(protocol, design, lines, study_dir)[0]
     look = int(statistics["look"])
-    if not look or (taken and taken[-1].look >= look):
+    if not look or (looks and looks[-1].look >= look):
         return None
     decision = design.decide(statistics, "", make_draw(protocol.study.seed, "look", look))
-    found = dict(decision.estimates)
-    return LookTaken(look, spec.name, design.version, statistics, found, decision.stop, at)
+    estimates = dict(decision.estimates)
+    return LookTaken(look, spec.name, design.version, statistics, estimates, decision.stop, at)
 
 
-def require_not_stopped(taken: Sequence[LookTaken]) -> None:
+def require_not_stopped(looks: Sequence[LookTaken]) -> None:
     """Refuse a further participant of a study that has stopped.
 
     Raises:
         AllocationError: if it has.
     """
-    if taken and taken[-1].stop:
+    if looks and looks[-1].stop:
         raise AllocationError(
-            f"the study stopped at look {taken[-1].look} of its sequential design; report it, or remove "
+            f"the study stopped at look {looks[-1].look} of its sequential design; report it, or remove "
             "$.allocation.stopping from the protocol to continue without it"
         )
 
@@ -102,7 +104,7 @@ def require_not_stopped(taken: Sequence[LookTaken]) -> None:
 def _compute_statistics(
     protocol: Protocol, design: EnrolmentDesign, lines: Sequence[EnrolmentEntry], study_dir: Path
 ) -> tuple[dict[str, Any], int]:
-    """The design's statistics by these lines of the enrolment log, and how many logs of them are missing."""
+    """Compute a design's statistics by these lines of the enrolment log, and count their logs that are missing."""
     ratios = {group.name: group.allocation_ratio for group in protocol.groups}
     gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     slots = {line.participant: line for line in list_taken_slots(lines) if line.participant not in gone}
@@ -129,19 +131,19 @@ def _compute_statistics(
 
 @lru_cache(maxsize=4096)
 def _measure(path: Path, size: int, segment: str, outcome: str, block: str) -> float | None:
-    """The mean of a block's episodes in a log; None if it did not end for good with that segment."""
+    """Return the mean of a block's episodes in a log; None if it did not end for good with that segment."""
     log = read_log(path)
     if log.end_reason not in FINAL_END_REASONS or str(log.segments[-1].number) != segment:
         return None
-    counted: list[EpisodeLog] = [
+    included: list[EpisodeLog] = [
         episode
         for episode in log.episodes
         if episode.outcome not in (None, "abandoned")
         and block in ("", episode.plan.block_name)
         and not (outcome == "success" and episode.success is None)
     ]
-    if counted:
-        return float(np.mean([_OUTCOMES[outcome](episode) for episode in counted]))
+    if included:
+        return float(np.mean([_OUTCOMES[outcome](episode) for episode in included]))
     return None
 
 
@@ -153,43 +155,62 @@ def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[s
     lines = read_enrolment_log(study)
     equal = 0
     gone = 0
-    whole = 0
-    for at, line in enumerate(lines):
-        match line:
-            case LookTaken():
-                spec = protocol.allocation.stopping
-                logged = line.statistics
-                name = f"look {line.look}"
-            case SlotTaken(assigned=GroupAssignment() as assigned):
-                spec = protocol.allocation.design
-                logged = assigned.statistics
-                name = line.participant
-            case GroupDrawn(assigned=GroupAssignment() as assigned):
-                spec = protocol.allocation.design
-                logged = assigned.statistics
-                name = line.drawn
-            case _:
-                continue
-        whole += 1
-        if spec is None:
-            yield f"{name}: decided by a design that the protocol does not have", False
+    total = 0
+    for number, line in enumerate(lines):
+        decision = _find_decision(line, protocol)
+        if decision is None:
             continue
-        design = make_enrolment_design(spec)
-        statistics, missing = _compute_statistics(protocol, design, lines[:at], study)
-        if isinstance(line, LookTaken):
-            again = design.decide(logged, "", make_draw(protocol.study.seed, "look", line.look))
-        else:
-            again = EnrolmentDecision()
+        total += 1
+        if decision.spec is None:
+            yield f"{decision.name}: decided by a design that the protocol does not have", False
+            continue
+        design = make_enrolment_design(decision.spec)
+        statistics, missing = _compute_statistics(protocol, design, lines[:number], study)
         if missing:
             gone += 1
-        elif statistics != logged:
-            yield f"{name}: statistics {logged} in the enrolment log, by the logs {statistics}", False
-        elif (
-            isinstance(line, LookTaken) and again and (again.stop, dict(again.estimates)) != (line.stop, line.estimates)
-        ):
-            yield f"{name}: {line.estimates} in the enrolment log, now {again.estimates}", False
+            continue
+        difference = _find_decision_difference(decision, statistics, design, protocol)
+        if difference:
+            yield f"{decision.name}: {difference}", False
         else:
             equal += 1
-    if whole:
+    if total:
         lost = f"; {gone} count logs that are gone" if gone else ""
-        yield f"{equal} of {whole} decisions of the study's designs follow from its logs{lost}", True
+        yield f"{equal} of {total} decisions of the study's designs follow from its logs{lost}", True
+
+
+@dataclass(frozen=True, slots=True)
+class _LoggedDecision:
+    """A design's decision, as a line of the enrolment log has it."""
+
+    name: str  # of the look or the participant
+    spec: DesignSpec | None  # None: the protocol has no such design
+    statistics: Mapping[str, Any]
+    look: LookTaken | None = None
+
+
+def _find_decision(line: EnrolmentEntry, protocol: Protocol) -> _LoggedDecision | None:
+    """Return what a design decided, by a line of the enrolment log; None for a line of another kind."""
+    match line:
+        case LookTaken():
+            return _LoggedDecision(f"look {line.look}", protocol.allocation.stopping, line.statistics, line)
+        case SlotTaken(assigned=GroupAssignment() as assigned):
+            return _LoggedDecision(line.participant, protocol.allocation.design, assigned.statistics)
+        case GroupDrawn(assigned=GroupAssignment() as assigned):
+            return _LoggedDecision(line.drawn, protocol.allocation.design, assigned.statistics)
+    return None
+
+
+def _find_decision_difference(
+    decision: _LoggedDecision, statistics: Mapping[str, Any], design: EnrolmentDesign, protocol: Protocol
+) -> str:
+    """Say how a decision differs from what its design decides by recomputed statistics; "" where it does not."""
+    if statistics != decision.statistics:
+        return f"statistics {decision.statistics} in the enrolment log, by the logs {statistics}"
+    look = decision.look
+    if look is None:
+        return ""
+    recomputed = design.decide(decision.statistics, "", make_draw(protocol.study.seed, "look", look.look))
+    if (recomputed.stop, dict(recomputed.estimates)) != (look.stop, look.estimates):
+        return f"{look.estimates} in the enrolment log, now {recomputed.estimates}"
+    return ""

@@ -39,7 +39,7 @@ _STATES: dict[DueState, tuple[str, str]] = {  # what is expected, and how it goe
 
 
 class DueSession(msgspec.Struct, frozen=True):
-    """What is expected of a participant; dates are calendar days where the participant was."""
+    """A session that is expected of a participant; dates are calendar days where the participant was."""
 
     participant: str
     group: str
@@ -61,7 +61,7 @@ class DueSession(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True)
 class _LatestSession:
-    """The furthest session of a participant."""
+    """The latest session of a participant."""
 
     row: SessionRow
     session: int
@@ -69,7 +69,7 @@ class _LatestSession:
 
 
 def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[DueSession, ...]:
-    """Everybody of whom a further session is expected, or the rest of one, in order of enrolment.
+    """List every participant of whom a further session is expected, or the rest of one, in order of enrolment.
 
     Args:
         study_dir: the study's folder.
@@ -80,52 +80,52 @@ def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[Due
         AllocationError: if the register cannot be read.
         ProtocolError: if the protocol in the logs cannot be understood.
     """
-    seen, unreadable = _latest_sessions(study_dir)
+    latest_sessions, unreadable = _latest_sessions(study_dir)
     replaced = list_replaced(read_enrolment_log(study_dir))
     protocols: dict[str, Protocol] = {}
-    found = []
+    due_sessions = []
     for slot in read_enrolled(study_dir):
         if slot.participant in replaced:
             continue
-        last = seen.get(slot.participant)
+        last = latest_sessions.get(slot.participant)
         if (session := unreadable.get(slot.participant, 0)) > (0 if last is None else last.session):
-            found.append(DueSession(slot.participant, slot.group, session, "unreadable"))
+            due_sessions.append(DueSession(slot.participant, slot.group, session, "unreadable"))
         elif last is None:
-            found.append(DueSession(slot.participant, slot.group, 1, "never came"))
+            due_sessions.append(DueSession(slot.participant, slot.group, 1, "never came"))
         elif not last.complete:
-            found.append(DueSession(slot.participant, slot.group, last.session, "unfinished"))
+            due_sessions.append(DueSession(slot.participant, slot.group, last.session, "unfinished"))
         else:
             try:
                 log = read_log(last.row.path)
                 protocol = _protocol(log.plan, protocols)
             except LogError:  # damaged where a glance does not look
-                found.append(DueSession(slot.participant, slot.group, last.session, "unreadable"))
+                due_sessions.append(DueSession(slot.participant, slot.group, last.session, "unreadable"))
             else:
-                found += _next(last, log, protocol, find_local_date(now or wall_time(), log))
-    return tuple(found)
+                due_sessions += _next(last, log, protocol, find_local_date(now or wall_time(), log))
+    return tuple(due_sessions)
 
 
 def _latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], dict[str, int]]:
-    """Everybody's furthest session, and the furthest that cannot be read, by whose folder its log is in."""
-    seen: dict[str, _LatestSession] = {}
+    """Find each participant's latest session, and the latest unreadable one, by whose folder its log is in."""
+    latest_sessions: dict[str, _LatestSession] = {}
     unreadable: dict[str, int] = {}
     for row in read_session_index(study_dir):
-        found = row.summary
-        if found is None:
+        summary = row.summary
+        if summary is None:
             if in_place := _SESSION_FOLDER.fullmatch("/".join(row.path.parts[-3:-1])):
                 participant = in_place[1]
                 session = int(in_place[2])
                 unreadable[participant] = max(session, unreadable.get(participant, 0))
             continue
-        if found.participant in seen and seen[found.participant].session > found.session:
+        if summary.participant in latest_sessions and latest_sessions[summary.participant].session > summary.session:
             continue
-        whole = found.complete or found.end_reason in FINAL_END_REASONS
-        seen[found.participant] = _LatestSession(row, found.session, whole)
-    return seen, unreadable
+        is_ended = summary.complete or summary.end_reason in FINAL_END_REASONS
+        latest_sessions[summary.participant] = _LatestSession(row, summary.session, is_ended)
+    return latest_sessions, unreadable
 
 
 def _protocol(plan: SessionPlan, known: dict[str, Protocol]) -> Protocol:
-    """The protocol that a session was played by, decoded once."""
+    """Return the protocol that a session was played by, decoded once."""
     if plan.protocol_sha256 not in known:
         known[plan.protocol_sha256] = decode_logged_protocol(plan.protocol_toml, f"the protocol of {plan.study}")
     return known[plan.protocol_sha256]
@@ -141,5 +141,13 @@ def _next(last: _LatestSession, log: SessionLog, protocol: Protocol, today: date
     if days is None:
         return [DueSession(participant, group, last.session + 1, "due")]
     earliest, latest = (find_start_date(log) + timedelta(days=count) for count in days)
-    state: DueState = "later" if today < earliest else "overdue" if today > latest else "due"
+    state = _find_state(today, earliest, latest)
     return [DueSession(participant, group, last.session + 1, state, earliest, latest)]
+
+
+def _find_state(today: date, earliest: date, latest: date) -> DueState:
+    if today < earliest:
+        return "later"
+    if today > latest:
+        return "overdue"
+    return "due"

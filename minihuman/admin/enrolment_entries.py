@@ -18,7 +18,7 @@ from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, open_journal
 
 
 class AuditNote(msgspec.Struct, frozen=True):
-    """Why something was done by hand, and who did it."""
+    """The reason for something done by hand, and who did it."""
 
     reason: str = ""
     experimenter: str = ""  # their code
@@ -43,7 +43,7 @@ class FormatDeclared(msgspec.Struct, frozen=True):
 
 
 class SlotTaken(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One line of the register: a place, and the allocation list it was taken from."""
+    """A participant took a slot; the entry says of which allocation list."""
 
     allocation_sha256: str
     list_length: int
@@ -61,7 +61,7 @@ class SlotTaken(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class GroupDrawn(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Somebody's group was drawn after an answer; the last such line counts."""
+    """A participant's group was drawn after an answer; the last such entry counts."""
 
     drawn: str  # the code
     stratum: str
@@ -94,7 +94,7 @@ class ParticipantWithdrawn(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class ParticipantReplaced(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Somebody does not come back: what they did counts, and their slot is free again."""
+    """A participant does not come back: their data count, and their slot is free again."""
 
     replaced: str  # the code
     at: str  # ISO 8601 UTC
@@ -103,7 +103,7 @@ class ParticipantReplaced(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class SlotFreed(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Somebody took a slot and left no data: slot and code are as if they had never come."""
+    """A participant took a slot and left no data: slot and code are as if they had never come."""
 
     freed: str  # the code, which the next one gets
     at: str  # ISO 8601 UTC
@@ -111,7 +111,7 @@ class SlotFreed(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class ChainHeadRecorded(msgspec.Struct, frozen=True):
-    """How a segment's log ended: the head of its hash chain."""
+    """The head of the hash chain with which a segment's log ended."""
 
     sealed: str  # the log's name
     segment: str
@@ -139,7 +139,7 @@ class LogRecovered(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class TeamRecorded(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Who sat where in a team: the only place that maps a team's id to codes."""
+    """The seats of a team: the only place that maps a team's id to codes."""
 
     team: str  # its random id, as in the members' logs
     index: int  # of the team in the study
@@ -167,14 +167,14 @@ EnrolmentEntry = (
 
 
 def read_enrolled(study_dir: Path) -> tuple[SlotTaken, ...]:
-    """Who is in the study, in order of taking their slots; those who withdrew are not."""
+    """Read who is in the study, in order of taking their slots, without those who withdrew."""
     lines = read_enrolment_log(study_dir)
     gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     return tuple(line for line in list_taken_slots(lines) if line.participant not in gone)
 
 
 def read_enrolment_log(study_dir: Path) -> tuple[EnrolmentEntry, ...]:
-    """All that the register says, in order of writing; nothing if the study has not begun.
+    """Read all entries of the enrolment log, in order of writing; none if the study has not begun.
 
     Raises:
         AllocationError: if a whole line cannot be read.
@@ -183,7 +183,7 @@ def read_enrolment_log(study_dir: Path) -> tuple[EnrolmentEntry, ...]:
 
 
 def list_team_entries(study_dir: Path) -> tuple[TeamRecorded, ...]:
-    """The study's teams in the order of forming, each block's once; who withdrew is in none of them."""
+    """List the study's teams in the order of forming, each block's once, without members who withdrew."""
     lines = read_enrolment_log(study_dir)
     gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     return tuple(
@@ -194,12 +194,12 @@ def list_team_entries(study_dir: Path) -> tuple[TeamRecorded, ...]:
 
 
 def open_enrolment_log(study_dir: Path) -> Journal[EnrolmentEntry]:
-    """A study's register."""
+    """Open a study's enrolment log."""
     return open_journal(study_dir, ENROLMENT_FILE_NAME, _decode_entry, chained=True, declaration=_DECLARATION)
 
 
 def read_chain_heads(study_dir: Path, log: str) -> dict[str, str]:
-    """By what the register says a log's segments ended with: the head of the chain, the latest of each segment."""
+    """Read the chain heads with which a log's segments ended, by the enrolment log; the latest of each segment."""
     lines = read_enrolment_log(study_dir)
     return {line.segment: line.chain for line in lines if isinstance(line, ChainHeadRecorded) and line.sealed == log}
 
@@ -250,19 +250,19 @@ def find_slots_without_log(
 
 
 def list_taken_slots(lines: Sequence[EnrolmentEntry]) -> tuple[SlotTaken, ...]:
-    """The slots that were taken and not freed, in order, each as the last draw left it."""
-    taken: dict[str, SlotTaken] = {}
+    """List the slots that were taken and not freed, in order, each as the last draw left it."""
+    slots: dict[str, SlotTaken] = {}
     for line in lines:
         match line:
             case SlotTaken():
-                taken[line.participant] = line
-            case GroupDrawn() if (before := taken.get(line.drawn)) is not None:
-                taken[line.drawn] = msgspec.structs.replace(
+                slots[line.participant] = line
+            case GroupDrawn() if (before := slots.get(line.drawn)) is not None:
+                slots[line.drawn] = msgspec.structs.replace(
                     before, group=line.group, stratum=line.stratum, slot=line.slot, assigned=line.assigned
                 )
             case SlotFreed():
-                taken.pop(line.freed, None)
-    return tuple(taken.values())
+                slots.pop(line.freed, None)
+    return tuple(slots.values())
 
 
 def count_interventions(lines: Sequence[EnrolmentEntry]) -> dict[str, int]:
@@ -277,11 +277,11 @@ def count_interventions(lines: Sequence[EnrolmentEntry]) -> dict[str, int]:
     by_hand = [line for line in lines if isinstance(line, tuple(kinds)) and getattr(line, "overridden", True)]
     counts = Counter(kinds[type(line)] for line in by_hand)
     counts["without a reason"] = sum(not getattr(line, "reason", "") for line in by_hand)
-    return {what: counts[what] for what in (*kinds.values(), "without a reason") if counts[what]}
+    return {kind: counts[kind] for kind in (*kinds.values(), "without a reason") if counts[kind]}
 
 
 def list_replaced(lines: Sequence[EnrolmentEntry]) -> tuple[str, ...]:
-    """Who does not come back, in the order in which that was said; whose slot was freed since is nobody."""
+    """List the participants who do not come back, in the order of replacing them; none whose slot was freed."""
     replaced: dict[str, None] = {}
     for line in lines:
         match line:
@@ -298,10 +298,14 @@ def _decode_entry(line: bytes, number: int) -> EnrolmentEntry | None:
     Raises:
         AllocationError: if a whole line cannot be read, or a newer version wrote it.
     """
+    if not line:
+        return None
     try:
-        found = msgspec.json.decode(line, type=dict[str, Any]) if line else {}
-        kind = next((kind for field, kind in _ENTRY_TYPES.items() if field in found), None)
-        entry = None if kind is None else msgspec.convert(found, kind)
+        fields = msgspec.json.decode(line, type=dict[str, Any])
+        kind = next((kind for field, kind in _ENTRY_TYPES.items() if field in fields), None)
+        if kind is None:
+            return None
+        entry = msgspec.convert(fields, kind)
     except (msgspec.DecodeError, UnicodeDecodeError):
         raise AllocationError(
             f"{ENROLMENT_FILE_NAME}:{number}: {line[:60]!r} cannot be read; restore the file from a copy"

@@ -34,7 +34,8 @@ from minihuman.experiment.plan.expansion import assign_slot, enrol_participant
 from minihuman.experiment.plan.participant_codes import format_participant_code, parse_participant_code
 from minihuman.experiment.plan.session_plan import Participant
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.operating_system import find_case_twin, make_private_folder
+from minihuman.operating_system import make_private_folder
+from minihuman.portable_names import find_case_twin
 from minihuman.storage.journal import Journal, JournalState
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from minihuman.storage.system import now_text
@@ -68,16 +69,12 @@ def take_slot(
             the study began with another allocation list, or another study's name differs in case only.
     """
     slots = build_allocation_list(protocol)
-    if study_dir.parent.is_dir() and (twin := find_case_twin(study_dir.name, os.listdir(study_dir.parent))):
-        raise AllocationError(
-            f"study {study_dir.name!r} would share its folder with {twin!r} on Windows and macOS; rename the study, "
-            "or choose another folder with --data"
-        )
+    _require_own_folder(study_dir)
     make_private_folder(study_dir)
     journal = open_enrolment_log(study_dir)
     with journal.hold() as register:
         holders = _SlotHolders.of(journal, register.lines)
-        _check_list(next(reversed(holders.taken.values()), None), study_dir, protocol)
+        _check_list(next(reversed(holders.slots.values()), None), study_dir, protocol)
         if participant is not None and (line := holders.slot_entry_of(participant)) is not None:
             return _taken_before(line, group)
         if participant is None:
@@ -91,32 +88,47 @@ def take_slot(
         assigned = None
         if group is None and not protocol.allocation.stratify_by:
             chosen, assigned = assign_group(protocol, register.lines, study_dir, index, "")
-        codes = (format_participant_code(index, before, prefix=prefix) for before in count())
-        who = msgspec.structs.replace(
+        enrolled = msgspec.structs.replace(
             enrol_participant(protocol, index, chosen or None),
-            id=participant
-            or next(code for code in codes if code not in holders.taken),  # never one that was somebody's
+            id=participant or holders.find_new_code(index, prefix),
             assigned=assigned,
         )
-        if who.slot is not None:
-            who = Participant(who.id, who.index, group or "")
+        if enrolled.slot is not None:
+            enrolled = Participant(enrolled.id, enrolled.index, group or "")
         by_hand = participant is not None or group is not None
-        said = note if by_hand else NO_NOTE
-        taken = SlotTaken(
+        if not by_hand:
+            note = NO_NOTE
+        slot = SlotTaken(
             allocation_sha256(slots),
             protocol.study.participants,
             index,
-            who.id,
-            who.group,
+            enrolled.id,
+            enrolled.group,
             by_hand,
             at=now_text(),
-            reason=said.reason,
-            experimenter=said.experimenter,
+            reason=note.reason,
+            experimenter=note.experimenter,
             assigned=assigned,
             outcome_rules=_find_outcome_rules(register.lines),
         )
-        register.append(taken)
-    return who, taken
+        register.append(slot)
+    return enrolled, slot
+
+
+def _require_own_folder(study_dir: Path) -> None:
+    """Refuse a study whose folder another study's would be, where file systems ignore case.
+
+    Raises:
+        AllocationError: if it would.
+    """
+    if not study_dir.parent.is_dir():
+        return
+    twin = find_case_twin(study_dir.name, os.listdir(study_dir.parent))
+    if twin:
+        raise AllocationError(
+            f"study {study_dir.name!r} would share its folder with {twin!r} on Windows and macOS; rename the study, "
+            "or choose another folder with --data"
+        )
 
 
 def require_free_slots(protocol: Protocol, study_dir: Path, count: int) -> None:
@@ -127,7 +139,7 @@ def require_free_slots(protocol: Protocol, study_dir: Path, count: int) -> None:
     """
     journal = open_enrolment_log(study_dir)
     holders = _SlotHolders.of(journal, journal.read())
-    free = sum(index not in holders.held for index in range(protocol.study.participants))
+    free = sum(index not in holders.slots_by_index for index in range(protocol.study.participants))
     if count > free:
         raise AllocationError(
             f"study {protocol.study.name!r} has too few free slots ({free}) for {count} participants; ask for fewer, "
@@ -136,7 +148,7 @@ def require_free_slots(protocol: Protocol, study_dir: Path, count: int) -> None:
 
 
 def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> Participant:
-    """Draw the group of somebody who has answered: the first slot of their stratum that nobody holds; make it last.
+    """Draw the group of a participant who has answered: the first free slot of their stratum; make it last.
 
     Drawn again for the same stratum, since a program was killed in between, it is the same slot.
 
@@ -159,9 +171,9 @@ def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> P
         assigned = None
         if not by_hand:
             chosen, assigned = assign_group(protocol, register.lines, study_dir, line.index, stratum)
-        who = assign_slot(protocol, Participant(code, line.index, chosen, assigned=assigned), slot)
-        register.append(GroupDrawn(code, stratum, slot.index, who.group, now_text(), assigned))
-    return who
+        drawn_participant = assign_slot(protocol, Participant(code, line.index, chosen, assigned=assigned), slot)
+        register.append(GroupDrawn(code, stratum, slot.index, drawn_participant.group, now_text(), assigned))
+    return drawn_participant
 
 
 def record_chain_heads(study_dir: Path, heads: Sequence[ChainHeadRecorded], *, only_missing: bool = False) -> int:
@@ -178,10 +190,10 @@ def record_chain_heads(study_dir: Path, heads: Sequence[ChainHeadRecorded], *, o
         OSError: if the enrolment log cannot be written.
     """
     with open_enrolment_log(study_dir).hold() as register:
-        written = [line for line in register.lines if isinstance(line, ChainHeadRecorded)]
-        known = {(line.sealed, line.segment) for line in written}
+        recorded = [line for line in register.lines if isinstance(line, ChainHeadRecorded)]
+        known = {(line.sealed, line.segment) for line in recorded}
         added = [head for head in heads if (head.sealed, head.segment) not in known]
-        if not only_missing and heads and heads[-1] not in (*written, *added):
+        if not only_missing and heads and heads[-1] not in (*recorded, *added):
             added.append(heads[-1])
         if added:
             register.append(*added)
@@ -232,15 +244,15 @@ def record_departure(study_dir: Path, parting: ParticipantWithdrawn | Participan
         holders = _SlotHolders.of(journal, register.lines)
         if holders.slot_entry_of(code) is None:
             gone = {line.withdrawn for line in register.lines if isinstance(line, ParticipantWithdrawn)}
-            here = [participant for participant in holders.taken if participant not in gone]
-            known = ", ".join(here[:8]) or "none yet"
+            participants = [participant for participant in holders.slots if participant not in gone]
+            known = ", ".join(participants[:8]) or "none yet"
             raise AllocationError(f"{code!r} has no slot in {study_dir}; participants with a slot: {known}")
         if not isinstance(parting, ParticipantReplaced) or code not in holders.replaced:
             register.append(parting)
 
 
 def free_slot(study_dir: Path, code: str, why: str) -> None:
-    """Free the slot of somebody of whom there are no data, for the next one, code and all; written once.
+    """Free the slot of a participant without data for the next one, code and all; written once.
 
     Args:
         study_dir: the study's folder.
@@ -259,38 +271,43 @@ def free_slot(study_dir: Path, code: str, why: str) -> None:
 
 
 class _SlotHolders:
-    """Who holds which slot, from the register's lines."""
+    """The participants who hold slots, by the entries of the enrolment log."""
 
     def __init__(self) -> None:
-        self.taken: dict[str, SlotTaken] = {}  # as `list_taken_slots` lists them, by participant
+        self.slots: dict[str, SlotTaken] = {}  # as `list_taken_slots` lists them, by participant
         self.replaced: set[str] = set()
         self.began: dict[str, SlotTaken] = {}
         self._withdrawn: set[str] = set()
-        self.held: dict[int, SlotTaken] = {}
-        self._drawn: set[int | None] = set()  # the places in the allocation list of those who hold a slot
+        self.slots_by_index: dict[int, SlotTaken] = {}
+        self._held_places: set[int | None] = set()  # the places in the allocation list of those who hold a slot
         self._next = 0  # below this all slots are held
         self._next_in_stratum: dict[str, int] = {}
 
     @classmethod
     def of(cls, journal: Journal[EnrolmentEntry], lines: Sequence[EnrolmentEntry]) -> "_SlotHolders":
-        """Who holds them after all of a journal's lines."""
+        """Return who holds them after all of a journal's lines."""
         return _holders_of(journal).after(lines)
 
     def take(self, line: EnrolmentEntry) -> None:
-        """Take a line in."""
+        """Take a line of the enrolment log into account."""
         match line:
             case SlotTaken():
                 self.began[line.participant] = line
                 self._hold(line)
-            case GroupDrawn() if (before := self.taken.get(line.drawn)) is not None:
-                if self.held.get(before.index) is before:
-                    self._drawn.discard(before.slot)
+            case GroupDrawn() if (before := self.slots.get(line.drawn)) is not None:
+                if self.slots_by_index.get(before.index) is before:
+                    self._held_places.discard(before.slot)
                     self._next_in_stratum.clear()
-                drawn = {"group": line.group, "stratum": line.stratum, "slot": line.slot, "assigned": line.assigned}
-                self._hold(msgspec.structs.replace(before, **drawn))
+                allocation = {
+                    "group": line.group,
+                    "stratum": line.stratum,
+                    "slot": line.slot,
+                    "assigned": line.assigned,
+                }
+                self._hold(msgspec.structs.replace(before, **allocation))
             case SlotFreed():
                 self._let_go(line.freed)
-                self.taken.pop(line.freed, None)
+                self.slots.pop(line.freed, None)
                 self.replaced.discard(line.freed)
             case ParticipantWithdrawn():
                 self._let_go(line.withdrawn)
@@ -300,49 +317,54 @@ class _SlotHolders:
                 self.replaced.add(line.replaced)
 
     def _hold(self, line: SlotTaken) -> None:
-        self.taken[line.participant] = line
+        self.slots[line.participant] = line
         if line.participant not in self._withdrawn and line.participant not in self.replaced:
-            self.held[line.index] = line
-            self._drawn.add(line.slot)
+            self.slots_by_index[line.index] = line
+            self._held_places.add(line.slot)
 
     def _let_go(self, code: str) -> None:
-        line = self.taken.get(code)
-        if line is not None and self.held.get(line.index) is line:
-            del self.held[line.index]
-            self._drawn.discard(line.slot)
+        line = self.slots.get(code)
+        if line is not None and self.slots_by_index.get(line.index) is line:
+            del self.slots_by_index[line.index]
+            self._held_places.discard(line.slot)
             self._next = min(self._next, line.index)
             self._next_in_stratum.clear()
 
     def slot_entry_of(self, code: str) -> SlotTaken | None:
-        """The slot that a participant took.
+        """Return the slot that a participant took; None without one.
 
         Raises:
             AllocationError: if they withdrew.
         """
         if code in self._withdrawn:
             raise AllocationError("this participant has withdrawn; remove --participant to offer the slot again")
-        return self.taken.get(code)
+        return self.slots.get(code)
+
+    def find_new_code(self, index: int, prefix: str) -> str:
+        """Return the first code of a slot that was never somebody's."""
+        codes = (format_participant_code(index, earlier, prefix=prefix) for earlier in count())
+        return next(code for code in codes if code not in self.slots)
 
     def free(self, code: str) -> int:
-        """The slot of a code that has none yet.
+        """Return the slot of a code that has none yet.
 
         Raises:
             AllocationError: if it is no code, or somebody else has that slot.
         """
         index = parse_participant_code(code)
-        if index in self.held:
+        if index in self.slots_by_index:
             raise AllocationError(
-                f"{code} would take the same slot as {self.held[index].participant}; choose another code"
+                f"{code} would take the same slot as {self.slots_by_index[index].participant}; choose another code"
             )
         return index
 
     def next_free(self, protocol: Protocol) -> int:
-        """The first slot that nobody holds.
+        """Return the first slot that nobody holds.
 
         Raises:
             AllocationError: if all are held.
         """
-        self._next = next(index for index in count(self._next) if index not in self.held)
+        self._next = next(index for index in count(self._next) if index not in self.slots_by_index)
         if self._next < protocol.study.participants:
             return self._next
         raise AllocationError(
@@ -351,14 +373,14 @@ class _SlotHolders:
         )
 
     def next_in_stratum(self, protocol: Protocol, stratum: str) -> AllocationSlot:
-        """The first slot of a stratum that nobody holds.
+        """Return the first slot of a stratum that nobody holds.
 
         Raises:
             AllocationError: if all are held.
         """
         for place in range(self._next_in_stratum.get(stratum, 0), protocol.study.participants):
             slot = find_slot(protocol, place, stratum)
-            if slot.index not in self._drawn:
+            if slot.index not in self._held_places:
                 self._next_in_stratum[stratum] = place
                 return slot
         raise AllocationError(
@@ -388,15 +410,15 @@ def _find_outcome_rules(lines: Sequence[EnrolmentEntry]) -> int:
     return first.outcome_rules
 
 
-def _check_list(begun: SlotTaken | None, study_dir: Path, protocol: Protocol) -> None:
-    """A study may make its list longer, which keeps the slots it had, but not draw another."""
-    if begun is None:
+def _check_list(first_slot: SlotTaken | None, study_dir: Path, protocol: Protocol) -> None:
+    """Refuse an allocation list that the study did not begin with; one that is only longer keeps the slots it had."""
+    if first_slot is None:
         return
-    study = msgspec.structs.replace(protocol.study, participants=begun.list_length)
+    study = msgspec.structs.replace(protocol.study, participants=first_slot.list_length)
     digest = allocation_sha256(build_allocation_list(msgspec.structs.replace(protocol, study=study)))
-    if digest != begun.allocation_sha256:
+    if digest != first_slot.allocation_sha256:
         raise AllocationError(
-            f"{study_dir}: the study began with allocation list {begun.allocation_sha256[:12]}, but this protocol "
+            f"{study_dir}: the study began with allocation list {first_slot.allocation_sha256[:12]}, but this protocol "
             f"makes {digest[:12]}; restore its seed, groups, keys and actions, rename "
             f"{protocol.study.name!r}, or use another data folder"
         )

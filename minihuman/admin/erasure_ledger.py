@@ -26,7 +26,7 @@ SHOWN_DIGITS = 8  # of a machine's number
 
 
 class ErasureLedger:
-    """The ledger of one study, as a machine of it reads and writes it.
+    """The erasure ledger of one study, as one of its machines reads and writes it.
 
     Args:
         study_dir: the study's folder in the data folder.
@@ -50,12 +50,12 @@ class ErasureLedger:
 
     @property
     def is_shared(self) -> bool:
-        """Whether other machines can read what is written here."""
+        """Tell whether other machines can read what is written here."""
         return self._in_database or self._store is not None
 
     @property
     def machine(self) -> str:
-        """This machine's number."""
+        """Return this machine's number."""
         return read_machine_id(self._data)
 
     def read(self) -> frozenset[LedgerEntry]:
@@ -81,7 +81,9 @@ class ErasureLedger:
             OSError: if they cannot be written.
             RemoteStoreError: if the store cannot be reached.
         """
-        known = self.read() if entries else frozenset()
+        if not entries:
+            return
+        known = self.read()
         new = [entry for entry in dict.fromkeys(entries) if entry not in known]
         if not new:
             return

@@ -39,16 +39,16 @@ def require_legible(protocol: Protocol, source: str) -> None:
 
 
 def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
-    """What cannot be read in any session of any group."""
+    """Yield what cannot be read in any session of any group."""
     first = {slot.group: slot for slot in reversed(build_allocation_list(protocol))}
     for slot in sorted(first.values(), key=lambda slot: slot.index):
-        who = assign_slot(protocol, Participant(format_participant_code(slot.index), slot.index, ""), slot)
+        participant = assign_slot(protocol, Participant(format_participant_code(slot.index), slot.index, ""), slot)
         for session in range(1, max(1, len(protocol.sessions)) + 1):
-            yield from find_illegible_in_plan(expand_protocol(protocol, who, session=session))
+            yield from find_illegible_in_plan(expand_protocol(protocol, participant, session=session))
 
 
 def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
-    """What cannot be read of a session, and the way out, one sentence each."""
+    """Yield what cannot be read of a session, and the way out, one sentence each."""
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
     faces = select_typefaces(plan.language, fonts=plan.fonts)
     for name in plan.fonts:
@@ -62,14 +62,14 @@ def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
 
 def _without_typeface(plan: SessionPlan, faces: TypefaceSet) -> Iterator[str]:
     """Name the first text with a character that no face can set, and how many more there are: one font helps all."""
-    unset = [(where, missing) for where, text in _texts(plan) if (missing := faces.missing(text))]
+    missing_by_place = [(place, faces.missing(text)) for place, text in _texts(plan)]
+    unset = [(place, character) for place, character in missing_by_place if character]
     if unset:
-        where, missing = unset[0]
+        place, character = unset[0]
+        more = ""
         if len(unset) > 1:
             more = f" (and {len(unset) - 1} more texts have such characters)"
-        else:
-            more = ""
-        yield f"{where}: {describe_missing_face(missing, more)} or use another character"
+        yield f"{place}: {describe_missing_face(character, more)} or use another character"
 
 
 def describe_missing_face(character: str, more: str = "") -> str:
@@ -117,10 +117,10 @@ def _too_long(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> I
                     yield f"{part.name}, feedback for {outcome}: {_does_not_fit(text)}"
             if not text_fits(TextScreen(words["rest.title"], play.rest, "", locale=words.locale), NARROWEST_SCREEN_PX):
                 yield f"{part.name}, rest: {_does_not_fit(play.rest)}"
-        case QuestionsPlan() as asked:
-            if not text_fits(build_wrong_answer_screen(words, asked.wrong), NARROWEST_SCREEN_PX):
-                yield f"{part.name}, wrong: {_does_not_fit(asked.wrong)}"
-            for item in asked.items:
+        case QuestionsPlan() as questions:
+            if not text_fits(build_wrong_answer_screen(words, questions.wrong), NARROWEST_SCREEN_PX):
+                yield f"{part.name}, wrong: {_does_not_fit(questions.wrong)}"
+            for item in questions.items:
                 draft = build_draft(item, rtl=words.rtl)
                 empty: Any = build_question_screen(words, title="", draft=draft, number=0, count=1, note="")
                 if not question_fits(empty, NARROWEST_SCREEN_PX):
@@ -140,7 +140,7 @@ def _titles(part: PlannedPart) -> Iterator[str]:
 
 
 def _without_translation(plan: SessionPlan, words: InterfaceWords) -> Iterator[str]:
-    """Blocks whose world says in English what is to be done, in a study in another language."""
+    """Name the blocks whose world says in English what is to be done, in a study in another language."""
     if plan.language == ENGLISH:
         return
     for part in plan.parts:
@@ -148,10 +148,10 @@ def _without_translation(plan: SessionPlan, words: InterfaceWords) -> Iterator[s
             continue
         first = plan.episodes[part.plan.first]
         world = World(first.world, first.options)
-        said = world.reset(first.seed).mission
+        mission = world.reset(first.seed).mission
         world.close()
-        if said and not words.mission(said):
+        if mission and not words.mission(mission):
             yield (
-                f"{part.name}: the world says {said!r}, for which there are no words in {plan.language!r}, so nothing "
-                'is shown; give the block a mission = "..." or the words under [words.mission]'
+                f"{part.name}: the world says {mission!r}, for which there are no words in {plan.language!r}, so "
+                'nothing is shown; give the block a mission = "..." or the words under [words.mission]'
             )

@@ -38,15 +38,18 @@ def obey_withdrawals(study_dir: Path, *, ask_store: bool = False, say: Listener 
     if not (study_dir.parent if ask_store else study_dir).is_dir():
         return
     ledger = ErasureLedger(study_dir, ask_store=ask_store, may_be_new=True)
-    entries = ledger.read() if ledger.is_shared else frozenset()
-    own = [LedgerEntry("holds", "", ledger.machine)] if ledger.is_shared else []
+    entries = frozenset[LedgerEntry]()
+    own: list[LedgerEntry] = []
+    if ledger.is_shared:
+        entries = ledger.read()
+        own = [LedgerEntry("holds", "", ledger.machine)]
     withdrawn = read_withdrawn_codes(study_dir) | {entry.code for entry in entries if entry.fact == "withdrawn"}
     for code in sorted(withdrawn):
         is_erased = not ledger.is_shared or LedgerEntry("erased", code, ledger.machine) in entries
         if is_erased and not (study_dir / code).exists():
             continue
-        if _erase_copy(study_dir, code, ask_store=ask_store, say=say):
-            own += [LedgerEntry("withdrawn", code), LedgerEntry("erased", code, ledger.machine)] if own else []
+        if _erase_copy(study_dir, code, ask_store=ask_store, say=say) and ledger.is_shared:
+            own += [LedgerEntry("withdrawn", code), LedgerEntry("erased", code, ledger.machine)]
     ledger.add(*own)
 
 

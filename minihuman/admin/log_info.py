@@ -5,7 +5,7 @@ cut-off and damaged logs one by one; a log that cannot be recovered does not sto
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -47,56 +47,75 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
         LogError: if one cannot be opened, is no session log, of another schema version or damaged, or holds no plan.
     """
     readings = [LogReader(file) for file in files]
-    plan: events.SessionStarted | None = None
-    completed: set[int] = set()
-    spans: list[tuple[int, int]] = []  # a segment's first and last log time
-    steps = 0
-    skipped = 0
-    next_part = 0
-    end_reason = CUT_OFF
-    for reading, message in ((source, found) for source in readings for found in source.messages()):
-        topic = message.channel.topic
-        steps += topic == topics.STEP
-        match reading.event(topic, message.data) if topic in _READ else None:
-            case events.SessionStarted() as started:
-                plan = plan or started
-                end_reason = CUT_OFF
-                spans.append((message.log_time, message.log_time))
-            case events.EpisodeEnded() as ended if ended.outcome != "abandoned":
-                completed.add(ended.episode)
-            case events.EpisodesSkipped() as passed:
-                skipped += passed.count
-            case events.PartEnded() as ended:
-                next_part = ended.next
-            case events.SessionEnded() as over:
-                end_reason = over.reason
-        if spans:
-            spans[-1] = (spans[-1][0], max(spans[-1][1], message.log_time))
-    if plan is None:
+    tally = _SessionTally()
+    for reading in readings:
+        for message in reading.messages():
+            topic = message.channel.topic
+            tally.steps += topic == topics.STEP
+            if topic in _READ:
+                tally.take(reading.event(topic, message.data), message.log_time)
+            tally.extend_segment(message.log_time)
+    if tally.started is None:
         raise LogError(
             f"{files[0]} was cut off before its session started, so it has nothing to show; name another log"
         )
     starts = [facts for reading in readings for facts in reading.starts]
     ends = [facts for reading in readings for facts in reading.ends]
-    who = plan.plan.participant
-    planned = len(plan.plan.episodes) - skipped
-    all_done = 0 < planned == len(completed) and is_only_closing_left(plan.plan.parts, next_part)
+    plan = tally.started.plan
+    planned = len(plan.episodes) - tally.skipped
+    all_done = 0 < planned == len(tally.completed) and is_only_closing_left(plan.parts, tally.next_part)
+    is_final = tally.end_reason in events.FINAL_END_REASONS
     return SessionSummary(
-        study=plan.plan.study,
-        participant=who.id,
-        group=who.group,
-        session=plan.plan.session,
-        player=plan.facts.get("player", "unknown"),
+        study=plan.study,
+        participant=plan.participant.id,
+        group=plan.participant.group,
+        session=plan.session,
+        player=tally.started.facts.get("player", "unknown"),
         started_at=starts[0]["started_at"],
-        segments=len(spans),
+        segments=len(tally.spans),
         clean=all_ended_cleanly(starts, ends),
-        end_reason=end_reason,
+        end_reason=tally.end_reason,
         episodes_planned=planned,
-        episodes_completed=len(completed),
-        steps=steps,
-        duration_s=sum(last - first for first, last in spans) / 1e9,
-        complete=end_reason == "complete" or (end_reason not in events.FINAL_END_REASONS and all_done),
+        episodes_completed=len(tally.completed),
+        steps=tally.steps,
+        duration_s=sum(last - first for first, last in tally.spans) / 1e9,
+        complete=tally.end_reason == "complete" or (not is_final and all_done),
     )
+
+
+@dataclass(slots=True)
+class _SessionTally:
+    """A session's progress, by its messages so far."""
+
+    started: events.SessionStarted | None = None  # by its first segment
+    completed: set[int] = field(default_factory=set)  # episodes
+    spans: list[tuple[int, int]] = field(default_factory=list)  # each segment's first and last log time
+    steps: int = 0
+    skipped: int = 0
+    next_part: int = 0
+    end_reason: str = CUT_OFF
+
+    def take(self, event: events.Event | None, log_time: int) -> None:
+        """Take an event into account."""
+        match event:
+            case events.SessionStarted():
+                self.started = self.started or event
+                self.end_reason = CUT_OFF
+                self.spans.append((log_time, log_time))
+            case events.EpisodeEnded() if event.outcome != "abandoned":
+                self.completed.add(event.episode)
+            case events.EpisodesSkipped():
+                self.skipped += event.count
+            case events.PartEnded():
+                self.next_part = event.next
+            case events.SessionEnded():
+                self.end_reason = event.reason
+
+    def extend_segment(self, log_time: int) -> None:
+        """Let the latest segment last until a message."""
+        if self.spans:
+            first, last = self.spans[-1]
+            self.spans[-1] = (first, max(last, log_time))
 
 
 _HEADS = (
@@ -106,7 +125,7 @@ _HEADS = (
 
 
 def format_session_lines(session: SessionLog) -> list[str]:
-    """A readable summary: the session in a few lines, then a line an episode."""
+    """Format a readable summary: the session in a few lines, then one line for each episode."""
     plan = session.plan
     lines = [
         f"{session.path}",
@@ -127,7 +146,7 @@ def format_session_lines(session: SessionLog) -> list[str]:
 
 
 def format_session_json(session: SessionLog) -> str:
-    """The same facts as one JSON object."""
+    """Format the same facts as one JSON object."""
     plan = session.plan
     facts = {
         "path": str(session.path),
@@ -204,13 +223,13 @@ def _episode_facts(episode: EpisodeLog) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class RecoveryResult:
-    """What became of a log: a line on it, and whether something in it was damaged."""
+    """The outcome of recovering a log: a line on it, and whether something in it was damaged."""
 
     line: str
     damaged: bool = False
 
 
-def recover_logs(given: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[RecoveryResult | MinihumanError]:
+def recover_logs(paths: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[RecoveryResult | MinihumanError]:
     """Finish cut-off logs and rewrite damaged finished ones; yield what became of each, or why nothing did.
 
     Of a whole log the chain heads that the enrolment log lacks are added to it.
@@ -219,15 +238,18 @@ def recover_logs(given: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[R
         given: logs, or folders to look for cut-off ones in.
         note: why, and who does it, for the enrolment log.
     """
-    for path in given:
-        for companion in find_system_companions(find_log_folders(path) if path.is_dir() else ()):
-            yield RecoveryResult(f"skipped {companion}: {SYSTEM_COMPANION}")
-        for log in find_leftovers(path) if path.is_dir() else [path]:
+    for path in paths:
+        logs = [path]
+        if path.is_dir():
+            for companion in find_system_companions(find_log_folders(path)):
+                yield RecoveryResult(f"skipped {companion}: {SYSTEM_COMPANION}")
+            logs = list(find_leftovers(path))
+        for log in logs:
             try:
                 if not log.name.endswith(PART_SUFFIX) and (added := _add_missing_heads(log)):
-                    what = f"whole; {added} chain heads added to the enrolment log"
-                    _record_recovery(log, what, note)
-                    yield RecoveryResult(f"{log}: {what}")
+                    outcome = f"whole; {added} chain heads added to the enrolment log"
+                    _record_recovery(log, outcome, note)
+                    yield RecoveryResult(f"{log}: {outcome}")
                     continue
                 if log.name.endswith(PART_SUFFIX):
                     finished = _recover(log)
@@ -250,8 +272,8 @@ def _recover(part: Path) -> FinalizedLog | None:
     return recover_log(part)
 
 
-def _record_recovery(log: Path, what: str, note: AuditNote) -> None:
-    entry = LogRecovered(log.name, now_text(), what.removesuffix("; "), note.reason, note.experimenter)
+def _record_recovery(log: Path, outcome: str, note: AuditNote) -> None:
+    entry = LogRecovered(log.name, now_text(), outcome.removesuffix("; "), note.reason, note.experimenter)
     record_intervention(study_folder(log), entry)
 
 

@@ -28,7 +28,7 @@ GONE = " is gone"  # the end of a line about a file that was sealed and is not t
 
 
 class StudyManifest(msgspec.Struct, frozen=True):
-    """A study as it was: its digest, and the SHA-256 of every file, by its path within the study's folder."""
+    """A study's digest, and the SHA-256 of every file, by its path within the study's folder."""
 
     digest: str
     files: dict[str, str]
@@ -44,10 +44,12 @@ def record_log_end(log: Path) -> str:
         RemoteStoreError: if the store cannot be reached; the enrolment log is written.
     """
     heads = _read_chain_heads(log)
-    if heads and open_enrolment_log(study_folder(log)).begun:  # a log far from its study stays by itself
+    if not heads:
+        return ""
+    if open_enrolment_log(study_folder(log)).begun:  # a log far from its study stays by itself
         record_chain_heads(study_folder(log), heads)
         upload_log(log)
-    return heads[-1].chain if heads else ""
+    return heads[-1].chain
 
 
 def record_missing_heads(log: Path) -> int:
@@ -63,7 +65,7 @@ def record_missing_heads(log: Path) -> int:
 
 
 def find_unrecorded_logs(study: Path) -> list[Path]:
-    """Finished logs of which the enrolment log lacks a chain head, as a server ended before it wrote that."""
+    """Find the finished logs of which the enrolment log lacks a chain head, as a server ended before it wrote that."""
     known = {
         (line.sealed, line.segment) for line in open_enrolment_log(study).read() if isinstance(line, ChainHeadRecorded)
     }
@@ -100,16 +102,16 @@ def write_manifest(study: Path) -> StudyManifest:
     return manifest
 
 
-def find_changed_files(study: Path, given: str) -> Iterator[str]:
+def find_changed_files(study: Path, digest_or_file: str) -> Iterator[str]:
     """Yield what in a study's folder is not as it was sealed: ``given`` is the digest, or a seal's file.
 
     Raises:
         LogError: if it is neither.
         OSError: if a file cannot be read.
     """
-    file = Path(given)
+    file = Path(digest_or_file)
     if not file.is_file():
-        digest = _parse_digest(given)
+        digest = _parse_digest(digest_or_file)
         file = study / MANIFEST_FILE_NAME
         manifest = _read(file)
         if manifest is None or manifest.digest != digest:
@@ -163,6 +165,6 @@ def _digests(study: Path) -> dict[str, str]:
 
 
 def _digest(files: dict[str, str]) -> str:
-    """Of the lines that ``sha256sum`` prints for these files, in the order of their paths."""
+    """Digest the lines that ``sha256sum`` prints for these files, in the order of their paths."""
     lines = "".join(f"{digest}  {name}\n" for name, digest in sorted(files.items()))
     return hashlib.sha256(lines.encode()).hexdigest()

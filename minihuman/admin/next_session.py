@@ -73,13 +73,13 @@ def plan_next_session(
     another_day = session > 1 and _check_came_before(
         protocol, study_dir, participant, session, any_day=any_day, utc_offset_min=utc_offset_min
     )
-    who, taken = take_slot(
+    enrolled, slot = take_slot(
         protocol, study_dir, participant=participant, group=group, note=note or NO_NOTE, prefix=prefix
     )
     if another_day and note is not None:
-        entry = DayOverridden(who.id, session, now_text(), note.reason, note.experimenter)
+        entry = DayOverridden(enrolled.id, session, now_text(), note.reason, note.experimenter)
         record_intervention(study_dir, entry)
-    folder = session_folder(data, protocol.study.name, who.id, session)
+    folder = session_folder(data, protocol.study.name, enrolled.id, session)
     for part in find_leftovers(folder):
         if (finished := recover_log(part, publish)).readable:
             record_missing_heads(finished.path)
@@ -88,23 +88,23 @@ def plan_next_session(
     if folder.is_dir() and list_sessions(folder):
         return _plan_rest(read_log(folder))
     if protocol.allocation.stratify_by and session == 1:
-        who = Participant(who.id, who.index, "")  # drawn, or drawn again, after the answer
+        enrolled = Participant(enrolled.id, enrolled.index, "")  # drawn, or drawn again, after the answer
     return expand_protocol(
-        protocol, who, session=session, overridden=taken.overridden, outcome_rules=taken.outcome_rules
+        protocol, enrolled, session=session, overridden=slot.overridden, outcome_rules=slot.outcome_rules
     )
 
 
 def plan_drawn_session(protocol: Protocol, data: Path, undrawn: SessionPlan, stratum: str) -> SessionPlan:
-    """The plan of somebody who has answered, their group drawn.
+    """Plan the session of a participant who has answered, their group drawn.
 
     Raises:
         AllocationError: if there is no slot of that stratum.
         OSError: if the data folder cannot be read or written.
     """
-    who = draw_slot(protocol, data / protocol.study.name, undrawn.participant.id, stratum)
+    participant = draw_slot(protocol, data / protocol.study.name, undrawn.participant.id, stratum)
     return expand_protocol(
         protocol,
-        who,
+        participant,
         session=undrawn.session,
         overridden=undrawn.overridden,
         outcome_rules=undrawn.outcome_rules,
@@ -138,11 +138,11 @@ def _check_came_before(
     left = len(find_remaining_episodes(log))
     if not is_session_complete(log) and (left or not is_only_closing_left(log.plan.parts, _resume_state(log).part)):
         if left:
-            what = f"{left} episodes of session {session - 1} left to play"
+            unfinished = f"{left} episodes of session {session - 1} left to play"
         else:
-            what = f"not ended session {session - 1}"
+            unfinished = f"not ended session {session - 1}"
         raise AllocationError(
-            f"{participant} has {what}; finish it first: --participant {participant} --session {session - 1}"
+            f"{participant} has {unfinished}; finish it first: --participant {participant} --session {session - 1}"
         )
     try:
         _check_day(protocol, log, session, utc_offset_min)
@@ -162,11 +162,11 @@ def find_interrupted_session(study_dir: Path) -> SessionSummary | None:
     if not expected:
         return None
     for row in read_session_index(study_dir):
-        found = row.summary
-        if found is None or found.participant not in expected or found.complete or found.end_reason != CUT_OFF:
+        summary = row.summary
+        if summary is None or summary.participant not in expected or summary.complete or summary.end_reason != CUT_OFF:
             continue
         if not any(is_being_recorded(part) for part in row.path.parent.glob(f"*{PART_SUFFIX}")):
-            return found
+            return summary
     return None
 
 
@@ -181,12 +181,12 @@ def find_unused_slots(study_dir: Path) -> tuple[str, ...]:
 
 
 def find_start_date(log: SessionLog) -> date:
-    """The calendar day on which a session began, where the participant was; in UTC where the log has no offset."""
+    """Find the calendar day on which a session began, where the participant was; in UTC where the log has no offset."""
     return find_local_date(datetime.fromisoformat(log.started_at), log)
 
 
 def find_local_date(when: datetime, log: SessionLog, utc_offset_min: int | None = None) -> date:
-    """The calendar day of a time where a session's participant was: a server may stand in another time zone.
+    """Find the calendar day of a time where a session's participant was: a server may stand in another time zone.
 
     Args:
         when: the time, with its zone.
@@ -202,10 +202,12 @@ def find_local_date(when: datetime, log: SessionLog, utc_offset_min: int | None 
 
 
 def _check_day(protocol: Protocol, before: SessionLog, session: int, utc_offset_min: int | None = None) -> None:
-    day = protocol.sessions[session - 1] if session <= len(protocol.sessions) else None
-    if day is None or day.days_after_previous is None:
+    if session > len(protocol.sessions):
         return
-    earliest, latest = day.days_after_previous
+    days_after_previous = protocol.sessions[session - 1].days_after_previous
+    if days_after_previous is None:
+        return
+    earliest, latest = days_after_previous
     passed = (find_local_date(wall_time(), before, utc_offset_min) - find_start_date(before)).days
     if not earliest <= passed <= latest:
         raise AllocationError(
@@ -215,25 +217,26 @@ def _check_day(protocol: Protocol, before: SessionLog, session: int, utc_offset_
 
 
 def is_session_complete(log: SessionLog) -> bool:
-    """Whether nothing of a session is left to do."""
+    """Tell whether nothing of a session is left to do."""
     return log.end_reason in FINAL_END_REASONS or (not log.plan.parts and not find_remaining_episodes(log))
 
 
 def find_remaining_episodes(log: SessionLog) -> list[int]:
-    """The episodes that are neither completed nor skipped."""
-    done = {played.plan.episode for played in log.episodes if played.outcome not in (None, "abandoned")}
+    """Find the episodes that are neither completed nor skipped."""
+    finished = {played.plan.episode for played in log.episodes if played.outcome not in (None, "abandoned")}
     for event in log.part_events:
         if isinstance(event, EpisodesSkipped):
-            done.update(range(event.first, event.first + event.count))
-    return [episode.episode for episode in log.plan.episodes if episode.episode not in done]
+            finished.update(range(event.first, event.first + event.count))
+    return [episode.episode for episode in log.plan.episodes if episode.episode not in finished]
 
 
 def _plan_rest(log: SessionLog) -> SessionPlan:
-    who = log.plan.participant.id
+    participant = log.plan.participant.id
     session = log.plan.session
     if is_session_complete(log):
         raise AllocationError(
-            f"{who} has completed session {session} ({log.path}); start their next one with --session {session + 1}"
+            f"{participant} has completed session {session} ({log.path}); start their next one with --session "
+            f"{session + 1}"
         )
     left = find_remaining_episodes(log)
     segments = [int(start["segment"]) for start in log.metadata["segments"]]
@@ -246,11 +249,11 @@ def _plan_rest(log: SessionLog) -> SessionPlan:
 
 
 def _resume_state(log: SessionLog) -> ResumeState:
-    """The part that was not ended, and what had been reached by then."""
+    """Return the part that was not ended, and what had been reached by then."""
     part = log.plan.standing.part
     points = log.plan.standing.points
     tries = dict(log.plan.standing.tries)
-    names = [its.name for its in log.plan.parts]
+    names = [planned.name for planned in log.plan.parts]
     for event in log.part_events:
         match event:
             case PartEnded():
@@ -261,17 +264,32 @@ def _resume_state(log: SessionLog) -> ResumeState:
                 points = event.total
             case Answered() if event.attempt > 1:
                 tries[event.part_name] = max(tries.get(event.part_name, 0), event.attempt - 1)
-    its = log.plan.parts[part].plan if part < len(log.plan.parts) else None
     state = ResumeState(
         part, points, (), tries, waited_ns=log.waited_ns or msgspec.UNSET, stranded=log.stranded or msgspec.UNSET
     )
-    if not isinstance(its, PlayPlan):
+    if part >= len(log.plan.parts):
         return state
-    ended = {one.plan.episode: one for one in log.episodes if one.outcome not in (None, "abandoned")}
-    played = [one for place in range(its.first, its.first + its.count) if (one := ended.get(place)) is not None]
-    history = tuple(
-        PlayedEpisode(one.plan.options, one.plan.seed, str(one.outcome), len(one.actions), sum(one.rewards.tolist()))
-        for one in played
+    part_plan = log.plan.parts[part].plan
+    if not isinstance(part_plan, PlayPlan):
+        return state
+    history = _list_history(log, part_plan)
+    state = msgspec.structs.replace(state, outcomes=tuple(episode.outcome for episode in history))
+    if part_plan.design:
+        return msgspec.structs.replace(state, history=history)
+    return state
+
+
+def _list_history(log: SessionLog, part_plan: PlayPlan) -> tuple[PlayedEpisode, ...]:
+    """List the episodes of a part that were played to an end, in the order planned."""
+    ended = {episode.plan.episode: episode for episode in log.episodes if episode.outcome not in (None, "abandoned")}
+    numbers = range(part_plan.first, part_plan.first + part_plan.count)
+    return tuple(
+        PlayedEpisode(
+            episode.plan.options,
+            episode.plan.seed,
+            str(episode.outcome),
+            len(episode.actions),
+            sum(episode.rewards.tolist()),
+        )
+        for episode in (ended[number] for number in numbers if number in ended)
     )
-    outcomes = tuple(episode.outcome for episode in history)
-    return msgspec.structs.replace(state, outcomes=outcomes, history=history if its.design else msgspec.UNSET)

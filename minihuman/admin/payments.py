@@ -7,7 +7,7 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 from minihuman.admin.enrolment_entries import read_enrolled
-from minihuman.admin.recruitment import Recruitment
+from minihuman.admin.recruitment import PlatformId, Recruitment
 from minihuman.admin.session_index import read_session_index
 from minihuman.errors import AllocationError, LogError
 from minihuman.experiment.machine.events import Scored
@@ -17,7 +17,7 @@ from minihuman.log.read.session_reader import read_log
 
 @dataclass(frozen=True, slots=True)
 class Payment:
-    """One session of one participant."""
+    """The payment for one session of one participant."""
 
     participant: str
     session: int
@@ -38,15 +38,16 @@ def compute_payments(study_dir: Path) -> Iterator[Payment]:
         AllocationError: if the protocol of a session has no [bonus].
     """
     ids = Recruitment(study_dir).ids()
-    here = {line.participant for line in read_enrolled(study_dir)}
+    enrolled = {line.participant for line in read_enrolled(study_dir)}
     paid: dict[tuple[str, int], Path] = {}
     for row in read_session_index(study_dir):
-        if row.summary is None and row.path.relative_to(study_dir).parts[0] in here:
+        if row.summary is None and row.path.relative_to(study_dir).parts[0] in enrolled:
             raise LogError(f"{row.path} cannot be read, so its payment is unknown: {row.problem}")
-        if row.summary is None or row.summary.participant not in here:
+        if row.summary is None or row.summary.participant not in enrolled:
             continue
-        whose = row.summary.participant, row.summary.session
-        if (other := paid.setdefault(whose, row.path)) != row.path:
+        session_key = (row.summary.participant, row.summary.session)
+        other = paid.setdefault(session_key, row.path)
+        if other != row.path:
             raise LogError(f"{row.path} and {other} record the same session; move one of them out of {study_dir}")
         log = read_log(row.path.parent)  # with what was cut off behind a finished log
         bonus = log.plan.bonus
@@ -54,13 +55,13 @@ def compute_payments(study_dir: Path) -> Iterator[Payment]:
             raise AllocationError(f"{row.path}: the session's protocol has no [bonus], so there is nothing to pay")
         code = log.plan.participant.id
         points = next((event.total for event in reversed(log.part_events) if isinstance(event, Scored)), 0.0)
-        who = ids.get(code)
+        platform_id = ids.get(code) or PlatformId(code, platform="", id="")
         stranded = log.stranded or log.end_reason == "screened_out"
         yield Payment(
             code,
             log.plan.session,
-            who.platform if who else "",
-            who.id if who else "",
+            platform_id.platform,
+            platform_id.id,
             log.end_reason,
             points,
             round(compute_bonus(bonus, points, log.waited_ns, stranded), 2),
@@ -70,20 +71,24 @@ def compute_payments(study_dir: Path) -> Iterator[Payment]:
 
 
 def format_payments_csv(paid: Iterator[Payment]) -> str:
-    """A table with a heading."""
+    """Format payments as a table with a heading."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([field.name for field in fields(Payment)])
-    writer.writerows(
-        tuple(f"{value:.2f}" if isinstance(value, float) else value for value in astuple(one)) for one in paid
-    )
+    writer.writerows(tuple(map(_format_cell, astuple(payment))) for payment in paid)
     return text.getvalue()
 
 
+def _format_cell(cell: str | int | float) -> str | int:
+    if isinstance(cell, float):
+        return f"{cell:.2f}"
+    return cell
+
+
 def format_platform_payments(paid: Iterator[Payment], platform: str) -> str:
-    """Lines of ``id,amount`` as Prolific takes them: the sum of each person's sessions, none of nothing."""
+    """Format lines of ``id,amount`` as Prolific takes them: the sum of each person's sessions, none of nothing."""
     sums: dict[str, float] = {}
-    for one in paid:
-        if one.platform == platform:
-            sums[one.id] = sums.get(one.id, 0.0) + one.bonus
-    return "".join(f"{who},{amount:.2f}\n" for who, amount in sums.items() if amount > 0)
+    for payment in paid:
+        if payment.platform == platform:
+            sums[payment.id] = sums.get(payment.id, 0.0) + payment.bonus
+    return "".join(f"{person},{amount:.2f}\n" for person, amount in sums.items() if amount > 0)

@@ -1,8 +1,7 @@
 """The policy files of a study, and the check that an agent's logged advice is what its policy says.
 
 Every file that ever played in a study is kept under its SHA-256 beside the participants. The check computes the
-advice
-for every state again from the file; that the actions were drawn from the advice is verified without it.
+advice for every state again from the file; that the actions were drawn from the advice is verified without it.
 """
 
 import hashlib
@@ -49,11 +48,11 @@ class PolicyStore:
         return sha256
 
     def path(self, sha256: str) -> Path:
-        """Where the file of that SHA-256 is, or would be."""
+        """Return where the file of that SHA-256 is, or would be."""
         return self.folder / f"{sha256}{POLICY_SUFFIX}"
 
     def checked(self, sha256: str) -> Path:
-        """Where the file of that SHA-256 is.
+        """Return where the file of that SHA-256 is.
 
         Raises:
             LogError: if it is not there, or is another.
@@ -87,24 +86,31 @@ def verify_advice(log: SessionLog, make_world: WorldFactory) -> Iterator[tuple[s
             continue
         name = taught.policy
         if name not in agents:
-            agents[name] = make_agent(name) if is_registered_agent(name) else make_policy_agent(policies.checked(name))
+            agents[name] = _load_agent(name, policies)
         with closing(make_world(episode.plan.world, episode.plan.options)) as world:
             for step, off in _advice_deviations(episode, taught, agents[name], world):
                 states += 1
                 furthest = max(furthest, off)
                 if off > PROBABILITY_TOLERANCE:
-                    where = f"{episode.name} step {step}"
-                    yield f"{where}: policy {name[:16]} now says otherwise, by {off:.3g} of a probability", False
+                    place = f"{episode.name} step {step}"
+                    yield f"{place}: policy {name[:16]} now says otherwise, by {off:.3g} of a probability", False
                     return
     if states:
-        how = "equal" if not furthest else f"within {furthest:.1g}"
-        yield f"{len(agents)} policies, what they said of {states} states: {how}", True
+        agreement = "equal" if not furthest else f"within {furthest:.1g}"
+        yield f"{len(agents)} policies, what they said of {states} states: {agreement}", True
+
+
+def _load_agent(policy: str, policies: PolicyStore) -> BaseAgent:
+    """Make the agent of a policy: a registered one by its name, another from its file."""
+    if is_registered_agent(policy):
+        return make_agent(policy)
+    return make_policy_agent(policies.checked(policy))
 
 
 def _advice_deviations(
     episode: EpisodeLog, taught: TeachingRecord, agent: BaseAgent, world: World
 ) -> Iterator[tuple[int, float]]:
-    """For each state of which the policy said something, by how much a probability is another now."""
+    """Yield each step at whose state the policy gave advice, and the largest change of a probability since."""
     world.reset(episode.plan.seed)
     try:
         agent.begin(episode.plan, world)
@@ -113,7 +119,7 @@ def _advice_deviations(
             raise
         return
     for step, action in enumerate(episode.actions):
-        said = agent.action_probabilities(world)  # also where nothing was said: an agent may remember
+        probabilities = agent.action_probabilities(world)  # also where nothing was said: an agent may remember
         if taught.policy_actions[step] != NO_ADVICE:
-            yield step, float(np.abs(said - taught.probabilities[step]).max())
+            yield step, float(np.abs(probabilities - taught.probabilities[step]).max())
         world.step(int(action))

@@ -62,7 +62,7 @@ _STAGES = {"practice": 0, "task-a": 0, "task-b": -1}  # each with the place of i
 
 @dataclass(frozen=True, slots=True)
 class ProtocolDraft:
-    """What a new study is to be."""
+    """The answers from which a new study's protocol is written."""
 
     name: str = "my-study"
     world: str = ""  # or several, with commas; "": the template's
@@ -74,21 +74,21 @@ class ProtocolDraft:
 
     @property
     def worlds(self) -> list[str]:
-        """The worlds, in order; the template's where none is named."""
+        """List the worlds, in order; the template's where none is named."""
         usual = (world for name, world in _USUAL_WORLDS.items() if self.has(name))
         return [world.strip() for world in (self.world or next(usual, _USUAL_WORLD)).split(",")]
 
     @property
     def staged(self) -> bool:
-        """Whether it has practice and two tasks."""
+        """Tell whether it has practice and two tasks."""
         return not _STAGED.isdisjoint(self.templates)
 
     def has(self, template: str) -> bool:
-        """Whether it is made from a template."""
+        """Tell whether it is made from a template."""
         return template in self.templates
 
     def toml(self) -> str:
-        """The protocol file, with what else there is as comments.
+        """Write the text of the protocol file, with what else there is as comments.
 
         Raises:
             ProtocolError: if the answers make no study, or there is no such template.
@@ -105,7 +105,7 @@ class ProtocolDraft:
             raise ProtocolError(f"templates {kinds[0]!r} and {kinds[1]!r} are two kinds of study; choose one")
         jinja = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
         folder = files(__package__).joinpath("templates")
-        written = tomllib.loads(folder.joinpath("texts.toml").read_text(encoding="utf-8"))
+        texts_by_language = tomllib.loads(folder.joinpath("texts.toml").read_text(encoding="utf-8"))
         template = folder.joinpath("study.toml.j2").read_text(encoding="utf-8")
         tasks = [self._task(world) for world in self.worlds]
         numbered = {f"world-{number}": number - 1 for number in range(1, len(tasks) + 1)}
@@ -119,8 +119,8 @@ class ProtocolDraft:
             draft=self,
             schema=SCHEMA_FILE,
             seed=sum(ord(letter) * 31**place for place, letter in enumerate(self.name)) % 10**6,
-            untranslated="" if self.language in written else _list_english_words(),
-            texts=written.get(self.language, written[ENGLISH]),
+            untranslated="" if self.language in texts_by_language else _list_english_words(),
+            texts=texts_by_language.get(self.language, texts_by_language[ENGLISH]),
             pool=[*dict.fromkeys(key for task in tasks for key in task["pool"])],
             blocks=[{"name": name, **tasks[place]} for name, place in places.items()],
         )
@@ -132,47 +132,67 @@ class ProtocolDraft:
         return [f"outcome in {world_id}: {find_world_rule(world_id).describe()}" for world_id in self.worlds]
 
     def _task(self, world_id: str) -> dict[str, Any]:
-        """A world with its keys and pace."""
+        """Return a world with its keys and pace, for the template."""
         from minihuman.experiment.plan.dry_run import find_needed_actions  # the planner, which only a new study needs
 
-        trials = self.has("trials")
-        team = self.has("team")
-        options = {"responses": ["press"]} if trials else {}
+        options = {}
+        if self.has("trials"):
+            options = {"responses": ["press"]}
         with closing(World(world_id, options, trusted=True)) as world:
             names = world.action_names
-            limit = world.step_limit
             keys = assign_usual_keys(world)
-            noop = find_noop(world)
             period_ms = find_period_ms(world)
             useful = {*_MOVES, *find_needed_actions(world)}
-        if trials:
-            keys = {"space": "press"}
-            period_ms = None
-        elif team:
+            max_steps = world.step_limit or _STEPS
+            task: dict[str, Any] = {"world": world_id, "max_steps": max_steps, "noop": find_noop(world)}
+        if self.has("trials"):
+            return task | {"max_steps": 1, "others": "", **_fixed_keys({"space": "press"}), "fixed": ""}
+        if self.has("team"):
             keys = {key: name for key, name in keys.items() if name in names[:5]}
             period_ms = 150.0
-        free = period_ms is None and not trials  # which key does what is drawn
-        moves = [name for name in names if name in useful] or list(names)
-        actions = moves[:9] if free else list(keys.values())
-        keys = dict(zip(DIGITS, actions, strict=False)) if free else keys
-        pairs = ", ".join(f'{key} = "{action}"' for key, action in keys.items())
+        if period_ms is not None:
+            task |= _fixed_keys(keys) | {"period_ms": round(period_ms, 3)}
+        else:
+            moves = [name for name in names if name in useful] or list(names)
+            task |= self._drawn_keys(moves[:9])
+        return task | {"others": ", ".join(name for name in names if name not in task["actions"]) or "none"}
+
+    def _drawn_keys(self, actions: list[str]) -> dict[str, Any]:
+        """Return the keys of a block in which it is drawn which key does what."""
+        key_map = self.keys
+        if self.staged or self.has("two-groups"):
+            key_map = "constant"
         return {
-            "free": free,
-            "world": world_id,
+            "free": True,
             "actions": actions,
-            "others": "" if trials else ", ".join(name for name in names if name not in actions) or "none",
-            "max_steps": 1 if trials else limit or _STEPS,
-            "pool": [*DIGITS[:9]] if free else [*keys],
-            "key_map": "fixed" if not free else "constant" if self.staged or self.has("two-groups") else self.keys,
-            "fixed": "" if free or trials else pairs,
-            "given": pairs,
-            "period_ms": None if period_ms is None else round(period_ms, 3),
-            "noop": noop,
+            "pool": [*DIGITS[:9]],
+            "key_map": key_map,
+            "fixed": "",
+            "given": _format_keys(dict(zip(DIGITS, actions, strict=False))),
+            "period_ms": None,
         }
 
 
+def _fixed_keys(keys: Mapping[str, str]) -> dict[str, Any]:
+    """Return the keys of a block in which each key has an action of its own."""
+    pairs = _format_keys(keys)
+    return {
+        "free": False,
+        "actions": list(keys.values()),
+        "pool": [*keys],
+        "key_map": "fixed",
+        "fixed": pairs,
+        "given": pairs,
+        "period_ms": None,
+    }
+
+
+def _format_keys(keys: Mapping[str, str]) -> str:
+    return ", ".join(f'{key} = "{action}"' for key, action in keys.items())
+
+
 def _list_english_words() -> str:
-    """``[words]`` of a language that is not ours, to be translated."""
+    """Format ``[words]`` of a language that is not ours, to be translated."""
     tables: dict[str, list[str]] = {}
     for key, text in load_words(ENGLISH).items():
         table, _, name = key.rpartition(".")
@@ -184,7 +204,7 @@ def _list_english_words() -> str:
 
 
 def make_study_name(words: str) -> str:
-    """A name as a study's has to be, from whatever was typed.
+    """Make a valid study name from any text.
 
     Raises:
         ProtocolError: if nothing is left of it.
@@ -224,69 +244,74 @@ def read_protocol(path: Path, *, trust: Permission = False) -> Protocol:
         )
     pictures = _find_pictures(protocol)
     policies = _find_policies(protocol)
-    named = {name: _read_picture(folder, name, f"{path}: {where}") for name, where in pictures.items()}
-    named |= {name: _read_policy(folder, name, f"{path}: {where}") for name, where in policies.items()}
+    named = {name: _read_picture(folder, name, f"{path}: {field}") for name, field in pictures.items()}
+    named |= {name: _read_policy(folder, name, f"{path}: {field}") for name, field in policies.items()}
     named |= _read_stimuli(protocol, folder, path)
     return msgspec.structs.replace(protocol, files=named)
 
 
 def _find_worlds(value: object) -> Iterator[NamedWorld]:
-    """Every world that a table of a protocol names, in the overrides of a group too."""
+    """Yield every world that a table of a protocol names, in the overrides of a group too."""
     if isinstance(value, Mapping):
-        if isinstance(value.get("world"), str) or isinstance(value.get("options"), Mapping):
-            world = value.get("world")
-            options = value.get("options")
-            yield world if isinstance(world, str) else "", options if isinstance(options, Mapping) else {}
+        world = value.get("world")
+        options = value.get("options")
+        match world, options:
+            case str(), Mapping():
+                yield world, options
+            case str(), _:
+                yield world, {}
+            case _, Mapping():
+                yield "", options
         value = tuple(value.values())
     if isinstance(value, list | tuple):
-        for each in value:
-            yield from _find_worlds(each)
+        for part in value:
+            yield from _find_worlds(part)
 
 
 def _find_pictures(protocol: Protocol) -> dict[str, str]:
-    """The pictures of its pages, each with the field that names it."""
+    """Find the pictures of its pages, each with the field that names it."""
     logo = {protocol.study.logo: "$.study.logo"} if protocol.study.logo else {}
     pages = _in_any_group(protocol, protocol.pages)
     return logo | {name: f"$.pages[{number}].images" for number, page in pages for name in page.images}
 
 
 def _in_any_group(protocol: Protocol, parts: Sequence[Overridable]) -> list[tuple[int, Overridable]]:
-    """Each part's place and the part, as each group has it."""
+    """List each part's place and the part, as each group has it."""
     return [(place, apply_overrides(part, group.name)) for place, part in enumerate(parts) for group in protocol.groups]
 
 
 def _find_policies(protocol: Protocol) -> dict[str, str]:
-    """The policy files of its agents in any group, each with the field that names it."""
+    """Find the policy files of its agents in any group, each with the field that names it."""
     blocks = _in_any_group(protocol, protocol.blocks)
     named = [
-        *((f"{number}].agent.policy", its.agent.policy) for number, its in blocks if its.agent),
-        *((f"{number}].team", name) for number, its in blocks if its.team for name in its.team.agents),
+        *((f"{number}].agent.policy", block.agent.policy) for number, block in blocks if block.agent),
+        *((f"{number}].team", name) for number, block in blocks if block.team for name in block.team.agents),
     ]
     return {
-        name: f"$.blocks[{where}"
-        for where, name in named
+        name: f"$.blocks[{field}"
+        for field, name in named
         if name and name != LATEST_POLICY and not name.startswith(f"{SIMULATED}:") and not is_registered_agent(name)
     }
 
 
 def _read_stimuli(protocol: Protocol, folder: Path, path: Path) -> dict[str, bytes]:
-    """The tables of stimuli and the images that they name."""
-    found: dict[str, bytes] = {}
+    """Read the tables of stimuli and the images that they name."""
+    contents: dict[str, bytes] = {}
     for number, block in _in_any_group(protocol, protocol.blocks):
         if block.stimuli is not None:
-            where = f"{path}: $.blocks[{number}].stimuli"
+            field = f"{path}: $.blocks[{number}].stimuli"
             name = block.stimuli.file
             if name:
-                found[name] = _read_beside(
-                    folder, name, where, MAX_PROTOCOL_BYTES, "copy it into the protocol's folder"
+                contents[name] = _read_beside(
+                    folder, name, field, MAX_PROTOCOL_BYTES, "copy it into the protocol's folder"
                 )
-            for image, place in read_images(block.stimuli, found):
-                found[image] = _read_picture(folder, image, f"{where}: {place}: column 'image'")
-    return found
+            for image, place in read_images(block.stimuli, contents):
+                contents[image] = _read_picture(folder, image, f"{field}: {place}: column 'image'")
+    return contents
 
 
-def _read_picture(folder: Path, name: str, where: str) -> bytes:
-    content = _read_beside(folder, name, where, MAX_PICTURE_BYTES, "copy it into the protocol's folder")
+def _read_picture(folder: Path, name: str, field: str) -> bytes:
+    content = _read_beside(folder, name, field, MAX_PICTURE_BYTES, "copy it into the protocol's folder")
     try:
         with warnings.catch_warnings(), Image.open(io.BytesIO(content), formats=("PNG",)) as image:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # larger ones are refused here
@@ -297,20 +322,20 @@ def _read_picture(folder: Path, name: str, where: str) -> bytes:
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         cut = "damaged" if content.startswith(b"\x89PNG") else "not a PNG"
         problem = f"is {cut} ({type(error).__name__}); save it as a PNG"
-    raise ProtocolError(f"{where}: {folder / name} {problem}")
+    raise ProtocolError(f"{field}: {folder / name} {problem}")
 
 
-def _read_policy(folder: Path, name: str, where: str) -> bytes:
+def _read_policy(folder: Path, name: str, field: str) -> bytes:
     cure = "copy the policy file into the protocol's folder, or name a registered agent"
-    content = _read_beside(folder, name, where, MAX_POLICY_BYTES, cure)
+    content = _read_beside(folder, name, field, MAX_POLICY_BYTES, cure)
     try:
         make_policy_agent(folder / name)
     except MinihumanError as error:
-        raise ProtocolError(f"{where}: {error}") from error
+        raise ProtocolError(f"{field}: {error}") from error
     return content
 
 
-def _read_beside(folder: Path, name: str, where: str, limit: int, cure: str) -> bytes:
+def _read_beside(folder: Path, name: str, field: str, limit: int, cure: str) -> bytes:
     """Read a file of the protocol's folder, which is given without links.
 
     Raises:
@@ -319,13 +344,13 @@ def _read_beside(folder: Path, name: str, where: str, limit: int, cure: str) -> 
     try:
         path = (folder / name).resolve(strict=True)
         if not path.is_relative_to(folder):
-            raise ProtocolError(f"{where}: {name!r} is outside the protocol's folder; {cure}")
+            raise ProtocolError(f"{field}: {name!r} is outside the protocol's folder; {cure}")
         return _read_file(path, limit)
     except (OSError, ValueError, RuntimeError) as error:
         if isinstance(error, ProtocolError):
             raise
         reason = getattr(error, "strerror", None) or error
-        raise ProtocolError(f"{where}: {folder / name} cannot be read: {reason}; {cure}") from error
+        raise ProtocolError(f"{field}: {folder / name} cannot be read: {reason}; {cure}") from error
 
 
 def _read_file(path: Path, limit: int) -> bytes:
@@ -347,7 +372,7 @@ _PACKAGE = Path(__file__).parents[1]
 
 
 def find_shipped_protocol(name: str) -> Path:
-    """Where a shipped protocol's TOML file is, by the file's name without its ending."""
+    """Find a shipped protocol's TOML file, by the file's name without its ending."""
     inside = _PACKAGE / "protocols" / f"{name}.toml"
     if inside.exists():
         return inside

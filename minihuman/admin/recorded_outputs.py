@@ -21,7 +21,7 @@ TABLES = "tables"  # the kind of a folder that `minihuman gather --tables` fille
 
 
 class RecordedOutput(msgspec.Struct, frozen=True):
-    """One output."""
+    """An export, a report or tables that were made of a study."""
 
     study: str
     kind: str  # "report", "export csv", "tables"
@@ -86,7 +86,9 @@ def _erase_tables(folder: Path, study: str, code: str) -> None:
     store = FolderStore(folder)
     partitions = map(TablePartition.parse, store.names(""))
     owner = (study, code)
-    names = [found.name for found in partitions if found and (found.study, found.participant) == owner]
+    names = [
+        partition.name for partition in partitions if partition and (partition.study, partition.participant) == owner
+    ]
     store.erase(code, names)
 
 

@@ -35,7 +35,7 @@ class LinkIssued(msgspec.Struct, frozen=True):
 
 
 class ParticipantArrived(msgspec.Struct, frozen=True):
-    """Somebody came and has this slot; whoever comes by the same again is them."""
+    """A participant came and has this slot; who comes by the same link or id again is the same participant."""
 
     came: str  # "link:..." or "prolific:..." with an HMAC
     participant: str
@@ -43,14 +43,14 @@ class ParticipantArrived(msgspec.Struct, frozen=True):
 
 
 class RecruitmentSwitched(msgspec.Struct, frozen=True):
-    """Whether new people may come; who has a slot may always go on."""
+    """Recruitment was opened or closed; participants with a slot may always resume."""
 
     recruiting: bool
     at: str
 
 
 class PlatformId(msgspec.Struct, frozen=True):
-    """Who a participant is on the platform that sent them."""
+    """A participant's id on the platform that sent them."""
 
     participant: str
     platform: str
@@ -58,7 +58,7 @@ class PlatformId(msgspec.Struct, frozen=True):
 
 
 class PlatformSecret(msgspec.Struct, frozen=True):
-    """What platforms' ids are hashed with."""
+    """The secret with which platforms' ids are hashed."""
 
     secret: str  # hexadecimal
 
@@ -73,14 +73,14 @@ _ENTRY_TYPES: dict[str, type[RecruitmentEntry]] = {
 
 @dataclass(slots=True)
 class RecruitmentState:
-    """What all lines together say."""
+    """The state of recruitment after all entries."""
 
     issued: set[str] = field(default_factory=set)
     came: dict[str, str] = field(default_factory=dict)  # by what they came -> participant
     recruiting: bool = True
 
     def take(self, line: RecruitmentEntry) -> None:
-        """Take a line in."""
+        """Take an entry into account."""
         match line:
             case LinkIssued(issued=key):
                 self.issued.add(key)
@@ -108,7 +108,7 @@ class Recruitment:
 
     @property
     def begun(self) -> bool:
-        """Whether anybody was ever offered a place online."""
+        """Tell whether a place was ever offered online."""
         return self._journal.begun
 
     def issue(self, count: int) -> list[str]:
@@ -118,8 +118,8 @@ class Recruitment:
             OSError: if the folder cannot be written.
         """
         tokens = [secrets.token_urlsafe(16) for _ in range(count)]
-        with self._journal.hold() as held:
-            held.append(*(LinkIssued(hash_link_token(token), now_text()) for token in tokens))
+        with self._journal.hold() as journal:
+            journal.append(*(LinkIssued(hash_link_token(token), now_text()) for token in tokens))
         return tokens
 
     def recruit(self, recruiting: bool) -> None:
@@ -129,15 +129,15 @@ class Recruitment:
                 arrivals.journal.append(RecruitmentSwitched(recruiting, now_text()))
 
     def standing(self) -> RecruitmentState:
-        """What all lines say now."""
+        """Return what all entries together say now."""
         return JournalState(RecruitmentState, RecruitmentState.take).after(self._journal.read())
 
     def find_participant(self, key: str) -> str | None:
-        """Who came by a link or from a platform; None for a new visitor."""
+        """Find the participant who came by a link or from a platform; None for a new visitor."""
         return self._state.after(self._journal.read()).came.get(key)
 
     def has_issued(self, key: str) -> bool:
-        """Whether a link was issued."""
+        """Tell whether a link was issued."""
         return key in self._state.after(self._journal.read()).issued
 
     def count_sources(self) -> dict[str, int]:
@@ -147,64 +147,64 @@ class Recruitment:
 
     @contextmanager
     def exclusive(self) -> Iterator["RecruitmentTransaction"]:
-        """Keep everybody else out while somebody is given a slot."""
-        with self._journal.hold() as held:
-            yield RecruitmentTransaction(held, self._state.after(held.lines))
+        """Lock the arrivals while a participant is given a slot."""
+        with self._journal.hold() as journal:
+            yield RecruitmentTransaction(journal, self._state.after(journal.lines))
 
     def hash_platform_id(self, platform: str, person: str) -> str:
-        """What stands for somebody from a platform: an HMAC with the study's own secret."""
+        """Hash a person's platform id: an HMAC with the study's own secret."""
         digest = hmac.new(self._secret(), f"{platform}:{person}".encode(), hashlib.sha256).hexdigest()
         return f"{platform}:{digest}"
 
-    def remember(self, who: PlatformId) -> None:
-        """Keep a platform's id where only the owner can read it; said twice it is written once."""
-        with self._ids.hold() as held:
-            if who not in self._known_ids.after(held.lines):
-                held.append(who)
+    def remember(self, platform_id: PlatformId) -> None:
+        """Keep a platform's id where only the owner can read it; a repeated one is written once."""
+        with self._ids.hold() as journal:
+            if platform_id not in self._known_ids.after(journal.lines):
+                journal.append(platform_id)
 
     def ids(self) -> dict[str, PlatformId]:
-        """Who participants are on their platforms, by code; the latest of each, none of who came by a link."""
-        return {who.participant: who for who in self._ids.read()}
+        """Return the participants' latest ids on their platforms, by code; none of those who came by a link."""
+        return {platform_id.participant: platform_id for platform_id in self._ids.read()}
 
     def forget(self, participant: str) -> None:
-        """Take out how somebody came and who they are elsewhere, for ever."""
-        for kept in (self._journal, self._ids):
-            kept.keep(lambda line: not _names(line, "participant", participant))
+        """Erase how a participant came and who they are elsewhere, for ever."""
+        for journal in (self._journal, self._ids):
+            journal.keep(lambda line: not _names(line, "participant", participant))
 
     def _secret(self) -> bytes:
-        """The study's secret; whoever asks first makes it for all."""
+        """Return the study's secret; the first process to ask makes it for all."""
         if not self._in_database:
             return _secret_in(self._secret_path)
         known = self._secrets.read()
         if not known:
-            with self._secrets.hold() as held:
-                if not held.lines:
-                    held.append(PlatformSecret(secrets.token_hex(32)))
-                known = held.lines
+            with self._secrets.hold() as journal:
+                if not journal.lines:
+                    journal.append(PlatformSecret(secrets.token_hex(32)))
+                known = journal.lines
         return bytes.fromhex(known[0].secret)
 
 
 @dataclass(frozen=True, slots=True)
 class RecruitmentTransaction:
-    """The arrivals while nobody else can add to them."""
+    """The arrivals while no other process can add to them."""
 
     journal: LockedJournal[RecruitmentEntry]
     standing: RecruitmentState
 
 
 def hash_link_token(token: str) -> str:
-    """What stands for a link's token."""
+    """Hash a link's token to the key that stands for it."""
     return f"link:{hashlib.sha256(token.encode()).hexdigest()}"
 
 
 def _decode_entry(line: bytes, number: int) -> RecruitmentEntry | None:
-    """A whole line of ours; a cut-off one was never acknowledged."""
+    """Decode a whole line; None of a cut-off one, which was never acknowledged, and of other kinds."""
     try:
-        found = msgspec.json.decode(line, type=dict[str, Any])
-        kind = next((kind for field, kind in _ENTRY_TYPES.items() if field in found), None)
+        fields = msgspec.json.decode(line, type=dict[str, Any])
+        kind = next((kind for field, kind in _ENTRY_TYPES.items() if field in fields), None)
         if kind is None:
             return None
-        return msgspec.convert(found, kind)
+        return msgspec.convert(fields, kind)
     except msgspec.DecodeError:
         return None
 
@@ -223,7 +223,7 @@ def _platform_id(line: bytes, number: int) -> PlatformId | None:
 
 
 def _secret_in(path: Path) -> bytes:
-    """The secret in a file; whoever makes it first makes it for all."""
+    """Read the secret in a file; the first process to ask makes it for all."""
     while not path.exists():
         unnamed = path.with_name(f"{SECRET_FILE_NAME}.{secrets.token_hex(4)}")
         disk = current_system().disk

@@ -125,7 +125,7 @@ class _Synchronization:
         return [(name, file) for name, file in files.items() if file.participant not in withdrawn[file.study]]
 
     def sync_log(self, file: StudyFile) -> None:
-        """Have the same log here and in the store."""
+        """Bring the log here and the one in the store to the same state."""
         log = file.path(self._data)
         version = self._versions.get(file.name, "")
         if not version:
@@ -172,7 +172,7 @@ class _Synchronization:
         self.fetched += 1
 
     def sync_annotations(self, file: StudyFile) -> None:
-        """Have the same annotations here and in the store: the store's first, then those that it lacks."""
+        """Merge the annotations here and in the store: the store's first, then those that it lacks."""
         path = file.path(self._data)
         version = self._versions.get(file.name, "")
         if not version:

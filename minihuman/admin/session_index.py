@@ -65,7 +65,7 @@ _Storing = Literal["never", "anew", "added"]
 
 @dataclass(frozen=True, slots=True)
 class SessionRow:
-    """One session of a study: where it is, and what is in it or why it cannot be read."""
+    """One session of a study: where it is, and its summary or why it cannot be read."""
 
     path: Path  # the finished log; the live or cut-off segment where there is none yet
     summary: SessionSummary | None  # None: unreadable
@@ -86,8 +86,8 @@ def read_session_index(study: Path, folders: LogFolders | None = None) -> Iterat
     own = study / TABLE_CACHE
     rows, storing, damaged = _load(own)
     if damaged:
-        what = "1 session" if damaged == 1 else f"{damaged} sessions"
-        LOGGER.warning("%s was changed by another program: the rows of %s were made anew from the logs", own, what)
+        sessions = "1 session" if damaged == 1 else f"{damaged} sessions"
+        LOGGER.warning("%s was changed by another program: the rows of %s were made anew from the logs", own, sessions)
         storing = "anew"
     fresh, gone = _refresh(rows, study, folders)
     if damaged or fresh or gone:
@@ -106,10 +106,10 @@ def compare_index(study: Path) -> Iterator[str]:
         return
     below = len(os.fspath(study / "_")) - 1
     try:
-        with closing(connect_cache(study / TABLE_CACHE, read_only=True)) as kept:
-            if kept.execute(f"FROM {_MADE_BY}").fetchall() != [(_software(),)]:
+        with closing(connect_cache(study / TABLE_CACHE, read_only=True)) as connection:
+            if connection.execute(f"FROM {_MADE_BY}").fetchall() != [(_software(),)]:
                 return
-            known = {row[0]: row for row in kept.execute(f"SELECT {_ROW} FROM {_TABLE}").fetchall()}
+            known = {row[0]: row for row in connection.execute(f"SELECT {_ROW} FROM {_TABLE}").fetchall()}
     except duckdb.CatalogException:  # it has none yet
         return
     except duckdb.Error as error:
@@ -117,11 +117,11 @@ def compare_index(study: Path) -> Iterator[str]:
         return
     for log, files in _sessions_below(find_log_folders(study)):
         key = os.fspath(log)[below:]
-        there = known.get(key)
-        if there is None or not is_same_content(there[1] or "", _describe(files, there[1] or "")):
+        cached_row = known.get(key)
+        if cached_row is None or not is_same_content(cached_row[1] or "", _describe(files, cached_row[1] or "")):
             continue
-        row = (*there[:2], os.fspath(files[0])[below:], *_summary_or_problem(files, study))
-        for name, cell, expected in zip(_COLUMNS, there, row, strict=True):
+        row = (*cached_row[:2], os.fspath(files[0])[below:], *_summary_or_problem(files, study))
+        for name, cell, expected in zip(_COLUMNS, cached_row, row, strict=True):
             if cell != expected:
                 yield f"{TABLE_CACHE}: session index, {key}, {name} is {cell!r}; the logs say {expected!r}"
 
@@ -129,18 +129,20 @@ def compare_index(study: Path) -> Iterator[str]:
 def _load(own: Path) -> tuple[_Rows, _Storing, int]:
     """Load the rows that are as they were stored; return how new ones are to be stored, and how many were changed."""
     rows = _Rows()
-    if duckdb is None or not own.exists():
-        return rows, "never" if duckdb is None else "anew", 0
+    if duckdb is None:
+        return rows, "never", 0
+    if not own.exists():
+        return rows, "anew", 0
     try:
-        with closing(connect_cache(own, read_only=True, wait_s=LOCK_WAIT_S)) as kept:
-            if kept.execute(f"FROM {_MADE_BY}").fetchall() != [(_software(),)]:
+        with closing(connect_cache(own, read_only=True, wait_s=LOCK_WAIT_S)) as connection:
+            if connection.execute(f"FROM {_MADE_BY}").fetchall() != [(_software(),)]:
                 return rows, "anew", 0
-            ((stored,),) = kept.execute(f"SELECT count(*) FROM {_TABLE}").fetchall()
-            found = kept.execute(
+            ((stored,),) = connection.execute(f"SELECT count(*) FROM {_TABLE}").fetchall()
+            intact_rows = connection.execute(
                 f"SELECT {_ROW} FROM {_TABLE} WHERE digest = hash({_ROW})::TEXT "
                 "QUALIFY count(*) OVER (PARTITION BY log) = 1"
             )
-            while page := found.fetchmany(_BATCH):
+            while page := intact_rows.fetchmany(_BATCH):
                 rows.update((key, msgspec.msgpack.encode(row)) for key, *row in page)
         return rows, "added", stored - len(rows)
     except duckdb.CatalogException:  # it has no index yet
@@ -184,11 +186,11 @@ def _store(own: Path, rows: _Rows, fresh: Sequence[str], gone: Sequence[str], st
     if storing == "never":
         return
     try:
-        with closing(connect_cache(own, wait_s=0)) as kept:
+        with closing(connect_cache(own, wait_s=0)) as connection:
             checked = read_checked(own)
-            with transaction(kept):
-                _write_rows(kept, rows, fresh, gone, is_new=storing == "anew")
-            kept.execute("CHECKPOINT")
+            with transaction(connection):
+                _write_rows(connection, rows, fresh, gone, is_new=storing == "anew")
+            connection.execute("CHECKPOINT")
             if checked:
                 write_checked(own, checked)
     except duckdb.Error as error:
@@ -196,26 +198,26 @@ def _store(own: Path, rows: _Rows, fresh: Sequence[str], gone: Sequence[str], st
 
 
 def _write_rows(
-    kept: "duckdb.DuckDBPyConnection", rows: _Rows, fresh: Sequence[str], gone: Sequence[str], *, is_new: bool
+    connection: "duckdb.DuckDBPyConnection", rows: _Rows, fresh: Sequence[str], gone: Sequence[str], *, is_new: bool
 ) -> None:
     """Replace some rows, or with ``is_new`` the whole index."""
     if is_new:
-        kept.execute(f"DROP SCHEMA IF EXISTS {INDEX_SCHEMA} CASCADE")  # whatever is in it
-        kept.execute(f"CREATE SCHEMA {INDEX_SCHEMA}")
-        kept.execute(f"CREATE TABLE {_MADE_BY} AS SELECT ?::TEXT AS software", (_software(),))
-        kept.execute(f"CREATE TABLE {_TABLE} ({', '.join(map(' '.join, _COLUMNS.items()))}, digest TEXT)")
+        connection.execute(f"DROP SCHEMA IF EXISTS {INDEX_SCHEMA} CASCADE")  # whatever is in it
+        connection.execute(f"CREATE SCHEMA {INDEX_SCHEMA}")
+        connection.execute(f"CREATE TABLE {_MADE_BY} AS SELECT ?::TEXT AS software", (_software(),))
+        connection.execute(f"CREATE TABLE {_TABLE} ({', '.join(map(' '.join, _COLUMNS.items()))}, digest TEXT)")
         fresh = sorted(rows)
     else:
-        kept.execute(f"DELETE FROM {_TABLE} WHERE log IN (SELECT unnest(?))", ([*fresh, *gone],))
+        connection.execute(f"DELETE FROM {_TABLE} WHERE log IN (SELECT unnest(?))", ([*fresh, *gone],))
     values = ", ".join(f"unnest(?::{kind}[]) AS {name}" for name, kind in _COLUMNS.items())
     for first in range(0, len(fresh), _BATCH):
         new = [(key, *msgspec.msgpack.decode(rows[key])) for key in fresh[first : first + _BATCH]]
         columns = [list(column) for column in zip(*new, strict=True)]
-        kept.execute(f"INSERT INTO {_TABLE} SELECT *, hash({_ROW})::TEXT FROM (SELECT {values})", columns)
+        connection.execute(f"INSERT INTO {_TABLE} SELECT *, hash({_ROW})::TEXT FROM (SELECT {values})", columns)
 
 
 def _software() -> str:
-    """What makes the rows and their digests; rows that were made by other software are made anew."""
+    """Identify the software that makes the rows and their digests; rows by other software are made anew."""
     return f"{minihuman.__version__} duckdb {duckdb.__version__} {digest_sources(*_MAKERS)}"
 
 
@@ -265,13 +267,13 @@ def _summarize_finished(log: Path) -> SessionSummary | None:
     """
     from minihuman.log.salvage.summary_section import all_ended_cleanly, read_summary
 
-    found = read_summary(log)
-    if found is None or not found.starts or not len(found.starts) == len(found.facts) == len(found.ends):
+    contents = read_summary(log)
+    if contents is None or not contents.starts or not len(contents.starts) == len(contents.facts) == len(contents.ends):
         return None
-    if found.starts[0].get("schema_version") not in _SUMMARIZED_VERSIONS or "completed" not in found.ends[-1]:
+    if contents.starts[0].get("schema_version") not in _SUMMARIZED_VERSIONS or "completed" not in contents.ends[-1]:
         return None
-    first = found.starts[0]
-    last = found.ends[-1]
+    first = contents.starts[0]
+    last = contents.ends[-1]
     reason = last["reason"]
     planned = int(last["planned"])
     completed = int(last["completed"])
@@ -282,15 +284,15 @@ def _summarize_finished(log: Path) -> SessionSummary | None:
         participant=first["participant"],
         group=first["group"],
         session=int(first["session"]),
-        player=found.facts[0].get("player", "unknown"),
+        player=contents.facts[0].get("player", "unknown"),
         started_at=first["started_at"],
-        segments=len(found.starts),
-        clean=all_ended_cleanly(found.starts, found.ends),
+        segments=len(contents.starts),
+        clean=all_ended_cleanly(contents.starts, contents.ends),
         end_reason=reason,
         episodes_planned=planned,
         episodes_completed=completed,
-        steps=found.counts[STEP],
-        duration_s=sum(int(end.get("lasted_ns", 0)) for end in found.ends) / 1e9,
+        steps=contents.counts[STEP],
+        duration_s=sum(int(end.get("lasted_ns", 0)) for end in contents.ends) / 1e9,
         complete=reason == "complete",
     )
 
@@ -309,13 +311,13 @@ def find_double_sessions(folders: LogFolders) -> Iterator[str]:
         complete: dict[tuple[str, int], dict[str, Path]] = {}  # by how the log ends
         for log in logs:
             try:
-                found = read_summary(log)
-                its = summarize_session([log])
+                contents = read_summary(log)
+                summary = summarize_session([log])
             except LogError:  # named elsewhere
                 continue
-            if found is not None and its.complete:
-                ends = complete.setdefault((its.participant, its.session), {})
-                ends.setdefault(found.ends[-1].get(CHAIN_KEY, its.started_at), log)
+            if contents is not None and summary.complete:
+                ends = complete.setdefault((summary.participant, summary.session), {})
+                ends.setdefault(contents.ends[-1].get(CHAIN_KEY, summary.started_at), log)
         for (participant, session), ends in complete.items():
             if len(ends) > 1:
                 paths = ", ".join(str(log) for log in ends.values())

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class SessionSummary:
-    """A session in one row. Counts are of all its segments together."""
+    """A session summed up in one row. Counts are of all its segments together."""
 
     study: str
     participant: str

@@ -54,7 +54,7 @@ _LEFT = "left before anything was recorded"
 
 @dataclass(frozen=True, slots=True)
 class SessionFlow:
-    """What became of one session; counts of participants by group."""
+    """The flow of participants through one session; counts by group."""
 
     began: GroupCounts
     complete: GroupCounts
@@ -65,7 +65,7 @@ class SessionFlow:
 
 @dataclass(frozen=True, slots=True)
 class ParticipantFlow:
-    """Counts of participants. Who declined and came again came twice: nothing is kept that could tell."""
+    """Counts of participants. Those who declined and came again count twice: no record could tell."""
 
     came: int
     before: Mapping[str, int]  # who left no data, by what they did
@@ -77,59 +77,68 @@ class ParticipantFlow:
 
 
 def count_participant_flow(study_dir: Path) -> ParticipantFlow:
-    """Count.
+    """Count the participants by what became of them.
 
     Raises:
         LogError: if there is no such folder.
         AllocationError: if the register cannot be read.
     """
     lines = read_enrolment_log(study_dir)
-    taken = {line.participant: line.group for line in list_taken_slots(lines)}
+    groups = {line.participant: line.group for line in list_taken_slots(lines)}
     gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     replaced = set(list_replaced(lines))
-    found: dict[tuple[int, str], SessionSummary] = {}
+    summaries: dict[tuple[int, str], SessionSummary] = {}
     for row in read_session_index(study_dir):
-        one = row.summary
-        if one is not None and one.participant in taken.keys() - gone:
-            if row.path.name.partition(".")[0] == f"{one.participant}_ses-{one.session:02d}":
-                found[one.session, one.participant] = one  # not a copy beside it
-            found.setdefault((one.session, one.participant), one)
-    without_data = taken.keys() - gone - {participant for _, participant in found}
+        summary = row.summary
+        if summary is not None and summary.participant in groups.keys() - gone:
+            if row.path.name.partition(".")[0] == f"{summary.participant}_ses-{summary.session:02d}":
+                summaries[summary.session, summary.participant] = summary  # not a copy beside it
+            summaries.setdefault((summary.session, summary.participant), summary)
+    without_data = groups.keys() - gone - {participant for _, participant in summaries}
     return ParticipantFlow(
         came=sum(isinstance(line, SlotTaken) for line in lines),
         before=count_unrecorded_departures(lines),
-        allocated=_by_group(taken, taken),
-        withdrew=_by_group(taken, taken.keys() & gone),
-        replaced=_by_group(taken, (taken.keys() & replaced) - gone),
-        without_data=_by_group(taken, without_data),
-        courses={number: _session_flow(number, found) for number in sorted({number for number, _ in found})},
+        allocated=_by_group(groups, groups),
+        withdrew=_by_group(groups, groups.keys() & gone),
+        replaced=_by_group(groups, (groups.keys() & replaced) - gone),
+        without_data=_by_group(groups, without_data),
+        courses={number: _session_flow(number, summaries) for number in sorted({number for number, _ in summaries})},
     )
 
 
 def count_unrecorded_departures(lines: Iterable[EnrolmentEntry]) -> dict[str, int]:
-    """How many left no data, by what they did."""
+    """Count those who left no data, by what they did."""
     left = Counter(_LEFT_BEFORE.get(line.why, _LEFT) for line in lines if isinstance(line, SlotFreed))
-    return {what: left[what] for what in (*_LEFT_BEFORE.values(), _LEFT) if left[what]}
+    return {kind: left[kind] for kind in (*_LEFT_BEFORE.values(), _LEFT) if left[kind]}
 
 
 def _by_group(groups: Mapping[str, str], codes: Collection[str]) -> GroupCounts:
     return Counter(groups[code] for code in codes if groups[code])
 
 
-def _session_flow(number: int, found: Mapping[tuple[int, str], SessionSummary]) -> SessionFlow:
-    here = [one for (session, _), one in found.items() if session == number]
-    left = {"screened_out": "out", "player_failed": "failed"}
-    states = [(one.group, left.get(one.end_reason, "complete" if one.complete else "unfinished")) for one in here]
-    of = {
-        state: Counter(group for group, its in states if its == state)
-        for state in ("complete", "out", "unfinished", "failed")
-    }
-    began = Counter(one.group for one in here)
-    return SessionFlow(began, of["complete"], of["out"], of["unfinished"], of["failed"])
+def _session_flow(number: int, summaries: Mapping[tuple[int, str], SessionSummary]) -> SessionFlow:
+    counts = {state: Counter[str]() for state in ("began", "complete", "screened_out", "unfinished", "failed")}
+    for (session, _), summary in summaries.items():
+        if session == number:
+            counts["began"][summary.group] += 1
+            counts[_classify(summary)][summary.group] += 1
+    return SessionFlow(**counts)
 
 
-def format_status(study_dir: Path, found: "StudyStatus | None" = None) -> Iterator[str]:
-    """One line a session, then one a slot that was taken but never played, and who left; nobody is named who withdrew.
+def _classify(summary: SessionSummary) -> str:
+    """Say what became of a session: the field of ``SessionFlow`` that counts it."""
+    if summary.end_reason == "screened_out":
+        return "screened_out"
+    if summary.end_reason == "player_failed":
+        return "failed"
+    if summary.complete:
+        return "complete"
+    return "unfinished"
+
+
+def format_status(study_dir: Path, status: "StudyStatus | None" = None) -> Iterator[str]:
+    """Yield a line for each session, then one for each slot that was never played, and who left; none names a
+    participant who withdrew.
 
     Args:
         study_dir: the study's folder.
@@ -139,32 +148,37 @@ def format_status(study_dir: Path, found: "StudyStatus | None" = None) -> Iterat
         LogError: if there is no such folder.
         AllocationError: if the register cannot be read.
     """
-    found = found or read_study_status(study_dir)
+    status = status or read_study_status(study_dir)
     yield f"{'participant':12} {'group':16} {'session':>7} {'episodes':>9} {'steps':>7}  state"
-    logs = Counter(_session(row.summary) for row in found.sessions if row.summary)
-    for row in found.sessions:
-        many = logs[_session(row.summary)] if row.summary else 1
-        if many > 1:
-            copied = f", one of {many} logs of this session, of which one counts: {row.path}"
-        else:
-            copied = ""
-        yield _line(row, is_running=bool(found.live) and row.path.parent in found.live) + copied
+    yield from _format_sessions(status)
     for slot in read_enrolled(study_dir):
-        if slot.participant in found.slots_without_data:
+        if slot.participant in status.slots_without_data:
             yield f"{slot.participant:12} {slot.group:16} {'-':>7} {'-':>9} {'-':>7}  slot taken, nothing recorded"
-    for what, count in found.left_without_data.items():
-        yield f"{count} {what}"
-    for code in found.replaced:
+    for kind, count in status.left_without_data.items():
+        yield f"{count} {kind}"
+    for code in status.replaced:
         yield f"{code:12} does not come back; the slot is offered again"
-    if found.sources:
-        yield "came online: " + ", ".join(f"{count} by {source}" for source, count in found.sources.items())
-    if found.withdrew:
-        yield f"{found.withdrew} withdrew and {'is' if found.withdrew == 1 else 'are'} excluded"
-    if found.interventions:
-        yield "audit trail: " + ", ".join(f"{count} {what}" for what, count in found.interventions.items())
-    yield from (f"skipped {path}: {SYSTEM_COMPANION}" for path in found.companions)
-    yield from found.useless_annotations
-    yield from found.problems
+    if status.sources:
+        yield "came online: " + ", ".join(f"{count} by {source}" for source, count in status.sources.items())
+    if status.withdrew:
+        yield f"{status.withdrew} withdrew and {'is' if status.withdrew == 1 else 'are'} excluded"
+    if status.interventions:
+        yield "audit trail: " + ", ".join(f"{count} {kind}" for kind, count in status.interventions.items())
+    yield from (f"skipped {path}: {SYSTEM_COMPANION}" for path in status.companions)
+    yield from status.useless_annotations
+    yield from status.problems
+
+
+def _format_sessions(status: "StudyStatus") -> Iterator[str]:
+    logs = Counter(_session(row.summary) for row in status.sessions if row.summary)
+    for row in status.sessions:
+        line = _line(row, is_running=bool(status.live) and row.path.parent in status.live)
+        n_logs = 1
+        if row.summary:
+            n_logs = logs[_session(row.summary)]
+        if n_logs > 1:
+            line += f", one of {n_logs} logs of this session, of which one counts: {row.path}"
+        yield line
 
 
 def count_all_interventions(study_dir: Path, folders: LogFolders | None = None) -> dict[str, int]:
@@ -178,10 +192,14 @@ def count_all_interventions(study_dir: Path, folders: LogFolders | None = None) 
         LogError: if a line is damaged.
     """
     counts = count_interventions(read_enrolment_log(study_dir))
-    notes = [note for _, note in _read_all_annotations(find_log_folders(study_dir) if folders is None else folders)]
+    if folders is None:
+        folders = find_log_folders(study_dir)
+    notes = [note for _, note in _read_all_annotations(folders)]
     if notes:
         missing = counts.pop("without a reason", 0) + sum(not note.note for note in notes)
-        counts |= {"annotations": len(notes)} | ({"without a reason": missing} if missing else {})
+        counts["annotations"] = len(notes)
+        if missing:
+            counts["without a reason"] = missing
     return counts
 
 
@@ -220,12 +238,14 @@ def list_problems(
         rows: its session index, if it was read already.
         folders: what ``find_log_folders`` found below it just now, if it was asked already.
     """
-    folders = list(find_log_folders(study_dir)) if folders is None else folders
+    if folders is None:
+        folders = list(find_log_folders(study_dir))
     double = (*find_double_sessions(folders), *find_pending_machines(study_dir))
     lines = read_enrolment_log(study_dir)
     if not lines:
         return double
-    rows = read_session_index(study_dir, folders) if rows is None else rows
+    if rows is None:
+        rows = read_session_index(study_dir, folders)
     segments = {row.path.name: row.summary.segments if row.summary else 0 for row in rows}
     finished = {
         log.name: [str(number) for number in range(1, segments.get(log.name, 0) - (len(files) - 1) + 1)]
@@ -268,7 +288,9 @@ def read_study_status(study_dir: Path) -> StudyStatus:
     lines = read_enrolment_log(study_dir)
     return StudyStatus(
         sessions=rows,
-        slots_without_data=tuple(one.participant for one in read_enrolled(study_dir) if one.participant not in played),
+        slots_without_data=tuple(
+            slot.participant for slot in read_enrolled(study_dir) if slot.participant not in played
+        ),
         replaced=tuple(list_replaced(lines)),
         left_without_data=count_unrecorded_departures(lines),
         withdrew=sum(isinstance(line, ParticipantWithdrawn) for line in lines),
@@ -290,17 +312,23 @@ def _session(summary: SessionSummary) -> tuple[str, str, int]:
 
 
 def _line(row: SessionRow, *, is_running: bool) -> str:
-    found = row.summary
-    if found is None:
+    summary = row.summary
+    if summary is None:
         return f"{row.path}  cannot be read: {row.problem}"
-    episodes = f"{found.episodes_completed}/{found.episodes_planned}"
-    state = _state(row, found, is_running=is_running)
-    return f"{found.participant:12} {found.group:16} {found.session:7} {episodes:>9} {found.steps:7}  {state}"
+    episodes = f"{summary.episodes_completed}/{summary.episodes_planned}"
+    state = _state(row, summary, is_running=is_running)
+    return f"{summary.participant:12} {summary.group:16} {summary.session:7} {episodes:>9} {summary.steps:7}  {state}"
 
 
 def _progress(summary: SessionSummary) -> str:
-    left = {"screened_out": "screened out", "player_failed": "the simulated participant failed"}
-    return left.get(summary.end_reason, "complete" if summary.complete else f"unfinished: {summary.end_reason}")
+    match _classify(summary):
+        case "screened_out":
+            return "screened out"
+        case "failed":
+            return "the simulated participant failed"
+        case "complete":
+            return "complete"
+    return f"unfinished: {summary.end_reason}"
 
 
 def _state(row: SessionRow, summary: SessionSummary, *, is_running: bool) -> str:

@@ -39,7 +39,7 @@ class ErasureError(LogError):
 
 @dataclass(frozen=True, slots=True)
 class WithdrawalResult:
-    """What was taken out of a study's folder."""
+    """The data that were taken out of a study's folder."""
 
     files: int
     bytes: int
@@ -193,10 +193,10 @@ def _is_archived(files: list[Path], archive: Path, study_dir: Path, code: str) -
     try:
         with zipfile.ZipFile(archive) as sealed:
             names = set(sealed.namelist())
-            return all(name.startswith(f"{code}/") for name in names) and all(
-                (name := path.relative_to(study_dir).as_posix()) in names and sealed.read(name) == path.read_bytes()
-                for path in files
-            )
+            if not all(name.startswith(f"{code}/") for name in names):
+                return False
+            paths = {path.relative_to(study_dir).as_posix(): path for path in files}
+            return all(name in names and sealed.read(name) == path.read_bytes() for name, path in paths.items())
     except (OSError, zipfile.BadZipFile):
         return False
 

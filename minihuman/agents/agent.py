@@ -40,7 +40,7 @@ class BaseAgent(abc.ABC):
 
     @abc.abstractmethod
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """The probability of each of the world's actions in the present state, float32[actions], summing to 1."""
+        """Return the probability of each of the world's actions in the present state, float32[actions], sum 1."""
 
 
 class RandomAgent(BaseAgent):
@@ -53,7 +53,7 @@ class RandomAgent(BaseAgent):
         self._chances: NDArray[np.float32] = chances / chances.sum(dtype=np.float32)
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """The same in every state."""
+        """Return the same in every state."""
         return self._chances
 
 
@@ -78,7 +78,7 @@ class OptimalAgent(BaseAgent):
         self._random.begin(plan, world)
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """The first action of the path, and the random share.
+        """Weigh the first action of the path and the random share.
 
         Raises:
             SimulationError: if there is no path.
@@ -102,7 +102,7 @@ def load_agent_class(name: str) -> Any:
     Raises:
         MinihumanError: if no agent has that name, or it cannot be imported.
     """
-    return load_plugin(AGENT_GROUP, name, SimulationError, what="agent")
+    return load_plugin(AGENT_GROUP, name, SimulationError, noun="agent")
 
 
 def make_agent(name: str) -> BaseAgent:
@@ -111,7 +111,7 @@ def make_agent(name: str) -> BaseAgent:
     Raises:
         MinihumanError: if no agent has that name, or it cannot be made.
     """
-    return make_plugin(AGENT_GROUP, name, BaseAgent, SimulationError, what="agent")  # type: ignore[type-abstract]
+    return make_plugin(AGENT_GROUP, name, BaseAgent, SimulationError, noun="agent")  # type: ignore[type-abstract]
 
 
 def make_policy_agent(path: Path) -> BaseAgent:

@@ -63,7 +63,7 @@ class FullViewSearch(GoalSearch):
         self._path: list[str] = []
 
     def plan(self) -> list[str]:
-        """The rest of the last path, or a new one after leaving it."""
+        """Return the rest of the last path, or a new one after leaving it."""
         if not self._path:
             self._path = find_shortest_path(self._world)
         return self._path
@@ -117,18 +117,21 @@ class RoomSearch(GoalSearch):
     def __init__(self, world: World, noise: JudgementNoise, rng: np.random.Generator) -> None:
         from minihuman.worlds.first_person.pathfinding.belief_state import ExploredFloor
 
-        self._world, self._env, self._noise, self._rng = world, world.unwrapped, noise, rng
+        self._world = world
+        self._env = world.unwrapped
+        self._noise = noise
+        self._rng = rng
         self._memory = ExploredFloor(self._env)
-        self._shown = FullViewSearch(world)  # once all targets have been seen
+        self._known_path = FullViewSearch(world)  # once all targets have been seen
 
     def plan(self) -> list[str]:
         """Go to the targets once all have been seen, else to where more can be seen."""
         memory = self._memory
         memory.look()
         targets = self._env.targets()
-        if all(any(thing is one for one in memory.things) for thing in targets):
+        if all(any(thing is known for known in memory.things) for thing in targets):
             if type(self._env).shortest_path is not GoalEnv.shortest_path:
-                return self._shown.plan()
+                return self._known_path.plan()
             move = memory.step_to(targets[0])
             if move is not None:
                 return [move]
@@ -136,7 +139,9 @@ class RoomSearch(GoalSearch):
         if move is None:
             memory.start_over()
             move = memory.step_to_see_more(self._noise)
-        return [] if move is None else [move]
+        if move is None:
+            return []
+        return [move]
 
     def forget(self, chance: float) -> None:
         """Forget patches of the floor."""
@@ -144,9 +149,12 @@ class RoomSearch(GoalSearch):
 
     def observe_action(self, action: str, *, no_effect: bool) -> None:
         """Remember an obstacle where a step forward had no effect."""
-        self._shown.observe_action(action, no_effect=no_effect)
+        self._known_path.observe_action(action, no_effect=no_effect)
         if action == "move_forward":
-            self._memory.bumped() if no_effect else self._memory.moved()
+            if no_effect:
+                self._memory.bumped()
+            else:
+                self._memory.moved()
 
 
 if not TYPE_CHECKING:

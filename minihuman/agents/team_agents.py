@@ -28,17 +28,17 @@ SIDESTEP = 0.3  # how probable it is that a cook whose way is blocked or contest
 
 
 def beside(cell: Cell) -> set[Cell]:
-    """The four cells beside a cell."""
+    """Return the four cells beside a cell."""
     return {(cell[0] + step_x, cell[1] + step_y) for step_x, step_y in STEPS}
 
 
 def towards(place: Cell, cell: Cell) -> int:
-    """Which of `STEPS` leads from a place to the cell beside it."""
+    """Return which of `STEPS` leads from a place to the cell beside it."""
     return STEPS.index((cell[0] - place[0], cell[1] - place[1]))
 
 
 def find_way(start: Cell, is_goal: Callable[[Cell], bool], floor: Collection[Cell]) -> list[Cell] | None:
-    """The shortest way over a floor, from the cell after the start to the goal; None where there is none."""
+    """Find the shortest way over a floor, from the cell after the start to the goal; None where there is none."""
     came: dict[Cell, Cell] = {start: start}
     waiting = deque([start])
     while waiting:
@@ -58,7 +58,7 @@ def find_way(start: Cell, is_goal: Callable[[Cell], bool], floor: Collection[Cel
 
 
 class CookAgent(BaseAgent):
-    """Cooks and delivers soups, alone or with whoever is there: ``cook``.
+    """Cooks and delivers soups, alone or with others: ``cook``.
 
     It does what is most urgent for what it holds: deliver, fill a plate, fill a pot, start a pot, fetch a plate, fetch
     an ingredient; what it cannot bring to its place it leaves on a counter that another can reach.
@@ -76,7 +76,7 @@ class CookAgent(BaseAgent):
             )
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """The next action towards what is most urgent; now and then another where somebody is in the way."""
+        """Weigh the next action towards what is most urgent; where another cook is in the way, others get a share."""
         action, is_blocked = KitchenView(world.unwrapped.team, world.unwrapped.seat).choose()
         chances = np.zeros(len(world.action_names), np.float32)
         chances[action] = 1
@@ -87,10 +87,10 @@ class CookAgent(BaseAgent):
 
 
 class KitchenSearch(FullViewSearch):
-    """What a simulated person wants to do in a kitchen, all of which is in sight: what the agent ``cook`` does."""
+    """Plans for a simulated person in a kitchen, all of which is in sight, as the agent ``cook`` does."""
 
     def plan(self) -> list[str]:
-        """The next action."""
+        """Return the next action."""
         env = self._world.unwrapped
         return [self._world.action_names[KitchenView(env.team, env.seat).choose()[0]]]
 
@@ -102,28 +102,30 @@ class KitchenView:
         row = self.row = kitchen.row
         width, height, cooks = row[:3].tolist()
         every = row[fields.COOK : fields.COOK + 4 * cooks].reshape(cooks, 4).tolist()
-        x, y, self.facing, self.held = every.pop(seat)
-        self.place, self.others = (x, y), {(other[0], other[1]) for other in every}
-        self.others_hold = [other[3] for other in every]
+        x, y, self.facing, self.held_thing = every.pop(seat)
+        self.place = (x, y)
+        self.other_places = {(other[0], other[1]) for other in every}
+        self.held_by_others = [other[3] for other in every]
         cells = [divmod(cell, height) for cell in range(width * height)]
         terrain, things = row[fields.COOK + 4 * cooks :].reshape(2, -1).tolist()
-        self.terrain, self.things = dict(zip(cells, terrain, strict=True)), dict(zip(cells, things, strict=True))
+        self.terrain = dict(zip(cells, terrain, strict=True))
+        self.things = dict(zip(cells, things, strict=True))
         self.floor = set(self._cells(fields.FLOOR))
         self.region = self._region(self.place)
         value_of = {recipe: int(row[fields.VALUES + recipe.count("o") + 4 * recipe.count("t")]) for recipe in RECIPES}
         self.orders = sorted(filter(value_of.__getitem__, RECIPES), key=lambda recipe: -value_of[recipe])
 
     def choose(self) -> tuple[int, bool]:
-        """The next action, and whether somebody is in its way."""
-        for wanted in self._wishes():
-            if self._reaches(wanted):
-                return self._approach(wanted)
-        return fields.STAY, bool(self.others)
+        """Choose the next action; say whether another cook is in its way."""
+        for stations in self._wishes():
+            if self._reaches(stations):
+                return self._approach(stations)
+        return fields.STAY, bool(self.other_places)
 
     def _wishes(self) -> list[list[Cell]]:
-        """Stations to act on, the most urgent first."""
+        """List the stations to act on, the most urgent first."""
         pots = self._cells(fields.POT)
-        kind = kind_of(self.held)
+        kind = kind_of(self.held_thing)
         active = [cell for cell in pots if self.things[cell] and clock_of(self.things[cell]) >= 0]
         if kind == fields.SOUP:
             return [self._cells(fields.HATCH), self._shared_counters()]
@@ -133,35 +135,40 @@ class KitchenView:
         if kind != fields.NOTHING:
             return [[cell for cell in pots if self._takes(cell, kind)], self._shared_counters(), self._counters(0)]
         dishes = self._counters(fields.DISH)
-        brought = self.others_hold.count(fields.DISH) + (0 if self._reaches(active) else len(dishes))
+        brought = self.held_by_others.count(fields.DISH)
+        if not self._reaches(active):
+            brought += len(dishes)
         wishes = [[cell for cell in pots if self._is_complete(cell)], self._counters(fields.SOUP)]
-        wishes += [dishes + self._cells(fields.DISHES)] if len(active) > brought else []
+        if len(active) > brought:
+            wishes.append(dishes + self._cells(fields.DISHES))
         for kind, source in ((fields.ONION, fields.ONIONS), (fields.TOMATO, fields.TOMATOES)):
             if any(self._takes(cell, kind) for cell in pots):
-                wishes += [self._counters(kind) if self._reaches(pots) else [], self._cells(source)]
+                if self._reaches(pots):
+                    wishes.append(self._counters(kind))
+                wishes.append(self._cells(source))
         return wishes
 
     def _cells(self, terrain: int) -> list[Cell]:
-        return [cell for cell, its in self.terrain.items() if its == terrain]
+        return [cell for cell, cell_terrain in self.terrain.items() if cell_terrain == terrain]
 
     def _counters(self, kind: int) -> list[Cell]:
-        """The counters on which a thing of a kind lies, 0 for none."""
+        """List the counters on which a thing of a kind lies, 0 for none."""
         return [cell for cell in self._cells(fields.COUNTER) if kind_of(self.things[cell]) == kind]
 
     def _shared_counters(self) -> list[Cell]:
-        """Free counters that another cook reaches who does not stand where this one can go."""
-        apart = [self._region(other) for other in self.others if other not in self.region]
+        """List the free counters that another cook reaches who does not stand where this one can go."""
+        apart = [self._region(other) for other in self.other_places if other not in self.region]
         return [cell for cell in self._counters(0) if any(not region.isdisjoint(beside(cell)) for region in apart)]
 
     def _region(self, place: Cell) -> set[Cell]:
-        """The floor that can be walked to, if the others make way."""
-        found = {place}
+        """Find the floor that can be walked to, if the others make way."""
+        region = {place}
         waiting = [place]
         while waiting:
-            new = beside(waiting.pop()) & self.floor - found
-            found |= new
+            new = beside(waiting.pop()) & self.floor - region
+            region |= new
             waiting += new
-        return found
+        return region
 
     def _reaches(self, cells: list[Cell]) -> bool:
         return any(not self.region.isdisjoint(beside(cell)) for cell in cells)
@@ -173,7 +180,9 @@ class KitchenView:
     def _takes(self, cell: Cell, kind: int) -> bool:
         """Whether a pot wants this ingredient for the dearest order that it can still become."""
         thing = self.things[cell]
-        for recipe in [] if thing and clock_of(thing) >= 0 else self.orders:
+        if thing and clock_of(thing) >= 0:
+            return False
+        for recipe in self.orders:
             more = recipe.count("o") - onions_in(thing), recipe.count("t") - tomatoes_in(thing)
             if min(more) >= 0 and sum(more) > 0:
                 return more[kind == fields.TOMATO] > 0
@@ -184,22 +193,25 @@ class KitchenView:
         waits = self.things[cell] and clock_of(self.things[cell]) < 0 and not self.row[fields.AUTOMATIC]
         return bool(waits) and not (self._takes(cell, fields.ONION) or self._takes(cell, fields.TOMATO))
 
-    def _approach(self, wanted: list[Cell]) -> tuple[int, bool]:
+    def _approach(self, stations: list[Cell]) -> tuple[int, bool]:
         """Go to the nearest of these stations, turn to it and use it; wait there for a pot that still cooks."""
 
         def is_there(cell: Cell) -> bool:
-            return not beside(cell).isdisjoint(wanted)
+            return not beside(cell).isdisjoint(stations)
 
-        way = find_way(self.place, is_there, self.floor - self.others)
+        way = find_way(self.place, is_there, self.floor - self.other_places)
         blocked = way is None
-        way = find_way(self.place, is_there, self.floor) or [] if way is None else way
+        if way is None:
+            way = find_way(self.place, is_there, self.floor)
         if way:
-            return towards(self.place, way[0]), blocked or not beside(way[0]).isdisjoint(self.others)
-        station = next(cell for cell in wanted if cell in beside(self.place))
+            return towards(self.place, way[0]), blocked or not beside(way[0]).isdisjoint(self.other_places)
+        station = next(cell for cell in stations if cell in beside(self.place))
         if self.facing != towards(self.place, station):
             return towards(self.place, station), False
-        cooks = self.terrain[station] == fields.POT and kind_of(self.held) == fields.DISH
-        return (fields.STAY if cooks and not self._is_ready(station) else fields.INTERACT), False
+        cooks = self.terrain[station] == fields.POT and kind_of(self.held_thing) == fields.DISH
+        if cooks and not self._is_ready(station):
+            return fields.STAY, False
+        return fields.INTERACT, False
 
 
 class CorridorAgent(BaseAgent):
@@ -223,22 +235,22 @@ class CorridorAgent(BaseAgent):
             )
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """The next turn or step towards its goal, or towards the bay."""
+        """Return the next turn or step towards its goal, or towards the bay."""
         team = world.unwrapped.team
         seat = world.unwrapped.seat
         state = team.state
         pose = team.pose(seat)
         place = int(pose.x), int(pose.z)
         free = {(x, y) for x, y in np.argwhere(state.kinds != WALL).tolist()}
-        others = {(int(other.x), int(other.z)) for other in map(team.pose, range(team.bodies))} - {place}
+        other_cells = {(int(other.x), int(other.z)) for other in map(team.pose, range(team.bodies))} - {place}
         is_own = (state.kinds == GOAL) & (state.colours == BODY_COLOURS[seat])
         own = {(x, y) for x, y in np.argwhere(is_own).tolist()}
         bay = {cell for cell in free if cell[1] == 1}
-        way = find_way(place, own.__contains__, free - others)
+        way = find_way(place, own.__contains__, free - other_cells)
         if way is None and self.argument == "insist":
             way = find_way(place, own.__contains__, free)
         elif way is None:
-            way = find_way(place, bay.__contains__, free - others) or []
+            way = find_way(place, bay.__contains__, free - other_cells) or []
         action = "stay"
         if way:
             turns = ((3, 1, 0, 2)[towards(place, way[0])] - round(-pose.yaw_rad / (np.pi / 2))) % 4

@@ -48,20 +48,15 @@ def main() -> None:
 
 
 def _run() -> int:
-    """Run a command; its exit status."""
+    """Run a command; return its exit status."""
     try:
-        code = make_command_line().main(prog_name="minihuman", standalone_mode=False)
-        return code if isinstance(code, int) else 0
+        return _exit_status(make_command_line().main(prog_name="minihuman", standalone_mode=False))
     except SystemExit as ended:
-        return ended.code if isinstance(ended.code, int) else 0
+        return _exit_status(ended.code)
     except MinihumanError as error:
-        for line in getattr(error, "mistakes", ()) or (str(error),):
-            _complain(line)
-        return error.exit_code
+        return _refuse_mistakes(error)
     except click.UsageError as error:
-        said = " ".join(error.format_message().split()).removesuffix(".")
-        _complain(said if error.ctx is None else f"{said} (see {error.ctx.command_path} --help)")
-        return error.exit_code
+        return _refuse_usage(error)
     except click.Abort as error:  # also what Click makes of Ctrl-C
         if isinstance(error.__cause__, KeyboardInterrupt):
             return _INTERRUPTED
@@ -72,7 +67,7 @@ def _run() -> int:
         requirements = find_missing_requirements(error.name or "")
         if not requirements:
             raise
-        needed = " ".join(f"'{one}'" for one in requirements)
+        needed = " ".join(f"'{requirement}'" for requirement in requirements)
         _complain(f"this command needs {requirements[0]}, which is not installed here; run: pip install {needed}")
         return MinihumanError.exit_code
     except BrokenPipeError:  # the reader of our output has closed it
@@ -81,9 +76,32 @@ def _run() -> int:
         return _refuse(error)
 
 
+def _exit_status(code: object) -> int:
+    """Return the exit status that a command asked for; 0 where it asked for none."""
+    if isinstance(code, int):
+        return code
+    return 0
+
+
+def _refuse_mistakes(error: MinihumanError) -> int:
+    for line in getattr(error, "mistakes", ()) or (str(error),):
+        _complain(line)
+    return error.exit_code
+
+
+def _refuse_usage(error: click.UsageError) -> int:
+    message = " ".join(error.format_message().split()).removesuffix(".")
+    if error.ctx is not None:
+        message += f" (see {error.ctx.command_path} --help)"
+    _complain(message)
+    return error.exit_code
+
+
 def _refuse(error: OSError) -> int:
-    named = "" if error.filename is None else f"{error.filename}: "
-    _complain(f"{named}{error.strerror or error}")
+    message = f"{error.strerror or error}"
+    if error.filename is not None:
+        message = f"{error.filename}: {message}"
+    _complain(message)
     return MinihumanError.exit_code
 
 
@@ -98,17 +116,17 @@ def find_missing_requirements(module: str) -> list[str]:
     for line in requires(DISTRIBUTION) or ():
         requirement, _, marker = line.partition(";")
         extra = marker.partition("extra ==")[2].strip(" '\"")
-        found = _name_requirement(requirement)
-        if found == name:
+        required = _name_requirement(requirement)
+        if required == name:
             extras[extra].insert(0, requirement.strip())
         elif (
             name != "jinja2"  # what asks for it first needs no more
             and "sys_platform" not in marker
-            and (extra or found != "rerun-sdk")
-            and not _can_import(found)
+            and (extra or required != "rerun-sdk")
+            and not _can_import(required)
         ):
             extras[extra].append(requirement.strip())
-    bringing = [extra for extra, found in extras.items() if _name_requirement(found[0]) == name]
+    bringing = [extra for extra, needed in extras.items() if _name_requirement(needed[0]) == name]
     if bringing:
         return extras[min(bringing, key=lambda extra: (bool(extra), len(extras[extra])))]
     return []

@@ -18,7 +18,7 @@ _Sight = Literal["view", "whole", "remembered"]
 
 
 def command_line() -> str:
-    """The command that is running, as results name it."""
+    """Return the command that is running, as results name it."""
     return " ".join(["minihuman", *sys.argv[1:]])
 
 
@@ -105,8 +105,8 @@ def teach(
     if out.exists():
         raise LearnError(f"{out} already exists; choose another file with --out")
     taught = read_study_dataset(study, world, eyesight=ObservationEncoder(False, sight=sight), selection=selection)
-    made = make_policy(taught, learner, out, seed=seed, start=start)
-    print(f"{out}: {learner} of {taught.labelled_steps} steps by people, {taught.steps} in all; {made.sha256[:16]}")
+    policy = make_policy(taught, learner, out, seed=seed, start=start)
+    print(f"{out}: {learner} of {taught.labelled_steps} steps by people, {taught.steps} in all; {policy.sha256[:16]}")
 
 
 def ppo(

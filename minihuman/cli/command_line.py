@@ -97,11 +97,13 @@ class CommandLine(_Group):
         name = ALIASES.get(cmd_name, cmd_name)
         if name not in _MODULES:
             return None
-        function = f"{name}_" if iskeyword(name) else name
-        found = getattr(import_module(f"minihuman.cli.{_MODULES[name]}"), function)
-        if isinstance(found, click.Command):
-            return found
-        return make_command(found)
+        function = name
+        if iskeyword(name):
+            function = f"{name}_"
+        command = getattr(import_module(f"minihuman.cli.{_MODULES[name]}"), function)
+        if isinstance(command, click.Command):
+            return command
+        return make_command(command)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands by section, without importing one."""
@@ -119,16 +121,16 @@ def make_command_line() -> CommandLine:
         "verify every log.",
         context_settings=_HELP_NAMES,
     )
-    about = {"message": "%(prog)s %(version)s", "help": "Print the version and exit."}
-    return click.version_option(__version__, prog_name="minihuman", **about)(group)
+    texts = {"message": "%(prog)s %(version)s", "help": "Print the version and exit."}
+    return click.version_option(__version__, prog_name="minihuman", **texts)(group)
 
 
 class Subgroup(_Group):
     """A command with commands of its own, which its help lists in the order given."""
 
     def __init__(self, name: str, help: str, commands: Sequence[Callable[..., None]]) -> None:
-        made = {command.__name__: make_command(command) for command in commands}
-        super().__init__(name, made, help=help, context_settings=_HELP_NAMES)
+        made_commands = {command.__name__: make_command(command) for command in commands}
+        super().__init__(name, made_commands, help=help, context_settings=_HELP_NAMES)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Name the commands in the order of the help."""
@@ -138,7 +140,7 @@ class Subgroup(_Group):
 def make_command(function: Callable[..., None]) -> click.Command:
     """Turn a function whose parameters are declared as `Argument` and `Option` into a command of its name."""
     parameters = inspect.signature(function).parameters.values()
-    kinds = {one.name: get_args(one.annotation)[0] for one in parameters}
+    kinds = {parameter.name: get_args(parameter.annotation)[0] for parameter in parameters}
 
     def call(**values: Any) -> None:
         function(**{name: list(value) if _is_list(kinds[name]) else value for name, value in values.items()})
@@ -146,7 +148,7 @@ def make_command(function: Callable[..., None]) -> click.Command:
     return _Command(
         function.__name__.removesuffix("_"),
         callback=call,
-        params=[_make_parameter(one) for one in parameters],
+        params=[_make_parameter(parameter) for parameter in parameters],
         help=_keep_example(inspect.getdoc(function) or ""),
         context_settings=_HELP_NAMES,
     )
@@ -156,9 +158,10 @@ class _Argument(click.Argument):
     """An argument with a help text, which Click's own lacks."""
 
     def __init__(self, name: str, declared: Argument, **settings: Any) -> None:
-        super().__init__(
-            [name], metavar=declared.metavar if settings["required"] else f"[{declared.metavar}]", **settings
-        )
+        metavar = declared.metavar
+        if not settings["required"]:
+            metavar = f"[{metavar}]"
+        super().__init__([name], metavar=metavar, **settings)
         self.text = declared.help
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str]:
@@ -178,12 +181,12 @@ class _Command(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         panels: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
-        for one in self.get_params(ctx):
-            if isinstance(one, click.Argument):
+        for parameter in self.get_params(ctx):
+            if isinstance(parameter, click.Argument):
                 heading = "Arguments"
             else:
-                heading = getattr(one, "panel", "Options")
-            record = one.get_help_record(ctx)
+                heading = getattr(parameter, "panel", "Options")
+            record = parameter.get_help_record(ctx)
             if record is not None:
                 panels.setdefault(heading, []).append(record)
         for heading, records in panels.items():
@@ -195,10 +198,11 @@ class _Command(click.Command):
 def _make_parameter(parameter: inspect.Parameter) -> click.Parameter:
     annotation, declared = get_args(parameter.annotation)[:2]
     required = parameter.default is inspect.Parameter.empty
-    default = None if required else parameter.default
+    default = None
     kind = _bare_kind(annotation)
     settings: dict[str, Any] = {"required": required, "type": _click_type(kind, declared)}
     if not required:
+        default = parameter.default
         settings["default"] = default
     many = _is_list(annotation)
     if isinstance(declared, Argument):
@@ -210,16 +214,16 @@ def _make_parameter(parameter: inspect.Parameter) -> click.Parameter:
             names = [f"{names[0]}/--no-{names[0][2:]}"]
         del settings["type"]
         settings["is_flag"] = True
-        shown = any("/" in name for name in names) and default is not None
+        show_default = any("/" in name for name in names) and default is not None
     else:
         settings["multiple"] = many
-        shown = default not in (None, "")
-    return _Option([*names, parameter.name], declared, show_default=shown, **settings)
+        show_default = default not in (None, "")
+    return _Option([*names, parameter.name], declared, show_default=show_default, **settings)
 
 
 def _bare_kind(annotation: Any) -> Any:
-    """The type of one value: of ``int | None`` int, of ``list[Path]`` Path."""
-    inner = [each for each in get_args(annotation) if each is not type(None)]
+    """Return the type of one value: of ``int | None`` int, of ``list[Path]`` Path."""
+    inner = [part for part in get_args(annotation) if part is not type(None)]
     if inner and get_origin(annotation) is not Literal:
         return _bare_kind(inner[0])
     return annotation
@@ -241,4 +245,6 @@ def _click_type(kind: Any, declared: Argument | Option) -> Any:  # a ParamType, 
 
 def _keep_example(text: str) -> str:
     """Mark the paragraphs of examples, which Click is not to wrap."""
-    return "\n\n".join(f"\b\n{one}" if one.startswith("Example:") else one for one in text.split("\n\n"))
+    return "\n\n".join(
+        f"\b\n{paragraph}" if paragraph.startswith("Example:") else paragraph for paragraph in text.split("\n\n")
+    )

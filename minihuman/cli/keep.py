@@ -67,14 +67,17 @@ def verify(
         outputs=report or (),
         engine=engine,
     )
-    for found in checks:
-        code = max(code, found.error.exit_code if found.error else int(not found.ok))
+    for finding in checks:
+        if finding.error:
+            code = max(code, finding.error.exit_code)
+        elif not finding.ok:
+            code = max(code, 1)
         if json:
-            print_json({"log": found.log, "fine": found.ok, "said": found.text})
-        elif found.error:
-            print(escape_control_characters(f"minihuman: {found.text}"), file=sys.stderr, flush=True)
+            print_json({"log": finding.log, "fine": finding.ok, "said": finding.text})
+        elif finding.error:
+            print(escape_control_characters(f"minihuman: {finding.text}"), file=sys.stderr, flush=True)
         else:
-            print(escape_control_characters(f"{found.log}: {found.text}"), flush=True)
+            print(escape_control_characters(f"{finding.log}: {finding.text}"), flush=True)
     raise SystemExit(code)
 
 
@@ -220,15 +223,15 @@ def import_(
 
     code = 0
     for imported in import_page_data(*files, study=study):
-        code = max(code, imported.error.exit_code if imported.error else 0)
+        if imported.error:
+            code = max(code, imported.error.exit_code)
         if json:
-            log = None if imported.log is None else str(imported.log)
-            counts = {"episodes": imported.episodes, "steps": imported.steps}
             print_json(
                 {
                     "file": imported.file,
-                    "log": log,
-                    **counts,
+                    "log": imported.log,
+                    "episodes": imported.episodes,
+                    "steps": imported.steps,
                     "refused": imported.error is not None,
                     "said": imported.text,
                 }

@@ -34,9 +34,9 @@ def status(
     if due:
         from minihuman.admin.due import list_due_sessions as expected
 
-        found = expected(study)
-        lines = [one.line() for one in found] or ["no participant is due"]
-        print_result(found, lambda: "\n".join(lines), json=json)
+        due_sessions = expected(study)
+        lines = [session.line() for session in due_sessions] or ["no participant is due"]
+        print_result(due_sessions, lambda: "\n".join(lines), json=json)
         return
     from minihuman.admin.local_copies import obey_withdrawals
     from minihuman.admin.status import format_status, read_study_status
@@ -59,7 +59,10 @@ def info(
     from minihuman.log.read.session_reader import read_log
 
     session = read_log(log)
-    print(format_session_json(session) if json else escape_control_characters("\n".join(format_session_lines(session))))
+    if json:
+        print(format_session_json(session))
+    else:
+        print(escape_control_characters("\n".join(format_session_lines(session))))
 
 
 @selection_options(with_=("unfinished", "rules"))
@@ -124,7 +127,9 @@ def film(
 def plot(
     study: StudyOrLog,
     out: Annotated[Path, Option(help="The folder to write the figures to.")],
-    each: Annotated[bool, Option("--each", help="Also draw the paths and the overview of every session.")] = False,
+    every_session: Annotated[
+        bool, Option("--each", help="Also draw the paths and the overview of every session.")
+    ] = False,
     *,
     selection: Any,
 ) -> None:
@@ -143,7 +148,7 @@ def plot(
 
         tables = select(study, selection)
         with name_output_when_full(out):
-            for path in draw_all_figures(tables, out, each=each):
+            for path in draw_all_figures(tables, out, each_session=every_session):
                 print(path, flush=True)
         print_account(tables.account.lines())
 
@@ -168,11 +173,11 @@ def report(
     """
     from minihuman.api import report as write_report
 
-    scripts = [name for name, wanted in (("r", r), ("python", python)) if wanted]
-    written = write_report(study, out, selection=selection, template=template, scripts=scripts)
-    for path in written.files:
+    scripts = [name for name, is_wanted in (("r", r), ("python", python)) if is_wanted]
+    summary = write_report(study, out, selection=selection, template=template, scripts=scripts)
+    for path in summary.files:
         print(path, flush=True)
-    print_account(written.notes)
+    print_account(summary.notes)
 
 
 def query(
@@ -224,14 +229,19 @@ def bots(
     from minihuman.reporting.bots import NOT_CALIBRATED, weigh_sessions
 
     tables = select(study, selection)
-    found = list(weigh_sessions(tables.read_sessions(), typing=typing))
-    for one in found:
+    weighings = list(weigh_sessions(tables.read_sessions(), typing=typing))
+    for weighing in weighings:
         if json:
-            print_json(one)
+            print_json(weighing)
             continue
-        print(escape_control_characters(one.line()))
-        for why in (*one.facts, *(one.reasons if one.flagged else ())):
-            print(escape_control_characters(f"    {why}"))
-        if one.flagged and not one.decision:
-            print(escape_control_characters(f"    to decide: minihuman annotate {one.log} --tag exclude (or person)"))
+        reasons = [*weighing.facts]
+        if weighing.flagged:
+            reasons += weighing.reasons
+        print(escape_control_characters(weighing.line()))
+        for reason in reasons:
+            print(escape_control_characters(f"    {reason}"))
+        if weighing.flagged and not weighing.decision:
+            print(
+                escape_control_characters(f"    to decide: minihuman annotate {weighing.log} --tag exclude (or person)")
+            )
     print_account((NOT_CALIBRATED, *tables.account.lines()))

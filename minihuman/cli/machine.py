@@ -12,9 +12,9 @@ def plugins(json: JsonOption = False) -> None:
     """
     from minihuman.plugins import list_plugins
 
-    found = list_plugins()
-    lines = (f"{one.group:12} {one.name:14} {one.package:20} {one.where}" for one in found)
-    print_result(found, lambda: "\n".join(lines), json=json)
+    installed = list_plugins()
+    lines = (f"{plugin.group:12} {plugin.name:14} {plugin.package:20} {plugin.where}" for plugin in installed)
+    print_result(installed, lambda: "\n".join(lines), json=json)
 
 
 def schema() -> None:

@@ -22,7 +22,7 @@ from minihuman.trust import Permission
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """A parameter that is given by its place."""
+    """A positional parameter of a command."""
 
     help: str
     metavar: str
@@ -30,7 +30,7 @@ class Argument:
 
 @dataclass(frozen=True, slots=True, init=False)
 class Option:
-    """A parameter that is given by a name: the names declared, or the parameter's own."""
+    """A named parameter of a command: by the names declared, or the parameter's own."""
 
     names: tuple[str, ...]
     help: str
@@ -97,19 +97,19 @@ def selection_options(**defaults: tuple[str, ...]) -> Callable[[Callable[..., No
         def chosen(*arguments: Any, **named: Any) -> None:
             from minihuman.dataset.selection import Selection
 
-            given = {name: tuple(named.pop(name) or ()) or defaults.get(name, ()) for name in _HELP}
-            command(*arguments, **named, selection=Selection(**given))
+            choices = {name: tuple(named.pop(name) or ()) or defaults.get(name, ()) for name in _HELP}
+            command(*arguments, **named, selection=Selection(**choices))
 
         own = inspect.signature(command)
         options = {name: Annotated[list[str] | None, _option(name)] for name in _HELP}
-        parameters = [one for one in own.parameters.values() if one.name != "selection"]
+        parameters = [parameter for parameter in own.parameters.values() if parameter.name != "selection"]
         parameters += [
             inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=kind)
             for name, kind in options.items()
         ]
-        kept = {name: kind for name, kind in inspect.get_annotations(command).items() if name != "selection"}
+        own_annotations = {name: kind for name, kind in inspect.get_annotations(command).items() if name != "selection"}
         chosen.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined] # what Typer reads
-        chosen.__annotations__ = kept | options
+        chosen.__annotations__ = own_annotations | options
         return chosen
 
     return decorate
@@ -119,17 +119,17 @@ def _option(name: str) -> Any:
     return Option(f"--{name.rstrip('_')}", help=_HELP[name], panel="Selection of episodes")
 
 
-def ask_reason(given: str) -> str:
+def ask_reason(reason: str) -> str:
     """Ask for a reason that was not given, on a terminal."""
-    if given or not sys.stdin.isatty():
-        return given
+    if reason or not sys.stdin.isatty():
+        return reason
     return str(click.prompt("Reason"))
 
 
-def ask_trust(given: bool) -> Permission:
+def ask_trust(trust: bool) -> Permission:
     """Trust what the option says; on a terminal, ask where it is not given."""
-    if given or not sys.stdin.isatty():
-        return given
+    if trust or not sys.stdin.isatty():
+        return trust
     return lambda question: bool(click.confirm(escape_line(question), default=False, err=True))
 
 
@@ -138,15 +138,17 @@ def print_json(value: object) -> None:
     import msgspec
 
     print(
-        msgspec.json.encode(value, enc_hook=lambda one: one.item() if hasattr(one, "item") else str(one)).decode(),
+        msgspec.json.encode(
+            value, enc_hook=lambda foreign: foreign.item() if hasattr(foreign, "item") else str(foreign)
+        ).decode(),
         flush=True,
     )
 
 
-def print_result(found: object, describe: Callable[[], str], *, json: bool) -> None:
+def print_result(output: object, describe: Callable[[], str], *, json: bool) -> None:
     """Print what a command found, as JSON or in words."""
     if json:
-        print_json(found)
+        print_json(output)
     else:
         print(escape_control_characters(describe()))
 
@@ -160,10 +162,10 @@ def print_account(lines: Iterable[str]) -> None:
 @contextmanager
 def show_progress(words: str) -> Iterator[Callable[[str], None]]:
     """Show a line of progress; call what it yields to change the line. Control characters in it are escaped."""
-    shown = sys.stderr.isatty()
+    is_terminal = sys.stderr.isatty()
 
     def show(line: str) -> None:
-        if shown:
+        if is_terminal:
             width = shutil.get_terminal_size().columns - 1
             print(f"\r\033[K{escape_control_characters(line)[:width]}", end="", file=sys.stderr, flush=True)
 

@@ -1,5 +1,6 @@
 """Commands for planning and publishing: export, power, fit, payments, pack."""
 
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -56,7 +57,7 @@ def export(
     out = out or folder
     assert out is not None
     with show_progress("exporting") as progress:
-        done = export_study(
+        summary = export_study(
             format_name,
             study,
             out,
@@ -66,8 +67,8 @@ def export(
             engine=engine,
             on_progress=progress,
         )
-    print_account(done.notes)
-    print(f"{done.episodes} episodes, {done.steps} steps in {out}; see {out / 'README.md'}")
+    print_account(summary.notes)
+    print(f"{summary.episodes} episodes, {summary.steps} steps in {out}; see {out / 'README.md'}")
 
 
 def power(
@@ -136,31 +137,30 @@ def power(
             toml, effect, sizes, on=on, drop_out=drop_out, studies=studies, people=people, player=player, seed=seed
         )
         print_result(estimates, lambda: text, json=json)
-        print_account(map(str, write_power(estimates, out) if out is not None else ()))
+        if out is not None:
+            print_account(map(str, write_power(estimates, out)))
         return
     if on != "groups" or drop_out:
         raise ReportError(
             f"--on and --drop-out cannot be used with --effect {effect}; use --effect shift=0.5, or remove them"
         )
-    wanted = Effect.parse(effect)
+    assumed = Effect.parse(effect)
     pool = simulate_pool(toml, people=people, player=player, seed=seed, block=block)
-    found = tuple(
-        one
-        for name in ((*MEASURES, TWO_PARTS) if measure == "all" else (measure,))
-        for one in power_curve(
-            name,
-            compute_values(wanted.of(pool.episodes), name),
-            compute_values(pool.episodes, name),
-            sizes,
-            studies=studies,
-            seed=seed,
-        )
-    )
-    print_result(found, lambda: describe_power(pool, wanted, found, player=player), json=json)
+    affected = assumed.of(pool.episodes)
+    measures: tuple[str, ...] = (measure,)
+    if measure == "all":
+        measures = (*MEASURES, TWO_PARTS)
+    estimates_by_measure = []
+    for name in measures:
+        with_effect = compute_values(affected, name)
+        without_effect = compute_values(pool.episodes, name)
+        estimates_by_measure.append(power_curve(name, with_effect, without_effect, sizes, studies=studies, seed=seed))
+    all_estimates = tuple(chain.from_iterable(estimates_by_measure))
+    print_result(all_estimates, lambda: describe_power(pool, assumed, all_estimates, player=player), json=json)
     if out is not None:
         with name_output_when_full(out):
-            written = write_power(found, out)
-        print_account(map(str, written))
+            paths = write_power(all_estimates, out)
+        print_account(map(str, paths))
 
 
 def fit(
@@ -207,7 +207,10 @@ def payments(
     if json:
         print_json(list(paid))
         return
-    print(format_platform_payments(paid, platform) if platform else format_payments_csv(paid), end="")
+    if platform:
+        print(format_platform_payments(paid, platform), end="")
+    else:
+        print(format_payments_csv(paid), end="")
 
 
 def score(

@@ -1,9 +1,10 @@
 """Commands that run sessions: run, serve, simulate, watch, desk, deploy."""
 
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from minihuman.cli.options import (
     Argument,
@@ -21,6 +22,9 @@ from minihuman.cli.options import (
 )
 from minihuman.errors import SimulationError, name_output_when_full
 from minihuman.trust import Permission
+
+if TYPE_CHECKING:
+    pass
 
 
 def run(
@@ -53,8 +57,8 @@ def run(
     from minihuman.api import run as run_session
     from minihuman.runtime.host import describe_ending
 
-    if participant is None and not next_slot and (found := _ask_interrupted(protocol, data, ask_trust(trust))):
-        participant, session = found
+    if participant is None and not next_slot and (interrupted := _ask_interrupted(protocol, data, ask_trust(trust))):
+        participant, session = interrupted
     next_slot = next_slot or sys.stdin.isatty()  # who was asked has answered
     if group is not None or any_day:
         reason = ask_reason(reason)
@@ -94,13 +98,14 @@ def _ask_interrupted(protocol: Path, data: Path, trust: Permission) -> tuple[str
     from minihuman.admin.next_session import find_interrupted_session
     from minihuman.admin.protocol_file import read_protocol
 
-    found = find_interrupted_session(data / read_protocol(protocol, trust=trust).study.name)
-    done = found and f"{found.episodes_completed} of {found.episodes_planned} episodes"
-    if found is None or not click.confirm(
-        f"Session {found.session} of {found.participant} was cut off after {done}. Resume it?", default=True
+    interrupted = find_interrupted_session(data / read_protocol(protocol, trust=trust).study.name)
+    progress = interrupted and f"{interrupted.episodes_completed} of {interrupted.episodes_planned} episodes"
+    if interrupted is None or not click.confirm(
+        f"Session {interrupted.session} of {interrupted.participant} was cut off after {progress}. Resume it?",
+        default=True,
     ):
         return None
-    return found.participant, found.session
+    return interrupted.participant, interrupted.session
 
 
 def serve(
@@ -178,18 +183,23 @@ def serve(
 
         require_one_process(study, "in several server processes; leave out --workers")
     limits = WorldLimits(world_step_timeout, world_start_timeout, world_memory)
-    others = list_process_commands(
+    options: Sequence[str] = ("--worlds-in-process",)
+    if not worlds_in_process:
+        options = list_limit_options(limits)
+    commands = list_process_commands(
         protocol,
         data / study.study.name,
         port=port,
         workers=workers,
         watch=watch,
         host=host,
-        options=("--worlds-in-process",) if worlds_in_process else list_limit_options(limits),
+        options=options,
     )
-    worlds = None if worlds_in_process else IsolatedWorlds(PageWorld, limits)
+    worlds: IsolatedWorlds | None = None
+    if not worlds_in_process:
+        worlds = IsolatedWorlds(PageWorld, limits)
     try:
-        with keep_processes_running(others):
+        with keep_processes_running(commands):
             run_server(study, data, socket, links=links, address=address, say=_say, worlds=worlds)
     finally:  # after SIGTERM, too
         if worlds is not None:
@@ -254,8 +264,8 @@ def deploy(
     study = read_protocol(protocol)
     require_browser_support(study)
     with name_output_when_full(out):
-        written = write_deployment(study, out, Deployment(address, workers, postgres, bucket))
-    print(*written, sep="\n")
+        paths = write_deployment(study, out, Deployment(address, workers, postgres, bucket))
+    print(*paths, sep="\n")
     if check is None:
         return
     from minihuman.web.deployment.check import check_deployment
@@ -330,9 +340,9 @@ def _require_whole_sessions(logs: list[Path], player: str) -> None:
     short = []
     for path in logs:
         log = read_log(path)
-        whole = sum(episode.outcome not in (None, "abandoned") for episode in log.episodes)
-        if log.end_reason == "player_failed" and whole < len(log.plan.episodes):
-            short.append(f"{path}, with {whole} of {len(log.plan.episodes)} episodes")
+        n_ended = sum(episode.outcome not in (None, "abandoned") for episode in log.episodes)
+        if log.end_reason == "player_failed" and n_ended < len(log.plan.episodes):
+            short.append(f"{path}, with {n_ended} of {len(log.plan.episodes)} episodes")
     if short:
         sessions = "1 session" if len(short) == 1 else f"{len(short)} sessions"
         raise SimulationError(

@@ -20,6 +20,8 @@ from minihuman.errors import MinihumanError, name_output_when_full
 
 if TYPE_CHECKING:
     from minihuman.admin.protocol_file import ProtocolDraft
+    from minihuman.experiment.plan.session_plan import SessionPlan
+    from minihuman.experiment.protocol.protocol import Protocol
 
 
 WindowOption = Annotated[str, Option("--window", help="The kind of window: auto, pygame, pyglet or a plug-in's name.")]
@@ -37,11 +39,11 @@ def demo(
     """
     from minihuman.runtime.demo import run_demo
 
-    made = {}
+    paths = {}
     for name, path in run_demo(data, window=window, fullscreen=fullscreen, say=print):
-        made[name] = path
+        paths[name] = path
         print(f"{name:16} {path}", flush=True)
-    print(f"Look at it: minihuman replay {made['log']}")
+    print(f"Look at it: minihuman replay {paths['log']}")
 
 
 def new(
@@ -73,10 +75,12 @@ def new(
     from minihuman.storage.durable_files import write_atomically
     from minihuman.trust import Trust, list_foreign_modules
 
-    chosen = tuple(one.strip() for one in template.split(",") if one.strip())
+    chosen = tuple(name.strip() for name in template.split(",") if name.strip())
     study = make_study_name(name or "my-study")
     usual = ProtocolDraft(study, world, episodes, participants, templates=chosen, language=language)
-    draft = usual if yes else _asked(usual)
+    draft = usual
+    if not yes:
+        draft = _ask_draft(usual)
     path = folder / f"{draft.name}.toml"
     if path.exists():
         raise ProtocolError(f"{path} already exists; choose another name with --name, or another folder")
@@ -86,9 +90,10 @@ def new(
     write_atomically(json.dumps(build_json_schema(), indent=1) + "\n", folder / SCHEMA_FILE)
     write_atomically(text, path)
     Trust(frozenset({folder.resolve()} if ours else ()), list_foreign_modules(draft.worlds)).record()
-    links = f" --links {draft.participants}" if draft.has("two-groups") else ""
-    if {"two-groups", "browser", "team"} & {*chosen}:
-        start = f"serve {path}{links}"
+    if draft.has("two-groups"):
+        start = f"serve {path} --links {draft.participants}"
+    elif {"browser", "team"} & {*chosen}:
+        start = f"serve {path}"
     else:
         start = f"run {path} --windowed"
     for line in draft.describe_outcomes():
@@ -96,7 +101,8 @@ def new(
     print(f"{path} is a study that runs:\n  minihuman check {path}\n  minihuman {start}")
 
 
-def _asked(usual: "ProtocolDraft") -> "ProtocolDraft":
+def _ask_draft(usual: "ProtocolDraft") -> "ProtocolDraft":
+    """Ask what a new study is to be."""
     import click
 
     from minihuman.admin.protocol_file import make_study_name
@@ -106,11 +112,11 @@ def _asked(usual: "ProtocolDraft") -> "ProtocolDraft":
         world = click.prompt("Worlds, with commas (`minihuman worlds` lists ours)", default=",".join(usual.worlds))
         episodes = click.prompt("Episodes each", default=usual.episodes, type=int)
         participants = click.prompt("Participants", default=usual.participants, type=int)
-        shown = not usual.templates and click.confirm("Show which key does what?", default=False)
+        show_keys = not usual.templates and click.confirm("Show which key does what?", default=False)
     except click.Abort:
         print("Aborted.", file=sys.stderr)
         raise SystemExit(1) from None
-    keys = "shown" if shown else "new"
+    keys = "shown" if show_keys else "new"
     return replace(usual, name=name, world=world, episodes=episodes, participants=participants, keys=keys)
 
 
@@ -155,37 +161,49 @@ def check(
     check_exclusion_measures(study.exclusions, str(protocol))
     notices = check_worlds(study, str(protocol), provable=True)
     outcomes = check_outcome_rules(study, str(protocol))
-    who = enrol_participant(study, parse_participant_code(participant), group, stratum=stratum)
+    enrolled = enrol_participant(study, parse_participant_code(participant), group, stratum=stratum)
     sessions = [session] if session else range(1, max(1, len(study.sessions)) + 1)
-    plans = [expand_protocol(study, who, session=number, overridden=group is not None) for number in sessions]
+    plans = [expand_protocol(study, enrolled, session=number, overridden=group is not None) for number in sessions]
     plan = plans[0]
     require_legible(study, str(protocol))
-    said = (
+    lines = (
         *describe_plan(plan),
         *describe_strata(study),
         *describe_language(study),
         *outcomes,
         *describe_worlds(study, notices),
     )
-    print_result(plan, lambda: "\n".join(said), json=json)
+    print_result(plan, lambda: "\n".join(lines), json=json)
     if pictures is not None:
-        from minihuman.runtime.screenshots import save_screenshots
-
-        with show_progress("drawing every screen"), name_output_when_full(pictures):
-            drawn = save_screenshots(plans, pictures)
-        if len(study.groups) > 1:
-            others = f" (of group {who.group}; --group draws another's)"
-        else:
-            others = ""
-        print(f"{len(drawn.screens)} screens{others} in {pictures}; all at a glance in {drawn.sheet}")
-        if drawn.missing:
-            print(f"not drawn, as no simulated participant reaches them: {', '.join(drawn.missing)}", file=sys.stderr)
+        _save_pictures(study, plans, pictures)
     if preregistration is not None:
-        from minihuman.planning.preregistration import describe_planned_power, write_preregistration
+        _write_preregistration(study, plan, preregistration, effect)
 
-        with show_progress("writing the preregistration"):
-            power = describe_planned_power(study.toml, effect) if effect else ""
-        print(write_preregistration(study, plan, preregistration, power))
+
+def _save_pictures(study: "Protocol", plans: "list[SessionPlan]", pictures: Path) -> None:
+    """Save a picture of every screen of some sessions, and say which and where."""
+    from minihuman.runtime.screenshots import save_screenshots
+
+    with show_progress("drawing every screen"), name_output_when_full(pictures):
+        screenshots = save_screenshots(plans, pictures)
+    which = ""
+    if len(study.groups) > 1:
+        which = f" (of group {plans[0].participant.group}; --group draws another's)"
+    print(f"{len(screenshots.screens)} screens{which} in {pictures}; all at a glance in {screenshots.sheet}")
+    if screenshots.missing:
+        missing = ", ".join(screenshots.missing)
+        print(f"not drawn, as no simulated participant reaches them: {missing}", file=sys.stderr)
+
+
+def _write_preregistration(study: "Protocol", plan: "SessionPlan", path: Path, effect: str) -> None:
+    """Write a preregistration with a power estimate for an effect, if there is one; say where."""
+    from minihuman.planning.preregistration import describe_planned_power, write_preregistration
+
+    power = ""
+    with show_progress("writing the preregistration"):
+        if effect:
+            power = describe_planned_power(study.toml, effect)
+    print(write_preregistration(study, plan, path, power))
 
 
 def doctor(
@@ -214,14 +232,15 @@ def doctor(
         study = None
     else:
         study = read_protocol(protocol, trust=ask_trust(trust))
-    whole = study is not None if fullscreen is None else fullscreen
+    if fullscreen is None:
+        fullscreen = study is not None
     findings = []
-    for finding in examine_machine(window=window, data=data, fullscreen=whole, protocol=study):
+    for finding in examine_machine(window=window, data=data, fullscreen=fullscreen, protocol=study):
         findings.append(finding)
         if not json:
             print(finding.line(), flush=True)
     print_result(findings, lambda: format_verdict(findings), json=json)
-    raise SystemExit(1 if any(finding.unfit_because for finding in findings) else 0)
+    raise SystemExit(int(any(finding.unfit_because for finding in findings)))
 
 
 def play(
@@ -257,5 +276,5 @@ def worlds(json: JsonOption = False) -> None:
     """
     from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
 
-    found = [{"id": entry.id, "summary": entry.summary} for entry in (*WORLDS, *TEAM_WORLDS)]
-    print_result(found, lambda: "\n".join(f"{one['id']:60} {one['summary']}" for one in found), json=json)
+    listed = [{"id": entry.id, "summary": entry.summary} for entry in (*WORLDS, *TEAM_WORLDS)]
+    print_result(listed, lambda: "\n".join(f"{world['id']:60} {world['summary']}" for world in listed), json=json)

@@ -51,8 +51,8 @@ def list_activity_tables() -> tuple[ActivityTable, ...]:
         QueryError: if two tables have one name, or a name that SQL does not take as it is.
     """
     built_in = list_built_in_kinds()
-    others = tuple(name for name in list_plugin_names(GROUP) if name not in built_in)
-    return _load_tables((*_find_built_in_kinds(built_in), *_find_kinds(others)))
+    plugin_kinds = tuple(name for name in list_plugin_names(GROUP) if name not in built_in)
+    return _load_tables((*_find_built_in_kinds(built_in), *_find_kinds(plugin_kinds)))
 
 
 @cache

@@ -26,7 +26,7 @@ _TAG = re.compile(r"[a-z][a-z0-9_-]*")
 
 
 class Annotation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One remark. ``episode`` None means the whole session; ``taken_back`` undoes an earlier mark of that tag."""
+    """An annotation. ``episode`` None is the whole session; ``taken_back`` revokes an earlier one of that tag."""
 
     tag: str
     at: str  # ISO 8601 UTC
@@ -37,7 +37,7 @@ class Annotation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def annotations_path(log: Path) -> Path:
-    """Where a log's marks are; the same for a live, a cut-off and a finished log, and for a session's folder."""
+    """Return where a log's marks are; the same for a live, a cut-off and a finished log, and for a session's folder."""
     if not log.is_dir():
         return log.with_name(_LOG_ENDING.sub("", log.name) + ANNOTATIONS_SUFFIX)
     stems = {_LOG_ENDING.sub("", path.name) for path in log.iterdir() if _LOG_ENDING.search(path.name)}
@@ -53,7 +53,9 @@ def read_annotations(log: Path) -> tuple[Annotation, ...]:
         LogError: if a line cannot be understood.
     """
     path = annotations_path(log)
-    return read_annotation_file(path) if path.exists() else ()
+    if not path.exists():
+        return ()
+    return read_annotation_file(path)
 
 
 def read_annotation_file(path: Path) -> tuple[Annotation, ...]:
@@ -66,7 +68,7 @@ def read_annotation_file(path: Path) -> tuple[Annotation, ...]:
 
 
 def open_annotations(path: Path) -> FileJournal[Annotation]:
-    """The journal of annotations in a file."""
+    """Open the journal of annotations in a file."""
     return FileJournal(path, partial(_decode, path), chained=True)
 
 
@@ -90,20 +92,26 @@ def add_annotation(log: SessionLog, mark: Annotation) -> Path:
         raise LogError(
             f"{mark.tag!r} is not a valid tag; start with a lower-case letter, and use only a to z, digits, '-' and '_'"
         )
-    near = () if mark.tag in KNOWN_TAGS or mark.taken_back else get_close_matches(mark.tag, KNOWN_TAGS, cutoff=0.8)
-    if near:
-        raise LogError(
-            f"tag {mark.tag!r} is too similar to the built-in tag {near[0]!r}; use that one, or a different word"
-        )
+    if mark.tag not in KNOWN_TAGS and not mark.taken_back:
+        _require_distinct_tag(mark.tag)
     numbers = {plan.episode + 1 for plan in log.plan.episodes}
     if mark.episode is not None and not numbers:
         raise LogError(f"{log.path} has no episodes; annotate the session without --episode")
     if mark.episode is not None and mark.episode not in numbers:
         raise LogError(f"{log.path} has no episode {mark.episode}; its episodes are {min(numbers)} to {max(numbers)}")
     path = annotations_path(log.path)
-    with open_annotations(path).hold() as held:
-        held.append(mark)
+    with open_annotations(path).hold() as journal:
+        journal.append(mark)
     return path
+
+
+def _require_distinct_tag(tag: str) -> None:
+    """Refuse a tag that looks like a misspelt built-in one."""
+    similar_tags = get_close_matches(tag, KNOWN_TAGS, cutoff=0.8)
+    if similar_tags:
+        raise LogError(
+            f"tag {tag!r} is too similar to the built-in tag {similar_tags[0]!r}; use that one, or a different word"
+        )
 
 
 def split_annotations(
@@ -117,8 +125,10 @@ def split_annotations(
     usable: list[Annotation] = []
     without_effect: list[Annotation] = []
     for annotation in annotations:
-        is_usable = annotation.episode is None or annotation.episode in numbers
-        (usable if is_usable else without_effect).append(annotation)
+        if annotation.episode is None or annotation.episode in numbers:
+            usable.append(annotation)
+        else:
+            without_effect.append(annotation)
     return tuple(usable), tuple(without_effect)
 
 
@@ -126,20 +136,23 @@ def describe_useless_annotation(annotation: Annotation) -> str:
     """Say that an annotation has no effect."""
     number = str(annotation.episode)
     if len(number) <= MAX_SHOWN_DIGITS:
-        shown = number
+        shown_number = number
     else:
-        shown = f"{number[:MAX_SHOWN_DIGITS]}..."
-    return f"annotation {annotation.tag!r} of episode {shown} has no effect: the session has no such episode"
+        shown_number = f"{number[:MAX_SHOWN_DIGITS]}..."
+    return f"annotation {annotation.tag!r} of episode {shown_number} has no effect: the session has no such episode"
 
 
 def collect_tags(marks: Iterable[Annotation]) -> dict[int | None, frozenset[str]]:
-    """The tags in force, by episode number; under None those of the whole session."""
-    found: dict[int | None, set[str]] = defaultdict(set)
+    """Collect the tags in force, by episode number; under None those of the whole session."""
+    tags_by_episode: dict[int | None, set[str]] = defaultdict(set)
     for mark in marks:
-        (found[mark.episode].discard if mark.taken_back else found[mark.episode].add)(mark.tag)
-    return {episode: frozenset(theirs) for episode, theirs in found.items() if theirs}
+        if mark.taken_back:
+            tags_by_episode[mark.episode].discard(mark.tag)
+        else:
+            tags_by_episode[mark.episode].add(mark.tag)
+    return {episode: frozenset(tags) for episode, tags in tags_by_episode.items() if tags}
 
 
 def list_episode_tags(episode: EpisodeLog, in_force: Mapping[int | None, frozenset[str]]) -> frozenset[str]:
-    """The tags of one episode, the whole session's included."""
+    """List the tags of one episode, the whole session's included."""
     return in_force.get(episode.number, frozenset()) | in_force.get(None, frozenset())

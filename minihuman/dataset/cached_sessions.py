@@ -9,7 +9,7 @@ import msgspec
 
 from minihuman.dataset.annotations import annotations_path
 from minihuman.dataset.caches import describe_file, is_same_content
-from minihuman.dataset.log_files import SkippedLog, list_readable_logs
+from minihuman.dataset.log_files import SkippedLog, find_containing_folder, list_readable_logs
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.dataset.selection import SelectionSummary, find_practice_blocks
 from minihuman.dataset.sessions import SessionRows
@@ -17,7 +17,7 @@ from minihuman.log.salvage.summary_section import read_first_metadata
 
 
 class CachedSession(msgspec.Struct, frozen=True):
-    """What is known of a log whose rows are cached: where it is, what counts of it, or why it cannot be read."""
+    """A cached log: where it is, how much of it is included, or why it cannot be read."""
 
     path: str  # "" in the file, which names no folder outside the study
     problem: str = ""
@@ -30,7 +30,7 @@ class CachedSession(msgspec.Struct, frozen=True):
     excluded: tuple[tuple[str, str, str], ...] = ()  # the participant, where a rule excludes them: reason, study, code
 
     def to_summary(self) -> SelectionSummary:
-        """The account of this log alone."""
+        """Summarize this log alone."""
         sessions, episodes, versions, excluded_episodes = self.account
         account = SelectionSummary(sessions=sessions, episodes=episodes)
         account.versions.update({(study, version): count for study, version, count in versions})
@@ -40,7 +40,7 @@ class CachedSession(msgspec.Struct, frozen=True):
 
 
 class ListedLog(NamedTuple):
-    """What a log's files say before it is read."""
+    """A log as its files describe it, before it is read."""
 
     path: Path
     fingerprint: str
@@ -48,7 +48,7 @@ class ListedLog(NamedTuple):
 
 
 class KnownLog(NamedTuple):
-    """What the file says of a log."""
+    """A log as the cache describes it."""
 
     number: int
     fingerprint: str
@@ -56,18 +56,22 @@ class KnownLog(NamedTuple):
     metadata: bytes  # its first, as MessagePack
 
 
-def build_cached_session(one: SessionRows) -> CachedSession:
+def build_cached_session(session: SessionRows) -> CachedSession:
     """Build what the cache holds of a session; its path is left to the cache's key."""
-    account = one.account
+    account = session.account
     versions = tuple((*whose, count) for whose, count in account.versions.items())
-    wanted = one.rows.count("participants") > 0
+    outline: PlanOutline | None = None
+    quality: RecordingQuality | None = None
+    if session.rows.count("participants"):
+        outline = PlanOutline.of(session.plan)
+        quality = session.quality
     return CachedSession(
         path="",
-        study=one.plan.study,
-        blocks=len({facts["block"] for facts in one.facts}),
-        practice=tuple(sorted(find_practice_blocks(one.plan))),
-        outline=PlanOutline.of(one.plan) if wanted else None,
-        quality=one.quality if wanted else None,
+        study=session.plan.study,
+        blocks=len({facts["block"] for facts in session.facts}),
+        practice=tuple(sorted(find_practice_blocks(session.plan))),
+        outline=outline,
+        quality=quality,
         account=(account.sessions, account.episodes, versions, tuple(account.excluded_episodes.items())),
         excluded=tuple(sorted(account.excluded_participants)),
     )
@@ -82,7 +86,7 @@ def list_logs(source: Path, known: Mapping[str, KnownLog]) -> tuple[dict[str, Li
     Raises:
         LogError: if there is no such file or folder.
     """
-    folder = source if source.is_dir() else source.parent
+    folder = find_containing_folder(source)
     key_start = len(os.fspath(folder / "_")) - 1
     fingerprints: dict[str, str] = {}
     metadata: dict[str, dict[str, str]] = {}
@@ -106,7 +110,7 @@ def list_logs(source: Path, known: Mapping[str, KnownLog]) -> tuple[dict[str, Li
 
 
 def _fingerprint_log(first: str, known: str, of_participant: dict[str, str]) -> str:
-    """Of a log, by the file that it begins in, of the marks beside it, and of the participant's other sessions.
+    """Fingerprint a log by its first file, the marks beside it and the participant's other sessions.
 
     A rule that excludes a participant may be broken in any of their sessions, so each one's rows depend on all.
     """
@@ -119,7 +123,7 @@ def _fingerprint_log(first: str, known: str, of_participant: dict[str, str]) -> 
         folders = sorted(
             entry.path for entry in os.scandir(participant or ".") if entry.name.startswith("ses-") and entry.is_dir()
         )
-        of_participant[participant] = "\n".join(_describe_files(one, "", known) for one in folders)
+        of_participant[participant] = "\n".join(_describe_files(folder_path, "", known) for folder_path in folders)
     return of_participant[participant]
 
 

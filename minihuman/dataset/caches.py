@@ -38,12 +38,12 @@ _NAMES = frozenset(name + more for name in (TABLE_CACHE, *_FORMER) for more in _
 
 
 def is_cache(path: Path) -> bool:
-    """Whether a path, as seen from its study's folder, is a cache's or in one: by its exact name, at the top."""
+    """Tell whether a path, as seen from its study's folder, is a cache's or in one: by its exact name, at the top."""
     return bool(path.parts) and path.parts[0] in _NAMES
 
 
 def list_caches(study: Path) -> Iterator[Path]:
-    """The caches of a study that are there now."""
+    """List the caches of a study that exist now."""
     yield from (study / name for name in sorted(_NAMES) if (study / name).exists())
 
 
@@ -83,7 +83,7 @@ def transaction(connection: "duckdb.DuckDBPyConnection") -> Iterator[None]:
 
 
 def is_in_use(error: Exception) -> bool:
-    """Whether a cache could not be opened because this or another process has it open."""
+    """Tell whether a cache could not be opened because this or another process has it open."""
     return isinstance(error, IN_USE_ERRORS) or any(text in str(error) for text in _LOCK_ERRORS)
 
 
@@ -103,7 +103,7 @@ def describe_cache(file: Path) -> str:
 
 
 def read_checked(file: Path) -> frozenset[str]:
-    """The tables of a cache whose rows were compared with their digests when it was as it is now; none otherwise."""
+    """Read which tables of a cache were compared with their digests, if it was not changed since; none otherwise."""
     try:
         described, names = file.with_name(f"{file.name}{_CHECKED}").read_text(encoding="utf-8").split("\n")
     except (OSError, ValueError):
@@ -152,9 +152,9 @@ def describe_file(file: str | Path, facts: os.stat_result | None = None, *, name
     return head + ends + end
 
 
-def is_same_content(one: str, other: str) -> bool:
-    """Whether two descriptions of files, a line each, are of the same content, whenever it was put there."""
-    return one == other or [line.rpartition(" ")[0] for line in one.split("\n")] == [
+def is_same_content(description: str, other: str) -> bool:
+    """Tell whether two descriptions of files, a line each, are of the same content, whenever it was put there."""
+    return description == other or [line.rpartition(" ")[0] for line in description.split("\n")] == [
         line.rpartition(" ")[0] for line in other.split("\n")
     ]
 

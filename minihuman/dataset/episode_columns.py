@@ -39,7 +39,7 @@ def list_episode_columns() -> tuple[EpisodeColumn, ...]:
 
 @remember_by_name
 def _load_column(name: str) -> EpisodeColumn:
-    column = load_plugin(COLUMN_GROUP, name, QueryError, what="column")
+    column = load_plugin(COLUMN_GROUP, name, QueryError, noun="column")
     if not isinstance(column, EpisodeColumn):
         raise QueryError(f"column {name!r} is of type {type(column).__name__}; register a minihuman.ext.EpisodeColumn")
     if column.column.name != name:

@@ -12,8 +12,8 @@ from typing import Any
 import duckdb
 import pyarrow as pa
 
-from minihuman.activities.trials.stimulus_table import name_label_column
 from minihuman.dataset.table_columns import TableColumn, TableColumnType
+from minihuman.experiment.plan.session_plan import name_label_column
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,18 +40,20 @@ def list_info_columns(connection: duckdb.DuckDBPyConnection, table: str) -> dict
     column = _JSON_COLUMNS.get(table)
     if column is None:
         return {}
-    found = connection.execute(
+    types_by_key = connection.execute(
         f"SELECT key, list(DISTINCT json_type({column.name}, '$.\"' || key || '\"')) "
         f"FROM (SELECT {column.name}, unnest(json_keys({column.name})) AS key FROM kept.{table} "
         f"WHERE {column.name} <> '') GROUP BY key ORDER BY key"
     ).fetchall()
     name = name_label_column if column is LABELS else "info_{}".format
-    return {key: TableColumn(name(key), _find_kind(types), "", column.meaning.format(key)) for key, types in found}
+    return {
+        key: TableColumn(name(key), _find_kind(types), "", column.meaning.format(key)) for key, types in types_by_key
+    }
 
 
 def _find_kind(types: Sequence[str]) -> TableColumnType:
-    said = {name for name in types if name != "NULL"}
-    return next((kind for names, kind in _KINDS.items() if said and said <= names), "text")
+    known_types = {name for name in types if name != "NULL"}
+    return next((kind for names, kind in _KINDS.items() if known_types and known_types <= names), "text")
 
 
 def build_info_schema(columns: Mapping[str, TableColumn]) -> list[pa.Field]:

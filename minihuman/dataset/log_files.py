@@ -58,7 +58,7 @@ class SkippedLog:
         return f"skipped {self.path}: {self.reason}"
 
     def relative_to(self, source: Path) -> "SkippedLog":
-        """The same, named as seen from a study's folder: what is written names no folder outside the study."""
+        """Return the same, named as seen from a study's folder: what is written names no folder outside the study."""
         if source in self.path.parents:
             path = self.path.relative_to(source)
         else:
@@ -66,9 +66,16 @@ class SkippedLog:
         return SkippedLog(path, name_paths_from(source, self.reason))
 
 
+def find_containing_folder(path: Path) -> Path:
+    """Return a folder itself, and of a file the folder that it lies in."""
+    if path.is_dir():
+        return path
+    return path.parent
+
+
 def name_paths_from(source: Path, text: str) -> str:
     """Name the files in a text as seen from a study's folder, or from the folder of one log."""
-    return text.replace(os.fspath((source if source.is_dir() else source.parent) / "_")[:-1], "")
+    return text.replace(os.fspath(find_containing_folder(source) / "_")[:-1], "")
 
 
 def list_readable_logs(
@@ -91,11 +98,11 @@ def list_readable_logs(
     find_withdrawn = _withdrawal_finder()
     gone = set[Path]()
     of_session: dict[tuple[str, ...], list[Path]] = {}
-    for path, its in facts.items():
-        if its.get("participant") in find_withdrawn(path):
+    for path, metadata in facts.items():
+        if metadata.get("participant") in find_withdrawn(path):
             gone.add(path)
         else:
-            of_session.setdefault(_session_of(its) or (str(path),), []).append(path)
+            of_session.setdefault(_session_of(metadata) or (str(path),), []).append(path)
     skipped = [SkippedLog(path, SYSTEM_COMPANION) for path in companions]
     for paths in of_session.values():
         if len(paths) > 1:
@@ -104,21 +111,21 @@ def list_readable_logs(
                 SkippedLog(path, f"{_which(facts[path])}, as is {paths[0]}; move one of them away")
                 for path in paths[1:]
             ]
-    skipped.sort(key=lambda one: one.path)
+    skipped.sort(key=lambda log: log.path)
     if gone:
         people = len({facts[path]["participant"] for path in gone})
-        who = "1 participant" if people == 1 else f"{people} participants"
-        skipped.append(SkippedLog(source if source.is_dir() else source.parent, f"{who} withdrew: excluded"))
+        participants = "1 participant" if people == 1 else f"{people} participants"
+        skipped.append(SkippedLog(find_containing_folder(source), f"{participants} withdrew: excluded"))
     unread = gone.union(log.path for log in skipped)
-    return [path for path in facts if path not in unread] if unread else list(facts), skipped
+    return [path for path in facts if path not in unread], skipped
 
 
 def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
-    """What gives the codes of those who withdrew from the study that a log lies in; many lie in the same one."""
+    """Return a function that gives the codes of those who withdrew from the study that a log lies in."""
 
     @cache
     def read(folder: str, up: int) -> frozenset[str]:
-        """Of a folder, and of so many above it."""
+        """Read the codes of a folder, and of so many folders above it."""
         above = os.path.dirname(folder)
         places = (
             os.path.join(folder, ENROLMENT_FILE_NAME),
@@ -139,7 +146,9 @@ def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
         if os.path.basename(folder).startswith("ses-"):  # no session or participant has an enrolment log
             folder = os.path.dirname(os.path.dirname(folder))
             up = _UP - 2
-        return read(folder if os.path.isabs(folder) else os.path.abspath(folder), up)
+        if not os.path.isabs(folder):
+            folder = os.path.abspath(folder)
+        return read(folder, up)
 
     return find
 
@@ -147,8 +156,12 @@ def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
 def list_participant_logs(source: Path, participant: str) -> list[Path]:
     """List the readable logs of one participant below a folder, by what each says first; unopened but for that."""
     firsts = dict(_find_sessions(source)[0])
-    told = {path: read_first_metadata(firsts[path]).get("participant", "") for path in list_readable_logs(source)[0]}
-    return [path for path, its in told.items() if its in (participant, "")]  # a damaged log says nothing there
+    participants = {
+        path: read_first_metadata(firsts[path]).get("participant", "") for path in list_readable_logs(source)[0]
+    }
+    return [
+        path for path, code in participants.items() if code in (participant, "")
+    ]  # a damaged log says nothing there
 
 
 def list_other_sessions(log: SessionLog) -> list[Path]:
@@ -156,20 +169,24 @@ def list_other_sessions(log: SessionLog) -> list[Path]:
 
     They are looked for where the participant's sessions are recorded, else in the folder the log lies in.
     """
-    folder = (log.path if log.path.is_dir() else log.path.parent).absolute()
+    folder = find_containing_folder(log.path).absolute()
     own = {"study": log.plan.study, "participant": log.plan.participant.id, "session": str(log.plan.session)}
     in_place = _in_place(folder, own)
     root = folder.parent if in_place else folder
     if not root.is_dir():
         return []
-    found: dict[int, Path] = {}
-    named = [one for one in _find_sessions(root)[0] if in_place or one[1].name.startswith(f"{own['participant']}_")]
+    path_by_session: dict[int, Path] = {}
+    named = [
+        session
+        for session in _find_sessions(root)[0]
+        if in_place or session[1].name.startswith(f"{own['participant']}_")
+    ]
     facts = {path: read_first_metadata(first) for path, first in named}
     for path in sorted(facts, key=lambda path: (not _in_place(path, facts[path]), path)):
         study, participant, session = _session_of(facts[path]) or ("", "", "")
         if (study, participant) == (own["study"], own["participant"]) and session not in ("", own["session"]):
-            found.setdefault(int(session), path)
-    return [found[session] for session in sorted(found)]
+            path_by_session.setdefault(int(session), path)
+    return [path_by_session[session] for session in sorted(path_by_session)]
 
 
 def _find_sessions(source: Path) -> tuple[list[tuple[Path, Path]], list[Path]]:
@@ -178,21 +195,23 @@ def _find_sessions(source: Path) -> tuple[list[tuple[Path, Path]], list[Path]]:
         return [(source, source)], []
     if not source.is_dir():
         raise LogError(f"{source} does not exist; name a session log or a folder of session logs")
-    folders = sorted(find_log_folders(source), key=lambda found: found[0].parts)
+    folders = sorted(find_log_folders(source), key=lambda folder: folder[0].parts)
     sessions = [(folder, files) for folder, names in folders for files in group_sessions(folder, names).values()]
     logs = [(files[0] if len(files) == 1 else folder, files[0]) for folder, files in sessions]
     return logs, find_system_companions(folders)
 
 
 def _session_of(facts: dict[str, str]) -> tuple[str, ...]:
-    """Which session a log says it is of; () where it does not say all of that, being damaged."""
-    whose = tuple(facts.get(name, "") for name in ("study", "participant", "session"))
-    return whose if all(whose) else ()
+    """Return which session a log says it is of; () where it does not say all of that, being damaged."""
+    session_key = tuple(facts.get(name, "") for name in ("study", "participant", "session"))
+    if not all(session_key):
+        return ()
+    return session_key
 
 
 def _in_place(path: Path, facts: dict[str, str]) -> bool:
-    """Whether a log lies where its session's is recorded, under that exact name: a copy beside it has another."""
-    folder = path if path.is_dir() else path.parent
+    """Tell whether a log lies where its session's is recorded, under that exact name: a copy beside it has another."""
+    folder = find_containing_folder(path)
     participant = facts.get("participant", "")
     session = f"ses-{facts.get('session', ''):0>2}"
     stem = _SEGMENT_ENDING.sub("", path.name)
@@ -231,33 +250,33 @@ def map_paths(
     pickled. Only a few results are held at a time.
     """
     paths = list(paths)
-    each = partial(_work_on_each, work=work)
+    work_on_batch = partial(_work_on_each, work=work)
     if engine == "ray":
-        yield from _map_with_ray(paths, each)
+        yield from _map_with_ray(paths, work_on_batch)
         return
     if engine != "local":
         raise LogError(f"no engine is called {engine!r}; there are local and ray")
-    others = min(processes or count_processes(), len(paths) // per_process + 1) - 1
-    if not others:
+    n_workers = min(processes or count_processes(), len(paths) // per_process + 1) - 1
+    if not n_workers:
         yield from map(work, paths)
         return
-    with ProcessPoolExecutor(others, get_context("spawn"), _settle, (work,)) as pool:
+    with ProcessPoolExecutor(n_workers, get_context("spawn"), _settle, (work,)) as pool:
         waiting: deque[_Batch[T]] = deque()
         for first in range(0, len(paths), _BATCH):
             batch = paths[first : first + _BATCH]
-            waiting.append((batch, pool.submit(each, batch)))
-            if len(waiting) >= _AHEAD + 2 * others:
-                yield from _oldest(waiting, each)
+            waiting.append((batch, pool.submit(work_on_batch, batch)))
+            if len(waiting) >= _AHEAD + 2 * n_workers:
+                yield from _oldest(waiting, work_on_batch)
         while waiting:
-            yield from _oldest(waiting, each)
+            yield from _oldest(waiting, work_on_batch)
 
 
-def _map_with_ray(paths: list[Path], each: Callable[[list[Path]], list[T]]) -> Iterator[T]:
+def _map_with_ray(paths: list[Path], work_on_batch: Callable[[list[Path]], list[T]]) -> Iterator[T]:
     """Work in the cluster that RAY_ADDRESS names, or in one of this machine's cores; all see the same files."""
     ray: Any = import_module("ray")  # an extra
     with ray.init(log_to_driver=False, logging_level=30):  # warnings
         work = ray.remote(num_cpus=1)(_call)
-        each_there = ray.put(each)
+        each_there = ray.put(work_on_batch)
         ahead = 2 * int(ray.cluster_resources()["CPU"])
         waiting = deque[Any]()
         for first in range(0, len(paths), _RAY_BATCH):
@@ -268,28 +287,28 @@ def _map_with_ray(paths: list[Path], each: Callable[[list[Path]], list[T]]) -> I
             yield from ray.get(waiting.popleft())
 
 
-def _call(each: Callable[[list[Path]], list[T]], paths: list[Path], folder: Path) -> list[T]:
+def _call(work_on_batch: Callable[[list[Path]], list[T]], paths: list[Path], folder: Path) -> list[T]:
     os.chdir(folder)  # paths may be relative
     with infrequent_collection():
-        return each(paths)
+        return work_on_batch(paths)
 
 
-def _oldest(waiting: "deque[_Batch[T]]", each: Callable[[list[Path]], list[T]]) -> list[T]:
+def _oldest(waiting: "deque[_Batch[T]]", work_on_batch: Callable[[list[Path]], list[T]]) -> list[T]:
     """Wait for the oldest batch's results, and meanwhile work in this process on the newest that no other has begun."""
     while not waiting[0][1].done():
         free = next((place for place in reversed(range(len(waiting))) if waiting[place][1].cancel()), None)
         if free is None:
             break
         batch = waiting[free][0]
-        done = Future[list[T]]()
-        done.set_result(each(batch))
-        waiting[free] = (batch, done)
+        future = Future[list[T]]()
+        future.set_result(work_on_batch(batch))
+        waiting[free] = (batch, future)
     return waiting.popleft()[1].result()
 
 
 @contextmanager
 def infrequent_collection() -> Iterator[None]:
-    """Meanwhile look for cycles seldom: a tenth of drawing figures, and holds little back."""
+    """Collect garbage less often inside: it took a tenth of the time of drawing figures, and freed little."""
     usual = gc.get_threshold()
     gc.set_threshold(*_SELDOM)
     try:

@@ -28,19 +28,19 @@ if TYPE_CHECKING:
 
 
 def played_ns(episode: EpisodeLog, until_ns: int | None = None) -> int:
-    """Playing time from the reset to a moment of session time, by default the last step: pauses in between excluded."""
+    """Return the playing time from the reset to a moment of session time, by default the last step, without pauses."""
     first = int(episode.t_ns[0])
     last = int(episode.t_ns[-1]) if until_ns is None else until_ns
     return last - first - sum(max(0, min(last, end) - max(first, begin)) for begin, end in episode.pauses)
 
 
 def playing_s(episode: EpisodeLog) -> float:
-    """Seconds from the reset to the last step, without the pauses in between."""
+    """Return the seconds from the reset to the last step, without the pauses in between."""
     return played_ns(episode) / 1e9
 
 
 def response_ms(episode: EpisodeLog) -> NDArray[np.float64]:
-    """Reaction time of each step, (n,) in ms; NaN without one.
+    """Return the reaction time of each step, (n,) in ms; NaN without one.
 
     Turn-based, every picture is an onset: the key press minus the flip of the latest picture. In real time a tick's
     picture asks for nothing, so the time runs from a stimulus onset that the world or the block names, to the first
@@ -59,9 +59,11 @@ def response_ms(episode: EpisodeLog) -> NDArray[np.float64]:
     latest = np.searchsorted(flips_ns, episode.key_t_ns[keyed], side="right") - 1
     onset_of, places = np.unique(latest, return_index=True)
     for onset, step in zip(onset_of.tolist(), keyed[places].tolist(), strict=True):
-        begin_ns = flips_ns[onset] if onset >= 0 else 0
+        if onset < 0:  # a key before the first onset
+            continue
+        begin_ns = flips_ns[onset]
         end_ns = episode.key_t_ns[step]
-        if onset >= 0 and not any(begin_ns < pause_end and pause < end_ns for pause, pause_end in episode.pauses):
+        if not any(begin_ns < pause_end and pause < end_ns for pause, pause_end in episode.pauses):
             times[step] = (end_ns - begin_ns) / 1e6
     return times
 
@@ -83,7 +85,7 @@ PoseArray = NDArray[np.float64]  # (n + 1, 4) of an episode; of several with a r
 
 
 class PathMeasures(NamedTuple):
-    """An episode's path in numbers."""
+    """The measures of an episode's path."""
 
     length: float  # ground covered, in cells or metres; NaN where the world tells no pose
     efficiency: float  # straight distance over ground covered: 1 is a straight line; NaN for one who never moved
@@ -91,11 +93,12 @@ class PathMeasures(NamedTuple):
 
 
 def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
-    """The paths of several episodes; it takes hardly longer for twenty than for one."""
+    """Measure the paths of several episodes; twenty take hardly longer than one."""
     poses = np.concatenate([_APART, *(part for episode in episodes for part in (episode.poses, _APART))])
     begins = np.cumsum([1, *(len(episode.poses) + 1 for episode in episodes)])
-    covered, (_, turned, _) = _strides(poses), _turning(poses)
-    turns = np.bincount(np.searchsorted(begins, turned, side="right") - 1, minlength=len(episodes))
+    covered = _measure_strides(poses)
+    _, turn_ends, _ = _find_turns(poses)
+    turns = np.bincount(np.searchsorted(begins, turn_ends, side="right") - 1, minlength=len(episodes))
     walked = []
     for episode, begin, number in zip(episodes, begins[:-1].tolist(), turns.tolist(), strict=True):
         length = float(covered[begin : begin + len(episode.poses) - 1].sum())
@@ -108,28 +111,29 @@ def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
 
 
 def net_displacement(episode: EpisodeLog) -> float:
-    """Straight distance from the first place to the last, in cells or metres."""
-    (x0, _, z0, _), (x1, _, z1, _) = episode.poses[0], episode.poses[-1]
+    """Return the straight distance from the first place to the last, in cells or metres."""
+    x0, _, z0, _ = episode.poses[0]
+    x1, _, z1, _ = episode.poses[-1]
     return float(np.hypot(x1 - x0, z1 - z0))
 
 
 def turned_rad(episode: EpisodeLog) -> NDArray[np.float64]:
-    """Angle turned by each step, (n,), in [-pi, pi], counter-clockwise positive seen from above."""
+    """Return the angle turned by each step, (n,), in [-pi, pi], counter-clockwise positive seen from above."""
     return _turned_rad(episode.poses)
 
 
 def turns_in_place(episode: EpisodeLog) -> NDArray[np.void]:
-    """Runs of turning on the spot: ``row`` of the pose they end at, ``turned_rad`` in all (unsigned), ``steps``.
+    """Find the runs of turning in place: ``row`` of the pose at the end, ``turned_rad`` in all (unsigned), ``steps``.
 
     A run lasts while the place stays the same; it counts where the heading changed at least once in it.
     """
     turned = np.abs(turned_rad(episode))
-    runs = zip(*(places.tolist() for places in _turning(episode.poses)), strict=True)
+    runs = zip(*(places.tolist() for places in _find_turns(episode.poses)), strict=True)
     return np.array([(end, turned[begin:end].sum(), steps) for begin, end, steps in runs], dtype=TURN_DTYPE)
 
 
-def _strides(poses: PoseArray) -> NDArray[np.float64]:
-    """Distance from each place to the next, (n,)."""
+def _measure_strides(poses: PoseArray) -> NDArray[np.float64]:
+    """Return the distance from each place to the next, (n,)."""
     moved = poses[1:] - poses[:-1]
     return np.asarray(np.hypot(moved[:, 0], moved[:, 2]))
 
@@ -140,9 +144,9 @@ def _turned_rad(poses: PoseArray) -> NDArray[np.float64]:
     return (change + math.pi) % (2 * math.pi) - math.pi
 
 
-def _turning(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """The runs of turning on the spot: their first and last row, and in how many steps the heading changed."""
-    still = _strides(poses) < _STILL
+def _find_turns(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Find the runs of turning in place: their first and last row, and in how many steps the heading changed."""
+    still = _measure_strides(poses) < _STILL
     between = np.concatenate([[False], still, [False]])
     edges = np.flatnonzero(between[1:] != between[:-1]).reshape(-1, 2)
     turned = still & (np.abs(_turned_rad(poses)) > _STILL)
@@ -152,25 +156,25 @@ def _turning(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64], ND
 
 
 def excess_steps(steps: int, best: int | None, *, success: bool) -> float | None:
-    """Steps over the best known way, of an episode that reached its goal; None of others, or where no way is known."""
+    """Return the steps over the best known path to the goal; None without the goal, or without a known path."""
     if success and best is not None:
         return float(steps - best)
     return None
 
 
 def log_excess_steps(steps: int, best: int | None, limit: int, outcome: str) -> float | None:
-    """The natural logarithm of one more than the excess steps; who did not get there counts as at the step limit.
+    """Return ln(1 + excess steps); an episode that missed the goal counts with its step limit.
 
     Steps are multiplied by what makes people slow, so their logarithm is what is compared; and a group that fails more
     must not look better by being excluded. None for an episode that was broken off, or where no way is known.
     """
     if best is None or outcome not in ("goal", "timeout", "failure"):
         return None
-    return math.log1p(max((steps if outcome == "goal" else limit) - best, 0))
+    return math.log1p(max(_steps_at_limit(steps, limit, outcome) - best, 0))
 
 
 def log_steps_ratio(steps: int, best: int | None, limit: int, outcome: str) -> float | None:
-    """The natural logarithm of the steps over those of the best known way; who did not get there took all there were.
+    """Return ln(steps / steps of the best known path); an episode that missed the goal counts with its step limit.
 
     Differences are ratios of steps: -0.36 is 30 % fewer. ``log_excess_steps`` weighs a step most where hardly any was
     too many, so a layout on which everybody is nearly perfect tells as much there as all others together; here a step
@@ -178,11 +182,18 @@ def log_steps_ratio(steps: int, best: int | None, limit: int, outcome: str) -> f
     """
     if best is None or best < 1 or outcome not in ("goal", "timeout", "failure"):
         return None
-    return math.log(max(steps if outcome == "goal" else limit, best) / best)
+    return math.log(max(_steps_at_limit(steps, limit, outcome), best) / best)
+
+
+def _steps_at_limit(steps: int, limit: int, outcome: str) -> int:
+    """Return an episode's steps, or its step limit if it did not reach the goal."""
+    if outcome == "goal":
+        return steps
+    return limit
 
 
 def spl(steps: int, best: int | None, outcome: str) -> float | None:
-    """Success weighted by path length, in steps (Anderson et al., 2018): best / steps of who got there, 0 of others.
+    """Return success weighted by path length, in steps (Anderson et al., 2018): best / steps with the goal, else 0.
 
     None for an episode that was broken off, or where no way is known.
     """
@@ -197,16 +208,16 @@ FIRST_EPISODES = 5  # episodes that count as the first
 
 
 def slope_per_episode(values: Sequence[float], *, first: int = FIRST_EPISODES) -> float:
-    """Least-squares slope over the first episodes, a change in the measure an episode; NaN with fewer than two.
+    """Fit the measure's change per episode over the first episodes by least squares; NaN with fewer than two.
 
     NaN values, of episodes that do not count, are excluded.
     """
     early = np.asarray(values[:first], float)
-    there = ~np.isnan(early)
-    if there.sum() < 2:
+    is_known = ~np.isnan(early)
+    if is_known.sum() < 2:
         return math.nan
-    centred = np.flatnonzero(there) - np.flatnonzero(there).mean()
-    values_there = early[there]
+    centred = np.flatnonzero(is_known) - np.flatnonzero(is_known).mean()
+    values_there = early[is_known]
     rises = values_there - values_there[0]  # all 0 for equal values: a spread of rounding errors is no spread
     return float((centred * rises).sum() / (centred**2).sum())
 
@@ -216,7 +227,7 @@ _TAKEN = ("accepted", "queued")  # verdicts of presses that were answered by a s
 
 @dataclass(frozen=True, slots=True)
 class KeyUse:
-    """One key under one key map: how it was used, and when what it does first showed.
+    """The use of one key under one key map, and when its action was discovered.
 
     ``discovered_s`` is playing time in episodes, and ``discovered_steps`` the steps done up to and with that press,
     since the key map came into force; both None while its action never showed.
@@ -234,7 +245,7 @@ class KeyUse:
 
 
 def visible_effect(episode: EpisodeLog) -> NDArray[np.bool_]:
-    """Whether each step changed what is seen, (n,)."""
+    """Return whether each step changed what is seen, (n,)."""
     return np.not_equal(episode.observation_hashes[1:], episode.observation_hashes[:-1])
 
 
@@ -268,24 +279,30 @@ class KeyTally:
         )
 
 
+_Discovery = tuple[float | None, int | None]  # when a key's action first showed: playing time in s, and steps
+_UNDISCOVERED: _Discovery = (None, None)
+
+
 def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
-    """How every key was used, one row for each key of each key map, and for each other key that was tried."""
+    """Summarize the use of each key of each key map, and of each other key that was tried."""
     rows: list[KeyUse] = []
-    for key_map, under in _by_key_map(tallies):
+    for key_map, group in _group_by_key_map(tallies):
         presses, refused, steps, ineffective_steps = (
-            _total(getattr(tally, name) for tally in under)
+            _total(getattr(tally, name) for tally in group)
             for name in ("presses", "refused", "steps", "ineffective_steps")
         )
-        found = _found(under)
-        others = {*key_map.spare_keys, *+presses, *+steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
-        for key in (*sorted(key_map.keys), *sorted(others)):
+        discoveries = _find_discoveries(group)
+        further_keys = {*key_map.spare_keys, *+presses, *+steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
+        for key in (*sorted(key_map.keys), *sorted(further_keys)):
             action = key_map.keys.get(key)
-            discovered_s, discovered_steps = found.get(key, (None, None)) if action is not None else (None, None)
+            discovered_s, discovered_steps = _UNDISCOVERED
+            if action is not None:
+                discovered_s, discovered_steps = discoveries.get(key, _UNDISCOVERED)
             rows.append(
                 KeyUse(
                     key=key,
                     action=action,
-                    first_episode=under[0].episode.number,
+                    first_episode=group[0].episode.number,
                     presses=presses[key],
                     steps=steps[key],
                     ineffective_steps=ineffective_steps[key],
@@ -298,17 +315,16 @@ def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
 
 
 def key_discovery_times(tallies: Sequence[KeyTally]) -> list[float | None]:
-    """``KeyUse.discovered_s`` of every key that has an action."""
-    return [
-        found[key][0] if key in found else None
-        for key_map, under in _by_key_map(tallies)
-        for found in [_found(under)]
-        for key in key_map.keys
-    ]
+    """Return ``KeyUse.discovered_s`` of every key that has an action."""
+    times_s: list[float | None] = []
+    for key_map, group in _group_by_key_map(tallies):
+        discoveries = _find_discoveries(group)
+        times_s += [discoveries.get(key, _UNDISCOVERED)[0] for key in key_map.keys]
+    return times_s
 
 
-def _by_key_map(tallies: Iterable[KeyTally]) -> Iterator[tuple[KeyMap, list[KeyTally]]]:
-    """The episodes that were played one after the other under the same key map."""
+def _group_by_key_map(tallies: Iterable[KeyTally]) -> Iterator[tuple[KeyMap, list[KeyTally]]]:
+    """Group the episodes that were played one after the other under the same key map."""
     for key_map, run in groupby(tallies, key=lambda tally: tally.episode.plan.key_map):
         yield key_map, list(run)
 
@@ -320,29 +336,30 @@ def _total(counts: Iterable[Counter[str]]) -> Counter[str]:
     return total
 
 
-def _found(under: Sequence[KeyTally]) -> dict[str, tuple[float, int]]:
-    """Playing time, s, pauses excluded, and steps under one key map until each key's action first showed."""
-    found: dict[str, tuple[float, int]] = {}
-    done = before_ns = 0
-    for tally in under:
+def _find_discoveries(group: Sequence[KeyTally]) -> dict[str, _Discovery]:
+    """Find, for each key whose action showed, the playing time in s and the steps under its key map until then."""
+    discoveries: dict[str, _Discovery] = {}
+    steps_before = 0
+    before_ns = 0
+    for tally in group:
         episode = tally.episode
         for key, step in tally.first_shown.items():
-            if key not in found:
+            if key not in discoveries:
                 since_ns = before_ns + played_ns(episode, int(episode.key_t_ns[step]))
-                found[key] = (since_ns / 1e9, done + step + 1)
-        done += len(episode.actions)
+                discoveries[key] = (since_ns / 1e9, steps_before + step + 1)
+        steps_before += len(episode.actions)
         before_ns += played_ns(episode)
-    return found
+    return discoveries
 
 
 def world_options_json(plan: EpisodePlan) -> str:
-    """A world's options as the table "plan" has them."""
+    """Encode a world's options as the table "plan" has them."""
     return json.dumps(plan.options, sort_keys=True, default=str)
 
 
 @lru_cache(maxsize=100_000)
 def layout_path_bounds(world_id: str, options: str, seed: int) -> PathLengthBounds:
-    """The fewest steps in a world from its seed; ``options`` are JSON with sorted keys.
+    """Return the fewest steps in a world from its seed; ``options`` are JSON with sorted keys.
 
     Raises:
         WorldError: if the world cannot be made here.

@@ -27,7 +27,7 @@ _SOFTWARE = (
 
 @dataclass(frozen=True, slots=True)
 class RecordingQuality:
-    """One session. Times in ms; NaN where there was nothing to measure."""
+    """The recording quality of one session. Times in ms; NaN where there was nothing to measure."""
 
     participant: str
     session: int
@@ -50,7 +50,7 @@ class RecordingQuality:
 
 
 class PlanOutline(msgspec.Struct, frozen=True):
-    """A session's plan as far as a methods section tells it."""
+    """An outline of a session's plan, as a methods section reports it."""
 
     study: str
     version: str
@@ -67,7 +67,7 @@ class PlanOutline(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, plan: SessionPlan) -> "PlanOutline":
-        """A plan's."""
+        """Outline a plan."""
         first: dict[str, EpisodePlan] = {}
         for episode in plan.episodes:
             first.setdefault(episode.block_name, episode)
@@ -95,14 +95,14 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
     """Measure one session's recording."""
     waited_ms = [np.asarray(segment.keys.column("waited_ns")) / _NS_PER_MS for segment in log.segments]
     down = [np.asarray(segment.keys.column("down"), bool) for segment in log.segments]
-    pressed = _joined(waited[is_down] for waited, is_down in zip(waited_ms, down, strict=True))
+    pressed = _concatenate(segment_waits_ms[is_down] for segment_waits_ms, is_down in zip(waited_ms, down, strict=True))
     to_flip = list_key_to_flip_ms(log)
     if to_flip.size:
-        spread = tuple(float(one) for one in np.percentile(to_flip, (50, 95, 99)))
+        spread = tuple(float(percentile_ms) for percentile_ms in np.percentile(to_flip, (50, 95, 99)))
     else:
         spread = (np.nan,) * 3
     pauses = [pause for segment in log.segments for pause in segment.pauses]
-    periods = [_periods(episode, pauses) for episode in log.episodes]
+    periods = [_count_periods(episode, pauses) for episode in log.episodes]
     return RecordingQuality(
         participant=log.plan.participant.id,
         session=log.plan.session,
@@ -110,44 +110,44 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
         late=int((pressed > LATE_MS).sum()),
         latest_ms=float(pressed.max()) if pressed.size else np.nan,
         steps=sum(len(episode.actions) for episode in log.episodes),
-        pictures_missing=sum(_missing(episode) for episode in log.episodes),
+        pictures_missing=sum(_count_missing_pictures(episode) for episode in log.episodes),
         key_to_flip_ms=(spread[0], spread[1], spread[2]),
         focus_lost=sum(isinstance(note, Noted) and (note.kind, note.text) == ("focus", "lost") for note in log.notes),
         pauses=len(pauses),
         paused_s=sum(end_ns - begin_ns for begin_ns, end_ns in pauses) / 1e9,
         segments=len(log.segments),
         clean=log.clean,
-        displays=_of_segments(log, _DISPLAY),
-        software=_of_segments(log, _SOFTWARE),
+        displays=_list_station_facts(log, _DISPLAY),
+        software=_list_station_facts(log, _SOFTWARE),
         periods=int(sum(gaps.sum() for gaps in periods)),
         periods_missed=int(sum((gaps - 1).sum() for gaps in periods)),
         doubtful_presses=describe_doubtful_presses(find_doubtful_presses(log)),
     )
 
 
-def _of_segments(log: SessionLog, names: Sequence[str]) -> tuple[dict[str, str], ...]:
-    """Some facts of the stations that a session's segments were played at, each other one once."""
-    found = [{name: segment.facts[name] for name in names if name in segment.facts} for segment in log.segments]
-    return tuple(facts for place, facts in enumerate(found) if facts not in found[:place])
+def _list_station_facts(log: SessionLog, names: Sequence[str]) -> tuple[dict[str, str], ...]:
+    """List some facts of the stations that a session's segments were played at, each distinct one once."""
+    station_facts = [{name: segment.facts[name] for name in names if name in segment.facts} for segment in log.segments]
+    return tuple(facts for place, facts in enumerate(station_facts) if facts not in station_facts[:place])
 
 
 def list_key_to_flip_ms(log: SessionLog) -> NDArray[np.float64]:
-    """From each step's key to the first flip of its picture, in ms, of all episodes."""
-    return _joined(_key_to_flip_ms(episode) for episode in log.episodes)
+    """List the times from each step's key to the first flip of its picture, in ms, of all episodes."""
+    return _concatenate(_key_to_flip_ms(episode) for episode in log.episodes)
 
 
-def _joined(parts: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
+def _concatenate(parts: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
     return np.concatenate([np.empty(0), *parts])
 
 
-def _missing(episode: EpisodeLog) -> int:
-    """Pictures of an episode that were not shown; the reset has one too."""
-    shown = set(np.asarray(episode.frames.column("step")).tolist())
-    return len(episode.actions) + 1 - len(shown)
+def _count_missing_pictures(episode: EpisodeLog) -> int:
+    """Count an episode's pictures that were not shown; the reset has one too."""
+    shown_steps = set(np.asarray(episode.frames.column("step")).tolist())
+    return len(episode.actions) + 1 - len(shown_steps)
 
 
-def _periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
-    """How many periods lie between a step and the next, in real time without a pause between; [] if keys make steps."""
+def _count_periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
+    """Count the periods between each step and the next, in real time without a pause; [] where keys make the steps."""
     if episode.plan.pace != "real_time" or episode.plan.noop is None:
         return np.empty(0, np.int64)
     made_ns = episode.t_ns[1:]
@@ -160,7 +160,7 @@ def _periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> NDArray[
 
 
 def _key_to_flip_ms(episode: EpisodeLog) -> NDArray[np.float64]:
-    """From each step's key to the first flip of its picture, where there was a key and a picture."""
+    """List the times from each step's key to the first flip of its picture, where there was a key and a picture."""
     # backwards: of several pictures of a step the first is kept
     steps, flips_ns = (np.asarray(episode.frames.column(name), np.int64)[::-1] for name in ("step", "flip_ns"))
     is_done = (steps > 0) & (steps <= len(episode.actions))  # a log may break off between a picture and its step

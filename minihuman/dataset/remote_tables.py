@@ -86,7 +86,7 @@ def _find_stale(
 
 
 def fetch_tables(source: str, folder: Path, *, say: Callable[[str], None] = lambda line: None) -> tuple[int, int]:
-    """Have the same tables in a folder as in the store; how many files came and how many were removed.
+    """Make a folder hold the same tables as the store; return how many files came and how many were removed.
 
     A file that is damaged there is not fetched but taken away, so that the machine that has the log stores it again.
 
@@ -164,6 +164,6 @@ def _open_tables(study_dir: Path) -> RemoteStore | None:
 
 
 def _list_partitions(store: RemoteStore, study: str) -> set[TablePartition]:
-    """The partitions in a store, of one study or, for "", of all; whatever version of minihuman made them."""
+    """List the partitions in a store, of one study or, for "", of all; whatever version of minihuman made them."""
     partitions = map(TablePartition.parse, store.names(""))
     return {partition for partition in partitions if partition is not None and study in ("", partition.study)}

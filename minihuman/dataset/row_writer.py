@@ -28,7 +28,7 @@ _INCLUDED_SESSIONS = """
 
 
 class RowWriter:
-    """Writes rows and digests in one transaction: a session is whole in the file, or to be read again.
+    """Writes rows and digests in one transaction: a session is complete in the file, or is read again.
 
     Args:
         tables: the file.
@@ -58,7 +58,8 @@ class RowWriter:
             if not rows:
                 continue
             practice = {
-                number: msgspec.msgpack.decode(about, type=CachedSession).practice for _, number, about, _ in rows
+                number: msgspec.msgpack.decode(cached_session, type=CachedSession).practice
+                for _, number, cached_session, _ in rows
             }
             with transaction(self._tables.connection):
                 self._tables.add_path_measures(list(practice), practice)
@@ -104,8 +105,8 @@ class RowWriter:
 
         def list_rows() -> Iterator[tuple[int, SessionTables]]:
             for number, ((key, log), session) in sessions:
-                about, facts = self._describe(session)
-                encoded = msgspec.msgpack.encode(log.metadata), msgspec.msgpack.encode(about)
+                cached_session, facts = self._describe(session)
+                encoded = msgspec.msgpack.encode(log.metadata), msgspec.msgpack.encode(cached_session)
                 lines[number] = (key, log.fingerprint, self._with_shortest, *encoded, facts)
                 if not isinstance(session, SkippedLog):
                     yield number, session.rows
@@ -119,7 +120,7 @@ class RowWriter:
         self._digest_logs()
 
     def _describe(self, session: SessionRows | SkippedLog) -> tuple[CachedSession, bytes | None]:
-        """What the file says of a session, and of its episodes that count; None for those of an unreadable log."""
+        """Describe a session for the file, and its included episodes; None for those of an unreadable log."""
         if not isinstance(session, SkippedLog):
             return build_cached_session(session), msgspec.msgpack.encode(session.facts)
         source = self._sessions.source

@@ -14,14 +14,14 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from minihuman.dataset.table_catalogue import TABLES, TableSet, list_tables
-from minihuman.dataset.table_columns import table_key_name
+from minihuman.dataset.table_columns import TableColumnType, table_key_name
 from minihuman.log.model.event_columns import CategoricalTexts
 
 _ARROW = {"text": pa.string(), "key": pa.string(), "integer": pa.int64(), "number": pa.float64(), "boolean": pa.bool_()}
 
 
 def arrow_schema(table: str, *, without: frozenset[str] = frozenset()) -> pa.Schema:
-    """The table's Arrow schema, some columns excluded, each field with its unit and meaning as metadata."""
+    """Build a table's Arrow schema, some columns excluded, each field with its unit and meaning as metadata."""
     return _build_schema(list_tables(), table, without)
 
 
@@ -41,28 +41,30 @@ _NUMPY: dict[pa.DataType, type] = {pa.int64(): np.int64, pa.float64(): np.float6
 
 @dataclass(frozen=True, slots=True)
 class RowBatch:
-    """Some rows of a table: of each column n values, in an array, a list or ``Words``, or the one that all have."""
+    """Some rows of a table: each column has n values, in an array, a list or categories, or one value for all rows."""
 
     count: int  # n
     columns: Mapping[str, Any]
 
     @classmethod
     def of(cls, rows: Sequence[Mapping[str, Any]]) -> "RowBatch":
-        """As many rows as there are mappings from column to value; each has the same columns."""
-        return cls(len(rows), {name: [row[name] for row in rows] for name in (rows[0] if rows else ())})
+        """Make a batch of mappings from column to value; each has the same columns."""
+        if not rows:
+            return cls(0, {})
+        return cls(len(rows), {name: [row[name] for row in rows] for name in rows[0]})
 
     @classmethod
-    def below(cls, parts: Sequence["RowBatch"], **shared: Any) -> "RowBatch":
+    def stack(cls, parts: Sequence["RowBatch"], **shared: Any) -> "RowBatch":
         """Put parts of one table one below the other; ``shared`` are further columns with one value for all rows."""
-        counts = [part.count for part in parts]
-        columns = {
-            name: _below([part.columns[name] for part in parts if part.count], [count for count in counts if count])
-            for name in (parts[0].columns if parts else ())
-        }
+        if not parts:
+            return cls(0, shared)
+        filled = [part for part in parts if part.count]
+        counts = [part.count for part in filled]
+        columns = {name: _stack_columns([part.columns[name] for part in filled], counts) for name in parts[0].columns}
         return cls(sum(counts), columns | shared)
 
 
-def _below(values: Sequence[Any], counts: Sequence[int]) -> Any:
+def _stack_columns(values: Sequence[Any], counts: Sequence[int]) -> Any:
     match values:
         case [np.ndarray(), *_]:
             return np.concatenate(values)
@@ -71,8 +73,8 @@ def _below(values: Sequence[Any], counts: Sequence[int]) -> Any:
         case [list(), *_]:
             return list(chain.from_iterable(values))
         case [str(), *_]:
-            once = CategoricalTexts.of(values)
-            return CategoricalTexts(np.repeat(once.codes, counts), once.categories)
+            distinct = CategoricalTexts.of(values)
+            return CategoricalTexts(np.repeat(distinct.codes, counts), distinct.categories)
     return np.repeat(values, counts)
 
 
@@ -94,22 +96,25 @@ class SessionTables(Mapping[str, pa.Table]):
         return len(TABLES)
 
     def count(self, name: str) -> int:
-        """How many rows one of the tables has."""
+        """Count the rows of one of the tables."""
         return self.parts[name].count
 
 
 def arrow_columns(name: str, parts: Sequence[RowBatch]) -> list[pa.Array]:
-    """One table's columns of several sessions' rows, texts as places in a dictionary.
+    """Build one table's columns from several sessions' rows, texts as places in a dictionary.
 
     A NaN becomes NULL, and so does an empty text: nothing is said there.
     """
-    columns = RowBatch.below([part for part in parts if part.count]).columns
-    return [
-        _numbers(columns.get(column.name, []), _ARROW[column.kind])
-        if column.kind not in ("text", "key")
-        else _texts(columns.get(column.name, []), table_key_name if column.kind == "key" else str)
-        for column in TABLES[name]
-    ]
+    columns = RowBatch.stack([part for part in parts if part.count]).columns
+    return [_arrow_column(column.kind, columns.get(column.name, [])) for column in TABLES[name]]
+
+
+def _arrow_column(kind: TableColumnType, values: Any) -> pa.Array:
+    if kind == "key":
+        return _texts(values, table_key_name)
+    if kind == "text":
+        return _texts(values, str)
+    return _numbers(values, _ARROW[kind])
 
 
 # from their bytes, as pa.array would import pandas, half a second, to see that it was given nothing of that
@@ -122,14 +127,18 @@ def _texts(values: CategoricalTexts | list[str | None], name: Callable[[str], st
         words = values
     encoded = [name(word).encode() for word in words.categories]
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
-    said = np.array([bool(word) for word in encoded], np.bool_)
-    buffers = [pa.py_buffer(np.packbits(said, bitorder="little")), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
+    is_present = np.array([bool(word) for word in encoded], np.bool_)
+    buffers = [
+        pa.py_buffer(np.packbits(is_present, bitorder="little")),
+        pa.py_buffer(ends),
+        pa.py_buffer(b"".join(encoded)),
+    ]
     texts = pa.Array.from_buffers(pa.string(), len(encoded), buffers)
     return pa.DictionaryArray.from_arrays(as_int64(words.codes), texts)
 
 
 def as_int64(numbers: NDArray[np.integer[Any]]) -> pa.Array:
-    """Counts and places as Arrow's int64."""
+    """Convert counts and places to Arrow's int64."""
     return pa.Array.from_buffers(pa.int64(), len(numbers), [None, pa.py_buffer(numbers.astype(np.int64, copy=False))])
 
 
@@ -144,7 +153,7 @@ def _numbers(values: NDArray[Any] | list[float | None], kind: pa.DataType) -> pa
         numbers = values.astype(dtype, copy=False)
     bits = np.packbits(numbers, bitorder="little") if dtype is np.bool_ else numbers
     if missing.any():
-        there = pa.py_buffer(np.packbits(~missing, bitorder="little"))
+        validity = pa.py_buffer(np.packbits(~missing, bitorder="little"))
     else:
-        there = None
-    return pa.Array.from_buffers(kind, len(values), [there, pa.py_buffer(bits)])
+        validity = None
+    return pa.Array.from_buffers(kind, len(values), [validity, pa.py_buffer(bits)])

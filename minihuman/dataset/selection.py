@@ -35,19 +35,20 @@ from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_
 from minihuman.experiment.protocol.specs import apply_overrides
 from minihuman.log.evidence import find_evidence
 from minihuman.log.model.session_log import CUT_OFF, EpisodeLog, SessionLog
+from minihuman.moved import warn_of_old_name
 
 _ENOUGH = 6  # letters of a SHA-256 that name a protocol
 
 
 def format_version(plan: SessionPlan) -> str:
-    """The version of the protocol a session was played by, told apart from another of that name: "1 (d3b07384)"."""
+    """Format the version of a session's protocol, told apart from another of that name: "1 (d3b07384)"."""
     return f"{plan.study_version} ({plan.protocol_sha256[:8]})"
 
 
-def matches_version(plan: SessionPlan, asked: str) -> bool:
-    """Whether a session was played by a version: by its own name, as above, or by the start of its SHA-256."""
-    by_hash = len(asked) >= _ENOUGH and plan.protocol_sha256.startswith(asked)
-    return by_hash or asked in (plan.study_version, format_version(plan))
+def matches_version(plan: SessionPlan, version: str) -> bool:
+    """Tell whether a session was played by a version: by its own name, as above, or by the start of its SHA-256."""
+    by_hash = len(version) >= _ENOUGH and plan.protocol_sha256.startswith(version)
+    return by_hash or version in (plan.study_version, format_version(plan))
 
 
 UNFINISHED_OUTCOMES = ("abandoned", "agent_failed", CUT_OFF)
@@ -79,7 +80,7 @@ def _exclusions(protocol_toml: bytes, source: str) -> tuple[ExclusionSpec, ...]:
 
 
 def find_practice_blocks(plan: SessionPlan) -> frozenset[str]:
-    """The names of a session's blocks that its protocol does not analyse.
+    """Find the names of a session's blocks that its protocol does not analyse.
 
     Raises:
         ProtocolError: if the protocol in the log cannot be understood.
@@ -87,23 +88,23 @@ def find_practice_blocks(plan: SessionPlan) -> frozenset[str]:
     if b"analysed" not in plan.protocol_toml:  # of nearly all: decoding takes a millisecond
         return frozenset()
     blocks = decode_logged_protocol(plan.protocol_toml).blocks
-    theirs = (apply_overrides(block, plan.participant.group) for block in blocks)
-    return frozenset(block.name for block in theirs if not block.analysed)
+    group_blocks = (apply_overrides(block, plan.participant.group) for block in blocks)
+    return frozenset(block.name for block in group_blocks if not block.analysed)
 
 
 @dataclass(frozen=True, slots=True)
 class ExclusionRule:
-    """One rule of a protocol's own."""
+    """An exclusion rule of a protocol."""
 
     exclusion: ExclusionSpec
 
     @property
     def needs_world(self) -> bool:
-        """Whether it asks for a measure that only the world itself can tell."""
+        """Tell whether it asks for a measure that only the world itself can tell."""
         return self.exclusion.measure in COLUMNS_NEEDING_WORLD
 
     def broken_by(self, row: Mapping[str, Any]) -> bool:
-        """Whether a row's measure lies outside what the rule allows; a measure that nothing tells does not."""
+        """Tell whether a row's measure lies outside what the rule allows; an unknown measure does not."""
         rule = self.exclusion
         labels = json.loads(row.get("labels") or "{}")
         if any(labels.get(name) != level for name, level in rule.where.items()):
@@ -118,7 +119,7 @@ class ExclusionRule:
 
 
 def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
-    """The rules of a session's own protocol, in the order in which they are tried.
+    """Read the rules of a session's own protocol, in the order in which they are tried.
 
     Raises:
         ReportError: if a rule names a column that its table does not have.
@@ -126,11 +127,13 @@ def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
     """
     if not plan.protocol_toml:
         return ()
-    return tuple(ExclusionRule(one) for one in _exclusions(plan.protocol_toml, f"the protocol of {plan.study}"))
+    return tuple(
+        ExclusionRule(exclusion) for exclusion in _exclusions(plan.protocol_toml, f"the protocol of {plan.study}")
+    )
 
 
 def find_broken_rule(rules: Sequence[ExclusionRule], level: str, row: Mapping[str, Any]) -> str:
-    """The reason of the first rule that an episode's or a participant's row breaks; "" if it breaks none."""
+    """Return the reason of the first rule that an episode's or a participant's row breaks; "" if it breaks none."""
     return next((rule.exclusion.reason for rule in rules if rule.exclusion.level == level and rule.broken_by(row)), "")
 
 
@@ -139,7 +142,7 @@ ExclusionLevel = Literal["participant", "episode"]
 
 @dataclass(frozen=True, slots=True)
 class ExcludedItem:
-    """An episode, or all that a participant did in a session, that was asked for and does not count."""
+    """A selected episode, or all selected episodes of a participant in a session, that are excluded."""
 
     reason: str
     level: ExclusionLevel
@@ -151,57 +154,71 @@ class ExcludedItem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelectedSession:
-    """A session as a selection sees it: each episode's tags, whether it is asked for, and why it does not count."""
+    """A session under a selection: each episode's tags, whether it is selected, and why it is excluded."""
 
     log: SessionLog
     tags: tuple[frozenset[str], ...]
-    asked: tuple[bool, ...]
+    selected: tuple[bool, ...]
     reasons: tuple[str, ...]  # "" where nothing speaks against an episode
-    wanted: bool = True  # whether the session is asked for at all; one without an episode may be
+    is_selected: bool = True  # whether the session is asked for at all; one without an episode may be
     marks: tuple[Annotation, ...] = ()  # beside the log, those that were taken back among them
     session_reason: str = ""  # why the participant does not count, "" if nothing speaks against that
 
     @property
+    def asked(self) -> tuple[bool, ...]:
+        """Return ``selected``, by the name of an earlier version, which goes with the next one."""
+        warn_of_old_name("SelectedSession.asked", "SelectedSession.selected")
+        return self.selected
+
+    @property
+    def wanted(self) -> bool:
+        """Return ``is_selected``, by the name of an earlier version, which goes with the next one."""
+        warn_of_old_name("SelectedSession.wanted", "SelectedSession.is_selected")
+        return self.is_selected
+
+    @property
     def episodes(self) -> tuple[EpisodeLog, ...]:
-        """Those that count, in the order played."""
+        """Return the included episodes, in the order played."""
         return tuple(self.log.episodes[place] for place in self.places)
 
     @property
     def places(self) -> tuple[int, ...]:
-        """Where those that count stand among all of the session's."""
+        """Return the places of the included episodes among all of the session's."""
         if self.session_reason:
             return ()
         return tuple(
-            place for place, (asked, why) in enumerate(zip(self.asked, self.reasons, strict=True)) if asked and not why
+            place
+            for place, (is_selected, why) in enumerate(zip(self.selected, self.reasons, strict=True))
+            if is_selected and not why
         )
 
     @property
     def counts(self) -> bool:
-        """Whether the session does: with an episode that counts, or where there was none to play."""
-        nothing_to_play = self.wanted and not self.session_reason and not self.log.plan.episodes
+        """Tell whether the session is included: with an included episode, or without any to play."""
+        nothing_to_play = self.is_selected and not self.session_reason and not self.log.plan.episodes
         return bool(self.places) or nothing_to_play
 
     @property
     def session(self) -> SessionLog:
-        """The session with the episodes that count, and no others."""
+        """Return the session with its included episodes alone."""
         return replace(self.log, episodes=self.episodes)
 
     @property
     def left_out(self) -> tuple[ExcludedItem, ...]:
-        """What was asked for and does not count; of a participant who does not count, nothing more is said."""
-        who = self.log.plan.participant.id, self.log.plan.session
-        if self.session_reason and self.wanted:
-            return (ExcludedItem(self.session_reason, "participant", *who),)
+        """List what was selected and is excluded; of an excluded participant, nothing more."""
+        session_key = self.log.plan.participant.id, self.log.plan.session
+        if self.session_reason and self.is_selected:
+            return (ExcludedItem(self.session_reason, "participant", *session_key),)
         return tuple(
-            ExcludedItem(why, "episode", *who, episode.number, episode.attempt)
-            for episode, asked, why in zip(self.log.episodes, self.asked, self.reasons, strict=True)
-            if asked and why
+            ExcludedItem(why, "episode", *session_key, episode.number, episode.attempt)
+            for episode, is_selected, why in zip(self.log.episodes, self.selected, self.reasons, strict=True)
+            if is_selected and why
         )
 
 
 @dataclass(slots=True)
 class SelectionSummary:
-    """What an output is made of: how much counts, what was excluded and why, what could not be read."""
+    """A summary of an output's data: how much is included, what is excluded and why, what could not be read."""
 
     selection: str = ""  # as the command line takes it
     sessions: int = 0  # with an episode that counts, or without any to play
@@ -214,23 +231,23 @@ class SelectionSummary:
 
     @property
     def left_out(self) -> Counter[tuple[ExclusionLevel, str]]:
-        """How many episodes and participants were excluded, by reason; a participant counts once per study."""
-        found: Counter[tuple[ExclusionLevel, str]] = Counter()
-        found.update({("episode", reason): count for reason, count in self.excluded_episodes.items()})
-        found.update(("participant", reason) for reason, _, _ in self.excluded_participants)
-        return found
+        """Count the excluded episodes and participants by reason; a participant counts once per study."""
+        excluded: Counter[tuple[ExclusionLevel, str]] = Counter()
+        excluded.update({("episode", reason): count for reason, count in self.excluded_episodes.items()})
+        excluded.update(("participant", reason) for reason, _, _ in self.excluded_participants)
+        return excluded
 
-    def take(self, counted: SelectedSession) -> None:
+    def take(self, session: SelectedSession) -> None:
         """Take a session into the account."""
-        self.episodes += len(counted.places)
-        self.sessions += counted.counts
-        if counted.wanted:
-            self.versions[counted.log.plan.study, format_version(counted.log.plan)] += 1
-        for one in counted.left_out:
-            if one.level == "participant":
-                self.excluded_participants.add((one.reason, counted.log.plan.study, one.participant))
+        self.episodes += len(session.places)
+        self.sessions += session.counts
+        if session.is_selected:
+            self.versions[session.log.plan.study, format_version(session.log.plan)] += 1
+        for exclusion in session.left_out:
+            if exclusion.level == "participant":
+                self.excluded_participants.add((exclusion.reason, session.log.plan.study, exclusion.participant))
             else:
-                self.excluded_episodes[one.reason] += 1
+                self.excluded_episodes[exclusion.reason] += 1
 
     def add(self, other: "SelectionSummary") -> None:
         """Take what another has counted into the account."""
@@ -243,23 +260,27 @@ class SelectionSummary:
         self.notes += other.notes
 
     def lines(self) -> Iterator[str]:
-        """Say it, a line a fact; the first always."""
-        asked = f" ({self.selection})" if self.selection else ""
-        yield f"{_format_count(self.episodes, 'episode')} of {_format_count(self.sessions, 'session')} included{asked}"
+        """Yield the summary, one line for each fact; the first always."""
+        included = f"{_format_count(self.episodes, 'episode')} of {_format_count(self.sessions, 'session')} included"
+        if self.selection:
+            included += f" ({self.selection})"
+        yield included
         for (level, reason), count in sorted(self.left_out.items()):
             yield f"excluded: {_format_count(count, level)}: {reason}"
         if len(self.versions) > 1:
-            told = ", ".join(
+            versions = ", ".join(
                 f"{version} in {_format_count(count, 'session')}"
                 for (_, version), count in sorted(self.versions.items())
             )
-            yield f"several versions of the protocol: {told}; choose one with --version"
-        for one in self.skipped:
-            yield one.line()
+            yield f"several versions of the protocol: {versions}; choose one with --version"
+        for log in self.skipped:
+            yield log.line()
 
 
-def _format_count(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
+def _format_count(count: int, noun: str) -> str:
+    if count == 1:
+        return f"1 {noun}"
+    return f"{count} {noun}s"
 
 
 EXCLUDE = "exclude"  # a reviewer's tag that leaves an episode out unless it is asked for
@@ -271,7 +292,7 @@ AGENT_FAILED = "the agent failed"
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What is asked for, and what of it counts. Several values of one field mean any of them; none means all.
+    """Which episodes are selected and included. Several values of one field mean any of them; none means all.
 
     ``outcome`` to ``only`` say what is asked for. ``without`` are further tags that leave an episode out, and
     ``with_`` takes back in what is excluded by default: "exclude" or another tag, "unfinished", "rules".
@@ -286,7 +307,7 @@ class Selection:
     with_: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """As the command line takes it: "--block grid --with exclude"; "" for the default."""
+        """Format it as the command line takes it: "--block grid --with exclude"; "" for the default."""
         return " ".join(
             f"--{field.name.rstrip('_')} {value}" for field in fields(self) for value in getattr(self, field.name)
         )
@@ -298,7 +319,7 @@ class Selection:
         measured: SessionMeasures | None = None,
         marks: Iterable[Annotation] | None = None,
     ) -> SelectedSession:
-        """Say of each of a session's episodes whether it is asked for, and whether it counts.
+        """Decide of each of a session's episodes whether it is selected, and whether it is included.
 
         The protocol's rules are judged by the whole session, whatever part of it is asked for. ``measured`` spares
         measuring for them; ``marks`` are otherwise read from beside the log.
@@ -308,32 +329,38 @@ class Selection:
             ProtocolError: if the protocol in the log cannot be understood.
             ReportError: if the protocol excludes by a measure that there is not.
         """
-        marks, _ = split_annotations(log, read_annotations(log.path) if marks is None else marks)
-        rules = () if RULES in self.with_ else read_exclusion_rules(log.plan)
+        if marks is None:
+            marks = read_annotations(log.path)
+        marks, _ = split_annotations(log, marks)
+        rules = self._read_rules(log.plan)
         if rules and measured is None:
             measured = SessionMeasures.of(log, self.planner(log.plan, with_shortest=False))
         in_force = collect_tags(marks)
-        theirs = [list_episode_tags(episode, in_force) for episode in log.episodes]
-        reasons, of_session = self._apply_rules(log, rules, measured, theirs)
+        episode_tags = [list_episode_tags(episode, in_force) for episode in log.episodes]
+        reasons, of_session = self._apply_rules(log, rules, measured, episode_tags)
         if any(rule.exclusion.level == "participant" for rule in rules):
             of_session = self._find_participant_reason(log, of_session)
-        asked = [self._asks_for(log, episode, tags) for episode, tags in zip(log.episodes, theirs, strict=True)]
+        selected = [
+            self._asks_for(log, episode, tags) for episode, tags in zip(log.episodes, episode_tags, strict=True)
+        ]
         # a session without an episode is not asked for where episodes of one kind are
         if log.episodes:
-            wanted = any(asked)
+            is_selected = any(selected)
         else:
-            wanted = self._is_of(log) and not (self.outcome or self.block or self.only)
-        return SelectedSession(log, tuple(theirs), tuple(asked), tuple(reasons), wanted, marks, of_session)
+            is_selected = self._is_of(log) and not (self.outcome or self.block or self.only)
+        return SelectedSession(
+            log, tuple(episode_tags), tuple(selected), tuple(reasons), is_selected, marks, of_session
+        )
 
     def _apply_rules(
         self,
         log: SessionLog,
         rules: Sequence[ExclusionRule],
         measured: SessionMeasures | None,
-        theirs: Sequence[frozenset[str]],
+        episode_tags: Sequence[frozenset[str]],
     ) -> tuple[list[str], str]:
-        """The reason against each episode, and the reason that this session gives against its participant."""
-        reasons = [self._reason(episode, tags) for episode, tags in zip(log.episodes, theirs, strict=True)]
+        """Return the reason against each episode, and the reason that this session gives against its participant."""
+        reasons = [self._reason(episode, tags) for episode, tags in zip(log.episodes, episode_tags, strict=True)]
         if not rules or measured is None:
             return reasons, ""
         reasons = [
@@ -346,41 +373,46 @@ class Selection:
             for place, (reason, row) in enumerate(zip(reasons, measured.rows, strict=True))
             if not reason and row["block"] not in practice
         ]
-        return reasons, find_broken_rule(rules, "participant", measured.over(counting) | summarize_session(log))
+        return reasons, find_broken_rule(rules, "participant", measured.aggregate(counting) | summarize_session(log))
 
     def _find_participant_reason(self, log: SessionLog, own: str) -> str:
-        """The reason against the participant: of their first session that breaks a rule, this one's or another's.
+        """Find the reason against the participant: of their first session that breaks a rule, this one's or another's.
 
         A participant is excluded whole, so one session's answer depends on the logs of the others.
         """
-        others = map_logs(list_other_sessions(log), self._judge_participant, processes=1)
-        found = [one for one in others if not isinstance(one, SkippedLog)]
-        return next((reason for _, reason in sorted([(log.plan.session, own), *found]) if reason), "")
+        judgements = map_logs(list_other_sessions(log), self._judge_participant, processes=1)
+        other_reasons = [judgement for judgement in judgements if not isinstance(judgement, SkippedLog)]
+        return next((reason for _, reason in sorted([(log.plan.session, own), *other_reasons]) if reason), "")
 
     def _judge_participant(self, log: SessionLog) -> tuple[int, str]:
-        """A session's number, and the reason that it alone gives against its participant."""
+        """Return a session's number, and the reason that it alone gives against its participant."""
         rules = read_exclusion_rules(log.plan)
         in_force = collect_tags(read_annotations(log.path))
-        theirs = [list_episode_tags(episode, in_force) for episode in log.episodes]
+        episode_tags = [list_episode_tags(episode, in_force) for episode in log.episodes]
         if rules:
             measured = SessionMeasures.of(log, self.planner(log.plan, with_shortest=False))
         else:
             measured = None
-        return log.plan.session, self._apply_rules(log, rules, measured, theirs)[1]
+        return log.plan.session, self._apply_rules(log, rules, measured, episode_tags)[1]
 
     def planner(self, plan: SessionPlan, *, with_shortest: bool) -> PathPlanner:
-        """Who says how few steps an episode could have taken: None, unless that is wanted or a rule asks for it."""
-        asked_by_rule = RULES not in self.with_ and any(rule.needs_world for rule in read_exclusion_rules(plan))
-        if with_shortest or asked_by_rule:
+        """Return what finds shortest paths; it finds none, unless paths are wanted or a rule asks for them."""
+        if with_shortest or any(rule.needs_world for rule in self._read_rules(plan)):
             return find_path_bounds
         return skip_path_bounds
 
-    def _asks_for(self, log: SessionLog, episode: EpisodeLog, theirs: frozenset[str]) -> bool:
+    def _read_rules(self, plan: SessionPlan) -> tuple[ExclusionRule, ...]:
+        """Read the rules of the protocol that this selection applies."""
+        if RULES in self.with_:
+            return ()
+        return read_exclusion_rules(plan)
+
+    def _asks_for(self, log: SessionLog, episode: EpisodeLog, tags: frozenset[str]) -> bool:
         return (
             (not self.outcome or episode.outcome_word in self.outcome)
             and (not self.block or episode.plan.block_name in self.block)
             and self._is_of(log)
-            and (not self.only or bool(theirs & set(self.only)))
+            and (not self.only or bool(tags & set(self.only)))
         )
 
     def _is_of(self, log: SessionLog) -> bool:
@@ -388,8 +420,8 @@ class Selection:
             not self.version or any(matches_version(log.plan, version) for version in self.version)
         )
 
-    def _reason(self, episode: EpisodeLog, theirs: frozenset[str]) -> str:
-        if unwanted := theirs & (({EXCLUDE} | set(self.without)) - set(self.with_)):
+    def _reason(self, episode: EpisodeLog, tags: frozenset[str]) -> str:
+        if unwanted := tags & (({EXCLUDE} | set(self.without)) - set(self.with_)):
             return f"tagged {' '.join(sorted(unwanted))}"
         if episode.outcome_word in UNFINISHED_OUTCOMES and UNFINISHED not in self.with_:
             if episode.outcome == "agent_failed":
@@ -399,7 +431,7 @@ class Selection:
 
 
 def summarize_session(log: SessionLog) -> MeasureRow:
-    """What the table "participants" says of a session as a whole; ``completed_share`` is of the planned episodes."""
+    """Summarize a session for the table "participants"; ``completed_share`` is of the planned episodes."""
     completed = {episode.number for episode in log.episodes if episode.outcome_word not in UNFINISHED_OUTCOMES}
     skipped = sum(event.count for event in log.part_events if isinstance(event, EpisodesSkipped))
     planned = len(log.plan.episodes) - skipped

@@ -37,7 +37,7 @@ MeasureRow = dict[str, Any]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionMeasures:
-    """A session's episodes in the order played: one row of numbers for each, and its keys counted."""
+    """A session's measures: a row for each episode in the order played, and its key counts."""
 
     rows: tuple[MeasureRow, ...]  # columns of the table "episodes"
     tallies: tuple[KeyTally, ...]
@@ -46,35 +46,35 @@ class SessionMeasures:
     def of(cls, log: SessionLog, planner: PathPlanner) -> "SessionMeasures":
         """Measure every episode; ``planner`` says how few steps one could have taken."""
         tallies = tuple(KeyTally.of(episode) for episode in log.episodes)
-        rows = (
-            (row := _episode(tally, walk)) | compare_with_shortest_path(row, planner(tally.episode.plan))
-            for tally, walk in zip(tallies, measure_paths(log.episodes), strict=True)
-        )
+        rows: list[MeasureRow] = []
+        for tally, walk in zip(tallies, measure_paths(log.episodes), strict=True):
+            row = _measure_episode(tally, walk)
+            rows.append(row | compare_with_shortest_path(row, planner(tally.episode.plan)))
         return cls(tuple(rows), tallies)
 
-    def over(self, places: Sequence[int]) -> MeasureRow:
-        """What some of the episodes amount to; None where nothing tells.
+    def aggregate(self, places: Sequence[int]) -> MeasureRow:
+        """Aggregate some of the episodes; None where a measure is unknown.
 
         When a key was found does not hang on which episodes count: all that were begun in their blocks tell it.
         """
-        return _over(
+        return _aggregate(
             [self.rows[place] for place in places],
             [self.tallies[place] for place in places],
-            self.of_blocks({self.rows[place]["block"] for place in places}),
+            self.select_blocks({self.rows[place]["block"] for place in places}),
         )
 
-    def of_blocks(self, blocks: Collection[str]) -> list[KeyTally]:
-        """The tallies of all episodes that were begun in some blocks."""
+    def select_blocks(self, blocks: Collection[str]) -> list[KeyTally]:
+        """Return the tallies of all episodes that were begun in some blocks."""
         return [tally for row, tally in zip(self.rows, self.tallies, strict=True) if row["block"] in blocks]
 
 
 def find_path_bounds(plan: EpisodePlan) -> PathLengthBounds:
-    """The fewest steps of an episode; unknown where the world cannot be made here."""
+    """Find the fewest steps of an episode; unknown where the world cannot be made here."""
     return find_layout_bounds(plan.world, world_options_json(plan), plan.seed)
 
 
 def find_layout_bounds(world_id: str, options: str, seed: int) -> PathLengthBounds:
-    """The fewest steps in a world from its seed, ``options`` as JSON; unknown where it cannot be made here."""
+    """Find the fewest steps in a world from its seed, ``options`` as JSON; unknown where it cannot be made here."""
     try:
         return layout_path_bounds(world_id, options, seed)
     except WorldError:
@@ -87,7 +87,7 @@ def skip_path_bounds(plan: EpisodePlan) -> PathLengthBounds:
 
 
 def locate_episode(episode: EpisodeLog) -> MeasureRow:
-    """Which episode of the session it is, as every table names it."""
+    """Return the columns by which every table identifies an episode within its session."""
     return {
         "block": episode.plan.block_name,
         "segment": episode.segment,
@@ -96,7 +96,7 @@ def locate_episode(episode: EpisodeLog) -> MeasureRow:
     }
 
 
-def _episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
+def _measure_episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
     episode = tally.episode
     plan = episode.plan
     mean_ms, median_ms = mean_and_median(episode.rt_ms)
@@ -127,7 +127,7 @@ def _episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
 
 
 def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) -> MeasureRow:
-    """The fewest possible steps, and how an episode's stand to those of the best way that is known."""
+    """Compare an episode's steps with the fewest possible and with the best known path."""
     steps = row["steps"]
     limit = row["max_steps"]
     outcome = row["outcome"]
@@ -141,23 +141,28 @@ def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) 
     }
 
 
-def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun: Sequence[KeyTally]) -> MeasureRow:
-    """What a block's or a session's episodes that count amount to; None where nothing tells."""
+def _aggregate(
+    rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun_tallies: Sequence[KeyTally]
+) -> MeasureRow:
+    """Aggregate the included episodes of a block or a session; None where a measure is unknown."""
     rewards = [row["reward"] for row in rows]
     steps = [row["steps"] for row in rows]
     times_ms, responses_ms = (
-        mean_and_median(np.concatenate([np.zeros(0), *(of(tally.episode) for tally in tallies)]))
-        for of in (operator.attrgetter("rt_ms"), response_ms)
+        mean_and_median(np.concatenate([np.zeros(0), *(measure_ms(tally.episode) for tally in tallies)]))
+        for measure_ms in (operator.attrgetter("rt_ms"), response_ms)
     )
-    to_find = key_discovery_times(begun)
-    found = [discovered_s for discovered_s in to_find if discovered_s is not None]
+    to_find = key_discovery_times(begun_tallies)
+    discovered = [discovered_s for discovered_s in to_find if discovered_s is not None]
+    all_keys_discovered_s: float | None = None
+    if discovered and len(discovered) == len(to_find):
+        all_keys_discovered_s = max(discovered)
     return {
         "episodes": len(rows),
         "success": _mean([row["success"] for row in rows]),
         "reward_mean": _mean(rewards),
         "reward_sd": float(np.std(rewards, ddof=1)) if len(rewards) > 1 else None,
         "reward_first": rewards[0] if rewards else None,
-        "reward_slope": _slope(rows),
+        "reward_slope": _fit_reward_slope(rows),
         "steps_mean": _mean(steps),
         "steps_at_limit_mean": _mean(map(_steps_at_limit, rows)),
         **average_path_measures(rows),
@@ -167,28 +172,29 @@ def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun: Sequen
         "path_efficiency_mean": _mean([row["path_efficiency"] for row in rows]),
         "ineffective_share": sum(row["ineffective_steps"] for row in rows) / sum(steps) if sum(steps) else None,
         "refused": sum(row["refused"] for row in rows),
-        "keys_discovered": len(found),
+        "keys_discovered": len(discovered),
         "keys_total": len(to_find),
-        "all_keys_discovered_s": max(found) if found and len(found) == len(to_find) else None,
+        "all_keys_discovered_s": all_keys_discovered_s,
     }
 
 
 def _steps_at_limit(row: MeasureRow) -> float | None:
-    """An episode's steps, its step limit without the goal; None where success is not known."""
+    """Return an episode's steps, its step limit without the goal; None where success is not known."""
     if row["success"] is None:
         return None
-    steps: float = row["steps"] if row["success"] else row["max_steps"]
+    column = "steps" if row["success"] else "max_steps"
+    steps: float = row[column]
     return steps
 
 
 def average_path_measures(rows: Sequence[Mapping[str, Any]]) -> MeasureRow:
-    """The means, over episodes, of what the shortest path tells; None where nothing tells."""
+    """Average the measures of the shortest path over episodes; None where none is known."""
     names = ("excess_steps", "log_excess_steps", "log_steps_ratio", "spl")
     return {f"{name}_mean": _mean(row[name] for row in rows) for name in names}
 
 
-def _slope(rows: Sequence[MeasureRow]) -> float | None:
-    """The reward's change an episode over a block's first, with a gap where one does not count; None of many blocks."""
+def _fit_reward_slope(rows: Sequence[MeasureRow]) -> float | None:
+    """Fit the reward's change per episode over one block, excluded episodes as gaps; None of several blocks."""
     if len({row["block"] for row in rows}) != 1:
         return None
     rewards = [math.nan] * max(row["episode_in_block"] for row in rows)
@@ -199,8 +205,12 @@ def _slope(rows: Sequence[MeasureRow]) -> float | None:
 
 def _mean(values: Iterable[float | None]) -> float | None:
     known = [value for value in values if value is not None]
-    return statistics.fmean(known) if known else None
+    if not known:
+        return None
+    return statistics.fmean(known)
 
 
 def _none_if_nan(value: float) -> float | None:
-    return None if math.isnan(value) else value
+    if math.isnan(value):
+        return None
+    return value

@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from minihuman.dataset.activity_tables import ActivityTable, TableRow, list_activity_tables, list_tables_of_topics
 from minihuman.dataset.annotations import Annotation
@@ -46,34 +47,42 @@ _TABLE_BUILDERS = ("segments", "plan", "starts", "frames", "other_presses", "not
 def build_context_rows(
     log: SessionLog,
     episodes: Sequence[EpisodeLog],
-    who: SessionKey,
+    session_key: SessionKey,
     marks: Sequence[Annotation],
     *,
-    wanted: bool = True,
+    is_selected: bool = True,
 ) -> dict[str, RowBatch]:
-    """The rows of these tables, none where the session is not wanted; beginnings and pictures of these episodes."""
-    if not wanted:
+    """Build these tables' rows, none of a session that is not selected; starts and frames are of the given episodes."""
+    if not is_selected:
         return dict.fromkeys(_TABLE_BUILDERS, RowBatch(0, {}))
     attempts = Counter(episode.number for episode in log.episodes)
     channels = _channels(log)
     return {
-        "segments": RowBatch.of([{**who, **_segment(segment, log)} for segment in log.segments]),
-        "plan": RowBatch.of([{**who, **_planned(plan, attempts[plan.episode + 1])} for plan in log.plan.episodes]),
-        "starts": RowBatch.of([{**who, **_place(episode), **_start(episode)} for episode in episodes]),
-        "frames": RowBatch.below([_frames(episode) for episode in episodes], **who),
-        "other_presses": RowBatch.below([_other_presses(segment, log.episodes) for segment in log.segments], **who),
+        "segments": RowBatch.of([{**session_key, **_segment(segment, log)} for segment in log.segments]),
+        "plan": RowBatch.of(
+            [{**session_key, **_planned(plan, attempts[plan.episode + 1])} for plan in log.plan.episodes]
+        ),
+        "starts": RowBatch.of([{**session_key, **_place(episode), **_start(episode)} for episode in episodes]),
+        "frames": RowBatch.stack([_frames(episode) for episode in episodes], **session_key),
+        "other_presses": RowBatch.stack(
+            [_other_presses(segment, log.episodes) for segment in log.segments], **session_key
+        ),
         "notes": RowBatch.of(
-            [{**who, "segment": segment.number, **_note(note)} for segment in log.segments for note in segment.notes]
+            [
+                {**session_key, "segment": segment.number, **_note(note)}
+                for segment in log.segments
+                for note in segment.notes
+            ]
         ),
         "samples": RowBatch.of(
             [
-                {**who, "segment": segment.number, **row}
+                {**session_key, "segment": segment.number, **row}
                 for segment in log.segments
                 for sampled in segment.samples
                 for row in _sample(sampled, channels)
             ]
         ),
-        "marks": RowBatch.of([{**who, **msgspec.structs.asdict(mark)} for mark in marks]),
+        "marks": RowBatch.of([{**session_key, **msgspec.structs.asdict(mark)} for mark in marks]),
     }
 
 
@@ -158,7 +167,7 @@ def _frames(episode: EpisodeLog) -> RowBatch:
 
 
 def _other_presses(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch:
-    """The keys that moved while no episode ran: those of a segment that are in none of its episodes."""
+    """Return the key events while no episode ran: those of a segment that are in none of its episodes."""
     keys = segment.keys
     outside = np.ones(len(keys), bool)
     for episode in episodes:
@@ -180,7 +189,7 @@ def _note(note: SegmentNote) -> TableRow:
 
 
 def _sample(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[TableRow]:
-    """A row a number; one without a number where there is none."""
+    """Make a row for each number of a sample; one row without a number where there is none."""
     names = channels.get(sampled.device, ())
     shared = {"t_ns": sampled.t_ns, "device": sampled.device, "said": sampled.text}
     if not sampled.values:
@@ -192,7 +201,7 @@ def _sample(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[Tab
 
 
 def _channels(log: SessionLog) -> dict[str, tuple[str, ...]]:
-    """What the protocol calls the numbers of each device's samples."""
+    """Return the protocol's names for the numbers of each device's samples."""
     if not any(segment.samples for segment in log.segments):
         return {}
     try:
@@ -208,38 +217,40 @@ def _json(value: Any) -> str:
 _MS = 1e-6
 
 
-def build_activity_rows(log: SessionLog, who: Mapping[str, Any], *, wanted: bool = True) -> dict[str, RowBatch]:
-    """The rows of the tables that events fill, none where the session is not wanted."""
+def build_activity_rows(
+    log: SessionLog, session_key: Mapping[str, Any], *, is_selected: bool = True
+) -> dict[str, RowBatch]:
+    """Build the rows of the tables that events fill, none of a session that is not selected."""
     tables = [table for table in (*_EVENT_TABLES, *list_activity_tables()) if table.episode_row is None]
     makers = defaultdict[type, list[tuple[str, RowMaker]]](list)  # by the class of an event
     for table in tables:
         for event_type, maker in table.event_rows.items():
             makers[event_type].append((table.name, maker))
     rows: dict[str, list[TableRow]] = {table.name: [] for table in tables}
-    for segment in log.segments if wanted else ():
+    for segment in log.segments if is_selected else ():
         for event in segment.part_events:
             for name, make in makers.get(type(event), ()):
                 row = make(event, log)
                 if row is not None:
-                    rows[name].append({**who, "segment": segment.number, "t_ns": event.t_ns, **row})
+                    rows[name].append({**session_key, "segment": segment.number, "t_ns": event.t_ns, **row})
     return {name: RowBatch.of(batch) for name, batch in rows.items()}
 
 
-def build_episode_rows(episodes: Sequence[EpisodeLog], who: SessionKey) -> dict[str, RowBatch]:
-    """The rows of the tables that a kind of activity fills from episodes."""
+def build_episode_rows(episodes: Sequence[EpisodeLog], session_key: SessionKey) -> dict[str, RowBatch]:
+    """Build the rows of the tables that a kind of activity fills from episodes."""
     return {
-        table.name: RowBatch.of(list(_episode_rows(table, episodes, who)))
+        table.name: RowBatch.of(list(_episode_rows(table, episodes, session_key)))
         for table in list_activity_tables()
         if table.episode_row is not None
     }
 
 
-def _episode_rows(table: ActivityTable, episodes: Sequence[EpisodeLog], who: SessionKey) -> Iterator[TableRow]:
+def _episode_rows(table: ActivityTable, episodes: Sequence[EpisodeLog], session_key: SessionKey) -> Iterator[TableRow]:
     assert table.episode_row is not None
     for episode in episodes:
         row = table.episode_row(episode)
         if row is not None:
-            yield {**who, **locate_episode(episode), **row}
+            yield {**session_key, **locate_episode(episode), **row}
 
 
 def _build_start_row(event: PartStarted, log: SessionLog) -> TableRow:
@@ -307,59 +318,78 @@ _EVENT_TABLES = (
 NO_EPISODE_INCLUDED = "no episode counts"
 
 
-def build_session_tables(counted: SelectedSession, measured: SessionMeasures) -> SessionTables:
-    """Every table's rows of one session: of the episodes that are asked for.
+def build_session_tables(session: SelectedSession, measured: SessionMeasures) -> SessionTables:
+    """Build one session's rows of every table, from the selected episodes.
 
     Rows that do not count stay in the tables, with the reason in ``exclusion_reason``; block and participant rows are
     over the episodes that count, keys' rows over all that were begun in those blocks.
     """
-    log = counted.log
-    who: MeasureRow = {
+    log = session.log
+    session_key: MeasureRow = {
         "study": log.plan.study,
         "version": format_version(log.plan),
         "participant": log.plan.participant.id,
         "group": log.plan.participant.group,
         "session": log.plan.session,
     }
-    asked = [place for place, is_asked in enumerate(counted.asked) if is_asked]
-    played = [log.episodes[at] for at in asked]
-    episodes = [
-        who
-        | measured.rows[at]
-        | compute_episode_columns(log.episodes[at])
-        | {
-            "tags": " ".join(sorted(counted.tags[at])),
-            "exclusion_reason": counted.session_reason or counted.reasons[at],
-        }
-        for at in asked
-    ]
-    counting = [at for at in asked if not counted.reasons[at]]
-    blocks = [
-        who | {"block": name} | measured.over([at for at in counting if measured.rows[at]["block"] == name])
-        for name in dict.fromkeys(episode.plan.block_name for episode in played)
-    ]
-    practice = find_practice_blocks(log.plan)
-    analysed = [at for at in counting if measured.rows[at]["block"] not in practice]
-    participant = who | summarize_session(log) | measured.over(analysed)
-    for row in blocks:
-        row["exclusion_reason"] = counted.session_reason or ("" if row["episodes"] else NO_EPISODE_INCLUDED)
-    participant["exclusion_reason"] = counted.session_reason or ("" if counted.counts else NO_EPISODE_INCLUDED)
-    steps, presses = (RowBatch.below([of(episode) for episode in played], **who) for of in (_steps, _presses))
+    places = [place for place, is_selected in enumerate(session.selected) if is_selected]
+    played = [log.episodes[place] for place in places]
+    blocks = dict.fromkeys(episode.plan.block_name for episode in played)
+    participants: list[MeasureRow] = []
+    if session.is_selected:
+        participants = [session_key | _participant(session, measured, places)]
     return SessionTables(
         {
-            "steps": steps,
-            "presses": presses,
-            "keys": RowBatch.of(
-                [who | row for row in _keys(measured.of_blocks({one.plan.block_name for one in played}))]
-            ),
-            "episodes": RowBatch.of(episodes),
-            "blocks": RowBatch.of(blocks),
-            "participants": RowBatch.of([participant] if counted.wanted else []),
+            "steps": RowBatch.stack([_steps(episode) for episode in played], **session_key),
+            "presses": RowBatch.stack([_presses(episode) for episode in played], **session_key),
+            "keys": RowBatch.of([session_key | row for row in _keys(measured.select_blocks(blocks.keys()))]),
+            "episodes": RowBatch.of([session_key | _episode(session, measured, place) for place in places]),
+            "blocks": RowBatch.of([session_key | _block(session, measured, places, name) for name in blocks]),
+            "participants": RowBatch.of(participants),
         }
-        | build_context_rows(log, played, who, counted.marks, wanted=counted.wanted)
-        | build_activity_rows(log, who, wanted=counted.wanted)
-        | build_episode_rows(played, who)
+        | build_context_rows(log, played, session_key, session.marks, is_selected=session.is_selected)
+        | build_activity_rows(log, session_key, is_selected=session.is_selected)
+        | build_episode_rows(played, session_key)
     )
+
+
+def _episode(session: SelectedSession, measured: SessionMeasures, place: int) -> MeasureRow:
+    columns = {
+        "tags": " ".join(sorted(session.tags[place])),
+        "exclusion_reason": session.session_reason or session.reasons[place],
+    }
+    return measured.rows[place] | compute_episode_columns(session.log.episodes[place]) | columns
+
+
+def _block(session: SelectedSession, measured: SessionMeasures, places: Sequence[int], name: str) -> MeasureRow:
+    """Build a block's row from those of the episodes at ``places`` that are its own and count."""
+    included = [place for place in places if not session.reasons[place] and measured.rows[place]["block"] == name]
+    return (
+        {"block": name}
+        | measured.aggregate(included)
+        | {"exclusion_reason": _exclusion_reason(session, counts=bool(included))}
+    )
+
+
+def _participant(session: SelectedSession, measured: SessionMeasures, places: Sequence[int]) -> MeasureRow:
+    """Build the participant's row from those of the episodes at ``places`` that count, practice excluded."""
+    practice = find_practice_blocks(session.log.plan)
+    analysed = [
+        place for place in places if not session.reasons[place] and measured.rows[place]["block"] not in practice
+    ]
+    return (
+        summarize_session(session.log)
+        | measured.aggregate(analysed)
+        | {"exclusion_reason": _exclusion_reason(session, counts=session.counts)}
+    )
+
+
+def _exclusion_reason(session: SelectedSession, *, counts: bool) -> str:
+    if session.session_reason:
+        return session.session_reason
+    if counts:
+        return ""
+    return NO_EPISODE_INCLUDED
 
 
 def _steps(episode: EpisodeLog) -> RowBatch:
@@ -379,14 +409,19 @@ def _steps(episode: EpisodeLog) -> RowBatch:
         "yaw_rad": episode.poses[1:, 3],
         "terminated": episode.terminated,
         "truncated": episode.truncated,
-        "action_vector": CategoricalTexts.of([json.dumps(row) for row in episode.action_vectors.tolist()])
-        if episode.action_vectors is not None
-        else CategoricalTexts(np.zeros(n, np.int64), ("",)),
-        "info": CategoricalTexts.of([_json(info) for info in episode.infos])
-        if episode.infos is not None
-        else CategoricalTexts(np.zeros(n, np.int64), ("",)),
+        "action_vector": _encode_steps(n, episode.action_vectors),
+        "info": _encode_steps(n, episode.infos),
     }
     return RowBatch(n, locate_episode(episode) | columns)
+
+
+def _encode_steps(n: int, records: NDArray[np.float64] | Sequence[Any] | None) -> CategoricalTexts:
+    """Encode what was recorded at each of n steps as JSON; empty texts where the log has nothing of that kind."""
+    if records is None:
+        return CategoricalTexts(np.zeros(n, np.int64), ("",))
+    if isinstance(records, np.ndarray):
+        records = records.tolist()
+    return CategoricalTexts.of([_json(record) for record in records])
 
 
 def _presses(episode: EpisodeLog) -> RowBatch:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def build_episode_facts(log: SessionLog, episode: EpisodeLog) -> dict[str, Any]:
-    """The facts of one episode; ``session``, ``segment``, ``episode`` and ``attempt`` count from 1."""
+    """Build the facts of one episode; ``session``, ``segment``, ``episode`` and ``attempt`` count from 1."""
     plan = episode.plan
     return {
         "study": log.plan.study,
@@ -47,7 +47,7 @@ T = TypeVar("T")
 
 
 class StudySessions:
-    """The sessions of a log, or of all logs below a folder. Going through them fills the ``account``.
+    """The sessions of a log, or of all logs below a folder. Iterating over them fills the ``account``.
 
     A log that cannot be read, a second log of the same session and withdrawn participants are skipped by name, and the
     rest is read; ``say`` is called with each at once. ``from_logs`` believes no cache: tables are made from
@@ -73,7 +73,7 @@ class StudySessions:
         self.engine = engine
 
     def __iter__(self) -> Iterator[SelectedSession]:
-        """One session in memory at a time.
+        """Yield the sessions, one in memory at a time.
 
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
@@ -81,7 +81,7 @@ class StudySessions:
         return self._go_through(self.selection.judge, processes=1)
 
     def each(self, work: Callable[[SelectedSession], T]) -> Iterator[T]:
-        """What ``work`` makes of each session with an episode that counts, several worked on side by side.
+        """Yield what ``work`` makes of each session with an included episode, several worked on side by side.
 
         ``work`` may run in another process: it and its results can be pickled.
 
@@ -90,46 +90,46 @@ class StudySessions:
         """
         for result in self._go_through(partial(_process_session, self.selection, work), processes=self.processes):
             self.account.add(result.account)
-            yield from result.made
+            yield from result.outputs
 
     def rows(self, *, with_shortest: bool) -> Iterator["SessionRows"]:
-        """Every session's rows of every table, those that do not count with the reason.
+        """Yield every session's rows of every table, excluded ones with the reason.
 
         Raises:
             LogError: as ``__iter__``.
             ReportError: if a protocol excludes by a measure that there is not.
         """
         work = partial(read_session_rows, selection=self.selection, with_shortest=with_shortest)
-        for found in self._go_through(work, processes=self.processes):
-            self.account.add(found.account)
-            if found.rows.count("participants"):
-                yield found
+        for session in self._go_through(work, processes=self.processes):
+            self.account.add(session.account)
+            if session.rows.count("participants"):
+                yield session
 
     def _go_through(self, work: Callable[[SessionLog], T], *, processes: int | None) -> Iterator[T]:
         paths, skipped = list_readable_logs(self.source)
-        for one in skipped:
-            self.skip(one)
+        for log in skipped:
+            self.skip(log)
         engine = "local" if processes == 1 else self.engine
-        for found in map_logs(paths, work, processes=processes, engine=engine):
-            if isinstance(found, SkippedLog):
+        for outcome in map_logs(paths, work, processes=processes, engine=engine):
+            if isinstance(outcome, SkippedLog):
                 if not self.source.is_dir():
-                    raise LogError(found.reason)
-                self.skip(found)
+                    raise LogError(outcome.reason)
+                self.skip(outcome)
             else:
-                if isinstance(found, SelectedSession):
-                    self.account.take(found)
-                yield found
+                if isinstance(outcome, SelectedSession):
+                    self.account.take(outcome)
+                yield outcome
 
-    def skip(self, one: SkippedLog) -> None:
+    def skip(self, log: SkippedLog) -> None:
         """Put what cannot be read into the account, and say so."""
-        one = one.relative_to(self.source)
-        self.account.skipped.append(one)
-        self._say(one.line())
+        log = log.relative_to(self.source)
+        self.account.skipped.append(log)
+        self._say(log.line())
 
 
 @dataclass(frozen=True, slots=True)
 class SessionRows:
-    """One session's plan and rows, and what counts of it."""
+    """One session's plan and rows, and how much of it is included."""
 
     path: Path
     plan: SessionPlan
@@ -140,7 +140,7 @@ class SessionRows:
 
 
 def read_selected_sessions(sources: Iterable[Path], selection: Selection) -> tuple[list[SessionLog], SelectionSummary]:
-    """Every session of several logs and folders, with the episodes that count, and the account of them.
+    """Read every session of several logs and folders, with the included episodes, and the account of them.
 
     Raises:
         LogError: if there is no such file or folder, or no session to be read in them.
@@ -149,7 +149,7 @@ def read_selected_sessions(sources: Iterable[Path], selection: Selection) -> tup
     logs = list[SessionLog]()
     for source in sources:
         sessions = StudySessions(source, selection)
-        logs += [counted.session for counted in sessions if counted.places]
+        logs += [selected.session for selected in sessions if selected.places]
         account.add(sessions.account)
     if not logs:
         raise LogError(
@@ -169,32 +169,34 @@ def read_session_rows(log: SessionLog, *, selection: Selection, with_shortest: b
     from minihuman.dataset.session_tables import build_session_tables
 
     measured = SessionMeasures.of(log, selection.planner(log.plan, with_shortest=with_shortest))
-    counted = selection.judge(log, measured=measured)
-    facts = tuple(build_episode_facts(log, episode) for episode in counted.episodes)
+    session = selection.judge(log, measured=measured)
+    facts = tuple(build_episode_facts(log, episode) for episode in session.episodes)
     return SessionRows(
         log.path,
         log.plan,
-        build_session_tables(counted, measured),
+        build_session_tables(session, measured),
         facts,
-        _account(counted),
+        _account(session),
         measure_recording_quality(log),
     )
 
 
 @dataclass(frozen=True, slots=True)
 class _SessionResult(Generic[T]):
-    made: tuple[T, ...]  # one, or none where no episode counts
+    outputs: tuple[T, ...]  # one, or none where no episode counts
     account: SelectionSummary
 
 
 def _process_session(selection: Selection, work: Callable[[SelectedSession], T], log: SessionLog) -> _SessionResult[T]:
-    counted = selection.judge(log)
-    return _SessionResult((work(counted),) if counted.places else (), _account(counted))
+    session = selection.judge(log)
+    if not session.places:
+        return _SessionResult((), _account(session))
+    return _SessionResult((work(session),), _account(session))
 
 
-def _account(counted: SelectedSession) -> SelectionSummary:
+def _account(session: SelectedSession) -> SelectionSummary:
     account = SelectionSummary()
-    account.take(counted)
+    account.take(session)
     return account
 
 

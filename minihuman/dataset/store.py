@@ -34,7 +34,7 @@ _MAX_OPENINGS = 5  # to look, to write, to read; another command may write meanw
 
 
 class _Damage(NamedTuple):
-    """What in a file is not as it was written."""
+    """The parts of a file that are not as they were written."""
 
     changed: set[int]  # the sessions with other rows, or whose line is another; numbers of no session among them
     doubled: set[str]  # the logs that are in it more than once
@@ -49,7 +49,8 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         sessions: of which study, and what counts.
         with_shortest: whether the fewest possible steps are worked out, which takes the worlds themselves.
         tables: those that will be read; the digests of no others are compared.
-        with_account: whether ``kept`` and the account are filled in; without, the account says what was skipped.
+        with_account: whether ``cached_sessions`` and the account are filled in; without, the account says what was
+            skipped.
 
     Raises:
         LogError: if there is no such file or folder, or it is a single log that cannot be read.
@@ -64,7 +65,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         tables: Collection[str] | None = None,
         with_account: bool = True,
     ) -> None:
-        self.kept: tuple[CachedSession, ...] = ()  # every log, in order of path
+        self.cached_sessions: tuple[CachedSession, ...] = ()  # every log, in order of path
         self.selection = sessions.selection
         self._sessions = sessions
         self._with_shortest = with_shortest
@@ -77,7 +78,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         self.tables = self._file.open_database(read_only=True)
         try:
             logs = self._update()
-            self._account(logs, whole=with_account)
+            self._account(logs, include_readable=with_account)
             self._known = {}
         except duckdb.Error as error:
             self.close()
@@ -88,11 +89,11 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
 
     @property
     def is_temporary(self) -> bool:
-        """Whether the tables lie in a file that goes away, not in the study's own."""
+        """Tell whether the tables lie in a file that goes away, not in the study's own."""
         return self._file.is_temporary
 
     def facts(self) -> Iterator[tuple[Path, dict[str, Any]]]:
-        """Every log with the facts of each episode in it that counts."""
+        """Yield every log with the facts of each included episode in it."""
         paths = {key: self._sessions.source / key for key in self._keys}
         rows = self.tables.connection.execute("SELECT key, facts FROM kept.logs WHERE facts IS NOT NULL")
         while lines := rows.fetchmany(SESSIONS_PER_COMMIT):
@@ -129,7 +130,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         return logs
 
     def _list_known(self) -> dict[str, KnownLog]:
-        """What the file says of each log, once."""
+        """List what the file says of each log."""
         rows = self.tables.connection.execute("SELECT key, log, fingerprint, with_shortest, metadata FROM kept.logs")
         return {key: KnownLog(*facts) for key, *facts in rows.fetchall()}
 
@@ -184,6 +185,8 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         """Compare rows with their digests, of the tables of which they were not compared yet."""
         changed = set[int]()
         doubled = set[str]()
+        if self.tables.is_new:
+            return _Damage(changed, doubled)
         if not self._compared:
             connection = self.tables.connection
             other_lines = f"SELECT log FROM kept.logs WHERE digest IS DISTINCT FROM hash({LOG_COLUMNS})"
@@ -199,23 +202,25 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         for key, known in self._known.items():
             is_whole = known.number not in damage.changed and key not in damage.doubled
             if is_whole and key in logs and is_same_content(logs[key].fingerprint, known.fingerprint):
-                has_paths = known.with_shortest >= self._with_shortest
-                (fresh if has_paths else unplanned)[key] = known.number
+                if known.with_shortest >= self._with_shortest:
+                    fresh[key] = known.number
+                else:
+                    unplanned[key] = known.number
         return fresh, unplanned
 
-    def _account(self, logs: Mapping[str, ListedLog], *, whole: bool) -> None:
+    def _account(self, logs: Mapping[str, ListedLog], *, include_readable: bool) -> None:
         """Note what is known of each log, or with ``whole`` off of those to be skipped, and in which order to read."""
-        of_which = "" if whole else "WHERE facts IS NULL"
+        of_which = "" if include_readable else "WHERE facts IS NULL"
         rows = self.tables.connection.execute(f"SELECT key, about FROM kept.logs {of_which}").fetchall()
-        sessions = {key: msgspec.msgpack.decode(about, type=CachedSession) for key, about in rows}
+        sessions = {key: msgspec.msgpack.decode(cached_session, type=CachedSession) for key, cached_session in rows}
         numbers = dict(self.tables.connection.execute("SELECT key, log FROM kept.logs").fetchall())
         self.tables.put_in_order([numbers[key] for key in logs])
         self.tables.checked = self._read_tables
         self._keys = tuple(logs)
-        self.kept = tuple(  # with the paths of today: files may move
+        self.cached_sessions = tuple(  # with the paths of today: files may move
             msgspec.structs.replace(sessions[key], path=str(log.path)) for key, log in logs.items() if key in sessions
         )
-        for session in self.kept:
+        for session in self.cached_sessions:
             if session.problem:
                 self._sessions.skip(SkippedLog(Path(session.path), session.problem))
             else:

@@ -13,7 +13,7 @@ from minihuman.errors import QueryError
 
 
 class StoreFile:
-    """Opens the file, and makes it anew where it holds something else.
+    """Opens the file, and makes it again where it holds something else.
 
     Args:
         sessions: of which study, and what counts; what is done without the study's own file is noted in their account.
@@ -26,7 +26,7 @@ class StoreFile:
 
     @property
     def is_temporary(self) -> bool:
-        """Whether the tables lie in a file that goes away, not in the study's own."""
+        """Tell whether the tables lie in a file that goes away, not in the study's own."""
         return self._temporary is not None
 
     def open_database(self, *, read_only: bool) -> TableDatabase:

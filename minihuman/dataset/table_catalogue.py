@@ -15,8 +15,9 @@ from types import MappingProxyType
 from typing import Any
 
 from minihuman.dataset.activity_tables import ActivityTable, list_activity_tables
+from minihuman.dataset.column_aliases import COLUMN_ALIASES
 from minihuman.dataset.episode_columns import EpisodeColumn, list_episode_columns
-from minihuman.dataset.table_columns import COLUMN_ALIASES, SESSION_TABLES, TableColumn
+from minihuman.dataset.table_columns import SESSION_TABLES, TableColumn
 from minihuman.storage.outside_names import explain_refused_name
 
 
@@ -59,7 +60,7 @@ EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "sample
 
 
 def build_data_dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:
-    """The data dictionary, some columns excluded: table, column, then its type, unit and meaning."""
+    """Build the data dictionary, some columns excluded: table, column, then its type, unit and meaning."""
     return {
         table: describe_columns(column for column in columns if column.name not in without)
         for table, columns in TABLES.items()
@@ -75,10 +76,10 @@ def describe_columns(columns: Iterable[TableColumn]) -> dict[str, dict[str, str]
 
 
 def _history(column: TableColumn) -> dict[str, str]:
-    """The number of a column's definition and its name in earlier versions, where it has them."""
+    """Return the number of a column's definition and its name in earlier versions, where it has them."""
     old = next((old for old, now in COLUMN_ALIASES.items() if now == column.name), "")
-    found = {"definition": str(column.definition or ""), "earlier_name": old}
-    return {name: value for name, value in found.items() if value}
+    history = {"definition": str(column.definition or ""), "earlier_name": old}
+    return {name: value for name, value in history.items() if value}
 
 
 _TYPES = {"text": "string", "key": "string", "integer": "integer", "number": "number", "boolean": "boolean"}
@@ -119,7 +120,7 @@ class TablePartition:
 
     @property
     def name(self) -> str:
-        """The file's, in a folder or a remote store, as Hive lays out partitions."""
+        """Return the file's name, in a folder or a remote store, as Hive lays out partitions."""
         return (
             f"{self.table}/study={self.study}/participant={self.participant}/"
             f"ses-{self.session:02d}-{self.digest}.parquet"
@@ -128,14 +129,14 @@ class TablePartition:
     @classmethod
     def parse(cls, name: str) -> "TablePartition | None":
         """Read a file's name, whoever gave it; None where it is no partition's."""
-        found = _PARTITION.fullmatch(name)
-        if found is None or any(explain_refused_name(part) for part in found.group(1, 2, 3)):
+        match = _PARTITION.fullmatch(name)
+        if match is None or any(explain_refused_name(part) for part in match.group(1, 2, 3)):
             return None
-        return cls(found[1], found[2], found[3], int(found[4]), found[5])
+        return cls(match[1], match[2], match[3], int(match[4]), match[5])
 
     @property
     def of_session(self) -> tuple[str, str, int]:
-        """Study, participant and session: partitions that have these in common replace each other."""
+        """Return study, participant and session: partitions that have these in common replace each other."""
         return self.study, self.participant, self.session
 
 
@@ -147,7 +148,7 @@ def _find_episode_tables() -> set[str]:
 
 
 def is_episode_table(name: str) -> bool:
-    """Whether each row of a table belongs to a row of ``episodes``."""
+    """Tell whether each row of a table belongs to a row of ``episodes``."""
     return name in _EPISODE_TABLES or name in _find_episode_tables()
 
 
@@ -159,7 +160,7 @@ def find_primary_key(name: str) -> tuple[str, ...]:
 
 
 def build_table_schema(name: str, columns: Iterable[TableColumn]) -> dict[str, Any]:
-    """One table's schema."""
+    """Build one table's schema."""
     schema: dict[str, Any] = {"fields": [_field(column) for column in columns], "missingValues": [""]}
     if key := find_primary_key(name):
         schema["primaryKey"] = list(key)
@@ -178,7 +179,7 @@ def build_data_package(
     infos: Mapping[str, Mapping[str, TableColumn]] = MappingProxyType({}),
     **facts: Any,
 ) -> dict[str, Any]:
-    """A data package of table files, each with its table's name; ``facts`` are the package's further properties.
+    """Build a data package of table files, each with its table's name; ``facts`` are further properties of the package.
 
     ``infos`` are the columns that a table's file has for keys of a world's info.
     """

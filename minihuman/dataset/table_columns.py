@@ -4,7 +4,6 @@ Kinds of activity have further tables, in a module ``columns`` of their folder. 
 than many a command.
 """
 
-import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -27,23 +26,11 @@ class TableColumn:
 
 
 def table_key_name(key: str) -> str:
-    """A physical key's name as it stands in tables: "key_1", "key_q"; longer names, such as "enter", as they are.
+    """Name a physical key as tables do: "key_1", "key_q"; longer names, such as "enter", as they are.
 
     A column of "1" and "2" is one of numbers to most readers, and "t" and "f" are yes and no to some.
     """
     return f"key_{key}" if len(key) == 1 else key
-
-
-COLUMN_ALIASES: dict[str, str] = {  # a column's name in earlier versions -> its name now, in every table that has it
-    "left_out": "exclusion_reason",
-    "in_vain": "ineffective_steps",
-    "in_vain_share": "ineffective_share",
-    "found_s": "discovered_s",
-    "found_steps": "discovered_steps",
-    "keys_found": "keys_discovered",
-    "keys_to_find": "keys_total",
-    "found_all_s": "all_keys_discovered_s",
-}
 
 
 SESSION_COLUMNS = (
@@ -80,18 +67,6 @@ SEGMENT_COLUMN = (
 
 
 TIME_COLUMN = TableColumn("t_ns", "integer", "ns", "Session time: since the session's first segment began.")
-
-
-_SQL_NAMES = re.compile(
-    r"(?P<text>'(?:[^']|'')*'|(?P<quote>\$\w*\$).*?(?P=quote)|--[^\n]*|/\*.*?\*/)"  # literals, comments
-    rf"|\b(?P<column>{'|'.join(COLUMN_ALIASES)})\b",
-    re.DOTALL | re.IGNORECASE,
-)
-
-
-def use_current_columns(sql: str) -> str:
-    """A query with the columns' earlier names replaced by their present ones; literals and comments stay."""
-    return _SQL_NAMES.sub(lambda found: found["text"] or COLUMN_ALIASES[found["column"].lower()], sql)
 
 
 STEPS = (

@@ -17,16 +17,18 @@ import pyarrow as pa
 import minihuman
 from minihuman.dataset.activity_tables import list_table_sources
 from minihuman.dataset.caches import INDEX_SCHEMA, connect_cache, digest_files, digest_sources, transaction
+from minihuman.dataset.column_aliases import use_current_columns
 from minihuman.dataset.rows import RowBatch, SessionTables, arrow_columns, arrow_schema, as_int64
 from minihuman.dataset.session_measures import average_path_measures, compare_with_shortest_path, find_layout_bounds
 from minihuman.dataset.table_catalogue import TABLES, is_episode_table
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, use_current_columns
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_queries import QUERY_SETTINGS, find_queried_tables
 from minihuman.errors import QueryError
 
 _ROWS = 100_000  # handed out at once
 _DIGEST_MODULUS = 2**64
 _ROWS_PER_INSERT = 50_000  # of a table; fewer are slower, more take more memory
+_SQL_TYPES = {pa.string(): "VARCHAR", pa.int64(): "BIGINT", pa.float64(): "DOUBLE", pa.bool_(): "BOOLEAN"}
 _READING = frozenset(f"StatementType.{name}" for name in ("SELECT", "EXPLAIN", "PRAGMA", "MULTI"))  # MULTI: PIVOT
 _MAKERS = ("dataset", "log/model")  # the packages whose code makes the rows, beside the modules of activities' tables
 LOG_COLUMNS = "log, key, fingerprint, with_shortest, row_digests, metadata, about, facts"  # digested with each log
@@ -66,10 +68,13 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         self._is_placed = False  # whether the connection has the order as a table
         self.checked: frozenset[str] = frozenset(TABLES)  # tables that may be read: their digests were compared
         self.read_only = read_only
+        self.is_new = False  # whether it was laid out here: no other program can have changed it
         self.connection = connect_cache(path, read_only=read_only)
         try:
-            there = self.connection.execute("SELECT 1 FROM duckdb_tables() WHERE table_name = 'made_by'").fetchall()
-            if not there:
+            version_tables = self.connection.execute(
+                "SELECT 1 FROM duckdb_tables() WHERE table_name = 'made_by'"
+            ).fetchall()
+            if not version_tables:
                 if read_only:  # it has the session index alone
                     raise StoreVersionError
                 self._lay_out()
@@ -89,13 +94,13 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         waiting: dict[str, dict[int, RowBatch]] = {name: {} for name in TABLES}
         for number, rows in sessions:
             digests[number] = [0] * len(TABLES)
-            for name, its in waiting.items():
+            for name, batches in waiting.items():
                 if rows.count(name):
-                    its[number] = rows.parts[name]
-                if sum(part.count for part in its.values()) >= _ROWS_PER_INSERT:
-                    self._insert(name, its, digests)
-        for name, its in waiting.items():
-            self._insert(name, its, digests)
+                    batches[number] = rows.parts[name]
+                if sum(part.count for part in batches.values()) >= _ROWS_PER_INSERT:
+                    self._insert(name, batches, digests)
+        for name, batches in waiting.items():
+            self._insert(name, batches, digests)
         return digests
 
     def _insert(self, name: str, parts: dict[int, RowBatch], digests: Mapping[int, list[int]]) -> None:
@@ -119,42 +124,51 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             numbers: of sessions that no rule excludes: others' rows do not tell which episodes count.
             practice: each session's blocks that are not analysed.
         """
-        found = self.connection.execute(
+        episodes = self._measure_paths(numbers)
+        if not episodes:  # none of these sessions had one
+            return
+        by_block: dict[tuple[int, str], list[dict[str, Any]]] = {}
+        by_session: dict[tuple[int, str], list[dict[str, Any]]] = {}
+        for row in episodes:
+            log = row["log"]
+            block = row["block"]
+            of_block = by_block.setdefault((log, block), [])
+            of_session = by_session.setdefault((log, ""), [])
+            if row["counts"]:
+                of_block.append(row)
+                if block not in practice[log]:
+                    of_session.append(row)
+        self._update_world_columns("episodes", episodes)
+        for name, groups in (("blocks", by_block), ("participants", by_session)):
+            means = [
+                {"log": log, "block": block, **average_path_measures(rows)} for (log, block), rows in groups.items()
+            ]
+            self._update_world_columns(name, means)
+
+    def _measure_paths(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
+        """Compare some sessions' episodes with their shortest paths; return what is known of each."""
+        episode_rows = self.connection.execute(
             "SELECT log, e.row, e.block, steps, e.max_steps, outcome, exclusion_reason IS NULL AS counts, p.world, "
             "options, p.seed FROM kept.episodes e JOIN kept.plan p USING (log, episode) "
             "WHERE log IN (SELECT unnest(?)) ORDER BY log, e.row",
             (list(numbers),),
         )
-        names = [column[0] for column in found.description]
-        new: dict[str, list[dict[str, Any]]] = {name: [] for name in PLANNED_TABLES}
-        means: dict[str, dict[tuple[int, str], list[dict[str, Any]]]] = {"blocks": {}, "participants": {}}
-        for values in found.fetchall():
-            row = dict(zip(names, values, strict=True))
-            least = find_layout_bounds(row["world"], row["options"], row["seed"])
-            row |= compare_with_shortest_path(row, least)
-            new["episodes"].append(row)
-            log = row["log"]
-            block = row["block"]
-            of_block = means["blocks"].setdefault((log, block), [])
-            of_session = means["participants"].setdefault((log, ""), [])
-            if row["counts"]:
-                of_block.append(row)
-                if block not in practice[log]:
-                    of_session.append(row)
-        for name, groups in means.items():
-            new[name] = [
-                {"log": log, "block": block, **average_path_measures(rows)} for (log, block), rows in groups.items()
-            ]
-        for name, key in PLANNED_TABLES.items():
-            if not new[name]:  # none of these sessions had an episode
-                continue
-            changed = [column for column in arrow_schema(name).names if column in COLUMNS_NEEDING_WORLD]
-            assigned = ", ".join(f'"{column}" = new."{column}"' for column in changed)
-            found_out = pa.Table.from_pylist(new[name]).select(list({"log", key}) + changed)  # noqa: F841 - SQL reads it
-            self.connection.execute(
-                f"UPDATE kept.{name} SET {assigned} FROM found_out AS new "
-                f"WHERE {name}.log = new.log AND {name}.{key} = new.{key}"
-            )
+        names = [column[0] for column in episode_rows.description]
+        rows = [dict(zip(names, cells, strict=True)) for cells in episode_rows.fetchall()]
+        for row in rows:
+            row |= compare_with_shortest_path(row, find_layout_bounds(row["world"], row["options"], row["seed"]))
+        return rows
+
+    def _update_world_columns(self, name: str, rows: list[dict[str, Any]]) -> None:
+        """Store a planned table's columns that take the worlds; each row names its session and its key."""
+        key = PLANNED_TABLES[name]
+        changed = [column for column in arrow_schema(name).names if column in COLUMNS_NEEDING_WORLD]
+        assigned = ", ".join(f'"{column}" = new."{column}"' for column in changed)
+        measured = pa.Table.from_pylist(rows).select(list({"log", key}) + changed)  # noqa: F841 - SQL reads it
+        self.connection.execute(
+            f"UPDATE kept.{name} SET {assigned} FROM measured AS new "
+            f"WHERE {name}.log = new.log AND {name}.{key} = new.{key}"
+        )
 
     def remove(self, numbers: Sequence[int]) -> None:
         """Take sessions' rows out."""
@@ -162,35 +176,35 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             self.connection.execute(f"DELETE FROM kept.{name} WHERE log IN (SELECT unnest(?))", (list(numbers),))
 
     def digest_rows(self, name: str, *, without: frozenset[str] = frozenset()) -> dict[int, int]:
-        """The digest of each session's rows in a table, of those that have any, some columns excluded.
+        """Digest each session's rows in a table, of those that have any, some columns excluded.
 
         Any edit changes it. Equal rows have equal digests, whatever the session's number.
         """
         return digest_relation(self.connection.sql(f"FROM kept.{name}"), name, without=without)
 
     def find_changed(self, name: str) -> set[int]:
-        """The sessions whose rows in a table are not those that were put in; those of no session among them."""
+        """Find the sessions whose rows in a table are not those that were put in; rows of no session among them."""
         place = list(TABLES).index(name) + 1
-        found = self.connection.execute(
+        changed = self.connection.execute(
             f"SELECT log FROM (SELECT {_row_digest(name)} FROM kept.{name} GROUP BY log) AS held "
             "FULL JOIN (SELECT log, row_digests FROM kept.logs) AS stored USING (log) "
             f"WHERE coalesce(held.digest, 0) IS DISTINCT FROM stored.row_digests[{place}]"
         )
-        return {log for (log,) in found.fetchall()}
+        return {log for (log,) in changed.fetchall()}
 
     def _digest_catalogue(self) -> str:
         """Digest the definitions of all tables, views and macros, any of which could stand for one of ours.
 
         But for the session index, which is made anew whatever is in its schema.
         """
-        found = self.connection.execute(
+        definitions = self.connection.execute(
             f"SELECT schema_name || table_name || sql FROM duckdb_tables() WHERE schema_name <> '{INDEX_SCHEMA}' "
             "UNION ALL "
             "SELECT schema_name || view_name || sql FROM duckdb_views() WHERE NOT internal UNION ALL "
             "SELECT schema_name || function_name || macro_definition FROM duckdb_functions() WHERE NOT internal "
             "ORDER BY 1"
         ).fetchall()
-        return blake2b(repr(found).encode(), digest_size=16).hexdigest()
+        return blake2b(repr(definitions).encode(), digest_size=16).hexdigest()
 
     def put_in_order(self, numbers: Sequence[int]) -> None:
         """Say in which order sessions are to be handed out."""
@@ -211,7 +225,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def batches(
         self, name: str, *, without: frozenset[str] = frozenset(), counting: bool = False
     ) -> Iterator[pa.RecordBatch]:
-        """One table's rows, session by session, some columns excluded; only a few are in memory at a time.
+        """Yield one table's rows, session by session, some columns excluded; only a few are in memory at a time.
 
         All but the last batch have the same number of rows, whatever was put in and taken out before: equal rows make
         equal files.
@@ -219,54 +233,62 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         ``counting`` leaves out what does not count, and what belongs to an episode or a session that does not.
         """
         self._require_checked({name, *(COUNTED_BY if counting else ())})
-        wanted = arrow_schema(name, without=without)
-        columns = ", ".join(f'"{column}"' for column in wanted.names)
-        found = f"FROM kept.{name}"
+        schema = arrow_schema(name, without=without)
+        columns = ", ".join(f'"{column}"' for column in schema.names)
+        source = f"FROM kept.{name}"
         if counting and "exclusion_reason" in arrow_schema(name).names:
-            found += f" SEMI JOIN (SELECT log, row FROM kept.{name} WHERE exclusion_reason IS NULL) USING (log, row)"
+            source += f" SEMI JOIN (SELECT log, row FROM kept.{name} WHERE exclusion_reason IS NULL) USING (log, row)"
         elif counting and is_episode_table(name):
-            theirs = "SELECT log, episode, attempt FROM kept.episodes WHERE exclusion_reason IS NULL"
-            found += f" SEMI JOIN ({theirs}) USING (log, episode, attempt)"
+            included_episodes = "SELECT log, episode, attempt FROM kept.episodes WHERE exclusion_reason IS NULL"
+            source += f" SEMI JOIN ({included_episodes}) USING (log, episode, attempt)"
         elif counting:
-            found += " SEMI JOIN (SELECT log FROM kept.participants WHERE exclusion_reason IS NULL) USING (log)"
+            source += " SEMI JOIN (SELECT log FROM kept.participants WHERE exclusion_reason IS NULL) USING (log)"
         if self.order is not None and not self._is_placed:
             self._place_sessions(self.order)
         if counting or self.order is not None:
-            order, place = ("JOIN placed USING (log)", "place") if self.order is not None else ("", "log")
-            found += f" {order} ORDER BY {place}, row"
-        for batch in _even(self.connection.sql(f"SELECT {columns} {found}").to_arrow_reader(_ROWS)):
-            yield _cast(batch, wanted)
+            if self.order is None:
+                source += " ORDER BY log, row"
+            else:
+                source += " JOIN placed USING (log) ORDER BY place, row"
+        for batch in _split_evenly(self.connection.sql(f"SELECT {columns} {source}").to_arrow_reader(_ROWS)):
+            yield _cast(batch, schema)
 
     def session_batches(
         self, name: str, numbers: Sequence[int], *, without: frozenset[str] = frozenset()
     ) -> Iterator[tuple[int, Iterator[pa.RecordBatch]]]:
-        """One table's rows of some sessions, session by session, some columns excluded; others are not read.
+        """Yield one table's rows of some sessions, session by session, some columns excluded; others are not read.
 
         Use up a session's batches before the next session's. As in ``batches``, equal rows make equal batches.
         """
         self._require_checked({name})
-        wanted = arrow_schema(name, without=without)
-        columns = ", ".join(f'"{column}"' for column in wanted.names)
+        schema = arrow_schema(name, without=without)
+        columns = ", ".join(f'"{column}"' for column in schema.names)
         logs = ", ".join(map(str, numbers))
-        found = self.connection.sql(f"SELECT log, {columns} FROM kept.{name} WHERE log IN ({logs}) ORDER BY log, row")
-        parts = (part for batch in found.to_arrow_reader(_ROWS) for part in _split_sessions(batch))
-        for number, theirs in groupby(parts, key=lambda part: int(part.column(0)[0].as_py())):
-            yield number, (_cast(batch, wanted) for batch in _even(part.select(wanted.names) for part in theirs))
+        rows = self.connection.sql(f"SELECT log, {columns} FROM kept.{name} WHERE log IN ({logs}) ORDER BY log, row")
+        parts = (part for batch in rows.to_arrow_reader(_ROWS) for part in _split_sessions(batch))
+        for number, session_parts in groupby(parts, key=lambda part: int(part.column(0)[0].as_py())):
+            yield (
+                number,
+                (_cast(batch, schema) for batch in _split_evenly(part.select(schema.names) for part in session_parts)),
+            )
 
     def table(self, name: str, columns: Sequence[str] | None = None, *, counting: bool = False) -> pa.Table:
-        """A table, or some columns of it; ``counting`` as in ``batches``."""
-        names = [column.name for column in TABLES[name]]
-        without = frozenset(names) - set(names if columns is None else columns)
+        """Read a table, or some columns of it; ``counting`` as in ``batches``."""
+        without = frozenset[str]()
+        if columns is not None:
+            without = frozenset(column.name for column in TABLES[name]).difference(columns)
         table = pa.Table.from_batches(
             self.batches(name, without=without, counting=counting), arrow_schema(name, without=without)
         )
-        return table if columns is None else table.select(columns)
+        if columns is None:
+            return table
+        return table.select(columns)
 
     def count(self, name: str) -> int:
-        """How many rows a table has."""
+        """Count the rows of a table."""
         self._require_checked({name})
-        counted = self.connection.execute(f"SELECT count(*) FROM kept.{name}").fetchall()
-        return int(counted[0][0])
+        counts = self.connection.execute(f"SELECT count(*) FROM kept.{name}").fetchall()
+        return int(counts[0][0])
 
     def query(self, sql: str) -> pa.Table:
         """Answer SQL about the tables, by present or earlier column names. It reads and writes no other file.
@@ -277,15 +299,15 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         self._require_checked(find_queried_tables(sql))
         self._connect_for_queries()
         try:
-            if any(str(each.type) not in _READING for each in self.connection.extract_statements(sql)):
+            if any(str(statement.type) not in _READING for statement in self.connection.extract_statements(sql)):
                 raise QueryError(f"{sql!r} is not a SELECT statement; use SELECT to read the study's tables")
             try:
-                found = self.connection.sql(sql)
+                relation = self.connection.sql(sql)
             except duckdb.BinderException:
-                found = self.connection.sql(use_current_columns(sql))
-            if found is None:
+                relation = self.connection.sql(use_current_columns(sql))
+            if relation is None:
                 raise QueryError(f"{sql!r} returns no rows; a query must be a SELECT over the study's tables")
-            return found.to_arrow_table()
+            return relation.to_arrow_table()
         except duckdb.PermissionException as error:
             raise QueryError(f"{sql!r} uses a file; a query may only read the study's tables") from error
         except duckdb.Error as error:
@@ -312,12 +334,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def _lay_out(self) -> None:
         with transaction(self.connection):
             self.connection.execute("CREATE SCHEMA kept")
-            for name in TABLES:
-                empty = self.connection.from_arrow(pa.Table.from_batches([], arrow_schema(name)))
-                empty.project("0::INTEGER AS log, 0::INTEGER AS row, *").to_table(f"kept.{name}")
-                self.connection.execute(f"ALTER TABLE kept.{name} ALTER log SET NOT NULL")
-                columns = ", ".join(f'"{column.name}"' for column in TABLES[name])
-                self.connection.execute(f"CREATE VIEW {name} AS SELECT {columns} FROM kept.{name}")
+            self.connection.execute("\n".join(map(_write_definition, TABLES)))  # at once: each call takes a millisecond
             self.connection.execute(
                 "CREATE TABLE kept.logs (log INTEGER NOT NULL, key TEXT, fingerprint TEXT, with_shortest BOOLEAN, "
                 "row_digests UBIGINT[], metadata BLOB, about BLOB, facts BLOB, digest UBIGINT)"
@@ -325,6 +342,18 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             self.connection.execute("CREATE TABLE kept.made_by (version TEXT, catalogue TEXT)")
             made_by = (software_digest(), self._digest_catalogue())
             self.connection.execute("INSERT INTO kept.made_by VALUES (?, ?)", made_by)
+        self.is_new = True
+
+
+def _write_definition(name: str) -> str:
+    """Write the SQL that lays out a table, and the view of it that queries read."""
+    types = {field.name: _SQL_TYPES[field.type] for field in arrow_schema(name)}
+    columns = ", ".join(f'"{column}" {sql_type}' for column, sql_type in types.items())
+    shown = ", ".join(f'"{column}"' for column in types)
+    return (
+        f"CREATE TABLE kept.{name} (log INTEGER NOT NULL, row INTEGER, {columns}); "
+        f"CREATE VIEW {name} AS SELECT {shown} FROM kept.{name};"
+    )
 
 
 def digest_relation(
@@ -335,22 +364,22 @@ def digest_relation(
 
 
 def _row_digest(name: str, *, without: frozenset[str] = frozenset()) -> str:
-    """The columns of a query that digests a table's rows by session."""
+    """Return the columns of a query that digests a table's rows by session."""
     columns = ", ".join(f'"{column}"' for column in arrow_schema(name, without=without).names)
     return f"log, (sum(hash(row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT AS digest"
 
 
-def _even(found: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """The same rows in batches of ``_ROWS``: DuckDB's own follow where its file has gaps."""
+def _split_evenly(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+    """Yield the same rows in batches of ``_ROWS``: DuckDB's own follow where its file has gaps."""
     waiting: list[pa.RecordBatch] = []
-    for batch in found:
+    for batch in batches:
         waiting.append(batch)
         if sum(map(len, waiting)) >= _ROWS:
-            whole = _one(waiting)
-            yield whole.slice(0, _ROWS)
-            waiting = [whole.slice(_ROWS)]
+            joined = _combine(waiting)
+            yield joined.slice(0, _ROWS)
+            waiting = [joined.slice(_ROWS)]
     if any(map(len, waiting)):
-        yield _one(waiting)
+        yield _combine(waiting)
 
 
 def _cast(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
@@ -359,17 +388,17 @@ def _cast(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
 
 
 def _split_sessions(batch: pa.RecordBatch) -> Iterator[pa.RecordBatch]:
-    """The same rows, one session each; the first column is the session's number."""
+    """Yield the same rows by session; the first column is the session's number."""
     edges = [0, *(np.flatnonzero(np.diff(batch.column(0))) + 1).tolist(), len(batch)]
     yield from (batch.slice(begin, end - begin) for begin, end in pairwise(edges) if begin < end)
 
 
-def _one(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
-    [one] = pa.Table.from_batches(batches).combine_chunks().to_batches()
-    return one
+def _combine(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
+    [batch] = pa.Table.from_batches(batches).combine_chunks().to_batches()
+    return batch
 
 
 def software_digest() -> str:
-    """What makes the rows: other code makes others, so a file made by it is not gone on with."""
+    """Digest the software that makes the rows: a file that other software made is not continued."""
     sources = f"{digest_sources(*_MAKERS)} {digest_files(list_table_sources())}"
     return f"{minihuman.__version__} duckdb {duckdb.__version__} {sources}"

@@ -39,7 +39,7 @@ TableFormat = Literal["parquet", "csv"]
 
 
 def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
-    """A writer that keeps a dictionary of what recurs.
+    """Open a writer that keeps a dictionary of what recurs.
 
     The smallest and largest value of a piece of a column are kept of numbers: who reads them skips pieces by them.
     Of texts, which stand in the order of sessions, they would take a third of the time.
@@ -51,18 +51,18 @@ def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
 
 
 class _Csv:
-    """CSV as pandas, polars, R and DuckDB read it alike: TRUE and FALSE, and nothing at all where nothing is known."""
+    """A CSV writer for pandas, polars, R and DuckDB alike: TRUE and FALSE, and nothing where a value is missing."""
 
     def __init__(self, path: Path, columns: pa.Schema) -> None:
         self._yes_no = [name for name in columns.names if pa.types.is_boolean(columns.field(name).type)]
-        said = [field.with_type(pa.string()) if field.name in self._yes_no else field for field in columns]
-        self._writer = pa.csv.CSVWriter(path, pa.schema(said))
+        fields = [field.with_type(pa.string()) if field.name in self._yes_no else field for field in columns]
+        self._writer = pa.csv.CSVWriter(path, pa.schema(fields))
 
     def write_table(self, table: pa.Table) -> None:
         for name in self._yes_no:
             place = table.schema.get_field_index(name)
-            said = pc.if_else(table.column(name), "TRUE", "FALSE")
-            table = table.set_column(place, table.schema.field(place).with_type(pa.string()), said)
+            texts = pc.if_else(table.column(name), "TRUE", "FALSE")
+            table = table.set_column(place, table.schema.field(place).with_type(pa.string()), texts)
         self._writer.write_table(table)
 
     def close(self) -> None:
@@ -115,19 +115,19 @@ def write_tables(
 
 
 def list_partitions(store: StudyStore) -> dict[TablePartition, int]:
-    """The partitions that hold a store's tables, without columns that take the worlds, each with its session's number.
+    """List the partitions of a store's tables, without columns that take the worlds, each with its session's number.
 
     Equal rows have equal partitions on every machine with the same version of DuckDB.
     """
-    found: dict[TablePartition, int] = {}
+    partitions: dict[TablePartition, int] = {}
     sql = "SELECT log, study, participant, session FROM kept.participants"
     sessions = store.tables.connection.execute(sql).fetchall()
     of_session = {log: (study, participant, session) for log, study, participant, session in sessions}
     for table in TABLES:
         for number, rows in sorted(store.tables.digest_rows(table, without=COLUMNS_NEEDING_WORLD).items()):
             digest = _digest_partition(table, rows, str(store.selection))
-            found[TablePartition(table, *of_session[number], digest)] = number
-    return found
+            partitions[TablePartition(table, *of_session[number], digest)] = number
+    return partitions
 
 
 def write_partitions(
@@ -144,8 +144,8 @@ def write_partitions(
         "selection": selection,
         "selection_digest": blake2b(selection.encode(), digest_size=8).hexdigest(),
     }
-    for table, its in groupby(partitions, key=attrgetter("table")):
-        by_number = {partitions[one]: one for one in its}
+    for table, table_partitions in groupby(partitions, key=attrgetter("table")):
+        by_number = {partitions[partition]: partition for partition in table_partitions}
         for number, batches in store.tables.session_batches(table, list(by_number), without=COLUMNS_NEEDING_WORLD):
             partition = by_number[number]
             path = folder / partition.name
@@ -236,47 +236,59 @@ def _compare_databases(connection: duckdb.DuckDBPyConnection) -> Iterator[str]:
         "FROM kept.logs AS ours JOIN cache.kept.logs AS theirs ON ours.key = theirs.key "
         f"AND {_CONTENT.format('ours')} = {_CONTENT.format('theirs')}"
     )
-    unknown = "SELECT key FROM cache.kept.logs GROUP BY key HAVING count(*) > 1 ORDER BY key"
-    for (key,) in connection.execute(unknown).fetchall():
-        yield f"{TABLE_CACHE}: session {key} is in it more than once"
-    for key, same_about, same_facts in connection.execute(
-        "SELECT key, same_about, same_facts FROM pairs WHERE NOT same_about OR (NOT same_facts) ORDER BY key"
-    ).fetchall():
-        what = [name for name, same in (("account", same_about), ("episode facts", same_facts)) if not same]
-        yield f"{TABLE_CACHE}: {key}: the log says otherwise than the {' and '.join(what)}"
+    yield from _compare_accounts(connection)
     for name, columns in TABLES.items():
-        names = [column.name for column in columns]
-        differs = " OR ".join(
-            f'ours."{column}" IS DISTINCT FROM theirs."{column}"'
-            if column not in COLUMNS_NEEDING_WORLD
-            else f'(with_shortest AND ours."{column}" IS DISTINCT FROM theirs."{column}")'
-            for column in names
-        )
-        sides = ", ".join(f'{side}."{column}"' for side in ("ours", "theirs") for column in names)
-        found = connection.execute(
-            "WITH ours AS (SELECT pairs.key AS session, with_shortest, mine.* "
-            f"FROM kept.{name} AS mine JOIN pairs ON mine.log = pairs.ours), "
-            "theirs AS (SELECT pairs.key AS session, its.* "
-            f"FROM cache.kept.{name} AS its JOIN pairs ON its.log = pairs.theirs) "
-            "SELECT coalesce(ours.session, theirs.session), coalesce(ours.row, theirs.row), "
-            f"ours.session IS NULL, theirs.session IS NULL, {sides} "
-            "FROM ours FULL JOIN theirs ON ours.session = theirs.session AND ours.row = theirs.row "
-            f"WHERE ours.session IS NULL OR theirs.session IS NULL OR {differs} ORDER BY 1, 2 LIMIT {MAX_NAMED}"
-        ).fetchall()
-        for session, place, is_added, is_missing, *cells in found:
-            where = f"{TABLE_CACHE}: table {name}, {session}, row {place}"
-            if is_added or is_missing:
-                yield f"{where} {'is in no log' if is_added else 'is missing'}"
-                continue
-            ours = cells[: len(names)]
-            theirs = cells[len(names) :]
-            for column, expected, there in zip(names, ours, theirs, strict=True):
-                if expected != there:
-                    yield _describe_cell(where, column, there, expected)
+        yield from _compare_rows_with_cache(connection, name, [column.name for column in columns])
         orphans = f"SELECT count(*) FROM cache.kept.{name} WHERE log NOT IN (SELECT log FROM cache.kept.logs)"
         ((count,),) = connection.execute(orphans).fetchall()
         if count:
             yield f"{TABLE_CACHE}: table {name} has {count} rows of no session"
+
+
+def _compare_accounts(connection: duckdb.DuckDBPyConnection) -> Iterator[str]:
+    """Yield the sessions that are in the cache twice, and what it says otherwise of a session than its log."""
+    repeated = "SELECT key FROM cache.kept.logs GROUP BY key HAVING count(*) > 1 ORDER BY key"
+    for (key,) in connection.execute(repeated).fetchall():
+        yield f"{TABLE_CACHE}: session {key} is in it more than once"
+    for key, same_about, same_facts in connection.execute(
+        "SELECT key, same_about, same_facts FROM pairs WHERE NOT same_about OR (NOT same_facts) ORDER BY key"
+    ).fetchall():
+        differing = [name for name, same in (("account", same_about), ("episode facts", same_facts)) if not same]
+        yield f"{TABLE_CACHE}: {key}: the log says otherwise than the {' and '.join(differing)}"
+
+
+def _compare_rows_with_cache(connection: duckdb.DuckDBPyConnection, name: str, columns: list[str]) -> Iterator[str]:
+    """Yield the first differences between a table's recomputed and cached rows."""
+    differs = " OR ".join(map(_compare_column, columns))
+    sides = ", ".join(f'{side}."{column}"' for side in ("ours", "theirs") for column in columns)
+    differing_rows = connection.execute(
+        "WITH ours AS (SELECT pairs.key AS session, with_shortest, mine.* "
+        f"FROM kept.{name} AS mine JOIN pairs ON mine.log = pairs.ours), "
+        "theirs AS (SELECT pairs.key AS session, its.* "
+        f"FROM cache.kept.{name} AS its JOIN pairs ON its.log = pairs.theirs) "
+        "SELECT coalesce(ours.session, theirs.session), coalesce(ours.row, theirs.row), "
+        f"ours.session IS NULL, theirs.session IS NULL, {sides} "
+        "FROM ours FULL JOIN theirs ON ours.session = theirs.session AND ours.row = theirs.row "
+        f"WHERE ours.session IS NULL OR theirs.session IS NULL OR {differs} ORDER BY 1, 2 LIMIT {MAX_NAMED}"
+    ).fetchall()
+    for session, number, is_added, is_missing, *cells in differing_rows:
+        place = f"{TABLE_CACHE}: table {name}, {session}, row {number}"
+        if is_added or is_missing:
+            yield f"{place} {'is in no log' if is_added else 'is missing'}"
+            continue
+        expected_cells = cells[: len(columns)]
+        cached_cells = cells[len(columns) :]
+        for column, expected, cached_cell in zip(columns, expected_cells, cached_cells, strict=True):
+            if expected != cached_cell:
+                yield _describe_cell(place, column, cached_cell, expected)
+
+
+def _compare_column(column: str) -> str:
+    """Return the SQL condition under which a column of two rows differs."""
+    differs = f'ours."{column}" IS DISTINCT FROM theirs."{column}"'
+    if column in COLUMNS_NEEDING_WORLD:
+        return f"(with_shortest AND {differs})"
+    return differs
 
 
 def compare_table_files(folder: Path, recomputed: Path) -> Iterator[str]:
@@ -296,12 +308,12 @@ def compare_table_files(folder: Path, recomputed: Path) -> Iterator[str]:
 def compare_pages(page: Path, recomputed: Path) -> Iterator[str]:
     """Yield the differences of a report's page from one made from recomputed tables, by line."""
     lines, own = (path.read_text(encoding="utf-8").splitlines() for path in (page, recomputed))
-    found = (
+    differences = (
         _describe_cell(str(page), f"line {number}", _shorten(line), _shorten(expected))
         for number, (line, expected) in enumerate(zip_longest(lines, own, fillvalue=""), 1)
         if line != expected
     )
-    yield from islice(found, MAX_NAMED)
+    yield from islice(differences, MAX_NAMED)
 
 
 def _shorten(line: str) -> str:
@@ -314,7 +326,8 @@ def _shorten(line: str) -> str:
 def _compare_rows(path: Path, own: Path) -> Iterator[str]:
     read = _READERS[path.suffix]
     try:
-        (heads, rows), (own_heads, own_rows) = read(path), read(own)
+        heads, rows = read(path)
+        own_heads, own_rows = read(own)
     except (OSError, UnicodeError, ValueError, csv.Error) as error:  # pyarrow raises ValueError
         yield f"{path} cannot be read: {error}"
         return
@@ -327,16 +340,16 @@ def _compare_rows(path: Path, own: Path) -> Iterator[str]:
         if row is None or expected is None:
             yield f"{path}: row {number} {'is missing' if row is None else 'is in no log'}"
             return
-        for head, cell, its in zip_longest(heads, row, expected):
-            if cell != its and not (cell != cell and its != its):  # NaN
+        for head, cell, expected_cell in zip_longest(heads, row, expected):
+            if cell != expected_cell and not (cell != cell and expected_cell != expected_cell):  # NaN
                 is_equal = False
-                yield _describe_cell(f"{path}: row {number}", str(head), cell, its)
+                yield _describe_cell(f"{path}: row {number}", str(head), cell, expected_cell)
     if is_equal:
         yield f"{path}: the numbers are those of the logs, but the bytes are not as they are written"
 
 
-def _describe_cell(where: str, column: str, there: object, expected: object) -> str:
-    return f"{where}, {column} is {there!r}; the logs say {expected!r}"
+def _describe_cell(place: str, column: str, actual: object, expected: object) -> str:
+    return f"{place}, {column} is {actual!r}; the logs say {expected!r}"
 
 
 def _read_csv(path: Path) -> tuple[_Cells, Iterable[_Cells]]:

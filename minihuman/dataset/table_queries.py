@@ -1,7 +1,7 @@
 """SQL over a study's tables: which tables a query reads, whether it takes the worlds, its answer, and that as text."""
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Set
 from typing import Any
 
 import duckdb
@@ -10,8 +10,9 @@ import pyarrow as pa
 import pyarrow.csv
 
 from minihuman.dataset.caches import CACHE_SETTINGS
+from minihuman.dataset.column_aliases import use_current_columns
 from minihuman.dataset.table_catalogue import TABLES
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, use_current_columns
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 
 QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables of this program
     **CACHE_SETTINGS,
@@ -23,7 +24,7 @@ QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables o
 
 
 def find_queried_tables(sql: str) -> frozenset[str]:
-    """The tables that a query reads; all of them if the query alone does not tell."""
+    """Find the tables that a query reads; all of them if the query alone does not tell."""
     try:
         with duckdb.connect(config=dict(QUERY_SETTINGS)) as parser:
             names = frozenset(name.lower() for name in parser.get_table_names(sql))
@@ -36,7 +37,7 @@ def find_queried_tables(sql: str) -> frozenset[str]:
 
 
 def needs_shortest_paths(sql: str) -> bool:
-    """Whether a query may read a column that takes the worlds themselves; True if the query alone does not tell."""
+    """Tell whether a query may read a column that takes the worlds themselves; True if that is not clear."""
     names = find_queried_tables(sql)
     if not any(has_world_columns(name) for name in names):
         return False
@@ -49,28 +50,30 @@ def needs_shortest_paths(sql: str) -> bool:
         return True
     nodes = list(_walk(msgspec.json.decode(tree)))
     whole_rows = {str(node[key]).lower() for node in nodes for key in ("alias", "table_name") if node.get(key)}
-    return any(
-        node.get("error")
-        or node.get("class") in ("STAR", "POSITIONAL_REFERENCE")
-        or node.get("type") == "PIVOT"
-        or (
-            isinstance(parts := node.get("column_names"), list)
-            and (parts[-1].lower() in COLUMNS_NEEDING_WORLD or parts[-1].lower() in whole_rows)
-        )
-        for node in nodes
-    )
+    return any(_may_read_columns(node, COLUMNS_NEEDING_WORLD | whole_rows) for node in nodes)
+
+
+def _may_read_columns(node: Mapping[str, Any], columns: Set[str]) -> bool:
+    """Tell whether a node of a query's tree names one of these columns, or may do so without saying it."""
+    if node.get("error") or node.get("class") in ("STAR", "POSITIONAL_REFERENCE") or node.get("type") == "PIVOT":
+        return True
+    column_names = node.get("column_names")
+    return isinstance(column_names, list) and column_names[-1].lower() in columns
 
 
 def _walk(tree: Any) -> Iterator[dict[str, Any]]:
-    """Every object of a JSON document."""
+    """Yield every object of a JSON document."""
     if isinstance(tree, dict):
         yield tree
-    for part in tree.values() if isinstance(tree, dict) else tree if isinstance(tree, list) else ():
-        yield from _walk(part)
+        for part in tree.values():
+            yield from _walk(part)
+    elif isinstance(tree, list):
+        for part in tree:
+            yield from _walk(part)
 
 
 def has_world_columns(name: str) -> bool:
-    """Whether a table has columns that take the worlds themselves."""
+    """Tell whether a table has columns that take the worlds themselves."""
     return any(column.name in COLUMNS_NEEDING_WORLD for column in TABLES[name])
 
 
@@ -78,18 +81,15 @@ MAX_SHOWN_ROWS = 100  # rows; more are for a file
 
 
 def format_result_csv(answer: pa.Table) -> str:
-    """Every row, under the columns' names."""
+    """Format every row as CSV, under the columns' names."""
     file = io.BytesIO()
     pa.csv.write_csv(answer, file)
     return file.getvalue().decode()
 
 
 def format_result_lines(answer: pa.Table) -> Iterator[str]:
-    """The first rows, in columns; what is missing is a dot."""
-    rows = [
-        ["." if one is None else f"{one:.6g}" if isinstance(one, float) else str(one) for one in row.values()]
-        for row in answer.slice(0, MAX_SHOWN_ROWS).to_pylist()
-    ]
+    """Yield the first rows in aligned columns; a missing value is a dot."""
+    rows = [list(map(_format_cell, row.values())) for row in answer.slice(0, MAX_SHOWN_ROWS).to_pylist()]
     widths = [max(map(len, column)) for column in zip(answer.column_names, *rows, strict=True)]
     numbers = [pa.types.is_integer(kind) or pa.types.is_floating(kind) for kind in answer.schema.types]
     for row in (answer.column_names, *rows):
@@ -97,3 +97,11 @@ def format_result_lines(answer: pa.Table) -> Iterator[str]:
         yield "  ".join(cell.rjust(width) if number else cell.ljust(width) for cell, width, number in cells).rstrip()
     if answer.num_rows > MAX_SHOWN_ROWS:
         yield f"({answer.num_rows} rows, {MAX_SHOWN_ROWS} of them shown; --csv prints all)"
+
+
+def _format_cell(cell: object) -> str:
+    if cell is None:
+        return "."
+    if isinstance(cell, float):
+        return f"{cell:.6g}"
+    return str(cell)

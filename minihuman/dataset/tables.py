@@ -40,17 +40,17 @@ class Tables(AbstractContextManager["Tables", None]):
 
     @property
     def source(self) -> Path:
-        """The study's folder, or one log."""
+        """Return the study's folder, or the one log."""
         return self._logs.source
 
     @property
     def selection(self) -> Selection:
-        """Which sessions and episodes are included."""
+        """Return which sessions and episodes are included."""
         return self._logs.selection
 
     @property
     def account(self) -> SelectionSummary:
-        """What is included, and what is excluded and why; filled in when the store is opened or the logs are read."""
+        """Return what is included, and what is excluded and why, once the store is opened or the logs are read."""
         return self._logs.account
 
     def require(
@@ -79,7 +79,7 @@ class Tables(AbstractContextManager["Tables", None]):
 
     @property
     def store(self) -> "StudyStore":
-        """The open store, for what compares or copies it."""
+        """Return the open store, for what compares or copies it."""
         self.require()
         if self._opened is None:
             raise AssertionError("require opens the store")
@@ -87,8 +87,8 @@ class Tables(AbstractContextManager["Tables", None]):
 
     @property
     def sessions(self) -> tuple["CachedSession", ...]:
-        """What is known of every log, in order of path; of one that is not selected or not readable, little."""
-        return self.store.kept
+        """Return what is known of every log, in order of path; little of one that is not selected or not readable."""
+        return self.store.cached_sessions
 
     def arrow(self, name: str, columns: Sequence[str] | None = None, *, included: bool = False) -> "pa.Table":
         """Return a table, or some of its columns; ``included`` leaves out the rows that do not count."""

@@ -13,7 +13,7 @@ from minihuman.storage.system import current_system
 
 
 class _Line(msgspec.Struct, frozen=True):
-    """Of the register, which has one for each who withdrew: {"withdrawn": "sub-07", "at": ...}.
+    """A line of the enrolment log that names a participant who withdrew: {"withdrawn": "sub-07", "at": ...}.
 
     The enrolment log's declaration has a list there.
     """

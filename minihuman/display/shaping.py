@@ -1,7 +1,7 @@
 """Shape a line of text: the glyphs of each face and where they stand, in both directions. Knows no pixels.
 
 HarfBuzz chooses and places glyphs, python-bidi finds the direction of each character. Both come with the package, and
-both are told the language, so that neither the machine's libraries nor its locale decide what a line looks like.
+both are given the language, so that neither the machine's libraries nor its locale decide what a line looks like.
 """
 
 import re
@@ -52,7 +52,7 @@ class ShapedLine:
 
     @property
     def width_px(self) -> float:
-        """How long the line is."""
+        """Return the line's length, pixels."""
         return self.width_64 / SUBPIXELS
 
 
@@ -104,7 +104,9 @@ def measure_width_px(text: str, faces: TypefaceSet, size_px: int) -> float:
 def _shape_run(codepoints: list[int], run: _Run, size_px: int, language: str) -> harfbuzz.Buffer:
     buffer = harfbuzz.Buffer()
     buffer.add_codepoints(codepoints, run.start, run.stop - run.start)  # with what stands around it: letters join
-    buffer.direction = "rtl" if run.level % 2 else "ltr"
+    buffer.direction = "ltr"
+    if run.level % 2:
+        buffer.direction = "rtl"
     buffer.script = run.script
     buffer.language = language
     harfbuzz.shape(_load_font(run.face, size_px), buffer)
@@ -134,14 +136,14 @@ def select_faces(text: str, faces: TypefaceSet) -> list[Typeface]:
 
     Signs, blanks and marks go with what they follow. A character that no face has is drawn as the shipped face's box.
     """
-    wanted = {character: faces.of(character) for character in dict.fromkeys(text) if not character.isspace()}
-    used = set(wanted.values())
+    preferred = {character: faces.of(character) for character in dict.fromkeys(text) if not character.isspace()}
+    used = set(preferred.values())
     if len(used) == 1 and (face := used.pop()) is not None:
         return [face] * len(text)
     chosen: list[Typeface] = []
     for character in text:
-        face = wanted.get(character)
-        if chosen and (character not in wanted or _can_follow(character, face, chosen[-1])):
+        face = preferred.get(character)
+        if chosen and (character not in preferred or _can_follow(character, face, chosen[-1])):
             face = chosen[-1]
         chosen.append(face or shipped_typeface())
     return chosen
@@ -173,7 +175,10 @@ def _find_levels(text: str, *, rtl: bool) -> Sequence[int]:
 
 def _query_levels(text: str, *, rtl: bool) -> list[int]:
     """Ask python-bidi for levels; it tells them in its report for debugging alone, one a byte of UTF-8."""
-    report = str(bidi.get_display(text, base_dir="R" if rtl else "L", debug=True))
+    base_direction = "L"
+    if rtl:
+        base_direction = "R"
+    report = str(bidi.get_display(text, base_dir=base_direction, debug=True))
     levels = [int(level) for level in _LEVEL.findall(report.partition(_LEVELS_HEADING)[2].partition("\n    ]")[0])]
     lengths = [len(character.encode()) for character in text]
     if len(levels) != sum(lengths):
@@ -187,7 +192,9 @@ def _query_levels(text: str, *, rtl: bool) -> list[int]:
 def _apply_line_end_rule(text: str, levels: list[int], *, base: int) -> list[int]:
     """Give blanks at a line's end, and marks of direction among them, the direction of the whole text (rule L1)."""
     trailing = _LINE_END.search(text)
-    n_trailing = len(trailing[0]) if trailing else 0
+    if trailing is None:
+        return levels
+    n_trailing = len(trailing[0])
     return [*levels[: len(levels) - n_trailing], *[base] * n_trailing]
 
 
@@ -196,9 +203,16 @@ def _order_runs(runs: Iterator[_Run]) -> list[_Run]:
     ordered = list(runs)
     highest = max((run.level for run in ordered), default=0)
     for level in range(highest, 0, -1):
-        ordered = [
-            run
-            for reverse, members in groupby(ordered, lambda run: run.level >= level)  # noqa: B023 - used at once
-            for run in (reversed(list(members)) if reverse else members)
-        ]
+        ordered = _reverse_runs(ordered, level)
     return ordered
+
+
+def _reverse_runs(runs: list[_Run], level: int) -> list[_Run]:
+    """Reverse each sequence of runs that are at a level or above it."""
+    reversed_runs: list[_Run] = []
+    for is_reversed, members in groupby(runs, lambda run: run.level >= level):
+        sequence = list(members)
+        if is_reversed:
+            sequence.reverse()
+        reversed_runs += sequence
+    return reversed_runs

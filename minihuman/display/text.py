@@ -54,7 +54,7 @@ _KOREAN = re.compile("[\u1100-\u11ff\uac00-\ud7af]")
 
 
 def split_tokens(paragraph: str) -> Iterator[str]:
-    """Pieces between which a line may be broken; a blank belongs to the piece before it."""
+    """Yield the pieces between which a line may be broken; a blank belongs to the piece before it."""
     piece = ""
     for character in paragraph:
         if piece and _may_break(piece[-1], character):
@@ -87,7 +87,9 @@ def _break_lines(text: str, measure: Callable[[str], float], wide_px: float) -> 
         for token in split_tokens(paragraph):
             for piece in _split_long(token, measure, wide_px):
                 piece_px = measure(piece)
-                inked_px = measure(piece.rstrip()) if piece[-1].isspace() else piece_px
+                inked_px = piece_px
+                if piece[-1].isspace():
+                    inked_px = measure(piece.rstrip())
                 if line and length + inked_px > wide_px:
                     lines.append(line.rstrip())
                     line = ""
@@ -124,7 +126,7 @@ EMPHASIS_MARK = "\ue000"  # of a private use: no text has it
 
 
 def style_lines(lines: list[str]) -> list[str]:
-    """Lines as they are set: of ``*so*`` the marks go, and "- " at a line's beginning is a bullet.
+    """Return lines as they are set: without the marks of ``*so*``, and with a bullet for "- " at a line's beginning.
 
     What lies between the first and the second `EMPHASIS_MARK` of a line is emphasised, and so on.
     """
@@ -139,11 +141,11 @@ def style_lines(lines: list[str]) -> list[str]:
 
 
 def count_page_lines(*, picture: bool) -> int:
-    """How many lines a page has."""
-    return int(
-        (TEXT_BOTTOM - TEXT_TOP - (PAGE_PICTURE_HEIGHT if picture else 0.0)) / (PAGE_TYPE_SIZE * PAGE_LINE_HEIGHT)
-        + 1e-9
-    )
+    """Return how many lines a page has."""
+    height = TEXT_BOTTOM - TEXT_TOP
+    if picture:
+        height -= PAGE_PICTURE_HEIGHT
+    return int(height / (PAGE_TYPE_SIZE * PAGE_LINE_HEIGHT) + 1e-9)
 
 
 def break_page_lines(text: str) -> list[str]:
@@ -168,7 +170,10 @@ def measure_reference_px(text: str) -> float:
         text, lambda character: ord(character) in shipped_characters or character.isspace()
     ):
         piece = "".join(members)
-        width_64 += _measure_shipped(piece) if is_shipped else sum(map(_advance_of_other, piece))
+        if is_shipped:
+            width_64 += _measure_shipped(piece)
+        else:
+            width_64 += sum(map(_advance_of_other, piece))
     return width_64 / SUBPIXELS
 
 
@@ -184,7 +189,9 @@ def _advance_of_other(character: str) -> int:
     """Return the fixed advance of a character that the shipped face lacks, in 64ths of a pixel."""
     if unicodedata.category(character) in ("Mn", "Me", "Cf"):
         return 0
-    share = 1.0 if _WIDE.match(character) else _OTHER_ADVANCE
+    share = _OTHER_ADVANCE
+    if _WIDE.match(character):
+        share = 1.0
     return round(_REFERENCE_TYPE_PX * share * SUBPIXELS)
 
 
@@ -219,7 +226,9 @@ def is_division(pages: Sequence[str], text: str, *, pictures: int = 0) -> bool:
             return False
         start = text.find(words, place)
         stop = start + len(words)
-        before, _, after = page.partition(words) if words else ("", "", "")
+        before = after = ""
+        if words:
+            before, _, after = page.partition(words)
         gap = text[place : max(start, place)]
         if start < 0 or gap.strip() or not gap.endswith(before) or not text.startswith(after, stop):
             return False
@@ -228,19 +237,21 @@ def is_division(pages: Sequence[str], text: str, *, pictures: int = 0) -> bool:
 
 
 def _without_heading(lines: list[str], room: int) -> int:
-    """How many lines to put on a page: a heading, a paragraph of one line, does not stand alone at its end."""
+    """Return how many lines to put on a page, so that no heading, a paragraph of one line, stands alone at its end."""
     if len(lines) <= room:
         return room
     last = room
     while last > 1 and not lines[last - 1].strip():
         last -= 1
-    alone = last == 1 or lines[last - 2].endswith("\n")
+    is_single_line = last == 1 or lines[last - 2].endswith("\n")
     follows = lines[last - 1].endswith("\n") and len(lines[last - 1]) < _HEADING
-    return last - 1 if alone and follows and last > 1 else room
+    if is_single_line and follows and last > 1:
+        return last - 1
+    return room
 
 
 def _marked_lines(text: str) -> list[str]:
-    """Lines that put together are the text: each with the blank or the line break that followed it."""
+    """Break a text into lines, each with the blank or the line break that followed it: together they are the text."""
     marked_lines = []
     place = 0
     for line in break_page_lines(text):

@@ -15,8 +15,9 @@ from pathlib import Path
 import uharfbuzz as harfbuzz
 
 # Noto faces by the scripts they are for, in the order in which they are asked; then what systems bring themselves.
+_CJK_COLLECTION = "NotoSansCJK-Regular.ttc"
 _NOTO = (
-    "NotoSansCJK-Regular.ttc",
+    _CJK_COLLECTION,
     "NotoSans-Regular.ttf",
     "NotoSansArabic-Regular.ttf",
     "NotoSansHebrew-Regular.ttf",
@@ -44,19 +45,6 @@ _SYSTEM = (
     "Arial Unicode.ttf",
     "Thonburi.ttc",
     "Kohinoor.ttc",
-)
-SHARED_SCRIPT = "Zyyy"  # of signs, blanks and marks, which go with the text around them
-_UNSEEN = frozenset({"Cc", "Cf", "Zs", "Zl", "Zp"})  # blanks, line breaks, marks of direction
-_CJK_FACE = {"ja": 0, "ko": 1, "zh": 2, "zh-tw": 3, "zh-hk": 4}  # of the collection: the same character, drawn as there
-_CJK_SUFFIX = {"ja": "JP", "ko": "KR", "zh": "SC", "zh-tw": "TC", "zh-hk": "HK"}  # of the same faces in single files
-_OTHERS = re.compile(r"(NotoSans|SourceHanSans)\w*-Regular\.(ttf|otf)")
-# Scripts whose letters change or move by what stands beside them: a face needs rules for them (GSUB, or Apple's morx).
-_JOINING_SCRIPTS = frozenset(
-    re.findall(
-        r"\w+",
-        "Adlm Arab Bali Beng Cakm Deva Gujr Guru Java Khmr Knda Lana Mlym Mong Mymr Nkoo Orya Phag Rohg Sinh Syrc Taml "
-        "Telu Tibt",
-    )
 )
 SHARED_SCRIPT = "Zyyy"  # of signs, blanks and marks, which go with the text around them
 _UNSEEN = frozenset({"Cc", "Cf", "Zs", "Zl", "Zp"})  # blanks, line breaks, marks of direction
@@ -103,7 +91,7 @@ class Typeface:
 
     @property
     def name(self) -> str:
-        """The file's name, to say which it was."""
+        """Return the file's name, to say which it was."""
         return Path(self.path).name
 
 
@@ -147,8 +135,11 @@ def can_set(face: Typeface, character: str) -> bool:
 
 @cache
 def shipped_typeface(*, bold: bool = False) -> Typeface:
-    """DejaVu Sans 2.37, in the folder `fonts`: Latin, Greek, Cyrillic, Arabic, Hebrew and many signs."""
-    return Typeface(str(Path(__file__).parent / "fonts" / f"DejaVuSans{'-Bold' if bold else ''}.ttf"))
+    """Return DejaVu Sans 2.37, in the folder `fonts`: Latin, Greek, Cyrillic, Arabic, Hebrew and many signs."""
+    name = "DejaVuSans.ttf"
+    if bold:
+        name = "DejaVuSans-Bold.ttf"
+    return Typeface(str(Path(__file__).parent / "fonts" / name))
 
 
 class TypefaceSet:
@@ -165,11 +156,8 @@ class TypefaceSet:
         self, language: str = "en", *, bold: bool = False, fonts: tuple[str, ...] = (), first: Typeface | None = None
     ) -> None:
         self.language = language
-        self._first = (
-            *([first] if first else []),
-            *(face for name in fonts if (face := find_installed_typeface(name)) is not None),
-            shipped_typeface(bold=bold),
-        )
+        named = [first, *map(find_installed_typeface, fonts)]
+        self._first = (*(face for face in named if face is not None), shipped_typeface(bold=bold))
 
     def of(self, character: str) -> Typeface | None:
         """Return the first face that can set a character; None if none can."""
@@ -188,35 +176,35 @@ class TypefaceSet:
 
 @cache
 def select_typefaces(language: str, *, bold: bool = False, fonts: tuple[str, ...] = ()) -> TypefaceSet:
-    """The faces of a language, and those to be asked before them."""
+    """Return the faces of a language, and those to be asked before them."""
     return TypefaceSet(language, bold=bold, fonts=fonts)
 
 
 def find_installed_typeface(name: str) -> Typeface | None:
-    """The face in the font file of that name; None where this machine has none."""
+    """Find the face in the font file of that name; None where this machine has none."""
     path = _files().get(name)
-    return None if path is None else Typeface(path)
+    if path is None:
+        return None
+    return Typeface(path)
 
 
 @cache
 def _installed_typefaces(language: str) -> tuple[Typeface, ...]:
     paths = _files()
     language = language.lower()
-    index = _CJK_FACE.get(language, _CJK_FACE["zh"])
-    faces = [
-        Typeface(paths[name], index if name == "NotoSansCJK-Regular.ttc" else 0)
-        for name in (*_NOTO, *_SYSTEM)
-        if name in paths
-    ]
+    indices = {_CJK_COLLECTION: _CJK_FACE.get(language, _CJK_FACE["zh"])}
+    faces = [Typeface(paths[name], indices.get(name, 0)) for name in (*_NOTO, *_SYSTEM) if name in paths]
     suffix = _CJK_SUFFIX.get(language, "SC")
-    others = sorted(name for name in paths if _OTHERS.fullmatch(name) and name not in _NOTO)
-    others.sort(key=lambda name: not name.removesuffix(name[-4:]).removesuffix("-Regular").upper().endswith(suffix))
-    return tuple(faces + [Typeface(paths[name]) for name in others])
+    other_names = sorted(name for name in paths if _OTHERS.fullmatch(name) and name not in _NOTO)
+    other_names.sort(
+        key=lambda name: not name.removesuffix(name[-4:]).removesuffix("-Regular").upper().endswith(suffix)
+    )
+    return tuple(faces + [Typeface(paths[name]) for name in other_names])
 
 
 @cache
 def _files() -> dict[str, str]:
-    """Font files of this machine by name."""
+    """Return the font files of this machine by name."""
     paths: dict[str, str] = {}
     for folder in _folders():
         for root, inner_folders, names in os.walk(folder):

@@ -24,7 +24,7 @@ os.environ.setdefault("SVT_LOG", "1")  # and this one to the terminal
 
 
 class VideoEncoding(NamedTuple):
-    """How a video is encoded, in FFmpeg's names."""
+    """The settings of an encoder, in FFmpeg's names."""
 
     codec: str
     container: str
@@ -58,12 +58,13 @@ class VideoWriter:
     """
 
     def __init__(self, file: Path | IO[bytes], encoding: str, *, fps: int) -> None:
-        how = ENCODINGS[encoding]
+        settings = ENCODINGS[encoding]
         self.frames = 0
-        self._container: Any = av.open(str(file) if isinstance(file, Path) else file, "w", format=how.container)
-        stream: Any = self._container.add_stream(how.codec, rate=Fraction(fps), options=how.options)
+        target: str | IO[bytes] = file if not isinstance(file, Path) else str(file)
+        self._container: Any = av.open(target, "w", format=settings.container)
+        stream: Any = self._container.add_stream(settings.codec, rate=Fraction(fps), options=settings.options)
         self._stream = stream
-        self._stream.pix_fmt = how.pixel_format
+        self._stream.pix_fmt = settings.pixel_format
         self._stream.thread_count = 1  # the same pictures make the same bytes
 
     def write(self, pictures: Iterable[NDArray[np.uint8]]) -> None:
@@ -93,12 +94,15 @@ class VideoWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with suppress(*(() if error is None else (OSError, ValueError))):  # the first error is the one to tell
+        if error is None:
+            self.close()
+            return
+        with suppress(OSError, ValueError):  # the first error is the one to tell
             self.close()
 
 
 def pad_to_even(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The picture with its last row or column repeated where their number is odd: codecs store colours in pairs."""
+    """Repeat a picture's last row or column where their number is odd: codecs store colours in pairs."""
     rows, columns = (size % 2 for size in picture.shape[:2])
     if rows or columns:
         return np.pad(picture, ((0, rows), (0, columns), (0, 0)), "edge")

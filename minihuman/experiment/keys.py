@@ -128,7 +128,7 @@ _LABELS: Mapping[str, str] = {
 
 
 def list_pad_inputs(names: Iterable[str]) -> list[str]:
-    """Those of some names that are buttons or axes of a gamepad."""
+    """List which of some names are buttons or axes of a gamepad."""
     return [name for name in names if name in PAD_BUTTONS or name in PAD_AXES]
 
 
@@ -145,7 +145,7 @@ class PadAxes:
         return [axis for axis, value in self._values.items() if value]
 
     def move(self, axis: str, raw: float) -> tuple[float | None, list[tuple[str, bool]]]:
-        """The axis's value if it is another now, else None; and the buttons that went down or up by it.
+        """Move an axis; return its value if that has changed, else None, and the buttons that went down or up by it.
 
         Args:
             axis: one of `PAD_AXES`.
@@ -162,13 +162,16 @@ class PadAxes:
         for way, sign in dict(zip(ways, (-1, 1), strict=bool(ways))).items():
             down = value * sign > (0.4 if way in self._buttons else 0.5)  # apart, so that it does not flutter
             if down != (way in self._buttons):
-                (self._buttons.add if down else self._buttons.discard)(way)
+                if down:
+                    self._buttons.add(way)
+                else:
+                    self._buttons.discard(way)
                 changed.append((way, down))
         return value, changed
 
 
 def key_label(key: str) -> str:
-    """What is printed on a key of an English keyboard."""
+    """Return what is printed on a key of an English keyboard."""
     if key in _LABELS:
         return _LABELS[key]
     plain = key.removeprefix("kp_").replace("_", " ")
@@ -178,11 +181,13 @@ def key_label(key: str) -> str:
 
 
 def key_caption(key: str) -> str:
-    """What tells a key from another with the same label: "keypad", "left"; "" for most."""
+    """Return what tells a key from another with the same label, "keypad" or "left"; "" for most."""
     if key in KEYPAD:
         return "keypad"
-    side, _, rest = key.partition("_")
-    return side if rest in ("shift", "ctrl", "alt") else ""
+    side, _, modifier = key.partition("_")
+    if modifier in ("shift", "ctrl", "alt"):
+        return side
+    return ""
 
 
 # What players' fingers expect, for the action names of Minigrid, Miniworld, the arcade and Gymnasium's classics, and
@@ -235,36 +240,36 @@ _USUAL_FPS = 30.0
 
 
 def assign_keys(actions: Sequence[str]) -> dict[str, str]:
-    """A key for each action: the arrows and their like where the name says so, else digits and letters in order."""
+    """Assign a key to each action: the arrows and such where its name suggests it, else digits and letters in order."""
     keys: dict[str, str] = {}
     for action in actions:
         usual = next((key for key in _USUAL_KEYS.get(action, "").split() if key not in keys), None)
         if usual is not None:
             keys[usual] = action
-    others = iter(key for key in _OTHER_KEYS if key not in keys)
+    free_keys = iter(key for key in _OTHER_KEYS if key not in keys)
     for action in actions:
         if action not in keys.values():
-            key = next(others, None)
+            key = next(free_keys, None)
             if key is not None:
                 keys[key] = action
     return keys
 
 
 def assign_usual_keys(world: "World") -> dict[str, str]:
-    """A key for each of a world's actions but what happens without a key."""
+    """Assign a key to each of a world's actions except the one that is done without a key."""
     noop = find_noop(world)
     names = [world.action_names[number] for number in world.actions.numbers]
     return assign_keys([name for name in names if name != noop or len(names) == 1])
 
 
 def find_noop(world: "World") -> str | None:
-    """The action that is done where no key is down; None where the world has none."""
+    """Find the action that is done where no key is down; None where the world has none."""
     names = {name.lower(): name for name in world.action_names}
     return next((names[noop] for noop in _NOOPS if noop in names), None)
 
 
 def find_period_ms(world: "World") -> float | None:
-    """The time between steps of a world that moves by itself, from its frame rate; None for one that waits for keys.
+    """Find the time between steps of a world that moves by itself, from its frame rate; None if it waits for keys.
 
     A world moves by itself where its actions are vectors, or one of them is to do nothing.
     """

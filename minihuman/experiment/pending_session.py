@@ -34,7 +34,7 @@ class SlotDrawn(ActivityInput):
 
 
 def is_allocation_pending(plan: SessionPlan) -> bool:
-    """Whether the group of a plan's participant is still to be drawn."""
+    """Tell whether the group of a plan's participant is still to be drawn."""
     return not plan.participant.group
 
 
@@ -46,13 +46,13 @@ def build_session(
     picture_px: tuple[int, int] | None,
     renders_steps: bool = True,
 ) -> SessionMachine:
-    """A session for a plan, which waits for allocation if the participant has no group."""
+    """Build a session for a plan, which waits for allocation if the participant has no group."""
     kind = PendingAllocationSession if is_allocation_pending(plan) else SessionMachine
     return kind(plan, make_world, facts, picture_px=picture_px, renders_steps=renders_steps)
 
 
 def awaits_allocation(session: SessionMachine) -> bool:
-    """Whether a session emits no events yet, since its group is not drawn."""
+    """Tell whether a session emits no events yet, since its group is not drawn."""
     return isinstance(session, PendingAllocationSession) and not session.is_allocated
 
 
@@ -104,7 +104,7 @@ class PendingAllocationSession(SessionMachine):
             before = self._screen
             events = super().receive(happened, at_ns=at_ns)
             self._answers += (event for event in events if isinstance(event, Answered | PartEnded))
-            self._stratum = self._strata.drawn(self._answers)
+            self._stratum = self._strata.find_stratum(self._answers)
             if self._stratum is not None and not self.over:
                 self._screen = before  # the next part may depend on the group
         return []

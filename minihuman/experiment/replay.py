@@ -1,9 +1,8 @@
-"""Replay a session from its recorded events, or copy a running session to try an input. No I/O.
+"""Replay a session from its recorded events. No I/O.
 
 The session machine has no clock and no randomness, so the same inputs give the same events, and any other event in a
 log is a difference. What a person or device did (which key, when, when an image was displayed) is an input: it
-cannot be recomputed, only protected by a manifest. A copied session shares the world of the original and must not
-reset or step it; it may be lent a world of its own.
+cannot be recomputed, only protected by a manifest.
 """
 
 from collections import deque
@@ -11,12 +10,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import fields, replace
 from itertools import islice, pairwise, takewhile
-from typing import Any, TypeGuard, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeGuard, get_args, get_type_hints
 
-from minihuman.activities.questions.question import AnswerDraft
 from minihuman.activities.team.events import PictureCorrected
-from minihuman.errors import LogError, MinihumanError, WorldError
-from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, SessionContext, WorldFactory
+from minihuman.errors import LogError, MinihumanError
+from minihuman.experiment.machine.activity import ENTER_KEYS, WorldFactory
 from minihuman.experiment.machine.events import (
     ActivityEvent,
     Answered,
@@ -57,7 +55,7 @@ from minihuman.experiment.machine.inputs import (
 )
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.machine.transitions import Phase
-from minihuman.experiment.words import InterfaceWords
+from minihuman.moved import forward_names
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION
 
@@ -72,7 +70,7 @@ _EXTERNAL_STOP_REASONS = (  # only the session host gives these
     "player_failed",
     "internal_error",
 )
-_COMMANDS: tuple[Any, ...] = get_args(get_type_hints(ExperimenterCommand)["what"])
+_COMMANDS: tuple[Any, ...] = get_args(get_type_hints(ExperimenterCommand)["command"])
 _POINTER_INPUTS: dict[str, tuple[type[PointerPressed | PointerMoved | PointerReleased], PointerCause]] = {
     "pressed": (PointerPressed, "finger"),
     "moved": (PointerMoved, "finger"),
@@ -94,7 +92,7 @@ BROWSER_NOTE = "page"  # notes of this kind are a browser's page's own
 
 
 def renders_same_images(facts: Mapping[str, str]) -> bool:
-    """Whether this version draws first-person worlds as a log with these facts recorded them."""
+    """Tell whether this version draws first-person worlds as a log with these facts recorded them."""
     return facts.get("pictures", "1") == str(PICTURES_VERSION)
 
 
@@ -118,60 +116,91 @@ def compare_replay(
     Raises:
         WorldError: if a world of the plan cannot be made here.
     """
-    told: deque[tuple[int, Event]] = deque(
+    logged: deque[tuple[int, Event]] = deque(
         (number, event)
         for number, event in enumerate(events, 1)
         if not _is_external(event) or (follow is not None and isinstance(event, ModelCall))
     )
-    if not told or not isinstance(told[0][1], SessionStarted):
+    if not logged or not isinstance(logged[0][1], SessionStarted):
         yield "event 1: a segment starts with its plan"
         return
-    first = told[0][1]
-    drawn: dict[str, bool] = {}  # by world
-
-    def make(world_id: str, options: dict[str, Any]) -> World:
-        world = make_world(world_id, options)
-        drawn[world_id] = world.drawn
-        return world
-
-    same = renders_same_images(first.facts)
-    otherwise = False
-    told_less = first.facts.get("clauses", "1") != str(CLAUSES_VERSION)
+    first = logged[0][1]
+    comparison = _EventComparison(make_world, first.facts)
     try:
-        session = SessionMachine(first.plan, make, first.facts, picture_px=picture_px)
+        session = SessionMachine(first.plan, comparison.make_world, first.facts, picture_px=picture_px)
     except MinihumanError as error:
         yield f"event 1: {error}"
         return
+    has_questions = any(isinstance(event, Answered) for event in events)
+    look_ahead = _MAX_LOOK_AHEAD if has_questions else _LAST_EVENTS
     with closing(session):
-        expected: deque[Event] = deque()
-        has_questions = any(isinstance(event, Answered) for event in events)
-        while told:
-            if follow is not None and isinstance(call := told[0][1], ModelCall):
-                number, _ = told.popleft()
-                if difference := follow(session, call):
-                    yield f"event {number}, {difference}"
-                continue
-            if not expected:
-                coming = [event for _, event in islice(told, _MAX_LOOK_AHEAD if has_questions else _LAST_EVENTS)]
-                expected += _feed_next_input(session, [one for one in coming if not isinstance(one, ModelCall)])
-                if follow is not None:
-                    follow(session, None)
-            number, event = told.popleft()
-            if not expected:
-                yield f"event {number}, {_event_name(event)}: nothing leads to it"
-                return
-            again = expected.popleft()
-            while told_less and isinstance(again, ClauseDone) and again != event and expected:
-                again = expected.popleft()
-            if isinstance(event, EpisodeStarted):
-                otherwise = not same and drawn.get(event.plan.world, False)
-            if otherwise and isinstance(event, EpisodeStarted | Stepped) and type(again) is type(event):
-                event = replace(event, observation_hash=again.observation_hash)
-            if not is_same_event(event, again):
-                yield f"event {number}, {_describe_difference(event, again)}"
-                return
-        if expected and isinstance(event, SessionEnded):
-            yield f"after event {number}: {_event_name(expected[0])} is missing"
+        yield from _compare_events(session, logged, comparison, follow, look_ahead)
+
+
+def _compare_events(
+    session: SessionMachine,
+    logged: deque[tuple[int, Event]],
+    comparison: "_EventComparison",
+    follow: SeatFollower | None,
+    look_ahead: int,
+) -> Iterator[str]:
+    """Feed a session the inputs behind numbered events, and yield where its own events differ, up to the first."""
+    expected: deque[Event] = deque()
+    while logged:
+        if follow is not None and isinstance(call := logged[0][1], ModelCall):
+            number, _ = logged.popleft()
+            if call_difference := follow(session, call):
+                yield f"event {number}, {call_difference}"
+            continue
+        if not expected:
+            upcoming = [event for _, event in islice(logged, look_ahead)]
+            expected += _feed_next_input(session, [event for event in upcoming if not isinstance(event, ModelCall)])
+            if follow is not None:
+                follow(session, None)
+        number, event = logged.popleft()
+        if not expected:
+            yield f"event {number}, {_event_name(event)}: nothing leads to it"
+            return
+        if difference := comparison.find_difference(event, comparison.take_replayed(event, expected)):
+            yield f"event {number}, {difference}"
+            return
+    if expected and isinstance(event, SessionEnded):
+        yield f"after event {number}: {_event_name(expected[0])} is missing"
+
+
+class _EventComparison:
+    """Compares logged events with replayed ones, except for what earlier versions drew otherwise or did not report."""
+
+    def __init__(self, make_world: WorldFactory, facts: Mapping[str, str]) -> None:
+        self._make_world = make_world
+        self._is_drawn_by_us: dict[str, bool] = {}  # by world
+        self._has_same_images = renders_same_images(facts)
+        self._lacks_subgoals = facts.get("clauses", "1") != str(CLAUSES_VERSION)
+        self._skips_hashes = False  # of the running episode
+
+    def make_world(self, world_id: str, options: dict[str, Any]) -> World:
+        """Make a world, and note whether its pictures are ours."""
+        world = self._make_world(world_id, options)
+        self._is_drawn_by_us[world_id] = world.drawn
+        return world
+
+    def take_replayed(self, logged: Event, expected: deque[Event]) -> Event:
+        """Take the event to compare a logged one with, past subgoals that worlds did not report then."""
+        replayed = expected.popleft()
+        while self._lacks_subgoals and isinstance(replayed, ClauseDone) and replayed != logged and expected:
+            replayed = expected.popleft()
+        return replayed
+
+    def find_difference(self, logged: Event, replayed: Event) -> str:
+        """Say how an event differs from its replay; "" if it does not."""
+        if isinstance(logged, EpisodeStarted):
+            is_built_in = self._is_drawn_by_us.get(logged.plan.world, False)
+            self._skips_hashes = is_built_in and not self._has_same_images
+        if self._skips_hashes and isinstance(logged, EpisodeStarted | Stepped) and type(replayed) is type(logged):
+            logged = replace(logged, observation_hash=replayed.observation_hash)
+        if is_same_event(logged, replayed):
+            return ""
+        return _describe_difference(logged, replayed)
 
 
 def resume_from_events(
@@ -182,7 +211,7 @@ def resume_from_events(
     renders_steps: bool = True,
     follow: Callable[[SessionMachine, Event | None], object] | None = None,
 ) -> tuple[SessionMachine, list[Event]]:
-    """The machine that emitted a segment's events, ready to resume, and events that a killed program did not write.
+    """Rebuild the machine that emitted a segment's events; return the events that a killed program did not write, too.
 
     ``follow`` is called with each event, the calls of a model among them, and with None after each input.
 
@@ -190,48 +219,59 @@ def resume_from_events(
         LogError: if the replay differs from the events, or the session is over.
         WorldError: if a world of the plan cannot be made here.
     """
-    told = deque(event for event in events if not _is_external(event) or (follow and isinstance(event, ModelCall)))
-    first = told[0] if told else None
+    logged = deque(event for event in events if not _is_external(event) or (follow and isinstance(event, ModelCall)))
+    first = logged[0] if logged else None
     if not isinstance(first, SessionStarted):
         raise LogError(
             "a segment does not start with SessionStarted, so the log is damaged; repair it with `minihuman recover`"
         )
     session = SessionMachine(first.plan, make_world, first.facts, picture_px=picture_px, renders_steps=renders_steps)
+    try:
+        unwritten = _replay_logged(session, logged, follow or (lambda session, event: None))
+        if session.over:
+            raise LogError(
+                f"session {first.plan.session} of {first.plan.participant.id} has ended and cannot be resumed; start "
+                "another session"
+            )
+    except LogError:
+        session.close()
+        raise
+    return session, unwritten
+
+
+def _replay_logged(
+    session: SessionMachine, logged: deque[Event], follow: Callable[[SessionMachine, Event | None], object]
+) -> list[Event]:
+    """Feed a session the inputs behind logged events; return the events that it emits beyond them.
+
+    Raises:
+        LogError: if one of them differs.
+    """
     expected: deque[Event] = deque()
-    while told:
-        if isinstance(told[0], ModelCall):
-            assert follow is not None  # else there are none
-            follow(session, told.popleft())
+    while logged:
+        if isinstance(logged[0], ModelCall):
+            follow(session, logged.popleft())
             continue
         if not expected:
-            coming = islice(told, _MAX_LOOK_AHEAD)
+            coming = islice(logged, _MAX_LOOK_AHEAD)
             expected += _feed_next_input(session, [event for event in coming if not isinstance(event, ModelCall)])
-            if follow is not None:
-                follow(session, None)
-        event = told.popleft()
-        if follow is not None:
-            follow(session, event)
+            follow(session, None)
+        event = logged.popleft()
+        follow(session, event)
         if not expected or not is_same_event(event, expected.popleft()):
-            session.close()
             raise LogError(
                 f"{_event_name(event)} at {event.t_ns} ns differs in the replay; see how with `minihuman verify`"
             )
-    if session.over:
-        session.close()
-        raise LogError(
-            f"session {first.plan.session} of {first.plan.participant.id} has ended and cannot be resumed; start "
-            "another session"
-        )
-    return session, list(expected)
+    return list(expected)
 
 
 def _is_external(event: Event) -> bool:
-    """Whether an event comes from a device or a browser, not from the machine."""
+    """Tell whether an event comes from a device or a browser, not from the machine."""
     return isinstance(event, _EXTERNAL_EVENTS) or (isinstance(event, Noted) and event.kind == BROWSER_NOTE)
 
 
 def _feed_next_input(session: SessionMachine, coming: list[Event]) -> list[Event]:
-    """The machine's events for the input that must have come next."""
+    """Feed the machine the input that must have come next; return its events."""
     event = coming[0]
     _show_question(session, coming)
     _show_screen(session, event)
@@ -251,24 +291,18 @@ def _feed_next_input(session: SessionMachine, coming: list[Event]) -> list[Event
 
 
 def _find_input_behind(coming: list[Event], session: SessionMachine) -> Input | None:
-    """The input that came as a timed screen ended: behind a tick of its own it would find the next world prepared."""
-    for before, event in pairwise(takewhile(lambda one: one.t_ns == coming[0].t_ns, coming)):
+    """Find the input that came as a timed screen ended; fed after a Tick, it would find the next world prepared."""
+    for before, event in pairwise(takewhile(lambda candidate: candidate.t_ns == coming[0].t_ns, coming)):
         if before == Noted(event.t_ns, "phase", Phase.PREPARING) and isinstance(event, KeyPressed | AxisMoved | Noted):
             return _find_input(event, session)
     return None
 
 
 def _find_input(event: Event, session: SessionMachine) -> Input | None:
-    """The input behind an event; None if there is none."""
+    """Find the input behind an event; None if there is none."""
     match event:
-        case KeyPressed(down=True):
-            pressed_ns = event.t_ns - event.waited_ns
-            if event.verdict == "held_before_focus" or event.verdict == "shortcut":
-                return KeyDown(pressed_ns, event.key, event.symbol, cause=event.verdict)
-            return KeyDown(pressed_ns, event.key, event.symbol, repeat=event.verdict == "repeat")
         case KeyPressed():
-            cause: KeyReleaseCause = "focus_loss" if event.verdict == "release_at_focus_loss" else "finger"
-            return KeyUp(event.t_ns - event.waited_ns, event.key, event.symbol, cause)
+            return _find_key_input(event)
         case FrameShown():
             return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns, event.step)
         case PageShown():
@@ -284,15 +318,25 @@ def _find_input(event: Event, session: SessionMachine) -> Input | None:
         case Noted(kind="focus"):
             return FocusChanged(event.t_ns, event.text == "found")
         case Noted(kind="experimenter"):
-            what, _, text = event.text.partition(": ")
-            return next((ExperimenterCommand(event.t_ns, known, text) for known in _COMMANDS if known == what), None)
+            word, _, text = event.text.partition(": ")
+            return next((ExperimenterCommand(event.t_ns, known, text) for known in _COMMANDS if known == word), None)
         case ActivityEvent():
             return session.part.input_of(event)
     return None
 
 
+def _find_key_input(event: KeyPressed) -> KeyDown | KeyUp:
+    key_ns = event.t_ns - event.waited_ns
+    if not event.down:
+        cause: KeyReleaseCause = "focus_loss" if event.verdict == "release_at_focus_loss" else "finger"
+        return KeyUp(key_ns, event.key, event.symbol, cause)
+    if event.verdict == "held_before_focus" or event.verdict == "shortcut":
+        return KeyDown(key_ns, event.key, event.symbol, cause=event.verdict)
+    return KeyDown(key_ns, event.key, event.symbol, repeat=event.verdict == "repeat")
+
+
 def _show_question(session: SessionMachine, coming: list[Event]) -> None:
-    """Show a question when its answer says it was shown: reaching the display is no event of its own."""
+    """Show a question at the time that its answer states: a question that reaches the display leaves no event."""
     if isinstance(coming[0], SessionStarted):
         return
     answered = next((event for event in coming if isinstance(event, Answered)), None)
@@ -302,10 +346,10 @@ def _show_question(session: SessionMachine, coming: list[Event]) -> None:
 
 
 def _show_screen(session: SessionMachine, event: Event) -> None:
-    """Let a text, a blank or a cross be seen as late as a key says that it was: that is no event of its own either.
+    """Show a text, a blank or a cross as late as a key implies; that it reached the display leaves no event either.
 
-    Who presses Enter before "Ready?" is to be seen meant the screen before. A screen that stands for some time does so
-    from when it was seen, so what found it still there says that its time was not over.
+    Enter before "Ready?" is visible was meant for the screen before. A timed screen runs from when it was seen, so an
+    event that still found it says that its time was not over.
     """
     if _comes_too_soon(event, session.phase):
         pressed_ns = event.t_ns - event.waited_ns
@@ -321,14 +365,14 @@ def _show_screen(session: SessionMachine, event: Event) -> None:
 
 
 def _comes_too_soon(event: Event, phase: str) -> TypeGuard[KeyPressed]:
-    """Whether Enter was pressed before "Ready?" was to be seen."""
+    """Tell whether Enter was pressed before "Ready?" was visible."""
     if not isinstance(event, KeyPressed) or phase != Phase.READY or event.phase != phase:
         return False
     return event.down and event.verdict == "not_playing" and event.key in ENTER_KEYS
 
 
 def _finds_phase(event: Event, phase: str) -> bool:
-    """Whether an event says that a phase had not ended yet: its end, which time brings first, would stand before."""
+    """Tell whether an event says that a phase had not ended yet, as the events of its end would have come before."""
     match event:
         case KeyPressed():
             return event.phase == phase
@@ -338,7 +382,7 @@ def _finds_phase(event: Event, phase: str) -> bool:
 
 
 def _find_stop(coming: list[Event], phase: str) -> Stop | None:
-    """What ended the session from outside, if its end is what comes now."""
+    """Find what ended the session from outside, if its end comes now."""
     at_once = [event for event in coming[:_LAST_EVENTS] if event.t_ns == coming[0].t_ns]
     ended = next((event for event in at_once if isinstance(event, SessionEnded)), None)
     if ended is None:
@@ -354,34 +398,33 @@ def _find_stop(coming: list[Event], phase: str) -> Stop | None:
     return None
 
 
-def _describe_difference(event: Event, again: Event) -> str:
-    if type(event) is not type(again):
-        return f"{_event_name(event)}: the machine says {_event_name(again)}"
+def _describe_difference(event: Event, replayed: Event) -> str:
+    if type(event) is not type(replayed):
+        return f"{_event_name(event)}: the machine says {_event_name(replayed)}"
     for field in fields(event):
         logged = getattr(event, field.name)
-        now = getattr(again, field.name)
+        now = getattr(replayed, field.name)
         if not _is_same(logged, now):
             return f"{_event_name(event)}: {field.name} {_shorten(logged)} in the log, now {_shorten(now)}"
     return f"{_event_name(event)}: what was observed differs"
 
 
-def is_same_event(logged: Event, again: Event) -> bool:
-    """Compare an event with its replay. NaN equals NaN, and a world that fails fails as well in other words.
+def is_same_event(logged: Event, replayed: Event) -> bool:
+    """Compare an event with its replay. NaN equals NaN, and a world's failure equals the same one in other words.
 
     What a failing world says differs between versions of Python and of this program; where it fails does not.
     """
-    if logged == again:
+    if logged == replayed:
         return True
-    if type(logged) is not type(again):
+    if type(logged) is not type(replayed):
         return False
-    failed = isinstance(again, SessionEnded) and again.reason == "world_error"
-    left_out = {"picture_hash"}  # of what was shown; a replay draws nothing
-    if failed:
-        left_out.add("detail")
+    ignored_fields = {"picture_hash"}  # of what was shown; a replay draws nothing
+    if isinstance(replayed, SessionEnded) and replayed.reason == "world_error":
+        ignored_fields.add("detail")
     return all(
-        _is_same(getattr(logged, field.name), getattr(again, field.name))
+        _is_same(getattr(logged, field.name), getattr(replayed, field.name))
         for field in fields(logged)
-        if field.name not in left_out
+        if field.name not in ignored_fields
     )
 
 
@@ -392,86 +435,14 @@ def _is_same(logged: object, now: object) -> bool:
 
 def _shorten(value: object) -> str:
     text = repr(value)
-    return text if len(text) < 200 else f"{text[:200]}..."
+    if len(text) < 200:
+        return text
+    return f"{text[:200]}..."
 
 
 def _event_name(event: Event) -> str:
     return type(event).__name__
 
 
-WorldLender = Callable[[str, dict[str, Any]], World | None]
-_COPIED_PACKAGES = ("minihuman.experiment.", "minihuman.activities.")
-
-
-def can_copy_session(session: SessionMachine) -> bool:
-    """Whether a session is in a part whose state is copied whole."""
-    return type(session) is SessionMachine and session.part.can_copy
-
-
-def copy_session(session: SessionMachine, lend: WorldLender) -> SessionMachine:
-    """A session in the same state, to be fed inputs and thrown away; never closed, as its world is the other's.
-
-    Args:
-        session: where to start from.
-        lend: a world that may be reset for an id and its options; None where there is none, which ends the fork.
-    """
-    copied: SessionMachine = _Copier(lend).copy(session)
-    return copied
-
-
-class _LentContext(SessionContext):
-    """A context whose worlds are lent."""
-
-    _lend: WorldLender
-
-    def world(self, world_id: str, options: dict[str, Any]) -> World:
-        """The lent world."""
-        lent = self._lend(world_id, options)
-        if lent is None:
-            raise WorldError(f"the copied session has no world {world_id} to replay in")
-        return lent
-
-    def close(self) -> None:
-        """Do nothing: the world belongs to the other session."""
-
-
-class _Copier:
-    def __init__(self, lend: WorldLender) -> None:
-        self._lend = lend
-        self._made: dict[int, Any] = {}
-
-    def copy(self, value: Any) -> Any:
-        """A value as it is, or a copy of what changes."""
-        kind = type(value)
-        if id(value) in self._made:
-            return self._made[id(value)]
-        if kind is list or kind is set:
-            return self._made.setdefault(id(value), kind(map(self.copy, value)))
-        if kind is dict:
-            return self._made.setdefault(id(value), {name: self.copy(one) for name, one in value.items()})
-        if kind is tuple:
-            return tuple(map(self.copy, value))
-        if _is_mutable(value):
-            return self._of_machine(value)
-        return value
-
-    def _of_machine(self, value: Any) -> Any:
-        kind = _LentContext if type(value) is SessionContext else type(value)
-        made = self._made[id(value)] = object.__new__(kind)
-        made.__dict__.update((name, self.copy(one)) for name, one in vars(value).items())
-        if isinstance(made, _LentContext):
-            made._lend = self._lend
-        return made
-
-
-def _is_mutable(value: Any) -> bool:
-    """Whether it is an object of the machine that is changed while a session runs."""
-    kind = type(value)
-    frozen = getattr(kind, "__dataclass_params__", None)
-    if isinstance(value, Activity | AnswerDraft):  # a plug-in's too
-        return True
-    if not kind.__module__.startswith(_COPIED_PACKAGES) or (frozen is not None and frozen.frozen):
-        return False
-    return (
-        hasattr(value, "__dict__") and not isinstance(value, type | InterfaceWords) and not hasattr(kind, "__members__")
-    )
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

@@ -7,6 +7,7 @@ that are a matter of chance are drawn from the seed of the reset, so a trial rep
 import base64
 import io
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -18,8 +19,8 @@ from minihuman.display.shaping import is_rtl
 from minihuman.display.text import draw_line
 from minihuman.display.typefaces import select_typefaces
 from minihuman.errors import WorldError
+from minihuman.experiment.trial_responses import NO_RESPONSE as NO_RESPONSE
 
-NO_RESPONSE = "none"
 SIDES = {"left": 0.25, "centre": 0.5, "right": 0.75}  # of the width
 _CARDS = {"left": 0.27, "right": 0.73}
 SHAPES = ("circle", "square", "diamond")
@@ -83,28 +84,19 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         self.correct_response = str(correct)  # a table's 1 is a number, the response's name a text
         if self.correct_response:
             self._chances = {self.correct_response: 1.0}
-        for name, choice, known in (
-            ("side", side, tuple(SIDES)),
-            ("shape", shape, ("", *SHAPES)),
-            *(("correct", name, self.action_names) for name in self._chances),
-        ):
-            if choice not in known:
-                raise WorldError(f"{name} is {choice!r}; use one of {', '.join(filter(None, known))}")
-        if not isinstance(language, str):
-            raise WorldError(f"language is {language!r}; use a code such as 'en'")
-        try:
-            self._ink: Any = ImageColor.getrgb(str(colour))[:3]
-        except ValueError as error:
-            raise WorldError(f"{colour!r} is not a colour; use a CSS colour name or #rrggbb") from error
+        _require_choice("side", side, tuple(SIDES))
+        _require_choice("shape", shape, ("", *SHAPES))
+        for name in self._chances:
+            _require_choice("correct", name, self.action_names)
+        self._language = _require_language(language)
+        self._ink = _read_colour(colour)
         self._text = str(text)
-        self._cards = tuple(
-            (str(item), _CARDS[place]) for item, place in ((left, "left"), (right, "right")) if item != ""
-        )
+        cards = {"left": left, "right": right}
+        self._cards = tuple((str(label), _CARDS[place]) for place, label in cards.items() if label != "")
         self._shape = shape
         self._side = SIDES[side]
         self._size = _read_number("size", size, low=0.0, high=10.0)
         self._image = _read_image(image)
-        self._language = language
         named = str(text).strip().lower()
         self.prompted_responses = tuple(name for name in self.action_names if name.lower() in (named, side))
 
@@ -113,22 +105,22 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
     ) -> tuple[NDArray[np.int64], dict[str, Any]]:
         """Show the stimulus."""
         super().reset(seed=seed)
-        self._made = 0
+        self._n_steps = 0
         self.last_reward = 0.0
         return self._observe(), {"onset": True}
 
     def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
         """Take the response."""
-        self._made += 1
+        self._n_steps += 1
         chance = self._chances.get(self.action_names[int(action)], 0.0)
         self.last_reward = float(self.np_random.random() < chance)
         return self._observe(), self.last_reward, True, False, {}
 
     def _observe(self) -> NDArray[np.int64]:
-        return np.array([self._made, 0], np.int64)
+        return np.array([self._n_steps, 0], np.int64)
 
     def render(self) -> Any:
-        """The picture, uint8[H, W, 3] of ``picture_size_px``; empty ground once there was a response."""
+        """Render the picture, uint8[H, W, 3] of ``picture_size_px``; an empty ground once there was a response."""
         width, height = self.picture_size_px
         picture = Image.new("RGB", (width, height), BACKGROUND)
         if not self._is_over:
@@ -137,7 +129,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
 
     @property
     def _is_over(self) -> bool:
-        return self._made > 0
+        return self._n_steps > 0
 
     def _draw(self, picture: Image.Image) -> None:
         width, height = picture.size
@@ -147,10 +139,14 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         at = self._side * width
         if self._image is not None:
             scale = min(2 * reach / self._image.height, 0.45 * width / self._image.width)
-            shown = self._image.resize(
+            scaled_image = self._image.resize(
                 (max(1, round(self._image.width * scale)), max(1, round(self._image.height * scale)))
             )
-            picture.paste(shown, (round(at - shown.width / 2), round(middle - shown.height / 2)), shown)
+            picture.paste(
+                scaled_image,
+                (round(at - scaled_image.width / 2), round(middle - scaled_image.height / 2)),
+                scaled_image,
+            )
         box = (at - reach, middle - reach, at + reach, middle + reach)
         match self._shape:
             case "circle":
@@ -213,10 +209,10 @@ class TwoStep(Stimulus):
 
     def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
         """Choose; no response ends the trial without a reward."""
-        self._made += 1
+        self._n_steps += 1
         response = self.action_names[int(action)]
         if response == NO_RESPONSE:
-            self._made = 2
+            self._n_steps = 2
             return self._observe(), 0.0, True, False, {}
         if not self._pair:
             is_common = self.np_random.random() < self._common
@@ -228,11 +224,11 @@ class TwoStep(Stimulus):
         return self._observe(), self.last_reward, True, False, {}
 
     def _observe(self) -> NDArray[np.int64]:
-        return np.array([self._made, self._pair], np.int64)
+        return np.array([self._n_steps, self._pair], np.int64)
 
     @property
     def _is_over(self) -> bool:
-        return self._made > 1
+        return self._n_steps > 1
 
     def _draw(self, picture: Image.Image) -> None:
         draw, (width, height) = ImageDraw.Draw(picture), picture.size
@@ -241,14 +237,32 @@ class TwoStep(Stimulus):
             self._draw_card(draw, name, side * width, height / 2, ink)
 
 
-def _read_number(name: str, given: str | float, *, low: float = -math.inf, high: float = math.inf) -> float:
+def _require_choice(name: str, choice: str, known: Sequence[str]) -> None:
+    if choice not in known:
+        raise WorldError(f"{name} is {choice!r}; use one of {', '.join(filter(None, known))}")
+
+
+def _require_language(language: object) -> str:
+    if not isinstance(language, str):
+        raise WorldError(f"language is {language!r}; use a code such as 'en'")
+    return language
+
+
+def _read_colour(colour: str) -> Any:
+    try:
+        return ImageColor.getrgb(str(colour))[:3]
+    except ValueError as error:
+        raise WorldError(f"{colour!r} is not a colour; use a CSS colour name or #rrggbb") from error
+
+
+def _read_number(name: str, number_or_text: str | float, *, low: float = -math.inf, high: float = math.inf) -> float:
     """Read a number; a table has "0.600" as a text.
 
     Raises:
         WorldError: if it is none, or none in the range.
     """
     try:
-        number = math.nan if isinstance(given, bool) else float(given)
+        number = math.nan if isinstance(number_or_text, bool) else float(number_or_text)
     except (TypeError, ValueError):
         number = math.nan
     if not (math.isfinite(number) and low <= number <= high):
@@ -256,7 +270,7 @@ def _read_number(name: str, given: str | float, *, low: float = -math.inf, high:
             allowed = "a number"
         else:
             allowed = f"a number from {low:g} to {high:g}"
-        raise WorldError(f"{name} is {given!r}; use {allowed}")
+        raise WorldError(f"{name} is {number_or_text!r}; use {allowed}")
     return number
 
 

@@ -7,7 +7,8 @@ holds, where it came from and what was excluded.
 
 import shutil
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ GROUP = "minihuman.exporters"
 
 @dataclass(frozen=True, slots=True)
 class ExportResult:
-    """What an exporter wrote: its data files and folders, and how much is in them."""
+    """An exporter's output: its data files and folders, and how much is in them."""
 
     paths: tuple[Path, ...]
     episodes: int  # that count
@@ -35,7 +36,7 @@ class ExportResult:
     front_matter: str = ""  # of the card, for what reads it by machine
 
     def with_files(self, paths: tuple[Path, ...], *, front_matter: str = "") -> "ExportResult":
-        """The same counts, of these files."""
+        """Return the same counts, of these files."""
         return replace(self, paths=paths, front_matter=front_matter)
 
 
@@ -43,23 +44,23 @@ Exporter = Callable[[IncludedEpisodes, Path], ExportResult]
 
 
 def list_exporters() -> tuple[str, ...]:
-    """The names of the exporters that are installed."""
+    """List the names of the exporters that are installed."""
     return list_plugin_names(GROUP)
 
 
 def find_exporter(name: str) -> Exporter:
-    """The exporter of that name.
+    """Find the exporter of that name.
 
     Raises:
         ExportError: if there is none, or what it needs is not installed.
     """
-    exporter: Exporter = load_plugin(GROUP, name, ExportError, what="export format")
+    exporter: Exporter = load_plugin(GROUP, name, ExportError, noun="export format")
     return exporter
 
 
 @dataclass(slots=True)
 class ExportCard:
-    """Counts what passes on its way to an exporter."""
+    """Counts the episodes of an export, and writes its card."""
 
     format: str
     account: SelectionSummary
@@ -71,13 +72,13 @@ class ExportCard:
         for name in ("study", "participant", "group", "player", "block", "world", "outcome", "protocol_sha256"):
             self.counts[name][str(facts[name])] += 1
 
-    def write(self, out: Path, written: ExportResult) -> Path:
+    def write(self, out: Path, export: ExportResult) -> Path:
         """Write the card into the export's folder."""
         path = out / "README.md"
-        path.write_text(written.front_matter + self._text(out, written), encoding="utf-8", newline="\n")
+        path.write_text(export.front_matter + self._text(out, export), encoding="utf-8", newline="\n")
         return path
 
-    def _text(self, out: Path, written: ExportResult) -> str:
+    def _text(self, out: Path, export: ExportResult) -> str:
         if self.stored_frames:
             source = "stored in the logs"
         else:
@@ -85,22 +86,56 @@ class ExportCard:
         lines = [
             f"# {self.format} export",
             "",
-            f"{written.episodes} episodes, {written.steps} steps, written by minihuman {minihuman.__version__}.",
+            f"{export.episodes} episodes, {export.steps} steps, written by minihuman {minihuman.__version__}.",
             f"Observations, where the format holds them, were {source}, and each has the hash",
             "that was taken when it was made.",
             "",
             "What it is made of:",
             "",
-            *(f"- {line}" for line in (*self.account.lines(), *written.left_out)),
+            *(f"- {line}" for line in (*self.account.lines(), *export.left_out)),
             "",
             "| file or folder |",
             "|---|",
-            *(f"| `{path.relative_to(out)}` |" for path in written.paths),
+            *(f"| `{path.relative_to(out)}` |" for path in export.paths),
         ]
         for name, counter in self.counts.items():
             lines += ["", f"| {name} | episodes |", "|---|---|"]
             lines += [f"| {value} | {count} |" for value, count in sorted(counter.items())]
         return "\n".join(lines) + "\n"
+
+
+def _require_new_folder(out: Path) -> None:
+    """Refuse a folder that has something in it, or that the program was started in."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise ExportError(f"{out} already exists; choose another folder, or move that one away")
+    if _is_current_folder(out):
+        raise ExportError(f"{out} is the current folder; choose a new folder")
+
+
+@contextmanager
+def _write_whole(out: Path) -> Iterator[Path]:
+    """Give a folder beside ``out`` that takes its name once all is written; an error inside removes it."""
+    unfinished = out.resolve().with_name(out.name + ".unfinished")  # Minari joins a relative path to itself
+    if unfinished.exists():
+        raise ExportError(
+            f"{unfinished} belongs to an export that is running or was interrupted; if none is running, remove it and "
+            "export again"
+        )
+    unfinished.mkdir(parents=True)
+    try:
+        yield unfinished
+        if out.exists():
+            out.rmdir()
+        unfinished.rename(out)
+    except BaseException:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise
+
+
+def _is_current_folder(path: Path) -> bool:
+    if not path.exists():
+        return not path.name
+    return path.resolve().samefile(".")
 
 
 def export_study(
@@ -125,41 +160,27 @@ def export_study(
         LogError: if the source cannot be read.
     """
     exporter = find_exporter(format_name)
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise ExportError(f"{out} already exists; choose another folder, or move that one away")
-    if out.resolve().samefile(".") if out.exists() else not out.name:
-        raise ExportError(f"{out} is the current folder; choose a new folder")
+    _require_new_folder(out)
     sessions = StudySessions(source, selection, engine=engine)
     card = ExportCard(format_name, sessions.account, stored_frames=stored_frames)
 
-    heard: Path | None = None
+    latest_log: Path | None = None
 
-    def taken(log: Path, facts: Mapping[str, Any]) -> None:
-        nonlocal heard
+    def count_episode(log: Path, facts: Mapping[str, Any]) -> None:
+        nonlocal latest_log
         card.count(facts)
-        if log != heard:  # a line on the screen for every episode of a thousand sessions takes half a second
+        if log != latest_log:  # a line on the screen for every episode of a thousand sessions takes half a second
             progress(log)
-        heard = log
+        latest_log = log
 
-    unfinished = out.resolve().with_name(out.name + ".unfinished")  # Minari joins a relative path to itself
-    if unfinished.exists():
-        raise ExportError(
-            f"{unfinished} belongs to an export that is running or was interrupted; if none is running, remove it and "
-            "export again"
+    with _write_whole(out) as unfinished:
+        episodes = IncludedEpisodes(
+            sessions, on_included=count_episode, stored_frames=stored_frames, with_messages=with_messages
         )
-    unfinished.mkdir(parents=True)
-    try:
-        episodes = IncludedEpisodes(sessions, taken=taken, stored_frames=stored_frames, with_messages=with_messages)
-        written = exporter(episodes, unfinished)
-        if not written.episodes + written.marked + written.sessions:
-            why = "; ".join((*written.left_out, *sessions.account.lines()))
+        export = exporter(episodes, unfinished)
+        if not export.episodes + export.marked + export.sessions:
+            why = "; ".join((*export.left_out, *sessions.account.lines()))
             raise ExportError(f"{source} has nothing to export: {why}; select other episodes")
-        card.write(unfinished, written)
-        if out.exists():
-            out.rmdir()
-        unfinished.rename(out)
-    except BaseException:
-        shutil.rmtree(unfinished, ignore_errors=True)
-        raise
-    moved = tuple(out / path.relative_to(unfinished) for path in written.paths)
-    return replace(written, paths=moved), card
+        card.write(unfinished, export)
+    moved = tuple(out / path.relative_to(unfinished) for path in export.paths)
+    return replace(export, paths=moved), card

@@ -10,16 +10,13 @@ import json
 import logging
 import re
 import string
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from minihuman import __version__
@@ -27,21 +24,21 @@ from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisode
 from minihuman.errors import ExportError, LogError, WorldError
 from minihuman.experiment.replay import renders_same_images
 from minihuman.exporters.exporter import ExportResult
-from minihuman.exporters.study_metadata import describe_episode, get_action_names, get_shared_options, get_step_limit
+from minihuman.exporters.study_metadata import describe_episode, get_action_names, get_shared_options
 from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.model.teaching_events import NO_ADVICE
 from minihuman.log.observations import verify_observations
+from minihuman.moved import forward_names
 from minihuman.worlds.adapters.spaces import VectorActions
 from minihuman.worlds.adapters.transition import ResetResult, StepResult
 from minihuman.worlds.adapters.world import World
-from minihuman.worlds.hashing import resolve_files
 from minihuman.worlds.observation_spaces import find_mismatch
 
 _CHARACTERS = frozenset(string.printable)
 
 
 def stack_observations(observations: Sequence[Any]) -> Any:
-    """A list of observations, or of actions, as one of stacked arrays: dicts stay dicts, texts become lists."""
+    """Stack a list of observations, or of actions, into arrays: dicts stay dicts, texts become lists."""
     first = observations[0]
     if isinstance(first, dict):
         return {key: stack_observations([observation[key] for observation in observations]) for key in first}
@@ -53,7 +50,7 @@ def stack_observations(observations: Sequence[Any]) -> Any:
 
 
 def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
-    """The space with its own kinds (a world's mission space) replaced by Gymnasium's, which others can store.
+    """Replace a space's own kinds (a world's mission space) by Gymnasium's, which others can store.
 
     Raises:
         ExportError: if a part is of a kind that has no plain form.
@@ -77,7 +74,7 @@ def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
 
 
 def is_picture(space: gymnasium.Space[Any]) -> bool:
-    """Whether observations are colour pictures uint8[H, W, 3], at least 32 pixels high and wide."""
+    """Tell whether observations are colour pictures uint8[H, W, 3], at least 32 pixels high and wide."""
     return (
         isinstance(space, gymnasium.spaces.Box)
         and space.dtype == np.uint8
@@ -88,7 +85,7 @@ def is_picture(space: gymnasium.Space[Any]) -> bool:
 
 
 def flatten_observation(observation: Any, space: gymnasium.Space[Any]) -> NDArray[Any]:
-    """All numbers of an observation in one row, dict parts by sorted key; texts are excluded (they are metadata).
+    """Put all numbers of an observation in one row, dict parts by sorted key; texts are excluded (they are metadata).
 
     The dtype is the narrowest that holds every part of the space exactly, so it is the same for all observations.
     """
@@ -99,7 +96,7 @@ def flatten_observation(observation: Any, space: gymnasium.Space[Any]) -> NDArra
 
 
 def name_flat_observation(observation: Any, name: str = "") -> list[str]:
-    """A name for each number of ``flat``: "direction", "image_0", "image_1", ..."""
+    """Name each number of a flat observation: "direction", "image_0", "image_1", ..."""
     if isinstance(observation, dict):
         return [
             label for key in sorted(observation) for label in name_flat_observation(observation[key], f"{name}{key}_")
@@ -136,7 +133,7 @@ def _numbers(observation: Any, space: gymnasium.Space[Any]) -> list[NDArray[Any]
 
 
 def build_steering_columns(episode: EpisodeLog, *, with_reset: bool = False) -> dict[str, NDArray[Any]]:
-    """A row for each step: whether the person steered, and the world's action that the policy would have done.
+    """Build a row for each step: whether the person steered, and the world's action that the policy advised.
 
     Empty where no agent took part in the episode; -1 where the policy advised nothing. ``with_reset`` puts a row before
     the first, with neither.
@@ -152,7 +149,7 @@ def build_steering_columns(episode: EpisodeLog, *, with_reset: bool = False) -> 
 
 
 def get_step_steering(episode: EpisodeLog, index: int) -> dict[str, Any]:
-    """The same of one step, 0 for the first, as plain values, with the policy's probabilities by action number."""
+    """Return the same of one step, 0 for the first, as plain values, with the policy's probabilities by action."""
     taught = episode.taught
     if taught is None:
         return {}
@@ -165,7 +162,7 @@ def get_step_steering(episode: EpisodeLog, index: int) -> dict[str, Any]:
 
 
 def name_dataset(chosen: IncludedEpisode) -> str:
-    """A folder name for the world an episode was played in: "minigrid-fourrooms-v0", other options another name.
+    """Name a folder for an episode's world: "minigrid-fourrooms-v0", with other options another name.
 
     Where the options differ by episode, as a design or a table of stimuli has it, the block's name is part of it.
     """
@@ -173,7 +170,9 @@ def name_dataset(chosen: IncludedEpisode) -> str:
     options = get_shared_options(chosen)
     if not options:
         return name
-    return _mark(name, _slug(options) if isinstance(options, str) else _digest(options))
+    if isinstance(options, str):
+        return _mark(name, _slug(options))
+    return _mark(name, _digest(options))
 
 
 def _slug(text: str) -> str:
@@ -185,48 +184,11 @@ def _digest(value: Any) -> str:
 
 
 def _mark(name: str, mark: str) -> str:
-    """The name with a mark before its version."""
+    """Put a mark before a name's version."""
     stem, _, version = name.rpartition("-v")
     if stem:
         return f"{stem}-{mark}-v{version}"
     return f"{name}-{mark}"
-
-
-def env_spec(chosen: IncludedEpisode) -> EnvSpec | None:
-    """The Gymnasium spec of an episode's world, options and the protocol's step limit included, as a file can hold it.
-
-    The module that registers the world is imported by then. None where the world cannot be made by name elsewhere: its
-    class has no module of its own, or an option is no plain value.
-    """
-    spec = copy.deepcopy(gymnasium.spec(chosen.episode.plan.world.rsplit(":", 1)[-1]))
-    kwargs: dict[str, Any] = {**spec.kwargs, **resolve_files(chosen.episode.plan.options)}
-    spec.kwargs = kwargs
-    limit = get_step_limit(chosen)
-    if spec.max_episode_steps is None:
-        spec.max_episode_steps = limit
-    else:
-        spec.max_episode_steps = min(limit, spec.max_episode_steps)
-    if not isinstance(spec.entry_point, str):
-        spec.entry_point = _importable(spec.entry_point)
-    try:
-        if spec.entry_point:
-            return EnvSpec.from_json(spec.to_json())
-        return None
-    except (TypeError, ValueError):
-        return None
-
-
-def _importable(made_by: Any) -> str | None:
-    """Where a class or function can be imported from, "module:name"; None if nowhere."""
-    module = getattr(made_by, "__module__", "")
-    name = getattr(made_by, "__qualname__", "")
-    if module in sys.modules and name.isidentifier():
-        found = attrgetter(name)(sys.modules[module])
-    else:
-        found = None
-    if found is made_by and module != "__main__":
-        return f"{module}:{name}"
-    return None
 
 
 PICTURE_PX = (128, 128)  # what a view is drawn within for learners where the observation is no picture
@@ -248,7 +210,7 @@ class ReplayedEpisode:
 
     @property
     def actions(self) -> Any:
-        """The ``n`` actions as the environment's ``step`` takes them: numbers from the space's start, or arrays.
+        """Return the ``n`` actions as the environment's ``step`` takes them: numbers from the space's start, or arrays.
 
         Those of a Dict or Tuple space are a dict or tuple of arrays, one row per action.
         """
@@ -261,7 +223,7 @@ class ReplayedEpisode:
 
 
 def name_state(demonstration: ReplayedEpisode) -> list[str]:
-    """The names of ``build_state``'s columns."""
+    """Name the columns of ``build_state``."""
     if not is_picture(demonstration.observation_space):
         return name_flat_observation(demonstration.observations[0])
     if np.isnan(demonstration.episode.poses).any():
@@ -270,7 +232,7 @@ def name_state(demonstration: ReplayedEpisode) -> list[str]:
 
 
 def build_state(demonstration: ReplayedEpisode) -> NDArray[np.float32]:
-    """The numbers that were observed, (n + 1, numbers).
+    """Build the numbers that were observed, (n + 1, numbers).
 
     Where the observation is a picture, they are where the agent stands, or, where the world cannot tell, how much of
     the episode is over.
@@ -287,7 +249,7 @@ def build_state(demonstration: ReplayedEpisode) -> NDArray[np.float32]:
 
 
 def _narrow(rows: NDArray[Any], episode: EpisodeLog) -> NDArray[np.float32]:
-    """Rows of numbers as float32.
+    """Convert rows of numbers to float32.
 
     Raises:
         ExportError: if one is beyond what float32 holds.
@@ -303,7 +265,7 @@ def _narrow(rows: NDArray[Any], episode: EpisodeLog) -> NDArray[np.float32]:
 
 
 def name_actions(item: IncludedEpisode) -> list[str]:
-    """The names of the columns of ``build_actions``' "action"."""
+    """Name the columns of ``build_actions``' "action"."""
     vectors = item.episode.action_vectors
     if vectors is None:
         return list(get_action_names(item))
@@ -311,7 +273,7 @@ def name_actions(item: IncludedEpisode) -> list[str]:
 
 
 def build_actions(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, NDArray[Any]]:
-    """The actions as learners of vectors take them: "action" (n, actions), and "discrete_action" (n,).
+    """Build the actions as learners of vectors take them: "action" (n, actions), and "discrete_action" (n,).
 
     A row of "action" has a 1 at its place among the actions that participants could take, and "discrete_action" is what
     the environment's ``step`` takes; where that is a vector itself, "action" is it, flat, and there is nothing else.
@@ -319,13 +281,13 @@ def build_actions(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict
     vectors = item.episode.action_vectors
     if vectors is not None:
         return {"action": vectors.astype(np.float32).reshape(len(vectors), -1)}
-    taken = np.array(item.episode.start.action_names)[item.episode.actions]
-    one_hot = (taken[:, None] == np.array(name_actions(item))).astype(np.float32)
+    names = np.array(item.episode.start.action_names)[item.episode.actions]
+    one_hot = (names[:, None] == np.array(name_actions(item))).astype(np.float32)
     return {"action": one_hot, "discrete_action": demonstration.actions}
 
 
 class Resimulator:
-    """Gives episodes their observations, keeping the world of the last one for the next.
+    """Replays episodes for their observations, and reuses the world of the last one for the next.
 
     Args:
         picture_px: width and height within which pictures are drawn, too, of what the participant saw; by default none
@@ -354,11 +316,15 @@ class Resimulator:
                 pictures.append(world.frame(plan.view, self._picture_px, plan.palette))
 
         if chosen.stored_frames:
-            seen = _stored(chosen)
+            observations = _stored(chosen)
         else:
-            seen = _played(chosen, world, draw)
-        drawn = seen if self._picture_px is not None and observed else tuple(pictures)
-        return ReplayedEpisode(chosen.episode, seen, world.observation_space, world.action_space, drawn)
+            observations = _played(chosen, world, draw)
+        shown_pictures = tuple(pictures)
+        if self._picture_px is not None and observed:
+            shown_pictures = observations
+        return ReplayedEpisode(
+            chosen.episode, observations, world.observation_space, world.action_space, shown_pictures
+        )
 
     def _world_of(self, episode: EpisodeLog, chosen: IncludedEpisode) -> World:
         made_from = (episode.plan.world, episode.world_options)
@@ -381,25 +347,25 @@ def require_regular(item: IncludedEpisode, demonstration: ReplayedEpisode) -> No
         ExportError: if the space has no plain form, or an observation is built otherwise than the space, or a picture
             is of another size than the first.
     """
-    where = f"{item.log.path}: {item.episode.name}"
+    place = f"{item.log.path}: {item.episode.name}"
     try:
         to_standard_space(demonstration.observation_space)
     except ExportError as error:
-        raise ExportError(f"{where}: {error}") from error
+        raise ExportError(f"{place}: {error}") from error
     for step, observation in enumerate(demonstration.observations):
         if mismatch := find_mismatch(observation, demonstration.observation_space):
-            raise ExportError(f"{where} step {step}: {mismatch}; {_WITHOUT_OBSERVATIONS}")
+            raise ExportError(f"{place} step {step}: {mismatch}; {_WITHOUT_OBSERVATIONS}")
     for step, picture in enumerate(demonstration.pictures):
         height, width = demonstration.pictures[0].shape[:2]
         if picture.shape[:2] != (height, width):
             raise ExportError(
-                f"{where} step {step}: its picture changes size, from {width} x {height} to {picture.shape[1]} x "
+                f"{place} step {step}: its picture changes size, from {width} x {height} to {picture.shape[1]} x "
                 f"{picture.shape[0]} pixels; export as minari or imitation, which hold no such pictures"
             )
 
 
 class ReplayedStudy:
-    """Goes through the episodes that have a step, each with its dataset's name and what was observed; counts them.
+    """Replays the episodes that have a step, each with its dataset's name and its observations; counts them.
 
     Args:
         chosen: the episodes.
@@ -408,13 +374,16 @@ class ReplayedStudy:
     """
 
     def __init__(self, chosen: IncludedEpisodes, reason: str, *, picture_px: tuple[int, int] | None = None) -> None:
-        self._chosen, self._reason, self._resimulate = chosen, reason, Resimulator(picture_px=picture_px)
+        self._chosen = chosen
+        self._reason = reason
+        self._resimulate = Resimulator(picture_px=picture_px)
         self._shapes: dict[str, Any] = {}  # of each dataset's first episode
         self._left_out: list[str] = []
-        self._episodes = self._steps = 0
+        self._episodes = 0
+        self._steps = 0
 
     def __iter__(self) -> Iterator[tuple[str, IncludedEpisode, ReplayedEpisode]]:
-        """One episode in memory at a time. One that is shaped otherwise than its dataset's first gets another dataset.
+        """Yield the episodes, one in memory at a time; one of another shape than its dataset's first gets another.
 
         Raises:
             ExportError: if an episode does not replay.
@@ -436,11 +405,12 @@ class ReplayedStudy:
             ]
             if self._shapes.setdefault(name, shape) != shape:
                 name = _mark(name, _digest(shape))
-            self._episodes, self._steps = self._episodes + 1, self._steps + len(item.episode.actions)
+            self._episodes += 1
+            self._steps += len(item.episode.actions)
             yield name, item, demonstration
 
     def result(self, paths: Iterable[Path]) -> ExportResult:
-        """What was written to these files and folders."""
+        """Return what was written to these files and folders."""
         return ExportResult(tuple(paths), self._episodes, self._steps, tuple(self._left_out))
 
 
@@ -494,3 +464,7 @@ def _stored(chosen: IncludedEpisode) -> tuple[Any, ...]:
         return tuple(verify_observations(episode.observations, episode.observation_hashes, episode.plan.episode))
     except LogError as error:
         raise ExportError(f"{chosen.log.path}: {error}") from error
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

@@ -39,12 +39,12 @@ _Key = tuple[int, int, int, int]  # episode, attempt, first step and last
 
 
 class FragmentWriter:
-    """Gathers the stretches of one session after the other as its episodes come by."""
+    """Gathers the compared fragments of one session after the other."""
 
     def __init__(self) -> None:
         self._log: SessionLog | None = None
-        self._wanted: set[_Key] = set()
-        self._found: dict[_Key, dict[str, Any]] = {}
+        self._compared: set[_Key] = set()
+        self._fragments: dict[_Key, dict[str, Any]] = {}
         self._worlds: dict[_Key, str] = {}
 
     def take(
@@ -54,30 +54,37 @@ class FragmentWriter:
         if self._log is None or self._log.path != item.log.path:
             yield from self.close()
             self._log = item.log
-            self._wanted = {_key(side) for each in item.log.comparisons for side in (each.left, each.right)}
+            self._compared = {
+                _key(side) for comparison in item.log.comparisons for side in (comparison.left, comparison.right)
+            }
         plan = item.episode.plan
-        for key in self._wanted:
+        for key in self._compared:
             if key[:2] == (plan.episode, item.episode.attempt):
-                self._found[key] = _fragment(trajectory, *key[2:])
+                self._fragments[key] = _fragment(trajectory, *key[2:])
                 self._worlds[key] = dataset
 
     def close(self) -> Iterator[tuple[str, dict[str, Any]]]:
-        """The pairs of the last session: the dataset's name, and a row."""
-        for each in self._log.comparisons if self._log else ():
-            keys = [_key(side) for side in (each.left, each.right)]
-            if each.preference.answer in PREFERENCES and all(key in self._found for key in keys):
-                row: dict[str, Any] = {"preference": PREFERENCES[each.preference.answer], "t_ns": each.preference.t_ns}
+        """Yield the pairs of the last session: the dataset's name, and a row."""
+        if self._log is None:
+            return
+        for comparison in self._log.comparisons:
+            keys = [_key(side) for side in (comparison.left, comparison.right)]
+            if comparison.preference.answer in PREFERENCES and all(key in self._fragments for key in keys):
+                row: dict[str, Any] = {
+                    "preference": PREFERENCES[comparison.preference.answer],
+                    "t_ns": comparison.preference.t_ns,
+                }
                 for side, key in zip(SIDES, keys, strict=True):
-                    row |= {f"{side}_{name}": part for name, part in self._found[key].items()}
+                    row |= {f"{side}_{name}": part for name, part in self._fragments[key].items()}
                 yield self._worlds[keys[0]], row
-        self._found = {}
+        self._fragments = {}
         self._worlds = {}
 
 
 def preference_features(trajectory: datasets.Features) -> datasets.Features:
-    """The columns of a pair, both of whose fragments have those of a trajectory."""
-    each = {f"{side}_{name}": kind for side in SIDES for name, kind in trajectory.items()}
-    return datasets.Features({"preference": datasets.Value("float64"), "t_ns": datasets.Value("int64")} | each)
+    """Return the columns of a pair, both of whose fragments have those of a trajectory."""
+    columns = {f"{side}_{name}": kind for side in SIDES for name, kind in trajectory.items()}
+    return datasets.Features({"preference": datasets.Value("float64"), "t_ns": datasets.Value("int64")} | columns)
 
 
 def _key(side: EpisodeClip) -> _Key:
@@ -85,14 +92,14 @@ def _key(side: EpisodeClip) -> _Key:
 
 
 def _fragment(trajectory: dict[str, Any], first: int, last: int) -> dict[str, Any]:
-    """Steps of a trajectory: ``last`` is the step whose observation is the last one."""
+    """Cut a fragment out of a trajectory: ``last`` is the step whose observation is the last one."""
     steps = slice(first, last)
-    whole = last == len(trajectory["acts"])
+    reaches_end = last == len(trajectory["acts"])
     return {
         "obs": trajectory["obs"][first : last + 1],
         "acts": trajectory["acts"][steps],
         "infos": trajectory["infos"][steps],
-        "terminal": trajectory["terminal"] and whole,
+        "terminal": trajectory["terminal"] and reaches_end,
         "rews": trajectory["rews"][steps],
     }
 
@@ -121,7 +128,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 class _Writers:
-    """A file a dataset, opened when its first row comes."""
+    """A file for each dataset, opened when its first row comes."""
 
     def __init__(self, out: Path) -> None:
         self._out = out
@@ -165,7 +172,7 @@ def _trajectory(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[s
 
 
 def _observations(demonstration: ReplayedEpisode) -> NDArray[Any]:
-    """The n + 1 observations: (n + 1, numbers), or pictures (n + 1, 3, rows, columns)."""
+    """Return the n + 1 observations: (n + 1, numbers), or pictures (n + 1, 3, rows, columns)."""
     space = demonstration.observation_space
     if is_picture(space):
         return np.stack(demonstration.observations).transpose(0, 3, 1, 2)
@@ -175,10 +182,12 @@ def _observations(demonstration: ReplayedEpisode) -> NDArray[Any]:
 def _features(observations: NDArray[Any], actions: NDArray[Any]) -> datasets.Features:
     _, *shape = observations.shape
     number = str(observations.dtype)
-    flat = datasets.List(datasets.Value(number))
+    observation: Any = datasets.List(datasets.Value(number))
+    if len(shape) == 3:
+        observation = datasets.Array3D(tuple(shape), number)
     return datasets.Features(
         {
-            "obs": datasets.List(datasets.Array3D(tuple(shape), number) if len(shape) == 3 else flat),
+            "obs": datasets.List(observation),
             "acts": _nest("int64" if actions.ndim == 1 else str(actions.dtype), actions.ndim),
             "infos": datasets.List(datasets.Value("string")),
             "terminal": datasets.Value("bool"),
@@ -188,18 +197,18 @@ def _features(observations: NDArray[Any], actions: NDArray[Any]) -> datasets.Fea
 
 
 def _nest(number: str, depth: int) -> Any:
-    """The feature of an array of so many dimensions."""
+    """Return the feature of an array of so many dimensions."""
     feature: Any = datasets.Value(number)
     for _ in range(depth):
         feature = datasets.List(feature)
     return feature
 
 
-def _settle(written: Path, path: Path, features: datasets.Features) -> None:
+def _settle(arrow_file: Path, path: Path, features: datasets.Features) -> None:
     """Make a dataset's folder around the file: as ``save_to_disk`` lays it out, but for copying it through memory."""
     path.mkdir()
     data = path / "data-00000-of-00001.arrow"
-    written.rename(data)
+    arrow_file.rename(data)
     datasets.DatasetInfo(features=features).write_to_directory(str(path))
     state: dict[str, Any] = {
         "_data_files": [{"filename": data.name}],

@@ -35,7 +35,7 @@ from minihuman.exporters.flat_observations import (
     name_actions,
     name_state,
 )
-from minihuman.exporters.study_metadata import get_plain_facts, get_plan_study_facts
+from minihuman.exporters.study_metadata import get_doi_url, get_licence_id, get_plain_facts, get_plan_study_facts
 from minihuman.exporters.world_info import build_info_columns, format_info_texts, list_info_values
 from minihuman.log.model.session_log import EpisodeLog
 
@@ -45,7 +45,7 @@ QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
 class FeatureStatistics:
-    """Statistics of one feature. Quantiles over episodes are means of theirs by frames, as LeRobot's own are.
+    """Statistics of one feature. Quantiles over episodes are their means weighted by frames, as LeRobot's own are.
 
     Args:
         values: an episode's, a row per frame; of a picture (frames, H, W, 3) bytes, whose channels are told apart and
@@ -59,30 +59,36 @@ class FeatureStatistics:
         if self._picture:
             counts = np.array([np.bincount(channel, minlength=256) for channel in values.reshape(-1, 3).T])
             scale = np.arange(256) / 255.0
-            there = counts > 0
+            occurs = counts > 0
             share = np.cumsum(counts, axis=1) / counts[0].sum()
             self._samples = int(counts[0].sum())
-            self._low, self._high = scale[there.argmax(axis=1)], scale[255 - there[:, ::-1].argmax(axis=1)]
-            self._sum, self._squares = counts @ scale, counts @ scale**2
-            found = np.array([scale[np.searchsorted(channel, levels)] for channel in share]).T
+            self._low = scale[occurs.argmax(axis=1)]
+            self._high = scale[255 - occurs[:, ::-1].argmax(axis=1)]
+            self._sum = counts @ scale
+            self._squares = counts @ scale**2
+            quantiles = np.array([scale[np.searchsorted(channel, levels)] for channel in share]).T
         else:
             samples = values.reshape(len(values), -1).astype(np.float64)
             self._samples = len(samples)
-            self._low, self._high = samples.min(axis=0), samples.max(axis=0)
-            self._sum, self._squares = samples.sum(axis=0), (samples**2).sum(axis=0)
-            found = np.quantile(samples, levels, axis=0)
-        self._quantiles = found * len(values)  # (5, numbers) times frames
+            self._low = samples.min(axis=0)
+            self._high = samples.max(axis=0)
+            self._sum = samples.sum(axis=0)
+            self._squares = (samples**2).sum(axis=0)
+            quantiles = np.quantile(samples, levels, axis=0)
+        self._quantiles = quantiles * len(values)  # (5, numbers) times frames
 
     def add(self, other: "FeatureStatistics") -> None:
-        """Take another episode's in."""
+        """Merge another episode's statistics into these."""
         self._frames += other._frames
         self._samples += other._samples
-        self._low, self._high = np.minimum(self._low, other._low), np.maximum(self._high, other._high)
-        self._sum, self._squares = self._sum + other._sum, self._squares + other._squares
+        self._low = np.minimum(self._low, other._low)
+        self._high = np.maximum(self._high, other._high)
+        self._sum = self._sum + other._sum
+        self._squares = self._squares + other._squares
         self._quantiles = self._quantiles + other._quantiles
 
     def statistics(self) -> dict[str, Any]:
-        """As the format keeps them: a list per number, [[[value]]] per channel of a picture."""
+        """Return them as the format keeps them: a list per number, [[[value]]] per channel of a picture."""
         mean = self._sum / self._samples
         values = {
             "min": self._low,
@@ -114,69 +120,65 @@ INFO = "info."  # before a kept key of the world's info
 
 
 def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, dict[str, Any]]:
-    """What a frame of the episode's dataset has: type, shape and names of each feature, as ``info.json`` says them."""
+    """Describe a frame of the episode's dataset: each feature's type, shape and names, as ``info.json`` has them."""
     names = name_state(first)
     if not names:
         raise ExportError(
             f"{item.log.path}: {item.episode.name}: the observation has no numbers, which LeRobot's observation.state "
             "needs; export as minari, robomimic, rlds or imitation"
         )
+    features: dict[str, dict[str, Any]] = {}
     if first.pictures:
-        seen = {PICTURE: _video_feature(pad_to_even(first.pictures[0]))}
-    else:
-        seen = {}
+        features[PICTURE] = _video_feature(pad_to_even(first.pictures[0]))
+    features[STATE] = {"dtype": "float32", "shape": [len(names)], "names": names}
     actions = name_actions(item)
-    number = {"dtype": "int64", "shape": [1], "names": ["what the environment's step takes"]}
-    return {
-        **seen,
-        STATE: {"dtype": "float32", "shape": [len(names)], "names": names},
-        "action": {"dtype": "float32", "shape": [len(actions)], "names": actions},
-        **({"discrete_action": number} if item.episode.action_vectors is None else {}),
-        **(
-            {
-                "intervention": {"dtype": "bool", "shape": [1], "names": None},
-                "policy_action": {"dtype": "int64", "shape": [1], "names": ["what the policy would have done"]},
-            }
-            if item.episode.taught is not None
-            else {}
-        ),
-        "next.reward": {"dtype": "float64", "shape": [1], "names": None},
-        "next.done": {"dtype": "bool", "shape": [1], "names": None},
-        "next.success": {"dtype": "bool", "shape": [1], "names": None},
-        **{
-            f"{INFO}{key}": {"dtype": "string" if isinstance(values, list) else "float64", "shape": [1], "names": None}
-            for key, values in build_info_columns(item.episode).items()
-        },
-        "time_s": {"dtype": "float64", "shape": [1], "names": None},
-        "timestamp": {"dtype": "float32", "shape": [1], "names": None},
-        "frame_index": {"dtype": "int64", "shape": [1], "names": None},
-        "episode_index": {"dtype": "int64", "shape": [1], "names": None},
-        "index": {"dtype": "int64", "shape": [1], "names": None},
-        "task_index": {"dtype": "int64", "shape": [1], "names": None},
-    }
+    features["action"] = {"dtype": "float32", "shape": [len(actions)], "names": actions}
+    if item.episode.action_vectors is None:
+        features["discrete_action"] = _number_feature("int64", "what the environment's step takes")
+    if item.episode.taught is not None:
+        features["intervention"] = _number_feature("bool")
+        features["policy_action"] = _number_feature("int64", "what the policy would have done")
+    features["next.reward"] = _number_feature("float64")
+    features["next.done"] = _number_feature("bool")
+    features["next.success"] = _number_feature("bool")
+    for key, values in build_info_columns(item.episode).items():
+        features[f"{INFO}{key}"] = _number_feature("string" if isinstance(values, list) else "float64")
+    features["time_s"] = _number_feature("float64")
+    features["timestamp"] = _number_feature("float32")
+    for name in ("frame_index", "episode_index", "index", "task_index"):
+        features[name] = _number_feature("int64")
+    return features
+
+
+def _number_feature(dtype: str, name: str = "") -> dict[str, Any]:
+    """Describe a feature of one value."""
+    names = None
+    if name:
+        names = [name]
+    return {"dtype": dtype, "shape": [1], "names": names}
 
 
 def _video_feature(picture: NDArray[np.uint8]) -> dict[str, Any]:
     height, width, channels = picture.shape
-    how = ENCODINGS["dataset"]
-    said = {
+    encoding = ENCODINGS["dataset"]
+    info = {
         "video.height": height,
         "video.width": width,
         "video.codec": "h264",
-        "video.pix_fmt": how.pixel_format,
+        "video.pix_fmt": encoding.pixel_format,
         "video.is_depth_map": False,
         "video.fps": FPS,
         "video.channels": channels,
         "has_audio": False,
     }
     names = ["height", "width", "channels"]
-    return {"dtype": "video", "shape": [height, width, channels], "names": names, "info": said}
+    return {"dtype": "video", "shape": [height, width, channels], "names": names, "info": info}
 
 
 def build_columns(
     item: IncludedEpisode, demonstration: ReplayedEpisode, features: dict[str, Any]
 ) -> dict[str, NDArray[Any]]:
-    """The features that come from the episode, ``n`` rows each."""
+    """Build the features that come from the episode, ``n`` rows each."""
     episode = item.episode
     too_large = np.flatnonzero(np.isfinite(episode.rewards) & (np.abs(episode.rewards) > LARGEST_REWARD))
     if len(too_large):
@@ -185,31 +187,32 @@ def build_columns(
             f"{item.log.path}: {episode.name} step {step + 1}: the reward {episode.rewards[step]:g} has no square, of "
             "which LeRobot's statistics are made; export as minari, robomimic or imitation"
         )
-    pictures = [pad_to_even(picture) for picture in demonstration.pictures[:-1]]
-    done = np.zeros(len(episode.actions), bool)
-    done[-1] = True
-    return {
-        **({PICTURE: np.stack(pictures)} if PICTURE in features else {}),
+    columns: dict[str, NDArray[Any]] = {}
+    if PICTURE in features:
+        columns[PICTURE] = np.stack([pad_to_even(picture) for picture in demonstration.pictures[:-1]])
+    is_last = np.zeros(len(episode.actions), bool)
+    is_last[-1] = True
+    return columns | {
         STATE: build_state(demonstration)[:-1],
         **build_actions(item, demonstration),
         **build_steering_columns(episode),
         "next.reward": episode.rewards,
-        "next.done": done,
-        "next.success": _build_success(episode, done),
+        "next.done": is_last,
+        "next.success": _build_success(episode, is_last),
         **_build_info(item, features),
         "time_s": (episode.t_ns[1:] - episode.t_ns[0]) / 1e9,
     }
 
 
-def _build_success(episode: EpisodeLog, done: NDArray[np.bool_]) -> NDArray[Any]:
-    """True at an end that is success; None throughout where no rule tells, which is null in the file."""
+def _build_success(episode: EpisodeLog, is_last: NDArray[np.bool_]) -> NDArray[Any]:
+    """Return True at an end that is a success; None throughout where no rule tells, which is null in the file."""
     if episode.success is None:
-        return np.full(len(done), None, object)
-    return done & episode.success
+        return np.full(len(is_last), None, object)
+    return is_last & episode.success
 
 
 def _build_info(item: IncludedEpisode, features: dict[str, Any]) -> dict[str, NDArray[Any]]:
-    """The kept keys of ``info`` in the types of the data set.
+    """Build columns of the kept keys of ``info``, in the types of the data set.
 
     Raises:
         ExportError: if a key that was a number in the data set's first episode is something else in this one.
@@ -232,26 +235,30 @@ def _build_info(item: IncludedEpisode, features: dict[str, Any]) -> dict[str, ND
 _TASKS_SHOWN = 20
 
 
-def build_card(about: AboutSpec, world: str, info: Mapping[str, Any], tasks: Sequence[str]) -> str:
-    """The text; what the protocol does not say is not in it."""
+def build_card(study_facts: AboutSpec, world: str, info: Mapping[str, Any], tasks: Sequence[str]) -> str:
+    """Write the card's text; what the protocol does not say is not in it."""
     front: dict[str, Any] = {
-        "license": about.licence.lower() if about.licence and "://" not in about.licence else "unknown",
+        "license": get_licence_id(study_facts),
         "task_categories": ["robotics"],
-        "tags": ["LeRobot", "minihuman", *about.keywords],
+        "tags": ["LeRobot", "minihuman", *study_facts.keywords],
         "configs": [{"config_name": "default", "data_files": "data/*/*.parquet"}],
     }
-    if about.title:
-        front["pretty_name"] = about.title
+    if study_facts.title:
+        front["pretty_name"] = study_facts.title
     matter = (f"{name}: {msgspec.json.encode(value).decode()}" for name, value in front.items())  # JSON is YAML
-    lines = ["---", *matter, "---", "", f"# {about.title or world}", ""]
-    lines += [about.description, ""] if about.description else []
+    lines = ["---", *matter, "---", "", f"# {study_facts.title or world}", ""]
+    if study_facts.description:
+        lines += [study_facts.description, ""]
+    action = "- `action` is the vector that the environment's step takes, flat."
+    if "discrete_action" in info["features"]:
+        action = (
+            "- `action` has a 1 at its place among the names; `discrete_action` is what the environment's step takes."
+        )
     lines += [
         f"{info['total_episodes']} episodes, {info['total_frames']} frames of `{world}`.",
         f"Written by minihuman {__version__} in LeRobot's format {info['codebase_version']}.",
         "",
-        "- `action` has a 1 at its place among the names; `discrete_action` is what the environment's step takes."
-        if "discrete_action" in info["features"]
-        else "- `action` is the vector that the environment's step takes, flat.",
+        action,
         "- `timestamp` is frame number over a nominal frame rate; people took as long as they took, see `time_s`.",
         "- `minihuman/...` in `meta/episodes` says who played, in which session, episode and attempt, with which keys.",
     ]
@@ -260,14 +267,17 @@ def build_card(about: AboutSpec, world: str, info: Mapping[str, Any], tasks: Seq
     if "x" in info["features"][STATE]["names"]:
         lines.append("- `observation.state` is where the agent stood, which people saw only in the picture.")
     lines += ["", "Tasks:", "", *(f"- {task}" for task in tasks[:_TASKS_SHOWN])]
-    lines += [f"- and {len(tasks) - _TASKS_SHOWN} more"] if len(tasks) > _TASKS_SHOWN else []
-    for name, values in (
-        ("Authors", [f"{author.name} {author.orcid}".strip() for author in about.authors]),
-        ("Funding", about.funding),
-        ("Cite", [f"https://doi.org/{about.doi}"] if about.doi else []),
-        ("References", about.references),
-    ):
-        lines += ["", f"{name}: {'; '.join(values)}"] if values else []
+    if len(tasks) > _TASKS_SHOWN:
+        lines.append(f"- and {len(tasks) - _TASKS_SHOWN} more")
+    sections = {
+        "Authors": "; ".join(f"{author.name} {author.orcid}".strip() for author in study_facts.authors),
+        "Funding": "; ".join(study_facts.funding),
+        "Cite": get_doi_url(study_facts),
+        "References": "; ".join(study_facts.references),
+    }
+    for name, text in sections.items():
+        if text:
+            lines += ["", f"{name}: {text}"]
     return "\n".join(lines) + "\n"
 
 
@@ -304,7 +314,7 @@ class _Dataset:
         self.frames = 0
         self.rows: list[dict[str, Any]] = []  # one an episode
         self.features = build_features(item, first)
-        self._about = get_plan_study_facts(item.log.plan)
+        self._study_facts = get_plan_study_facts(item.log.plan)
         self._world = item.episode.plan.world
         self._tasks: dict[str, int] = {}
         self._totals: dict[str, FeatureStatistics] = {}
@@ -321,7 +331,9 @@ class _Dataset:
         task = item.episode.start.mission or f"reach the goal of {item.episode.plan.world}"
         task_index = self._tasks.setdefault(task, len(self._tasks))
         columns = build_columns(item, demonstration, self.features)
-        placed = self._film(columns[PICTURE]) if PICTURE in columns else {}
+        video_places: dict[str, Any] = {}
+        if PICTURE in columns:
+            video_places = self._film(columns[PICTURE])
         own: dict[str, NDArray[Any]] = {
             "timestamp": (np.arange(length) / FPS).astype(np.float32),
             "frame_index": np.arange(length, dtype=np.int64),
@@ -331,14 +343,7 @@ class _Dataset:
         }
         columns |= own
         chunk, file = self._write(_table(columns, self.features))
-        known = {name: values for name, column in columns.items() if len(values := select_known(column))}
-        found = {name: FeatureStatistics(values) for name, values in known.items()}
-        statistics = {name: found[name].statistics() if name in found else _NO_STATISTICS for name in columns}
-        for name, one in found.items():
-            if name in self._totals:
-                self._totals[name].add(one)
-            else:
-                self._totals[name] = one
+        statistics = {name: self._measure(name, column) for name, column in columns.items()}
         self.rows.append(
             {
                 "episode_index": number,
@@ -346,7 +351,7 @@ class _Dataset:
                 "length": length,
                 "data/chunk_index": chunk,
                 "data/file_index": file,
-                **placed,
+                **video_places,
                 "dataset_from_index": self.frames,
                 "dataset_to_index": self.frames + length,
                 "meta/episodes/chunk_index": 0,
@@ -360,6 +365,19 @@ class _Dataset:
             }
         )
         self.frames += length
+
+    def _measure(self, name: str, column: NDArray[Any]) -> Mapping[str, Any]:
+        """Return an episode's statistics of one feature, and take them into the dataset's."""
+        known = select_known(column)
+        if not len(known):
+            return _NO_STATISTICS
+        statistics = FeatureStatistics(known)
+        measured = statistics.statistics()
+        if name in self._totals:
+            self._totals[name].add(statistics)
+        else:
+            self._totals[name] = statistics
+        return measured
 
     def _write(self, frames: pa.Table) -> tuple[int, int]:
         """Write an episode behind the others in a file, or in the next where that is full; say in which."""
@@ -401,8 +419,8 @@ class _Dataset:
         meta = self.root / "meta"
         episodes = meta / "episodes" / "chunk-000"
         episodes.mkdir(parents=True)
-        told = [name for name in self.rows[0] if any(row[name] is not None for row in self.rows)]
-        rows = [{name: row[name] for name in told} for row in self.rows]
+        filled = [name for name in self.rows[0] if any(row[name] is not None for row in self.rows)]
+        rows = [{name: row[name] for name in filled} for row in self.rows]
         pq.write_table(pa.Table.from_pylist(rows), episodes / "file-000.parquet", compression="snappy")
         # the task is the unnamed index of a pandas frame: readers look for the column that makes
         pd.DataFrame({"task_index": list(self._tasks.values())}, index=list(self._tasks)).to_parquet(
@@ -427,12 +445,15 @@ class _Dataset:
         }
         (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8", newline="\n")
         (self.root / "README.md").write_text(
-            build_card(self._about, self._world, info, list(self._tasks)), encoding="utf-8", newline="\n"
+            build_card(self._study_facts, self._world, info, list(self._tasks)), encoding="utf-8", newline="\n"
         )
 
 
 def _table(columns: dict[str, NDArray[Any]], features: dict[str, Any]) -> pa.Table:
-    """An episode's frames. A feature of one number is a plain column: no list of one, which its readers refuse."""
+    """Build a table of an episode's frames.
+
+    A feature of one number is a plain column: no list of one, which its readers refuse.
+    """
     arrays = {}
     for name, values in columns.items():
         if features[name]["dtype"] == "video":

@@ -26,12 +26,12 @@ from minihuman import __version__
 from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
 from minihuman.errors import ExportError
 from minihuman.experiment.protocol.specs import AboutSpec
+from minihuman.exporters.environment_specs import build_environment_spec
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
     ReplayedEpisode,
     ReplayedStudy,
     build_steering_columns,
-    env_spec,
     stack_observations,
     to_standard_space,
 )
@@ -53,10 +53,10 @@ def _restore_system_errors() -> Iterator[None]:
     try:
         yield
     except (OSError, RuntimeError) as error:
-        found = re.search(r"errno = (\d+)", str(error))
-        if found is None:
+        match = re.search(r"errno = (\d+)", str(error))
+        if match is None:
             raise
-        raise OSError(int(found[1]), os.strerror(int(found[1]))) from error
+        raise OSError(int(match[1]), os.strerror(int(match[1]))) from error
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
@@ -100,10 +100,10 @@ def _require_room(out: Path, needed_bytes: int) -> None:
 
 
 def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
-    about = get_plan_study_facts(item.log.plan)
+    study_facts = get_plan_study_facts(item.log.plan)
     study = item.log.plan.study
     _namespace(out / NAMESPACE, "exported by minihuman")
-    _namespace(out / NAMESPACE / study, about.title or f"the study {study}")
+    _namespace(out / NAMESPACE / study, study_facts.title or f"the study {study}")
     data = out / NAMESPACE / name / "data"
     data.mkdir(parents=True)
     if key := find_unnamed_key(demonstration.observation_space):
@@ -111,7 +111,7 @@ def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedE
             f"{item.log.path}: {item.episode.name}: the observation's part {key} cannot be named in HDF5, whose names "
             "are text without a slash; export as lerobot, robomimic, rlds or imitation"
         )
-    spec = env_spec(item)
+    spec = build_environment_spec(item)
     storage = MinariStorage.new(
         data,
         observation_space=to_standard_space(demonstration.observation_space),
@@ -120,22 +120,33 @@ def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedE
         data_format="hdf5",
         jpeg_encoding=False,
     )
-    storage.update_metadata(
-        {
-            "dataset_id": f"{NAMESPACE}/{name}",
-            "minari_version": minari.__version__,
-            "description": _description(item, about, recoverable=spec is not None),
-            "requirements": _requirements(item),
-            "action_names": list(item.episode.start.action_names),  # of the whole action space, from its start
-            "actions_offered": list(get_action_names(item)),  # those that participants had a key for
-        }
-        | ({"eval_env_spec": spec.to_json()} if spec is not None else {})  # as it was played, its step limit included
-        | ({"author": [author.name for author in about.authors]} if about.authors else {})
-        | ({"author_email": emails} if (emails := [author.email for author in about.authors if author.email]) else {})
-        | ({"license": about.licence} if about.licence else {})
-        | ({"code_permalink": about.references[0]} if about.references else {})
-    )
+    metadata: dict[str, Any] = {
+        "dataset_id": f"{NAMESPACE}/{name}",
+        "minari_version": minari.__version__,
+        "description": _description(item, study_facts, recoverable=spec is not None),
+        "requirements": _requirements(item),
+        "action_names": list(item.episode.start.action_names),  # of the whole action space, from its start
+        "actions_offered": list(get_action_names(item)),  # those that participants had a key for
+    }
+    if spec is not None:
+        metadata["eval_env_spec"] = spec.to_json()  # as it was played, its step limit included
+    storage.update_metadata(metadata | _list_publication_facts(study_facts))
     return storage
+
+
+def _list_publication_facts(study_facts: AboutSpec) -> dict[str, Any]:
+    """List what a data set's metadata say of the publication, by Minari's names."""
+    facts: dict[str, Any] = {}
+    if study_facts.authors:
+        facts["author"] = [author.name for author in study_facts.authors]
+    emails = [author.email for author in study_facts.authors if author.email]
+    if emails:
+        facts["author_email"] = emails
+    if study_facts.licence:
+        facts["license"] = study_facts.licence
+    if study_facts.references:
+        facts["code_permalink"] = study_facts.references[0]
+    return facts
 
 
 def find_unnamed_key(space: gymnasium.Space[Any]) -> str:
@@ -160,8 +171,8 @@ def _namespace(folder: Path, description: str) -> None:
         )
 
 
-def _description(item: IncludedEpisode, about: AboutSpec, *, recoverable: bool) -> str:
-    lines = [about.description or about.title or f"The study {item.log.plan.study}."]
+def _description(item: IncludedEpisode, study_facts: AboutSpec, *, recoverable: bool) -> str:
+    lines = [study_facts.description or study_facts.title or f"The study {item.log.plan.study}."]
     lines.append(f"Sessions recorded with minihuman {__version__}, every observation checked against its hash.")
     if not recoverable:
         lines.append(f"Its environment, {item.episode.plan.world}, cannot be made by name elsewhere.")
@@ -169,13 +180,16 @@ def _description(item: IncludedEpisode, about: AboutSpec, *, recoverable: bool) 
 
 
 def _requirements(item: IncludedEpisode) -> list[str]:
-    """What to install before the environment can be made, as pip takes it."""
+    """List what to install before the environment can be made, as pip takes it."""
     module, colon, _ = item.episode.plan.world.partition(":")
     if colon:
-        theirs = packages_distributions().get(module.partition(".")[0], [])
+        distributions = packages_distributions().get(module.partition(".")[0], [])
     else:
-        theirs = []
-    return [f"{DISTRIBUTION}>={__version__}", *(f"{package}=={version(package)}" for package in dict.fromkeys(theirs))]
+        distributions = []
+    return [
+        f"{DISTRIBUTION}>={__version__}",
+        *(f"{package}=={version(package)}" for package in dict.fromkeys(distributions)),
+    ]
 
 
 def _buffer(demonstration: ReplayedEpisode) -> EpisodeBuffer:

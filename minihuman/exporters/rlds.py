@@ -56,7 +56,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def build_steps(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
-    """The ``n + 1`` steps as columns; what belongs to an action is 0 in the last."""
+    """Build the ``n + 1`` steps as columns; what belongs to an action is 0 in the last."""
     episode = item.episode
     n = len(episode.actions)
     beyond = np.flatnonzero(np.isfinite(episode.rewards) & (np.abs(episode.rewards) > np.finfo(np.float32).max))
@@ -69,8 +69,10 @@ def build_steps(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[s
     discount = np.ones(n + 1, np.float32)
     discount[n - 1] = 0.0 if episode.terminated[-1] else 1.0
     ends = np.arange(n + 1) == n
-    return {
-        **({"observation/image": np.stack(demonstration.pictures)} if demonstration.pictures else {}),
+    columns: dict[str, Any] = {}
+    if demonstration.pictures:
+        columns["observation/image"] = np.stack(demonstration.pictures)
+    return columns | {
         "observation/state": build_state(demonstration),
         **{
             name: np.pad(values, [(0, 1), *[(0, 0)] * (values.ndim - 1)])
@@ -108,9 +110,11 @@ class _Dataset:
             file.write(record)
         self._shards[-1] = [self._shards[-1][0] + 1, self._shards[-1][1] + len(record)]
 
-    def _path(self, number: int, of: int | None = None) -> Path:
-        end = "" if of is None else f"-of-{of:05d}"
-        return self.root / f"{self._name}-train.tfrecord-{number:05d}{end}"
+    def _path(self, number: int, n_files: int | None = None) -> Path:
+        name = f"{self._name}-train.tfrecord-{number:05d}"
+        if n_files is not None:
+            name += f"-of-{n_files:05d}"
+        return self.root / name
 
     def finish(self) -> None:
         """Name the files by their number and write what describes them."""
@@ -136,16 +140,18 @@ class _Dataset:
 
 
 def _features(steps: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[str, Any]:
-    """What TensorFlow Datasets reads the examples by."""
+    """Describe the examples' features as TensorFlow Datasets reads them."""
     kinds = {name: _kind(values) for name, values in steps.items()}
-    seen = {name.partition("/")[2]: kind for name, kind in kinds.items() if "/" in name}
-    inner = {name: kind for name, kind in kinds.items() if "/" not in name} | {"observation": _dictionary(seen)}
+    observation_kinds = {name.partition("/")[2]: kind for name, kind in kinds.items() if "/" in name}
+    inner = {name: kind for name, kind in kinds.items() if "/" not in name} | {
+        "observation": _dictionary(observation_kinds)
+    }
     sequence = {"feature": _dictionary(inner), "length": "-1"}
-    whole = {
+    episode = {
         "episode_metadata": _dictionary({name: _kind([value]) for name, value in facts.items()}),
         "steps": {"pythonClassName": f"{_PYTHON}dataset_feature.Dataset", "sequence": sequence},
     }
-    return _dictionary(whole)
+    return _dictionary(episode)
 
 
 def _dictionary(features: Mapping[str, Any]) -> dict[str, Any]:
@@ -194,22 +200,25 @@ _MESSAGES: dict[str, Any] = message_factory.GetMessages([text_format.Parse(_SCHE
 
 
 def encode_example(columns: Mapping[str, Any]) -> bytes:
-    """A ``tf.train.Example``: texts and pictures as bytes, whole numbers and flags as int64, others as float."""
+    """Encode a ``tf.train.Example``: texts and pictures as bytes, whole numbers and flags as int64, others as float."""
     example = _MESSAGES["Example"]()
     for name, values in columns.items():
         feature = example.features.entries.add(key=name).value
         if isinstance(values, list) and isinstance(values[0], str):
             feature.bytes.value.extend(text.encode() for text in values)
-        elif (array := np.asarray(values)).ndim == 4:
+            continue
+        array = np.asarray(values)
+        if array.ndim == 4:
             feature.bytes.value.extend(encode_png(picture) for picture in array)
+        elif array.dtype.kind == "f":
+            feature.floats.value.extend(array.astype("f4").ravel().tolist())
         else:
-            numbers, kind = (feature.floats, "f4") if array.dtype.kind == "f" else (feature.integers, "i8")
-            numbers.value.extend(array.astype(kind).ravel().tolist())
+            feature.integers.value.extend(array.astype("i8").ravel().tolist())
     return bytes(example.SerializeToString())
 
 
 def _frame(record: bytes) -> bytes:
-    """A record of a TFRecord file: its length and bytes, each followed by its masked CRC-32C."""
+    """Frame a record of a TFRecord file: its length and bytes, each followed by its masked CRC-32C."""
     length = struct.pack("<Q", len(record))
     return length + _checksum(length) + record + _checksum(record)
 

@@ -61,20 +61,20 @@ def _write(data: h5py.Group, item: IncludedEpisode, demonstration: ReplayedEpiso
     group = data.create_group(f"demo_{len(data)}")
     group.attrs["num_samples"] = len(episode.actions)
     group.attrs.update(get_plain_facts(item))
-    done = np.append(np.zeros(len(episode.actions) - 1, np.int64), 1)
-    seen = {"state": build_state(demonstration)}
+    dones = np.append(np.zeros(len(episode.actions) - 1, np.int64), 1)
+    observations = {"state": build_state(demonstration)}
     if demonstration.pictures:
-        seen["image"] = np.stack(demonstration.pictures)
+        observations["image"] = np.stack(demonstration.pictures)
     actions = build_actions(item, demonstration)
     columns = {
         "actions": actions.pop("action"),
         **actions,
         "rewards": episode.rewards,
-        "dones": done,
+        "dones": dones,
         "time_s": (episode.t_ns[1:] - episode.t_ns[0]) / 1e9,
         **build_steering_columns(episode),
-        **{f"obs/{name}": values[:-1] for name, values in seen.items()},
-        **{f"next_obs/{name}": values[1:] for name, values in seen.items()},
+        **{f"obs/{name}": values[:-1] for name, values in observations.items()},
+        **{f"next_obs/{name}": values[1:] for name, values in observations.items()},
     }
     for name, values in columns.items():
         group.create_dataset(name, data=values, compression="lzf")

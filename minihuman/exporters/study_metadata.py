@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from minihuman.dataset.included_episodes import IncludedEpisode
+from minihuman.dataset.log_files import find_containing_folder
 from minihuman.errors import ExportError, ProtocolError
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol, decode_logged_protocol
@@ -23,13 +24,29 @@ from minihuman.experiment.protocol.specs import (
 
 
 def get_plan_study_facts(plan: SessionPlan) -> AboutSpec:
-    """The facts about a session's study; empty where the log's protocol says none or cannot be read here."""
+    """Return the facts about a session's study; empty where the log's protocol says none or cannot be read here."""
     protocol = _protocol(plan.protocol_toml)
-    return AboutSpec() if protocol is None else protocol.about
+    if protocol is None:
+        return AboutSpec()
+    return protocol.about
+
+
+def get_doi_url(study_facts: AboutSpec) -> str:
+    """Return the address of a study's DOI; "" without one."""
+    if not study_facts.doi:
+        return ""
+    return f"https://doi.org/{study_facts.doi}"
+
+
+def get_licence_id(study_facts: AboutSpec) -> str:
+    """Return a study's licence as the Hugging Face Hub names it; "unknown" of an address or none."""
+    if not study_facts.licence or "://" in study_facts.licence:
+        return "unknown"
+    return study_facts.licence.lower()
 
 
 def get_plan_devices(plan: SessionPlan) -> dict[str, DeviceSpec]:
-    """The devices of a session's protocol, by name."""
+    """Return the devices of a session's protocol, by name."""
     protocol = _protocol(plan.protocol_toml)
     if protocol is None:
         return {}
@@ -37,32 +54,38 @@ def get_plan_devices(plan: SessionPlan) -> dict[str, DeviceSpec]:
 
 
 def describe_episode(item: IncludedEpisode) -> str:
-    """The episode in words: "sub-07 session 1 episode 3"."""
+    """Describe an episode in words: "sub-07 session 1 episode 3"."""
     plan = item.log.plan
     return f"{plan.participant.id} session {plan.session} {item.episode.name}"
 
 
 def get_action_names(item: IncludedEpisode) -> tuple[str, ...]:
-    """The names of the actions that participants could take in the episode's world, in the world's own order."""
+    """Return the names of the actions that participants could take in the episode's world, in the world's order."""
     plan = item.episode.plan
-    asked = {*plan.key_map.keys.values(), *plan.actions} | ({plan.noop} if plan.noop else set())
+    offered = {*plan.key_map.keys.values(), *plan.actions, plan.noop}
     for block in _list_blocks(item):
-        asked |= {*block.actions, *block.distractors} | ({block.noop_action} if block.noop_action else set())
-    return tuple(name for name in item.episode.start.action_names if name in asked)
+        offered |= {*block.actions, *block.distractors, block.noop_action}
+    return tuple(name for name in item.episode.start.action_names if name in offered)
 
 
 def get_step_limit(item: IncludedEpisode) -> int:
-    """The largest step limit that the protocol gives an episode in this world."""
+    """Return the largest step limit that the protocol gives an episode in this world."""
     return max([item.episode.plan.max_steps, *(block.max_steps for block in _list_blocks(item))])
 
 
 def get_plain_facts(item: IncludedEpisode) -> dict[str, str | int]:
-    """The episode's facts as a file's attributes can hold them: mappings and lists as JSON text."""
-    return {name: value if isinstance(value, str | int) else json.dumps(value) for name, value in item.facts.items()}
+    """Return the episode's facts as a file's attributes can hold them: mappings and lists as JSON text."""
+    return {name: _flatten(fact) for name, fact in item.facts.items()}
+
+
+def _flatten(fact: Any) -> str | int:
+    if isinstance(fact, str | int):
+        return fact
+    return json.dumps(fact)
 
 
 def get_shared_options(item: IncludedEpisode) -> str | dict[str, Any]:
-    """The options of the world in all episodes of a dataset; the block's name where they differ by episode."""
+    """Return the options of the world in all episodes of a dataset; the block's name where they differ by episode."""
     plan = item.episode.plan
     block = next((block for block in _list_variants(item) if block.name == plan.block_name), None)
     if block is None or isinstance(_shared_options(block), dict):
@@ -77,7 +100,7 @@ def _shared_options(block: BlockSpec) -> str | dict[str, Any]:
 
 
 def _list_blocks(item: IncludedEpisode) -> list[BlockSpec]:
-    """The blocks whose episodes share a dataset with this one, as each group has them."""
+    """List the blocks whose episodes share a dataset with this one, as each group has them."""
     shared = item.episode.plan.world, get_shared_options(item)
     return [block for block in _list_variants(item) if (block.world, _shared_options(block)) == shared]
 
@@ -100,40 +123,41 @@ def _protocol(toml: bytes) -> Protocol | None:
 FILE_NAME = "participants.csv"
 
 
-def read_participants(source: Path, about: AboutSpec) -> dict[str, dict[str, str]]:
-    """The columns that the protocol names, by participant; nothing where there is no such file.
+def read_participants(source: Path, study_facts: AboutSpec) -> dict[str, dict[str, str]]:
+    """Read the columns that the protocol names, by participant; nothing where there is no such file.
 
     Raises:
         ExportError: if the file has no column of codes, a column that the protocol names is missing, a participant is
             there twice or a value is not what the protocol says.
     """
-    folder = source if source.is_dir() else source.parent
-    path = folder / FILE_NAME
-    if not path.is_file() or not about.participant_columns:
+    path = find_containing_folder(source) / FILE_NAME
+    if not path.is_file() or not study_facts.participant_columns:
         return {}
     with path.open(newline="", encoding="utf-8-sig") as file:
         rows = list(csv.DictReader(file))
-    named = {column.name for column in about.participant_columns}
-    missing = sorted({"participant", *named} - set(rows[0] if rows else {"participant", *named}))
+    if not rows:
+        return {}
+    named = {column.name for column in study_facts.participant_columns}
+    missing = sorted({"participant", *named} - rows[0].keys())
     if missing:
         raise ExportError(f"{path} has no column {missing[0]!r}; add it to the first line, which names the columns")
-    found: dict[str, dict[str, str]] = {}
+    columns_by_code: dict[str, dict[str, str]] = {}
     for line, row in enumerate(rows, 2):
         code = row["participant"]
-        if code in found:
+        if code in columns_by_code:
             raise ExportError(f"{path}:{line}: {code!r} appears twice; keep one of the lines")
-        for column in about.participant_columns:
+        for column in study_facts.participant_columns:
             _check(column, row[column.name], f"{path}:{line}")
-        found[code] = {name: row[name] for name in named}
-    return found
+        columns_by_code[code] = {name: row[name] for name in named}
+    return columns_by_code
 
 
-def _check(column: ParticipantColumnSpec, value: str, where: str) -> None:
+def _check(column: ParticipantColumnSpec, value: str, place: str) -> None:
     """Refuse a value that is not what the protocol says; nothing at all is always one."""
     if not value:
         return
     if column.levels and value not in column.levels:
-        raise ExportError(f"{where}: {column.name} is {value!r}; use one of {', '.join(column.levels)}")
+        raise ExportError(f"{place}: {column.name} is {value!r}; use one of {', '.join(column.levels)}")
     readers: dict[ColumnType, Callable[[str], object]] = {
         "text": str,
         "integer": int,
@@ -143,4 +167,4 @@ def _check(column: ParticipantColumnSpec, value: str, where: str) -> None:
     try:
         readers[column.type](value)
     except ValueError:
-        raise ExportError(f"{where}: {column.name} is {value!r}; use a value of type {column.type}") from None
+        raise ExportError(f"{place}: {column.name} is {value!r}; use a value of type {column.type}") from None

@@ -11,10 +11,10 @@ from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.table_catalogue import TABLES, find_primary_key
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TableColumn
 from minihuman.experiment.plan.session_plan import SessionPlan
-from minihuman.experiment.protocol.specs import AboutSpec
+from minihuman.experiment.protocol.specs import AboutSpec, AuthorSpec
 from minihuman.exporters.bids.files import make_label
 from minihuman.exporters.exporter import ExportResult
-from minihuman.exporters.study_metadata import get_plan_study_facts
+from minihuman.exporters.study_metadata import get_doi_url, get_plan_study_facts
 from minihuman.exporters.tables import export_tables
 
 _CROISSANT_TYPES = {
@@ -45,34 +45,30 @@ CONTEXT: dict[str, Any] = {
 
 def export_croissant(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table and ``croissant.json``."""
-    written, first = export_tables(chosen, out, "parquet")
+    export, first = export_tables(chosen, out, "parquet")
     if first is None:
-        return replace(written, paths=())
+        return replace(export, paths=())
     path = out / "croissant.json"
     described = _describe_as_croissant(first, sorted(out.glob("*.parquet")))
     path.write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
-    return replace(written, paths=(*written.paths, path))
+    return replace(export, paths=(*export.paths, path))
 
 
 def _describe_as_croissant(plan: SessionPlan, tables: list[Path]) -> dict[str, Any]:
-    about = get_plan_study_facts(plan)
+    study_facts = get_plan_study_facts(plan)
     facts = {
-        "license": about.licence,
-        "keywords": list(about.keywords),
-        "citeAs": f"https://doi.org/{about.doi}" if about.doi else about.how_to_acknowledge,
-        "url": f"https://doi.org/{about.doi}" if about.doi else "",
-        "creator": [
-            {"@type": "sc:Person", "name": author.name}
-            | ({"@id": f"https://orcid.org/{author.orcid}"} if author.orcid else {})
-            for author in about.authors
-        ],
+        "license": study_facts.licence,
+        "keywords": list(study_facts.keywords),
+        "citeAs": get_doi_url(study_facts) or study_facts.how_to_acknowledge,
+        "url": get_doi_url(study_facts),
+        "creator": [_describe_author(author, "sc:Person") for author in study_facts.authors],
     }
     return {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": "http://mlcommons.org/croissant/1.0",
-        "name": about.title or plan.study,
-        "description": about.description or f"Sessions of the study {plan.study}, as tidy tables.",
+        "name": study_facts.title or plan.study,
+        "description": study_facts.description or f"Sessions of the study {plan.study}, as tidy tables.",
         "version": _version(plan.study_version),
         **{name: value for name, value in facts.items() if value},
         "distribution": [_file(path) for path in tables],
@@ -92,13 +88,11 @@ def _file(path: Path) -> dict[str, Any]:
 
 
 def _records(table: str, columns: tuple[TableColumn, ...]) -> dict[str, Any]:
-    names = find_primary_key(table)
-    key = {"key": [{"@id": f"{table}/{name}"} for name in names]} if names else {}
-    return {
-        "@type": "cr:RecordSet",
-        "@id": table,
-        "name": table,
-        **key,
+    records: dict[str, Any] = {"@type": "cr:RecordSet", "@id": table, "name": table}
+    key_columns = find_primary_key(table)
+    if key_columns:
+        records["key"] = [{"@id": f"{table}/{name}"} for name in key_columns]
+    return records | {
         "field": [
             {
                 "@type": "cr:Field",
@@ -114,9 +108,21 @@ def _records(table: str, columns: tuple[TableColumn, ...]) -> dict[str, Any]:
     }
 
 
-def _version(said: str) -> str:
-    """Three numbers, as Croissant asks; zeros where the protocol says fewer or something else."""
-    numbers = [part for part in said.split(".") if part.isdigit()]
+def _describe_author(author: AuthorSpec, kind: str) -> dict[str, str]:
+    """Describe an author as a person of the vocabulary's type."""
+    person = {"@type": kind, "name": author.name}
+    if author.orcid:
+        person["@id"] = _orcid_url(author)
+    return person
+
+
+def _orcid_url(author: AuthorSpec) -> str:
+    return f"https://orcid.org/{author.orcid}"
+
+
+def _version(version: str) -> str:
+    """Format a version as three numbers, as Croissant asks; zeros where the protocol says fewer or something else."""
+    numbers = [part for part in version.split(".") if part.isdigit()]
     return ".".join([*numbers, "0", "0", "0"][:3])
 
 
@@ -125,9 +131,9 @@ _PSYCH_DS_TYPES = {"text": "Text", "key": "Text", "integer": "Integer", "number"
 
 def export_psych_ds(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table and ``dataset_description.json``."""
-    written, first = export_tables(chosen, out / "data", "csv")
+    export, first = export_tables(chosen, out / "data", "csv")
     if first is None:
-        return replace(written, paths=())
+        return replace(export, paths=())
     (out / "data/datapackage.json").unlink()  # its paths are not these
     (out / "data/dictionary.json").rename(out / "dictionary.json")
     files = []
@@ -141,28 +147,24 @@ def export_psych_ds(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         encoding="utf-8",
         newline="\n",
     )
-    return replace(written, paths=(*files, described, out / "dictionary.json"))
+    return replace(export, paths=(*files, described, out / "dictionary.json"))
 
 
 def _describe_as_psych_ds(plan: SessionPlan, tables: list[str]) -> dict[str, Any]:
-    about = get_plan_study_facts(plan)
+    study_facts = get_plan_study_facts(plan)
     facts = {
-        "author": [
-            {"@type": "Person", "name": author.name}
-            | ({"@id": f"https://orcid.org/{author.orcid}"} if author.orcid else {})
-            for author in about.authors
-        ],
-        "license": about.licence,
-        "keywords": list(about.keywords),
-        "funder": list(about.funding),
-        "identifier": f"https://doi.org/{about.doi}" if about.doi else "",
-        "citation": list(about.references),
+        "author": [_describe_author(author, "Person") for author in study_facts.authors],
+        "license": study_facts.licence,
+        "keywords": list(study_facts.keywords),
+        "funder": list(study_facts.funding),
+        "identifier": get_doi_url(study_facts),
+        "citation": list(study_facts.references),
     }
     return {
         "@context": "http://schema.org",
         "@type": "Dataset",
-        "name": about.title or plan.study,
-        "description": about.description or f"Sessions of the study {plan.study}, as tidy tables.",
+        "name": study_facts.title or plan.study,
+        "description": study_facts.description or f"Sessions of the study {plan.study}, as tidy tables.",
         "schemaVersion": "Psych-DS 1.0.0",
         "version": plan.study_version,
         **{name: value for name, value in facts.items() if value},
@@ -171,7 +173,7 @@ def _describe_as_psych_ds(plan: SessionPlan, tables: list[str]) -> dict[str, Any
 
 
 def _variables(tables: list[str]) -> Iterator[dict[str, Any]]:
-    """Every column once, whichever tables have it; where it means several things, each with its table."""
+    """Yield every column once, whichever tables have it; where it means several things, each with its table."""
     meanings: dict[str, dict[str, list[str]]] = {}
     units: dict[str, str] = {}
     kinds: dict[str, str] = {}
@@ -181,22 +183,22 @@ def _variables(tables: list[str]) -> Iterator[dict[str, Any]]:
                 meanings.setdefault(column.name, {}).setdefault(column.meaning, []).append(table)
                 units.setdefault(column.name, column.unit)
                 kinds.setdefault(column.name, column.kind)
-    for name, said in meanings.items():
-        alone = len(said) == 1
-        text = " ".join(meaning if alone else f"{meaning} ({', '.join(theirs)})" for meaning, theirs in said.items())
-        variable = {"@type": "PropertyValue", "name": name, "description": text}
-        yield (
-            variable
-            | {"additionalType": _PSYCH_DS_TYPES[kinds[name]]}
-            | ({"unitText": units[name]} if units[name] else {})
-        )
+    for name, tables_by_meaning in meanings.items():
+        texts = list(tables_by_meaning)
+        if len(texts) > 1:
+            texts = [f"{meaning} ({', '.join(owners)})" for meaning, owners in tables_by_meaning.items()]
+        variable = {"@type": "PropertyValue", "name": name, "description": " ".join(texts)}
+        variable["additionalType"] = _PSYCH_DS_TYPES[kinds[name]]
+        if units[name]:
+            variable["unitText"] = units[name]
+        yield variable
 
 
 def export_frictionless(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table, what its columns mean and the facts about the study."""
-    written, first = export_tables(chosen, out, "csv")
+    export, first = export_tables(chosen, out, "csv")
     if first is None:
-        return replace(written, paths=())
+        return replace(export, paths=())
     path = out / "datapackage.json"
     package = json.loads(path.read_text(encoding="utf-8"))
     for resource in package["resources"]:
@@ -204,26 +206,31 @@ def export_frictionless(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         resource |= {"bytes": len(content), "hash": f"sha256:{hashlib.sha256(content).hexdigest()}"}
     package |= {"name": first.study, **get_package_properties(get_plan_study_facts(first))}
     path.write_text(json.dumps(package, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
-    return written
+    return export
 
 
-def get_package_properties(about: AboutSpec) -> dict[str, Any]:
-    """What the protocol says of the study, as a package's properties."""
-    licence = {"path" if "://" in about.licence else "name": about.licence}
-    people = [
-        {"title": author.name, "role": "author"}
-        | ({"email": author.email} if author.email else {})
-        | ({"path": f"https://orcid.org/{author.orcid}"} if author.orcid else {})
-        | ({"organization": author.affiliation} if author.affiliation else {})
-        for author in about.authors
-    ]
-    found = {
-        "title": about.title,
-        "description": about.description,
-        "homepage": f"https://doi.org/{about.doi}" if about.doi else "",
-        "licenses": [licence] if about.licence else [],
-        "contributors": people,
-        "keywords": list(about.keywords),
-        "sources": [{"title": reference} for reference in about.references],
+def get_package_properties(study_facts: AboutSpec) -> dict[str, Any]:
+    """Return what the protocol says of the study, as a package's properties."""
+    licence = {"path" if "://" in study_facts.licence else "name": study_facts.licence}
+    properties = {
+        "title": study_facts.title,
+        "description": study_facts.description,
+        "homepage": get_doi_url(study_facts),
+        "licenses": [licence] if study_facts.licence else [],
+        "contributors": [_describe_contributor(author) for author in study_facts.authors],
+        "keywords": list(study_facts.keywords),
+        "sources": [{"title": reference} for reference in study_facts.references],
     }
-    return {name: value for name, value in found.items() if value}
+    return {name: value for name, value in properties.items() if value}
+
+
+def _describe_contributor(author: AuthorSpec) -> dict[str, str]:
+    """Describe an author as a package's contributor."""
+    contributor = {"title": author.name, "role": "author"}
+    if author.email:
+        contributor["email"] = author.email
+    if author.orcid:
+        contributor["path"] = _orcid_url(author)
+    if author.affiliation:
+        contributor["organization"] = author.affiliation
+    return contributor

@@ -12,12 +12,13 @@ import pyarrow.compute as pc
 from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.info_columns import LABELLED_TABLES, add_info_columns, list_info_columns
 from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES, build_data_dictionary
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TableColumn
 from minihuman.dataset.table_files import TableFormat
 from minihuman.dataset.tables import Tables
 from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.exporter import ExportResult
-from minihuman.exporters.study_metadata import get_plan_study_facts
+from minihuman.exporters.study_metadata import get_licence_id, get_plan_study_facts
 
 
 def export_csv(chosen: IncludedEpisodes, out: Path) -> ExportResult:
@@ -64,7 +65,9 @@ def count_included(tables: Tables) -> ExportResult:
 def read_first_plan(tables: Tables) -> SessionPlan | None:
     """Read the plan of the first session that is asked for, which says what the study is; None where there is none."""
     first = next((session for session in tables.sessions if session.outline is not None), None)
-    return tables.read_log(first).plan if first else None
+    if first is None:
+        return None
+    return tables.read_log(first).plan
 
 
 _LABEL_CHARACTERS = 80  # Stata's limit for a column's label
@@ -102,16 +105,25 @@ def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "d
             for column in described:
                 if column.kind in ("text", "key"):
                     frame[column.name] = frame[column.name].fillna("").astype(object)
-            labels: dict[str, Any] = {
-                column.name: text if kind == "sav" else shorten(text, _LABEL_CHARACTERS, placeholder=" ...")
-                for column in described
-                for text in [f"{column.meaning}{f' ({column.unit})' if column.unit else ''}"]
-            }
+            labels = {column.name: _label(column, kind) for column in described}
             answers = {flag: {0.0: "no", 1.0: "yes"} for flag in flags}
             paths.append(out / f"{name}.{kind}")
-            write = pyreadstat.write_sav if kind == "sav" else pyreadstat.write_dta
-            write(frame, str(paths[-1]), column_labels=labels, variable_value_labels=answers)
+            options: dict[str, Any] = {"column_labels": labels, "variable_value_labels": answers}
+            if kind == "sav":
+                pyreadstat.write_sav(frame, str(paths[-1]), **options)
+            else:
+                pyreadstat.write_dta(frame, str(paths[-1]), **options)
         return count_included(tables).with_files(tuple(paths))
+
+
+def _label(column: TableColumn, kind: Literal["sav", "dta"]) -> str:
+    """Return a column's label: its meaning and unit, shortened where the format limits its length."""
+    text = column.meaning
+    if column.unit:
+        text = f"{column.meaning} ({column.unit})"
+    if kind == "sav":
+        return text
+    return shorten(text, _LABEL_CHARACTERS, placeholder=" ...")
 
 
 def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
@@ -125,11 +137,13 @@ def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     described.write_text(
         json.dumps({name: meanings[name] for name in names}, indent=1) + "\n", encoding="utf-8", newline="\n"
     )
-    about = get_plan_study_facts(plan) if plan else None
+    study_facts = AboutSpec()
+    if plan is not None:
+        study_facts = get_plan_study_facts(plan)
     front = {
-        "license": about.licence.lower() if about and about.licence and "://" not in about.licence else "unknown",
-        "pretty_name": about.title if about else "",
-        "tags": ["minihuman", *(about.keywords if about else ())],
+        "license": get_licence_id(study_facts),
+        "pretty_name": study_facts.title,
+        "tags": ["minihuman", *study_facts.keywords],
         "configs": [{"config_name": name, "data_files": f"{name}/*/*/*.parquet"} for name in names],
     }
     card = "".join(f"{name}: {json.dumps(value)}\n" for name, value in front.items() if value)  # JSON is YAML

@@ -44,43 +44,46 @@ def export_pettingzoo(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         agents = [f"body_{seat}" for seat in range(len(team.seats))]
         observations: list[list[Any]] = [[] for _ in agents]
         for world in _play(item):
-            for seat, seen in enumerate(observations):
-                seen.append(world.unwrapped.team.observation(seat))
+            for seat, body_observations in enumerate(observations):
+                body_observations.append(world.unwrapped.team.observation(seat))
         number = len(files[folder])
         path = out / folder / f"episode_{number:05d}.npz"
         path.parent.mkdir(exist_ok=True)
-        arrays: dict[str, Any] = {agent: np.stack(seen) for agent, seen in zip(agents, observations, strict=True)}
+        arrays: dict[str, Any] = {
+            agent: np.stack(body_observations) for agent, body_observations in zip(agents, observations, strict=True)
+        }
         np.savez_compressed(path, **arrays)
         paths.append(path)
-        plan = item.episode.plan
-        files[folder].append(
-            {
-                "episode": number,
-                "observations": path.name,
-                "world": plan.world,
-                "options": item.episode.shared_options,
-                "seed": plan.seed,
-                "team": team.team,
-                "block": plan.block_name,
-                "episode_in_block": plan.episode_in_block,
-                "agents": agents,
-                "seats": team.seats,
-                "action_names": item.episode.start.action_names,
-                "actions": team.actions.tolist(),
-                "rewards": team.rewards.tolist(),
-                "sources": team.sources,
-                "terminated": bool(item.episode.terminated[-1:].any()),
-                "truncated": bool(item.episode.truncated[-1:].any()),
-                "outcome": item.episode.outcome_word,
-                "digest": f"{team.digest:016x}",
-            }
-        )
+        facts = {"episode": number, "observations": path.name}
+        files[folder].append(facts | _describe_team_episode(item, team, agents))
         steps += len(team.actions)
     for folder, episodes in files.items():
         path = out / folder / "episodes.jsonl"
-        path.write_text("".join(json.dumps(one) + "\n" for one in episodes), encoding="utf-8", newline="\n")
+        path.write_text("".join(json.dumps(episode) + "\n" for episode in episodes), encoding="utf-8", newline="\n")
         paths.append(path)
     return ExportResult(tuple(paths), sum(map(len, files.values())), steps, left_out=tuple(left_out))
+
+
+def _describe_team_episode(included: IncludedEpisode, team: TeamRecord, agents: list[str]) -> dict[str, Any]:
+    plan = included.episode.plan
+    return {
+        "world": plan.world,
+        "options": included.episode.shared_options,
+        "seed": plan.seed,
+        "team": team.team,
+        "block": plan.block_name,
+        "episode_in_block": plan.episode_in_block,
+        "agents": agents,
+        "seats": team.seats,
+        "action_names": included.episode.start.action_names,
+        "actions": team.actions.tolist(),
+        "rewards": team.rewards.tolist(),
+        "sources": team.sources,
+        "terminated": bool(included.episode.terminated[-1:].any()),
+        "truncated": bool(included.episode.truncated[-1:].any()),
+        "outcome": included.episode.outcome_word,
+        "digest": f"{team.digest:016x}",
+    }
 
 
 def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
@@ -108,47 +111,23 @@ def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         if not states:
             left_out.append(f"{describe_episode(item)} is in no kitchen")
             continue
-        plan = kitchen.layout.plan
-        layout = next((name for name, one in KITCHENS.items() if one == kitchen.layout), plan)
-        name = "".join(letter if letter.isalnum() else "_" for letter in layout) + "_2019" * (kitchen.rules == "2019")
-        orders = {f"start_{kind}": recipes for kind, recipes in _describe_orders(kitchen).items()}
-        starts = [player["position"] for player in states[0]["players"]]
-        params = {"layout_name": layout, "terrain": _terrain(kitchen), "start_player_positions": starts, **orders}
-        found = files.setdefault(name, {key: [] for key in _TRAJECTORY})
-        rewards = team.rewards[:, 0].astype(int).tolist()
-        n = len(rewards)
-        for key, value in (
-            ("ep_states", states[:n]),
-            ("ep_actions", [[ACTIONS[action] for action in row] for row in team.actions.tolist()]),
-            ("ep_rewards", rewards),
-            ("ep_dones", [*[False] * (n - 1), True][:n]),
-            ("ep_returns", sum(rewards)),
-            ("ep_lengths", n),
-            ("mdp_params", params),
-            ("env_params", {"horizon": item.episode.plan.max_steps}),
-            ("rules", kitchen.rules),
-        ):
-            found[key].append(value)
-        steps += n
+        names = (name for name, layout in KITCHENS.items() if layout == kitchen.layout)
+        layout_name = next(names, kitchen.layout.plan)
+        name = "".join(letter if letter.isalnum() else "_" for letter in layout_name)
+        name += "_2019" * (kitchen.rules == "2019")
+        trajectory = _describe_trajectory(item, team, kitchen, layout_name, states)
+        columns = files.setdefault(name, {key: [] for key in trajectory})
+        for key, part in trajectory.items():
+            columns[key].append(part)
+        steps += len(team.rewards)
     paths = []
     for name, trajectories in files.items():
         paths.append(out / f"{name}.json")
         paths[-1].write_text(json.dumps(trajectories), encoding="utf-8", newline="\n")
-    episodes = sum(len(one["ep_lengths"]) for one in files.values())
+    episodes = sum(len(trajectories["ep_lengths"]) for trajectories in files.values())
     return ExportResult(tuple(paths), episodes, steps, left_out=tuple(left_out))
 
 
-_TRAJECTORY = (
-    "ep_states",
-    "ep_actions",
-    "ep_rewards",
-    "ep_dones",
-    "ep_returns",
-    "ep_lengths",
-    "mdp_params",
-    "env_params",
-    "rules",
-)
 ORIENTATIONS = ((0, -1), (0, 1), (1, 0), (-1, 0))  # Overcooked-AI's vectors, by our direction: up, down, right, left
 ACTIONS = (*ORIENTATIONS, (0, 0), "interact")  # by our action
 _THINGS = ("", "onion", "tomato", "dish", "soup")
@@ -156,8 +135,33 @@ _INGREDIENTS = {"o": "onion", "t": "tomato"}
 _LETTERS = " PXOTDS"  # of Overcooked-AI's layouts, by our terrain
 
 
+def _describe_trajectory(
+    included: IncludedEpisode, team: TeamRecord, kitchen: "Kitchen", layout_name: str, states: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Describe an episode as a trajectory of Overcooked-AI; ``states`` are the kitchen's at each step."""
+    rewards = team.rewards[:, 0].astype(int).tolist()
+    n = len(rewards)
+    params = {
+        "layout_name": layout_name,
+        "terrain": _terrain(kitchen),
+        "start_player_positions": [player["position"] for player in states[0]["players"]],
+        **{f"start_{kind}": recipes for kind, recipes in _describe_orders(kitchen).items()},
+    }
+    return {
+        "ep_states": states[:n],
+        "ep_actions": [[ACTIONS[action] for action in row] for row in team.actions.tolist()],
+        "ep_rewards": rewards,
+        "ep_dones": [*[False] * (n - 1), True][:n],
+        "ep_returns": sum(rewards),
+        "ep_lengths": n,
+        "mdp_params": params,
+        "env_params": {"horizon": included.episode.plan.max_steps},
+        "rules": kitchen.rules,
+    }
+
+
 def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
-    """A kitchen's state in Overcooked-AI's words, as its ``OvercookedState.to_dict``."""
+    """Describe a kitchen's state in Overcooked-AI's words, as its ``OvercookedState.to_dict``."""
     from minihuman.worlds.grid.core import kitchen_rules as rules
 
     row = kitchen.row
@@ -169,15 +173,15 @@ def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
         kind = number & 7
         if not kind:
             return None
-        found = {"name": _THINGS[kind], "position": position}
+        described = {"name": _THINGS[kind], "position": position}
         if kind != rules.SOUP:
-            return found
+            return described
         onions = number >> 3 & 3
         tomatoes = number >> 5 & 3
         clock = (number >> 7) - 1
         inside = ["onion"] * onions + ["tomato"] * tomatoes
         time = times[onions + 4 * tomatoes]
-        return found | {
+        return described | {
             "_ingredients": [{"name": name, "position": position} for name in inside],
             "cooking_tick": clock,
             "_cooking_tick": clock,
@@ -189,8 +193,8 @@ def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
 
     players = []
     for cook in range(cooks):
-        x, y, direction, held = row[rules.COOK + 4 * cook :][:4].tolist()
-        held_object = thing(held, [x, y])
+        x, y, direction, held_number = row[rules.COOK + 4 * cook :][:4].tolist()
+        held_object = thing(held_number, [x, y])
         players.append({"position": [x, y], "orientation": list(ORIENTATIONS[direction]), "held_object": held_object})
     objects = [thing(int(cells[x, y]), [x, y]) for x, y in np.argwhere(cells).tolist()]
     return {"players": players, "objects": objects, "timestep": step, **_describe_orders(kitchen)}
@@ -216,8 +220,8 @@ def _terrain(kitchen: "Kitchen") -> list[list[str]]:
 
 
 def _team_episodes(chosen: IncludedEpisodes, left_out: list[str]) -> Iterator[tuple[IncludedEpisode, TeamRecord]]:
-    """Every team's episode once; what else there is goes into ``left_out``."""
-    seen = set()
+    """Yield every team's episode once; what else there is goes into ``left_out``."""
+    known_keys = set()
     for item in chosen:
         team = item.episode.team
         plan = item.episode.plan
@@ -225,13 +229,13 @@ def _team_episodes(chosen: IncludedEpisodes, left_out: list[str]) -> Iterator[tu
             left_out.append(f"{describe_episode(item)} {NO_TEAM}")
             continue
         key = (team.team, plan.block_name, item.log.plan.session, plan.episode_in_block, item.episode.attempt)
-        if key not in seen and len(team.actions):
-            seen.add(key)
+        if key not in known_keys and len(team.actions):
+            known_keys.add(key)
             yield item, team
 
 
 def _play(item: IncludedEpisode) -> Iterator[World]:
-    """The world at each state of an episode, the reset's first.
+    """Yield the world at each state of an episode, the reset's first.
 
     Raises:
         ExportError: if it cannot be made here, or ends in another state than in the log.

@@ -32,7 +32,15 @@ def build_info_column(values: Sequence[Any]) -> InfoColumn:
 
 def format_info_texts(values: Sequence[Any]) -> list[str]:
     """Format values as texts: JSON, but for those that are texts."""
-    return [value if isinstance(value, str) else "" if value is None else json.dumps(value) for value in values]
+    return [_format_text(value) for value in values]
+
+
+def _format_text(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return value
+    return json.dumps(value)
 
 
 def add_reset(column: InfoColumn) -> InfoColumn:

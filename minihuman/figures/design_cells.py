@@ -40,21 +40,12 @@ def draw_cells(
         limits: which the measure cannot leave.
     """
     width = _WIDTH / len(groups)
-    most = max(len(values) for values in groups.values())
-    if most <= 30:
-        size = 3.2
-    elif most <= 100:
-        size = 2.2
-    else:
-        size = 1.4
+    size = _choose_dot_size(max(len(values) for values in groups.values()))
     for number, (group, values) in enumerate(groups.items()):
         colour = SERIES[number % len(SERIES)]
         centre = (number - (len(groups) - 1) / 2) * width
         places = np.arange(len(conditions), dtype=np.float64) + centre
-        at = np.full(values.shape, np.nan)
-        for column in range(len(conditions)):
-            known = ~np.isnan(values[:, column])
-            at[known, column] = places[column] + spread_dots(values[known, column], width=width / 3)
+        at = _place_dots(values, places, width=width / 3)
         ax.plot(at.T, values.T, color=colour, lw=0.35, alpha=0.3, zorder=1)
         ax.plot(
             at.ravel(), values.ravel(), _MARKERS[number % len(_MARKERS)], ms=size, mfc=colour, mec="white", mew=0.3,
@@ -65,6 +56,24 @@ def draw_cells(
     ax.set(xlim=(-0.6, len(conditions) - 0.4), ylabel=measure)
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(3, len(groups)))
     return ax
+
+
+def _choose_dot_size(n: int) -> float:
+    """Choose the size of dots in points, the smaller the more participants there are."""
+    if n <= 30:
+        return 3.2
+    if n <= 100:
+        return 2.2
+    return 1.4
+
+
+def _place_dots(values: Values, places: Values, *, width: float) -> Values:
+    """Return where each dot stands on the axis of conditions, (participants, conditions), equal ones side by side."""
+    at = np.full(values.shape, np.nan)
+    for column, place in enumerate(places):
+        known = ~np.isnan(values[:, column])
+        at[known, column] = place + spread_dots(values[known, column], width=width)
+    return at
 
 
 def _draw_means(
@@ -94,7 +103,9 @@ def cells_figure(
     level: str = "difference of contrast scores",
     limits: tuple[float, float] | None = None,
 ) -> Figure:
-    """Every cell with every participant, and the groups' differences in each contrast beside them, for a page's width.
+    """Draw every cell with every participant, and beside them the groups' differences in each contrast.
+
+    The figure fits a page's width.
 
     Args:
         groups: of each, (participants, conditions).
@@ -111,7 +122,9 @@ def cells_figure(
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         draw_cells(left, groups, conditions, measure=measure, limits=limits)
         draw_differences(right, differences, level=level)
-        right.set_yticks(range(len(differences)), [f"{one.first}\n{one.second}" for one in differences])
+        right.set_yticks(
+            range(len(differences)), [f"{difference.first}\n{difference.second}" for difference in differences]
+        )
         right.set_title("interaction, 95 % interval", loc="left")
         for place, ax in enumerate((left, right)):
             label_panel(ax, place)

@@ -27,22 +27,30 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
 def compare_every_pair(groups: Mapping[str, Values]) -> list[Difference]:
-    """Every two groups' difference, with the interval that the report has; none with a group that has no value."""
+    """Compare every two groups, with the interval that the report has; no group without a value."""
     rows = pd.concat([pd.DataFrame({"group": name, "value": values}) for name, values in groups.items()])
     compared = compare_groups(rows, ["value"], order=list(groups))
-    return [Difference(one.first, one.second, one.difference, one.interval) for one in compared if min(one.n)]
+    return [
+        Difference(comparison.first, comparison.second, comparison.difference, comparison.interval)
+        for comparison in compared
+        if min(comparison.n)
+    ]
 
 
 def spread_dots(values: Values, *, rows: int = 40, width: float = 0.36) -> Values:
-    """How far to the side each dot stands, so that equal ones lie beside each other: (n,), at most ``width``."""
-    extent = float(np.ptp(values)) if len(values) else 0.0
-    height = (values - values.min()) / extent if extent else np.zeros(len(values))
+    """Spread dots to the side, so that equal ones lie beside each other: offsets (n,) of at most ``width``."""
+    if not len(values):
+        return np.zeros(0)
+    extent = float(np.ptp(values))
+    height = np.zeros(len(values))
+    if extent:
+        height = (values - values.min()) / extent
     row = (height * (rows - 1)).round().astype(int)
     offsets = np.zeros(len(values))
-    fullest = max(np.bincount(row).max() if len(row) else 1, 2)
+    fullest = max(np.bincount(row).max(), 2)
     step = min(0.09, 2 * width / fullest)
-    for one in np.unique(row):
-        places = np.flatnonzero(row == one)
+    for level in np.unique(row):
+        places = np.flatnonzero(row == level)
         offsets[places] = (np.arange(len(places)) - (len(places) - 1) / 2) * step
     return offsets
 
@@ -65,19 +73,20 @@ def draw_participants(
         size = 1.8
     for place, (group, values) in enumerate(groups.items()):
         colour = SERIES[place % len(SERIES)]
-        told = values[~np.isnan(values)]
-        offsets = spread_dots(told)
-        beside = max([0.1, *offsets]) + 0.08
+        known = values[~np.isnan(values)]
+        offsets = spread_dots(known)
+        mean_offset = max([0.1, *offsets]) + 0.08
         ax.plot(
-            place + offsets, told, _MARKERS[place % len(_MARKERS)], ms=size, mfc=colour, mec="white", mew=0.3,
+            place + offsets, known, _MARKERS[place % len(_MARKERS)], ms=size, mfc=colour, mec="white", mew=0.3,
             alpha=0.85, gid=f"participants: {group}",
         )  # fmt: skip
-        if len(told):
-            (mean,), (low,), (high,) = mean_and_band(told[:, None])
+        if len(known):
+            (mean,), (low,), (high,) = mean_and_band(known[:, None])
             if np.isfinite(low):
-                low, high = np.clip((low, high), *limits) if limits else (low, high)
-                ax.plot([place + beside] * 2, [low, high], color="black", lw=1.1, gid=f"interval: {group}")
-            ax.plot(place + beside, mean, "D", ms=3.6, color="black", gid=f"mean: {group}")
+                if limits is not None:
+                    low, high = np.clip((low, high), *limits)
+                ax.plot([place + mean_offset] * 2, [low, high], color="black", lw=1.1, gid=f"interval: {group}")
+            ax.plot(place + mean_offset, mean, "D", ms=3.6, color="black", gid=f"mean: {group}")
     ax.set_xticks(range(len(groups)), [f"{group}\nn = {int((~np.isnan(v)).sum())}" for group, v in groups.items()])
     ax.set(xlim=(-0.55, len(groups) - 0.4), ylabel=measure)
     return ax
@@ -86,11 +95,24 @@ def draw_participants(
 def draw_differences(ax: Axes, differences: Sequence[Difference], *, level: str = "difference of means") -> Axes:
     """Draw each difference of two groups with its interval, one below the other, and a line where there is none."""
     ax.axvline(0, color=MUTED, lw=0.8, ls="--")
-    for row, one in enumerate(differences):
-        if np.isfinite(one.interval[0]):
-            ax.plot(one.interval, [row, row], color="black", lw=1.4, gid=f"interval: {one.first}, {one.second}")
-        ax.plot(one.estimate, row, "D", color="black", ms=4.5, gid=f"difference: {one.first}, {one.second}")
-    names = [f"{one.first}\n\N{MINUS SIGN} {one.second}" for one in differences]
+    for row, difference in enumerate(differences):
+        if np.isfinite(difference.interval[0]):
+            ax.plot(
+                difference.interval,
+                [row, row],
+                color="black",
+                lw=1.4,
+                gid=f"interval: {difference.first}, {difference.second}",
+            )
+        ax.plot(
+            difference.estimate,
+            row,
+            "D",
+            color="black",
+            ms=4.5,
+            gid=f"difference: {difference.first}, {difference.second}",
+        )
+    names = [f"{difference.first}\n\N{MINUS SIGN} {difference.second}" for difference in differences]
     ax.set_yticks(range(len(differences)), names)
     ax.set(ylim=(len(differences) - 0.4, -0.6), xlabel=level)
     ax.xaxis.set_major_locator(MaxNLocator(5))
@@ -107,7 +129,7 @@ def estimation_figure(
     title: str = "",
     limits: tuple[float, float] | None = None,
 ) -> Figure:
-    """Every participant by group, and the groups' differences beside them, for the width of a page.
+    """Draw every participant by group, and the groups' differences beside them, for the width of a page.
 
     Args:
         groups: one value per participant; NaN where there is none.
@@ -155,15 +177,15 @@ def draw_reaction_times(ax: Axes, groups: Mapping[str, NDArray[np.float64]], edg
             label=f"{group} (n = {len(shares)})", path_effects=[withStroke(linewidth=3, foreground="white")],
         )  # fmt: skip
     ax.set(xscale="log", xlabel="reaction time (ms, log scale)", ylabel="share of responses (%)", ylim=(0, None))
-    shown = [ms for ms in _TICKS_MS if edges_ms[0] <= ms <= edges_ms[-1]]
-    ax.set_xticks(shown, [str(ms) for ms in shown])
+    ticks_ms = [ms for ms in _TICKS_MS if edges_ms[0] <= ms <= edges_ms[-1]]
+    ax.set_xticks(ticks_ms, [str(ms) for ms in ticks_ms])
     ax.set_xticks([], minor=True)
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(2, len(groups)))
     return ax
 
 
 def reaction_time_figure(groups: Mapping[str, NDArray[np.float64]], edges_ms: Values, *, title: str) -> Figure:
-    """Distributions of reaction times for one column of a page."""
+    """Draw distributions of reaction times for one column of a page."""
     with figure_style():
         figure = new_figure(height_cm=6.6)
         figure.suptitle(title)
@@ -204,10 +226,10 @@ def draw_scores(
     if mark is not None:
         ax.axvline(mark, color=MUTED, lw=0.8, ls="--")
     for place, (_, score, _) in enumerate(bars):
-        one: Estimate = getattr(score, name)
+        estimate: Estimate = getattr(score, name)
         colour = SERIES[place % len(SERIES)]
-        ax.plot([one.low, one.high], [place, place], color=colour, lw=1.6, solid_capstyle="butt")
-        ax.plot([one.value], [place], "o", ms=4, color=colour)
+        ax.plot([estimate.low, estimate.high], [place, place], color=colour, lw=1.6, solid_capstyle="butt")
+        ax.plot([estimate.value], [place], "o", ms=4, color=colour)
     ax.set_yticks(range(len(bars)), [player for player, _, _ in bars])
     ax.set_ylim(len(bars) - 0.5, -0.5)
     ax.set_xlabel(label)

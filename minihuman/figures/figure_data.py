@@ -42,14 +42,17 @@ class Difference(NamedTuple):
 
 
 def name_measure(measure: str, block: str = "", *, width: int = 52) -> str:
-    """A figure's title: the block and the measure, in lines that fit a column."""
-    return "\n".join(wrap(f"Block {block}: {measure}" if block else measure[:1].upper() + measure[1:], width))
+    """Write a figure's title: the block and the measure, in lines that fit a column."""
+    title = measure[:1].upper() + measure[1:]
+    if block:
+        title = f"Block {block}: {measure}"
+    return "\n".join(wrap(title, width))
 
 
 def collect_learning_curves(
     episodes: "pd.DataFrame", measure: str = "reward", *, order: Sequence[str] = ()
 ) -> dict[str, NDArray[np.float64]]:
-    """A measure by group, (participants, episodes in the block); NaN where no episode is included.
+    """Collect a measure by group, (participants, episodes in the block); NaN where no episode is included.
 
     ``episodes`` are one block's rows of the table "episodes" that are included. The first column is the block's first
     episode for every group; of several attempts at one the last is taken. A block of several sessions has a curve for
@@ -60,36 +63,37 @@ def collect_learning_curves(
     numbers = range(1, int(episodes["episode_in_block"].max()) + 1)
     last = episodes.drop_duplicates(["participant", "session", "episode_in_block"], keep="last")
     values = last.assign(value=last[measure].astype(float)).groupby(["group", "session"])
-    several = episodes["session"].nunique() > 1
+    has_several_sessions = episodes["session"].nunique() > 1
     curves = {
         (str(group), session): part.pivot(index="participant", columns="episode_in_block", values="value")
         for (group, session), part in values
     }
-    return {
-        f"{group}, session {session}" if several else group: table.reindex(columns=numbers).to_numpy(np.float64)
-        for group in order or sorted({group for group, _ in curves})
-        for (its, session), table in curves.items()
-        if its == group
-    }
+    named = {}
+    for group in order or sorted({group for group, _ in curves}):
+        for (curve_group, session), table in curves.items():
+            if curve_group == group:
+                name = f"{group}, session {session}" if has_several_sessions else group
+                named[name] = table.reindex(columns=numbers).to_numpy(np.float64)
+    return named
 
 
 def group_by_block(log: SessionLog) -> list[tuple[str, Sequence[EpisodeLog]]]:
-    """A session's blocks by name, in order of play, each with its first ten episodes: what its path figure shows."""
+    """Group a session's episodes by block, in order of play: the first ten of each, as its path figure shows them."""
     blocks: dict[str, list[EpisodeLog]] = defaultdict(list)
     for episode in log.episodes:
         blocks[episode.plan.block_name].append(episode)
-    return [(name, [strip_events(episode) for episode in theirs[:_PANELS]]) for name, theirs in blocks.items()]
+    return [(name, [strip_events(episode) for episode in episodes[:_PANELS]]) for name, episodes in blocks.items()]
 
 
 def strip_events(episode: EpisodeLog) -> EpisodeLog:
-    """The episode without its key presses and pictures, so that those of a thousand sessions can be held at once."""
+    """Remove an episode's key presses and pictures, so that those of a thousand sessions fit into memory."""
     keys = EventColumns.of(KeyPressed, ())
     frames = EventColumns.of(FrameShown, ())
     return replace(episode, keys=keys, frames=frames, observations=None)
 
 
 def find_reward_limits(episodes: "pd.DataFrame") -> tuple[float, float] | None:
-    """The bounds of a block's rewards, 0 and 1, which a band must not leave; None where a reward lies outside them."""
+    """Return the bounds of a block's rewards, 0 and 1, that a band must not leave; None where a reward leaves them."""
     if episodes["reward"].dropna().between(0, 1).all():
         return (0.0, 1.0)
     return None
@@ -134,8 +138,10 @@ def _describe_software() -> tuple[str, ...]:
 
 
 def _holds(path: Path, digest: str) -> bool:
-    """Whether a file is whole and has that digest in its metadata."""
-    content = path.read_bytes() if path.is_file() else b""
+    """Say whether a file is whole and has that digest in its metadata."""
+    if not path.is_file():
+        return False
+    content = path.read_bytes()
     return digest.encode() in content and content.endswith(_ENDS[path.suffix])
 
 

@@ -20,24 +20,24 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def draw_all_figures(tables: Tables, out: Path, *, each: bool = False) -> Iterator[Path]:
+def draw_all_figures(tables: Tables, out: Path, *, each_session: bool = False) -> Iterator[Path]:
     """Draw a session's paths and overview, or what many sessions show together; yield the files.
 
-    ``each`` draws every one of many sessions too, which takes some seconds a session.
+    ``each_session`` draws every one of many sessions too, which takes some seconds a session.
 
     Raises:
         LogError: if there is no such file or folder.
     """
     first: SessionLog | None = None
     everyone: list[SessionLog] = []
-    for counted in tables.read_sessions():
-        if not counted.places:
+    for selected in tables.read_sessions():
+        if not selected.places:
             continue
-        if each:
-            yield from draw_session(counted.session, out / _name(counted.log))
-        first = first or counted.session
-        everyone.append(_light(counted.session))
-    if first is not None and len(everyone) == 1 and not each:
+        if each_session:
+            yield from draw_session(selected.session, out / _name(selected.log))
+        first = first or selected.session
+        everyone.append(_strip_session(selected.session))
+    if first is not None and len(everyone) == 1 and not each_session:
         yield from draw_session(first, out / _name(first))
     if len(everyone) > 1:
         yield from draw_study(everyone, out)
@@ -58,7 +58,7 @@ def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
     for block, episodes in collect_rewards(logs).groupby("block", sort=False):
         title = name_measure("reward", str(block))
         means = episodes.groupby(["group", "participant"])["reward"].mean()
-        by_group = {str(group): theirs.to_numpy(float) for group, theirs in means.groupby("group")}
+        by_group = {str(group): group_means.to_numpy(float) for group, group_means in means.groupby("group")}
         if len(by_group) > 1:
             # here, as what it brings takes half a second that no figure of one session needs
             from minihuman.figures.estimation import compare_every_pair, estimation_figure
@@ -71,15 +71,15 @@ def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
         yield from save_figure(figure, out / f"learning_{_file_name(str(block))}")
 
 
-def _light(log: SessionLog) -> SessionLog:
-    """The session without its key presses and pictures shown, so that a thousand of them can be held at once."""
+def _strip_session(log: SessionLog) -> SessionLog:
+    """Remove a session's key presses and pictures, so that a thousand sessions fit into memory."""
     keys = EventColumns.of(KeyPressed, ())
-    segments = tuple(replace(one, keys=keys) for one in log.segments)
+    segments = tuple(replace(segment, keys=keys) for segment in log.segments)
     return replace(log, episodes=tuple(map(strip_events, log.episodes)), segments=segments)
 
 
 def collect_rewards(logs: Iterable[SessionLog]) -> "pd.DataFrame":
-    """Every episode's reward with whose it is and where in its block, as in the table "episodes"."""
+    """Collect every episode's reward, with its participant and its place in the block, as in the table "episodes"."""
     import pandas as pd  # half a second: no figure of one session needs it
 
     columns = ["participant", "session", "group", "block", "episode_in_block", "reward"]
@@ -98,4 +98,5 @@ def _name(log: SessionLog) -> str:
 
 
 def _file_name(text: str) -> str:
+    """Make a file's name from what follows the last slash, with hyphens for unusual characters."""
     return "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in text.rpartition("/")[2])

@@ -21,30 +21,34 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 def mean_and_band(
     values: NDArray[np.float64], *, level: float = 0.95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Mean over participants and Student's t interval of that mean, each (episodes,), from (participants, episodes).
+    """Compute the mean over participants and its t interval, each (episodes,), from (participants, episodes).
 
     NaN stands for a missing episode. With fewer than two participants in an episode the interval there is NaN.
     """
     from scipy.special import stdtrit  # no figure of one session needs it
 
-    there = (~np.isnan(values)).sum(axis=0)
+    counts = (~np.isnan(values)).sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.nansum(values, axis=0) / there
-        spread = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / (there - 1)) / np.sqrt(there)
-        half = np.where(there > 1, stdtrit(np.maximum(there - 1, 1), 0.5 + level / 2) * spread, np.nan)
+        mean = np.nansum(values, axis=0) / counts
+        spread = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / (counts - 1)) / np.sqrt(counts)
+        half = np.where(counts > 1, stdtrit(np.maximum(counts - 1, 1), 0.5 + level / 2) * spread, np.nan)
     return mean, mean - half, mean + half
 
 
 def share_and_band(
     values: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Share of ones and its 95 % interval (Wilson), each (episodes,), from (participants, episodes) of 0, 1 and NaN."""
-    there = (~np.isnan(values)).sum(axis=0)
+    """Compute the share of ones and its 95 % interval (Wilson), each (episodes,).
+
+    Args:
+        values: (participants, episodes) of 0, 1 and NaN.
+    """
+    counts = (~np.isnan(values)).sum(axis=0)
     ones = np.nansum(values, axis=0)
     with np.errstate(invalid="ignore"):
-        share = ones / there
-    low, high = np.array([wilson_interval(int(of), int(n)) for of, n in zip(ones, there, strict=True)]).T
-    missing = np.where(there, 0.0, np.nan)
+        share = ones / counts
+    low, high = np.array([wilson_interval(int(successes), int(n)) for successes, n in zip(ones, counts, strict=True)]).T
+    missing = np.where(counts, 0.0, np.nan)
     return share, low + missing, high + missing
 
 
@@ -64,34 +68,39 @@ def draw_learning(
     measure that has no others beyond, means are shares and bands Wilson's, of 95 %. Others are Student's, cut at
     ``limits``, which the measure cannot leave.
     """
-    shares = limits in (None, (0, 1)) and all(
+    are_shares = limits in (None, (0, 1)) and all(
         np.isin(values[~np.isnan(values)], (0, 1)).all() for values in curves.values()
     )
     for place, (group, values) in enumerate(curves.items()):
         colour = SERIES[place % len(SERIES)]
-        mean, low, high = share_and_band(values) if shares else mean_and_band(values, level=level)
+        if are_shares:
+            mean, low, high = share_and_band(values)
+        else:
+            mean, low, high = mean_and_band(values, level=level)
         if limits is not None:
             low = np.clip(low, *limits)
             high = np.clip(high, *limits)
-        if numbers is None:
-            at = np.arange(1, values.shape[1] + 1)
-        else:
-            at = np.asarray(numbers)
-        if len(values) <= _FEW and not shares:
-            for theirs in values:
-                ax.plot(at, theirs, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")
+        at = np.arange(1, values.shape[1] + 1) if numbers is None else np.asarray(numbers)
+        if len(values) <= _FEW and not are_shares:
+            for participant_values in values:
+                ax.plot(at, participant_values, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")
         ax.plot(
             at, mean, _DASHES[place % len(_DASHES)], marker=_MARKERS[place % len(_MARKERS)], ms=3.2, color=colour,
             label=f"{group} (n = {len(values)})",
         )  # fmt: skip
         ax.fill_between(at, low, high, color=colour, alpha=0.18, lw=0, gid=f"band: {group}")
     ax.set(xlabel=xlabel, ylabel=measure)
-    if limits is not None and np.isfinite(limits).all():
-        margin = 0.03 * (limits[1] - limits[0])
-        ax.set_ylim(limits[0] - margin, limits[1] + margin)
+    _set_limits(ax, limits)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(2, len(curves)))
     return ax
+
+
+def _set_limits(ax: Axes, limits: tuple[float, float] | None) -> None:
+    """Let the axis end just beyond the limits of the measure, where it has any on both sides."""
+    if limits is not None and np.isfinite(limits).all():
+        margin = 0.03 * (limits[1] - limits[0])
+        ax.set_ylim(limits[0] - margin, limits[1] + margin)
 
 
 def learning_figure(
@@ -103,7 +112,7 @@ def learning_figure(
     numbers: Sequence[int] | None = None,
     title: str = "",
 ) -> Figure:
-    """One measure's learning curves for one column of a page."""
+    """Draw one measure's learning curves for one column of a page."""
     with figure_style():
         figure = new_figure(height_cm=6.2 + 0.4 * (title.count("\n") + bool(title)))
         figure.suptitle(title)

@@ -21,7 +21,7 @@ _MAX_SQUARES = 4_000_000
 def compute_occupancy(
     participants: Sequence[Sequence[EpisodeLog]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Share of steps in each square of the floor: (columns, rows), with the edges along x and along z.
+    """Compute the share of steps in each square of the floor: (columns, rows), with the edges along x and along z.
 
     Squares are cells in the grid and half metres in 3D. Every participant weighs the same, however long they took;
     episodes without a map or poses do not count.
@@ -30,9 +30,9 @@ def compute_occupancy(
         ValueError: if no episode tells map and poses, or cells and metres are mixed.
         LogError: if a map's bounds are none, or too far from each other.
     """
-    placed = [[episode for episode in theirs if has_positions(episode)] for theirs in participants]
-    placed = [theirs for theirs in placed if theirs]
-    maps = [episode.start.map for theirs in placed for episode in theirs if episode.start.map]
+    placed = [[episode for episode in episodes if has_positions(episode)] for episodes in participants]
+    placed = [episodes for episodes in placed if episodes]
+    maps = [episode.start.map for episodes in placed for episode in episodes if episode.start.map]
     units = {floor.unit for floor in maps}
     if len(units) != 1:
         raise ValueError(
@@ -41,7 +41,7 @@ def compute_occupancy(
         )
     size = _BIN[units.pop()]
     bounds = np.array([check_map_bounds(floor).bounds for floor in maps])
-    places = np.concatenate([episode.poses[:, [0, 2]] for theirs in placed for episode in theirs])
+    places = np.concatenate([episode.poses[:, [0, 2]] for episodes in placed for episode in episodes])
     low = np.minimum(bounds[:, :2].min(0), places.min(0))  # all steps are in it, wherever a world's map ends
     high = np.maximum(bounds[:, 2:].max(0), places.max(0))
     if ((high - low) / size).prod() > _MAX_SQUARES:
@@ -51,8 +51,8 @@ def compute_occupancy(
         )
     edges = [np.arange(low[i], high[i] + size - 1e-9, size) for i in (0, 1)]
     total = np.zeros((len(edges[0]) - 1, len(edges[1]) - 1))
-    for theirs in placed:
-        places = np.concatenate([episode.poses[:, [0, 2]] for episode in theirs])
+    for episodes in placed:
+        places = np.concatenate([episode.poses[:, [0, 2]] for episode in episodes])
         counts = np.histogram2d(places[:, 0], places[:, 1], bins=edges)[0]
         total += counts / counts.sum() / len(placed)
     return total, edges[0], edges[1]
@@ -78,7 +78,11 @@ def draw_occupancy(
     mesh = ax.pcolormesh(x_edges, z_edges, percent, cmap=colours, norm=mpl.colors.LogNorm(low, high))
     mesh.set_gid("occupancy")
     walls = [
-        wall for theirs in participants for episode in theirs if episode.start.map for wall in episode.start.map.walls
+        wall
+        for episodes in participants
+        for episode in episodes
+        if episode.start.map
+        for wall in episode.start.map.walls
     ]
     kinds, counts = np.unique(np.round(walls, 6), axis=0, return_counts=True)
     strength = counts / counts.max()
@@ -93,20 +97,20 @@ def draw_occupancy(
 
 
 def find_occupancy_limits(*shares: NDArray[np.float64]) -> tuple[float, float]:
-    """The percentages that a colour scale shows: up to the largest, down to the smallest or a 300th of that."""
+    """Find the percentages that a colour scale shows: up to the largest, down to the smallest or a 300th of that."""
     highest = max(100 * float(share.max()) for share in shares)
     lowest = min(100 * float(share[share > 0].min()) for share in shares)
     return max(lowest, highest / 300), highest
 
 
 def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeLog]]]) -> Figure:
-    """The floor plan of each group, with one colour scale, for a column of a page or, of several groups, the whole.
+    """Draw the floor plan of each group, with one colour scale: a column wide, or of several groups a page.
 
     Args:
         title: what they played.
         groups: each group's participants, and the episodes of each.
     """
-    limits = find_occupancy_limits(*(compute_occupancy(theirs)[0] for theirs in groups.values()))
+    limits = find_occupancy_limits(*(compute_occupancy(participants)[0] for participants in groups.values()))
     with figure_style():
         width_cm = COLUMN_CM if len(groups) == 1 else PAGE_CM
         figure = new_figure(width_cm=width_cm, height_cm=7.6)
@@ -126,26 +130,26 @@ def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeL
 
 
 def group_by_participant(logs: Iterable[SessionLog], world: str) -> list[list[EpisodeLog]]:
-    """The episodes of a world that tell places, a list a participant, all of their sessions together."""
-    found: dict[tuple[str, str], list[EpisodeLog]] = {}
+    """Group the episodes of a world that have positions by participant, over all of their sessions."""
+    participants: dict[tuple[str, str], list[EpisodeLog]] = {}
     for log in logs:
-        theirs = [episode for episode in log.episodes if episode.plan.world == world and has_positions(episode)]
-        if theirs:
-            found.setdefault((log.plan.study, log.plan.participant.id), []).extend(theirs)
-    return list(found.values())
+        episodes = [episode for episode in log.episodes if episode.plan.world == world and has_positions(episode)]
+        if episodes:
+            participants.setdefault((log.plan.study, log.plan.participant.id), []).extend(episodes)
+    return list(participants.values())
 
 
 def group_participants_by_group(logs: Iterable[SessionLog], world: str) -> dict[str, list[list[EpisodeLog]]]:
-    """The same, by the participants' groups, in order of the alphabet."""
+    """Group the participants' episodes of a world by group, in order of the alphabet."""
     logs = list(logs)
     groups = sorted({log.plan.participant.group for log in logs})
-    found = {
-        group: group_by_participant((one for one in logs if one.plan.participant.group == group), world)
+    by_group = {
+        group: group_by_participant((log for log in logs if log.plan.participant.group == group), world)
         for group in groups
     }
-    return {group: theirs for group, theirs in found.items() if theirs}
+    return {group: participants for group, participants in by_group.items() if participants}
 
 
 def has_positions(episode: EpisodeLog) -> bool:
-    """Whether an episode has a map, and a pose at every step."""
+    """Say whether an episode has a map, and a pose at every step."""
     return episode.start.map is not None and not bool(np.isnan(episode.poses[:, [0, 2]]).any())

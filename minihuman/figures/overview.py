@@ -30,11 +30,11 @@ def draw_steps(ax: Axes, log: SessionLog) -> Axes:
         )
         limit = episode.plan.max_steps
         ax.plot([number - 0.35, number + 0.35], [limit, limit], color=MUTED, lw=0.8)
-    seen = dict.fromkeys(episode.outcome_word for episode in log.episodes)
-    for name in seen:
+    outcomes = dict.fromkeys(episode.outcome_word for episode in log.episodes)
+    for name in outcomes:
         ax.plot([], [], OUTCOME_MARKERS[name], color=OUTCOME_COLOURS[name], label=name, **_DOT)
     ax.plot([], [], color=MUTED, lw=0.8, label="step limit")
-    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=len(seen) + 1, borderaxespad=0, handlelength=1.2)
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=len(outcomes) + 1, borderaxespad=0, handlelength=1.2)
     ax.set_ylabel("steps")
     ax.set_ylim(bottom=0)
     return ax
@@ -76,7 +76,7 @@ def draw_different_keys(ax: Axes, log: SessionLog) -> Axes:
 
 
 def overview_figure(log: SessionLog) -> Figure:
-    """Four panels over the session's episodes, blocks told apart by bands, for one column of a page.
+    """Draw four panels over the session's episodes, blocks told apart by bands, for one column of a page.
 
     Raises:
         LogError: if it has no episode.

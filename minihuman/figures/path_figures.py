@@ -44,7 +44,7 @@ _OTHER = "h"
 
 
 def get_marker(thing: Thing) -> str:
-    """The marker of a thing's kind; doors say in a further word whether they are locked or open."""
+    """Return the marker of a thing's kind; doors say in a further word whether they are locked or open."""
     words = thing.name.replace("_", " ").lower().split()
     return next((_SHAPES[word] for word in reversed(words) if word in _SHAPES), _OTHER)
 
@@ -64,15 +64,15 @@ def draw_object(ax: Axes, thing: Thing) -> None:
 
 
 def build_object_legend(maps: Iterable[Map | None]) -> list[Line2D]:
-    """The legend's entries: every kind of thing on these maps once, goals aside, which have a mark of their own."""
-    seen: dict[tuple[str, str], Line2D] = {}
+    """Build the legend: every kind of thing on these maps once, but goals, which have a mark of their own."""
+    handles: dict[tuple[str, str], Line2D] = {}
     for thing in (thing for floor in maps if floor is not None for thing in floor.things):
         key = thing.name, get_marker(thing)
-        if thing.name and "goal" not in thing.name and key not in seen:
-            seen[key] = Line2D(
+        if thing.name and "goal" not in thing.name and key not in handles:
+            handles[key] = Line2D(
                 [], [], ls="", marker=key[1], ms=5, mfc=thing.colour, mec=WALL, mew=0.4, alpha=0.6, label=thing.name
             )  # fmt: skip
-    return list(seen.values())[:MAX_LEGEND_ENTRIES]
+    return list(handles.values())[:MAX_LEGEND_ENTRIES]
 
 
 _SPREAD_CELLS = 0.11  # how far a cell's next visit is drawn from its last, so that ways there and back both show
@@ -122,16 +122,16 @@ def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
     Rings mark turns in place of 45 degrees and more, the larger the more was turned. In the grid, where ways overlap
     exactly, every visit to a cell is drawn a little aside of the one before. An episode without poses draws nothing.
     """
-    here = ~np.isnan(episode.poses[:, 0])
-    if not here.any():
+    has_pose = ~np.isnan(episode.poses[:, 0])
+    if not has_pose.any():
         return ax
     _draw_partners(ax, episode)
     unit = episode.start.map.unit if episode.start.map else "m"
     if unit == "cell":
-        points = _spread(episode.poses[here][:, [0, 2]])
+        points = _spread(episode.poses[has_pose][:, [0, 2]])
     else:
-        points = episode.poses[here][:, [0, 2]]
-    spent = (episode.t_ns[here] - episode.t_ns[0]) / max(1, int(episode.t_ns[-1] - episode.t_ns[0]))
+        points = episode.poses[has_pose][:, [0, 2]]
+    spent = (episode.t_ns[has_pose] - episode.t_ns[0]) / max(1, int(episode.t_ns[-1] - episode.t_ns[0]))
     segments = np.stack([points[:-1], points[1:]], axis=1)
     moved = np.abs(np.diff(points, axis=0)).sum(axis=1) > 0
     line = LineCollection(
@@ -145,23 +145,28 @@ def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
     )
     line.set_gid("path")
     ax.add_collection(line)
-    turns = turns_in_place(episode)
-    turns = turns[turns["turned_rad"] > _RING_FROM_RAD - 1e-6]
-    if turns.size:
-        rows = turns["row"]
-        index = np.cumsum(here)[rows] - 1
-        rings = ax.scatter(
-            points[index, 0], points[index, 1], s=3 + 20 * np.minimum(1.0, turns["turned_rad"] / _FULL_CIRCLE),
-            facecolors="none", edgecolors=WALL, linewidths=0.45, zorder=5,
-        )  # fmt: skip
-        rings.set_gid("turns in place")
+    _draw_turns(ax, episode, points, has_pose)
     ax.plot(*points[0], "o", ms=3.4, mfc=START, mec="black", mew=0.7, zorder=7, gid="start")
     ax.plot(*points[-1], "X", ms=3.4, mfc=END, mec="black", mew=0.4, zorder=8, gid="end")
     return ax
 
 
+def _draw_turns(ax: Axes, episode: EpisodeLog, points: NDArray[np.float64], has_pose: NDArray[np.bool_]) -> None:
+    """Draw a ring where the body turned in place; ``points`` are of the steps that have a pose."""
+    turns = turns_in_place(episode)
+    turns = turns[turns["turned_rad"] > _RING_FROM_RAD - 1e-6]
+    if not turns.size:
+        return
+    index = np.cumsum(has_pose)[turns["row"]] - 1
+    rings = ax.scatter(
+        points[index, 0], points[index, 1], s=3 + 20 * np.minimum(1.0, turns["turned_rad"] / _FULL_CIRCLE),
+        facecolors="none", edgecolors=WALL, linewidths=0.45, zorder=5,
+    )  # fmt: skip
+    rings.set_gid("turns in place")
+
+
 def _draw_partners(ax: Axes, episode: EpisodeLog) -> None:
-    """The paths of the other bodies of a team: a plain line each, with a dot where it began and a cross at its end."""
+    """Draw the paths of a team's other bodies: a plain line each, from a dot to a cross."""
     for number, seat in enumerate(list_partner_seats(episode)):
         assert episode.team is not None
         points = episode.team.poses[:, seat][:, [0, 2]]
@@ -181,14 +186,17 @@ def draw_goal(ax: Axes, episode: EpisodeLog) -> Axes:
 
 
 def find_goal(episode: EpisodeLog) -> tuple[float, float] | None:
-    """Where the episode's goal stands (x, z); None where the map does not tell."""
-    things = episode.start.map.things if episode.start.map else ()
+    """Find where the episode's goal stands (x, z); None where the map does not tell."""
+    if episode.start.map is None:
+        return None
+    things = episode.start.map.things
     named = [thing for thing in things if "goal" in thing.name]
-    asked = [thing for thing in things if thing.name and thing.name in episode.start.mission]
-    for found in (named, asked, list(things) if len(things) == 1 else []):
-        if found:
-            return found[0].x, found[0].z
-    return None
+    mentioned = [thing for thing in things if thing.name and thing.name in episode.start.mission]
+    only = list(things) if len(things) == 1 else []
+    candidates = [*named, *mentioned, *only]
+    if not candidates:
+        return None
+    return candidates[0].x, candidates[0].z
 
 
 def episode_panel(ax: Axes, episode: EpisodeLog) -> Axes:
@@ -215,7 +223,7 @@ def episode_panel(ax: Axes, episode: EpisodeLog) -> Axes:
 def paths_figure(
     columns: Sequence[tuple[str, Sequence[EpisodeLog]]], *, across: int = 2, width_cm: float = COLUMN_CM
 ) -> Figure:
-    """Episodes in panels, a titled group of columns for each kind of world, side by side.
+    """Draw episodes in panels, a titled group of columns for each kind of world, side by side.
 
     ``across`` panels stand beside each other in each group; 4 in all fill a journal's column.
     """
@@ -252,17 +260,17 @@ def paths_figure(
 
 
 def session_paths(log: SessionLog) -> Figure:
-    """One session's path figure: a titled group of columns for each block, its first ten episodes in it."""
+    """Draw one session's paths: a titled group of columns for each block, with its first ten episodes."""
     return blocks_figure(group_by_block(log))
 
 
 def blocks_figure(blocks: Sequence[tuple[str, Sequence[EpisodeLog]]]) -> Figure:
-    """Blocks beside each other, as many panels across as stay readable in a column."""
+    """Draw blocks beside each other, as many panels across as stay readable in a column."""
     return paths_figure(blocks, across=max(1, _ACROSS // max(1, len(blocks))))
 
 
 def _draw_key(part: SubFigure, partners: Sequence[Line2D], things: Sequence[Line2D], key_cm: float) -> None:
-    """What the colours, marks and things mean, in the strip under the panels."""
+    """Explain the colours, marks and things, in the strip under the panels."""
     from_top = 0.25 / key_cm  # the colour bar keeps its size whatever is named below it
     bar = part.colorbar(
         ScalarMappable(cmap=TIME_COLOURS),

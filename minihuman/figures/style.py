@@ -78,7 +78,7 @@ _SETTINGS: dict[Any, Any] = {
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Matplotlib's settings for the figures drawn inside, whatever the user's own are; put back on the way out."""
+    """Set Matplotlib for the figures drawn inside, whatever the user's own settings are; put them back at the end."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_SETTINGS)
@@ -86,7 +86,7 @@ def figure_style() -> Iterator[None]:
 
 
 def new_figure(*, width_cm: float = COLUMN_CM, height_cm: float) -> Figure:
-    """An empty figure of that size, its layout worked out when it is saved."""
+    """Make an empty figure of that size, its layout worked out when it is saved."""
     return Figure(figsize=(width_cm / 2.54, height_cm / 2.54), layout="constrained")
 
 
@@ -130,28 +130,31 @@ def save_figure(figure: Figure, stem: Path, *, digest: str = "") -> tuple[Path, 
     return png, pdf
 
 
-_SHAPING_TABLES = ["GDEF", "GPOS", "GSUB", "MATH", "kern"]  # a PDF says itself which glyph is where
+_SHAPING_TABLES = ("GDEF", "GPOS", "GSUB", "MATH", "kern")  # a PDF says itself which glyph is where
 
 
 @contextmanager
 def _slim_fonts() -> Iterator[None]:
     """Embed fonts without the tables that no PDF reader uses: reading them took half the time of writing a PDF.
 
-    Matplotlib takes its options from fontTools by this name. If it should not any more, files are larger and written
-    more slowly, and nothing else changes.
+    They are gone before a font is made smaller, which reads them before it asks what to drop. Matplotlib loads fonts by
+    this function of fontTools. If it should not any more, files are larger and written more slowly, and nothing else
+    changes.
     """
-    make_options = subset.Options
+    load_font = subset.load_font
 
-    def make_slim_options(**settings: Any) -> Any:
-        options = make_options(**settings)
-        options.drop_tables = [*options.drop_tables, *_SHAPING_TABLES]
-        return options
+    def load_slim_font(*arguments: Any, **settings: Any) -> Any:
+        font = load_font(*arguments, **settings)
+        for table in _SHAPING_TABLES:
+            if table in font:
+                del font[table]
+        return font
 
-    subset.Options = make_slim_options
+    subset.load_font = load_slim_font
     try:
         yield
     finally:
-        subset.Options = make_options
+        subset.load_font = load_font
 
 
 def _lay_out(figure: Figure, *, dpi: int) -> None:

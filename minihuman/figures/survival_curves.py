@@ -15,13 +15,13 @@ from minihuman.statistics.survival import SurvivalCurve, SurvivalTimes, kaplan_m
 _DASHES = ("-", "--", ":", "-.")
 
 
-def survival_band(found: SurvivalCurve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The 95 % interval of a curve's share after each event, of observations that are independent of each other.
+def survival_band(survival: SurvivalCurve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Compute the 95 % interval of a curve's share after each event, of independent observations.
 
     Greenwood's variance on the log-log scale (Kalbfleisch and Prentice, 2002, section 1.4); NaN at a share of 0.
     """
-    share = found.share
-    at_risk = found.at_risk
+    share = survival.share
+    at_risk = survival.at_risk
     before = np.concatenate([[1.0], share[:-1]])
     with np.errstate(divide="ignore", invalid="ignore"):
         events = np.round(at_risk * (1 - share / before))
@@ -39,22 +39,22 @@ def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str, 
         label: of the axis of times.
         independent: whether each observation is another participant's; only then there is an interval to draw.
     """
-    last = max(float(waited.times.max()) for waited in groups.values())
-    for place, (group, waited) in enumerate(groups.items()):
-        found = kaplan_meier(waited)
+    last = max(float(survival_times.times.max()) for survival_times in groups.values())
+    for place, (group, survival_times) in enumerate(groups.items()):
+        survival = kaplan_meier(survival_times)
         colour = SERIES[place % len(SERIES)]
-        end = float(waited.times.max())
-        times = np.concatenate([[0.0], found.times, [end]])
-        share = np.concatenate([[1.0], found.share, [found.share[-1] if len(found.share) else 1.0]])
+        end = float(survival_times.times.max())
+        times = np.concatenate([[0.0], survival.times, [end]])
+        share = np.concatenate([[1.0], survival.share, [survival.share[-1] if len(survival.share) else 1.0]])
         ax.step(times, share, _DASHES[place % len(_DASHES)], where="post", color=colour, label=group)
-        if independent and len(found.times):
-            low, high = (np.concatenate([[1.0], bound]) for bound in survival_band(found))
-            at_events = np.concatenate([[0.0], found.times])
+        if independent and len(survival.times):
+            low, high = (np.concatenate([[1.0], bound]) for bound in survival_band(survival))
+            at_events = np.concatenate([[0.0], survival.times])
             ax.fill_between(
                 np.append(at_events, end), np.append(low, low[-1]), np.append(high, high[-1]),
                 step="post", color=colour, alpha=0.16, lw=0, gid=f"band: {group}",
             )  # fmt: skip
-        cut = np.unique(waited.times[~waited.observed])
+        cut = np.unique(survival_times.times[~survival_times.observed])
         at = np.array([share[np.searchsorted(times, time, side="right") - 1] for time in cut])
         ax.plot(cut, at, "|", color=colour, ms=5)
     ax.set(xlabel=label, ylabel="share without the event", ylim=(0, 1.02), xlim=(0, last * 1.02))
@@ -65,7 +65,7 @@ def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str, 
 def survival_figure(
     groups: Mapping[str, SurvivalTimes], *, label: str, title: str = "", independent: bool = False
 ) -> Figure:
-    """One event's curves for one column of a page, with the number at risk per group under the axis."""
+    """Draw one event's curves for one column of a page, with the number at risk per group under the axis."""
     with figure_style():
         figure = new_figure(height_cm=6.2 + 0.45 * len(groups) + 0.4 * (title.count("\n") + bool(title)))
         axes, below = figure.subplots(2, height_ratios=(6, len(groups) + 0.6))
@@ -73,12 +73,12 @@ def survival_figure(
         draw_survival(axes, groups, label=label, independent=independent)
         below.set(xlim=axes.get_xlim(), ylim=(-0.6, len(groups) + 0.4))
         below.axis("off")
-        last = max(float(waited.times.max()) for waited in groups.values())
+        last = max(float(survival_times.times.max()) for survival_times in groups.values())
         at = np.array([tick for tick in axes.get_xticks() if 0 <= tick <= last])
-        for place, (group, waited) in enumerate(groups.items()):
+        for place, (group, survival_times) in enumerate(groups.items()):
             line = len(groups) - 1 - place
             colour = SERIES[place % len(SERIES)]
-            for time, count in zip(at, waited.waiting(at), strict=True):
+            for time, count in zip(at, survival_times.waiting(at), strict=True):
                 below.text(time, line, str(count), ha="center", va="center", color=colour, fontsize=6.5)
             below.text(0, line + 0.45, f"at risk, {group}:", ha="left", va="center", color=colour, fontsize=6)
     return figure

@@ -30,7 +30,7 @@ def draw_steering(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
     for row, episode in enumerate(episodes):
         taught = episode.taught
         assert taught is not None, f"{episode.name} had no agent"
-        for begin, end, person in _stretches(taught.by_person):
+        for begin, end, person in _split_runs(taught.by_person):
             ax.barh(row, end - begin, left=begin, height=0.8, color=PERSON if person else AGENT, linewidth=0)
         if before is not None and taught.policy != before:
             ax.axhline(row - 0.5, color="black", linewidth=0.6)
@@ -43,21 +43,21 @@ def draw_steering(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
     handles += [ax.plot([], [], _RATED[v][0], color=_RATED[v][1], label=_RATED[v][2])[0] for v in sorted(rated)]
     ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=len(handles))
     every = max(1, len(episodes) // 12)
-    ax.set_yticks(range(0, len(episodes), every), [str(each.number) for each in episodes[::every]])
+    ax.set_yticks(range(0, len(episodes), every), [str(episode.number) for episode in episodes[::every]])
     ax.set(xlabel="step", ylabel="episode", ylim=(len(episodes) - 0.4, -0.6))
     return ax
 
 
 def steering_figure(episodes: Sequence[EpisodeLog]) -> Figure:
-    """One session's episodes of one block, for one column of a page."""
+    """Draw one session's episodes of one block, for one column of a page."""
     with figure_style():
         figure = new_figure(height_cm=2.6 + 0.36 * min(40, len(episodes)))
         draw_steering(figure.subplots(), episodes)
     return figure
 
 
-def _stretches(by_person: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
-    """Begin, end and who of each run of steps."""
+def _split_runs(by_person: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
+    """Split steps into runs of one actor: begin, end, and whether it was the person."""
     edges = [0, *(np.flatnonzero(np.diff(by_person)) + 1).tolist(), len(by_person)]
     return [(begin, end, bool(by_person[begin])) for begin, end in pairwise(edges) if end > begin]
 
@@ -67,7 +67,7 @@ NS_PER_MIN = 60e9
 
 
 def compute_shares_of_good(values: NDArray[np.float64], *, latest: int = WINDOW_PRESSES) -> NDArray[np.float64]:
-    """For each press the share of good ones among the latest, itself the last of them: of fewer at the beginning.
+    """Compute, for each press, the share of good ones among the latest, itself included; of fewer at the beginning.
 
     Args:
         values: (n,) 1 good, -1 bad, in order of time.
@@ -89,7 +89,7 @@ def draw_ratings(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
     """
     begins_ns = episodes[0].t_ns[0]
     presses = sorted(
-        (rating.pressed_ns, rating.value) for each in episodes if each.taught for rating in each.taught.ratings
+        (rating.pressed_ns, rating.value) for episode in episodes if episode.taught for rating in episode.taught.ratings
     )
     minutes = (np.array([t_ns for t_ns, _ in presses]) - begins_ns) / NS_PER_MIN
     values = np.array([value for _, value in presses])
@@ -115,7 +115,7 @@ def draw_ratings(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
 
 
 def ratings_figure(episodes: Sequence[EpisodeLog]) -> Figure:
-    """One session's presses in one block, for one column of a page."""
+    """Draw one session's presses in one block, for one column of a page."""
     with figure_style():
         figure = new_figure(height_cm=5.0)
         draw_ratings(figure.subplots(), episodes)

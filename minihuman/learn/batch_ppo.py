@@ -56,7 +56,7 @@ class BatchPpoSettings:
 
 @dataclass(frozen=True, slots=True)
 class CurvePoint:
-    """Where a training stood after an update."""
+    """A training's state after an update."""
 
     steps: int
     episodes: int
@@ -90,14 +90,17 @@ def train_batch(
         raise LearnError(f"device {settings.device!r} is not here; use cpu, or cuda where PyTorch finds a GPU")
     torch.manual_seed(seed)
     torch.set_num_threads(1)  # small networks: more threads only wait for each other
-    made: Any = World(world, {}).unwrapped
+    example_world: Any = World(world, {}).unwrapped
     eyesight = ObservationEncoder(missions)
-    space = eyesight.space(made)
-    channels, height, _ = get_image_shape(space)
-    eyes: EncoderName = "atari" if height > 20 else "codes" if channels == 3 else "planes"
-    worlds = _Seats(made.team, settings) if hasattr(made, "team") else _make_batch(world, settings.worlds)
+    space = eyesight.space(example_world)
+    eyes = _choose_encoder(get_image_shape(space))
+    worlds: Any
+    if hasattr(example_world, "team"):
+        worlds = _Seats(example_world.team, settings)
+    else:
+        worlds = _make_batch(world, settings.worlds)
     settings = replace(settings, worlds=worlds.num_envs)
-    policy = build_policy(space, len(made.action_names), eyes, memory=settings.memory).to(settings.device)
+    policy = build_policy(space, len(example_world.action_names), eyes, memory=settings.memory).to(settings.device)
     run = _Run(policy, worlds, eyes == "codes", missions, settings, seed)
     progress: list[CurvePoint] = []
     while run.steps < settings.steps:
@@ -106,7 +109,7 @@ def train_batch(
     card = PolicyCard(
         world=world,
         world_options={},
-        action_names=made.action_names,
+        action_names=example_world.action_names,
         image_shape=get_image_shape(space),
         eyesight=eyesight,
         eyes=eyes,
@@ -117,11 +120,25 @@ def train_batch(
         memory=settings.memory,
     )
     save_policy(policy.cpu(), card, out)
-    with out.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
+    _write_curve(progress, out.with_suffix(".csv"))
+    return progress
+
+
+def _choose_encoder(image_shape: tuple[int, int, int]) -> EncoderName:
+    """Choose the network that suits an image of channels, height and width."""
+    channels, height, _ = image_shape
+    if height > 20:
+        return "atari"
+    if channels == 3:
+        return "codes"
+    return "planes"
+
+
+def _write_curve(progress: list[CurvePoint], path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(asdict(progress[0])))
         writer.writeheader()
         writer.writerows(map(asdict, progress))
-    return progress
 
 
 def _make_batch(world: str, count: int, **options: Any) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
@@ -146,7 +163,9 @@ class _Seats:
 
     def __init__(self, team: TeamWorld, settings: BatchPpoSettings) -> None:
         self._batch = team.batch(max(1, settings.worlds // team.bodies))
-        self._bodies, self._steps, self._shaped_steps = team.bodies, 0, settings.steps / 2
+        self._bodies = team.bodies
+        self._steps = 0
+        self._shaped_steps = settings.steps / 2
         self.num_envs = self._batch.num_worlds * team.bodies
 
     def reset(self, *, seed: int) -> tuple[NDArray[Any], dict[str, Any]]:
@@ -154,12 +173,12 @@ class _Seats:
 
     def step(self, actions: NDArray[np.int64]) -> tuple[Any, ...]:
         _, rewards, ends = self._batch.step(actions.reshape(-1, self._bodies))
-        left = max(0.0, 1 - self._steps / self._shaped_steps)
-        rewards = rewards + left * getattr(self._batch, "shaping", 0.0)
+        shaping_weight = max(0.0, 1 - self._steps / self._shaped_steps)
+        rewards = rewards + shaping_weight * getattr(self._batch, "shaping", 0.0)
         self._steps += self.num_envs
         over = np.repeat(ends, self._bodies)
-        seen = self._batch.observations.reshape(self.num_envs, *self._batch.observations.shape[2:])
-        return seen, rewards.ravel(), over, np.zeros_like(over), {}
+        observations = self._batch.observations.reshape(self.num_envs, *self._batch.observations.shape[2:])
+        return observations, rewards.ravel(), over, np.zeros_like(over), {}
 
 
 _encode_mission = lru_cache(maxsize=1024)(encode_mission)
@@ -181,10 +200,12 @@ class _Run:
         self._policy = policy
         self._worlds = worlds
         self._settings = settings
-        self._spread = np.array(SPREAD if spreads else 1, np.uint8)
+        self._spread = np.array(1, np.uint8)
+        if spreads:
+            self._spread = np.array(SPREAD, np.uint8)
         self._missions = missions
         self._optimizer = torch.optim.Adam(policy.parameters(), settings.learning_rate, eps=1e-5, fused=True)
-        self._seen = self._encode(worlds.reset(seed=seed)[0])
+        self._observations = self._encode(worlds.reset(seed=seed)[0])
         self._hidden = torch.zeros(settings.worlds, policy.features_dim, device=settings.device)
         self._starts = torch.ones(settings.worlds, device=settings.device)  # 1.0 where an episode begins
         self._returns = np.zeros(settings.worlds)
@@ -203,20 +224,25 @@ class _Run:
     def _collect(self) -> Batch:
         settings = self._settings
         policy = self._policy
-        kept: dict[str, list[torch.Tensor]] = {}
+        steps_by_field: dict[str, list[torch.Tensor]] = {}
         rewards = torch.zeros(settings.rollout, settings.worlds)
         with torch.no_grad():
             for t in range(settings.rollout):
-                now = {f"seen {name}": part for name, part in self._seen.items()}
-                log_probs, values, self._hidden = policy.think_on(self._seen, self._hidden, self._starts)
+                step_fields = {f"seen {name}": part for name, part in self._observations.items()}
+                log_probs, values, self._hidden = policy.think_on(self._observations, self._hidden, self._starts)
                 actions = torch.multinomial(log_probs.exp(), 1).squeeze(1)
                 chosen = log_probs.gather(1, actions[:, None]).squeeze(1)
-                now |= {"actions": actions, "log_probs": chosen, "values": values.squeeze(1), "starts": self._starts}
-                for name, part in now.items():
-                    kept.setdefault(name, []).append(part)
+                step_fields |= {
+                    "actions": actions,
+                    "log_probs": chosen,
+                    "values": values.squeeze(1),
+                    "starts": self._starts,
+                }
+                for name, part in step_fields.items():
+                    steps_by_field.setdefault(name, []).append(part)
                 rewards[t] = self._step(actions.cpu().numpy())
-            _, last, _ = policy.think_on(self._seen, self._hidden, self._starts)
-        rollout = {name: torch.stack(parts) for name, parts in kept.items()}
+            _, last, _ = policy.think_on(self._observations, self._hidden, self._starts)
+        rollout = {name: torch.stack(parts) for name, parts in steps_by_field.items()}
         rewards = rewards.to(settings.device)
         ends = torch.cat((rollout["starts"][1:], self._starts[None]))
         following = torch.cat((rollout["values"][1:], last.T))
@@ -231,22 +257,23 @@ class _Run:
         return rollout
 
     def _step(self, actions: NDArray[np.int64]) -> torch.Tensor:
-        """Step every world; rewards float32[n], with the value of what lay behind a step limit."""
+        """Step every world; return rewards float32[n], with the value of what lay behind a step limit."""
         raw, rewards, terminated, truncated, infos = self._worlds.step(actions)
         rewards = np.asarray(rewards, np.float32)
         over = terminated | truncated
         self._returns += rewards
         for i in np.flatnonzero(over).tolist():
             self._recent.append((float(self._returns[i]), bool(terminated[i] and rewards[i] > 0)))
-        self.steps, self.episodes = self.steps + len(actions), self.episodes + int(over.sum())
+        self.steps += len(actions)
+        self.episodes += int(over.sum())
         self._returns[over] = 0.0
         limited = np.flatnonzero(truncated & ~terminated)
         if len(limited):
-            seen = self._encode([infos["final_obs"][i] for i in limited])
+            final_observations = self._encode([infos["final_obs"][i] for i in limited])
             starts = torch.zeros(len(limited), device=self._settings.device)
-            _, beyond, _ = self._policy.think_on(seen, self._hidden[limited], starts)
+            _, beyond, _ = self._policy.think_on(final_observations, self._hidden[limited], starts)
             rewards[limited] += self._settings.discount * beyond.squeeze(1).cpu().numpy()
-        self._seen = self._encode(raw)
+        self._observations = self._encode(raw)
         self._starts = torch.as_tensor(over, dtype=torch.float32, device=self._settings.device)
         return torch.from_numpy(rewards)
 
@@ -261,23 +288,25 @@ class _Run:
         for _ in range(settings.epochs):
             for chosen in torch.randperm(parts).chunk(settings.minibatches):
                 if settings.memory:  # whole rollouts of some worlds
-                    some = {name: part[:, chosen] for name, part in rollout.items()}
-                    of = returns[:, chosen].flatten()
-                    begun = hidden[chosen]
+                    minibatch = {name: part[:, chosen] for name, part in rollout.items()}
+                    return_targets = returns[:, chosen].flatten()
+                    start_hidden = hidden[chosen]
                 else:
-                    some = {name: part.flatten(0, 1)[chosen][None] for name, part in rollout.items()}
-                    of = returns.flatten()[chosen]
-                    begun = hidden[:0]
-                seen = {name.removeprefix("seen "): part for name, part in some.items() if name.startswith("seen ")}
-                log_probs, values = policy.think_through(seen, begun, some["starts"])
-                log_prob = log_probs.gather(1, some["actions"].flatten()[:, None]).squeeze(1)
-                advantages = some["advantages"].flatten()
+                    minibatch = {name: part.flatten(0, 1)[chosen][None] for name, part in rollout.items()}
+                    return_targets = returns.flatten()[chosen]
+                    start_hidden = hidden[:0]
+                observations = {
+                    name.removeprefix("seen "): part for name, part in minibatch.items() if name.startswith("seen ")
+                }
+                log_probs, values = policy.think_through(observations, start_hidden, minibatch["starts"])
+                log_prob = log_probs.gather(1, minibatch["actions"].flatten()[:, None]).squeeze(1)
+                advantages = minibatch["advantages"].flatten()
                 advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-                ratio = (log_prob - some["log_probs"].flatten()).exp()
+                ratio = (log_prob - minibatch["log_probs"].flatten()).exp()
                 clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
                 gain = torch.min(ratio * advantages, clipped * advantages).mean()
                 entropy = -(log_probs.exp() * log_probs).sum(dim=1).mean()
-                error = (values.squeeze(1) - of).square().mean()
+                error = (values.squeeze(1) - return_targets).square().mean()
                 loss = settings.value * error - gain - settings.entropy * entropy
                 self._optimizer.zero_grad(set_to_none=True)
                 loss.backward()  # type: ignore[no-untyped-call]
@@ -285,14 +314,17 @@ class _Run:
                 self._optimizer.step()
 
     def _encode(self, raw: Any) -> Batch:
-        """What worlds show, on the device: a batch's observation, or single ones in a list."""
+        """Encode what worlds show, on the device: a batch's observation, or single ones in a list."""
         if isinstance(raw, list):
             if isinstance(raw[0], dict):
-                raw = {name: [one[name] for one in raw] for name in raw[0]}
+                raw = {name: [observation[name] for observation in raw] for name in raw[0]}
             else:
                 raw = np.stack(raw)
-        image = np.asarray(raw["image"] if isinstance(raw, dict) else raw) * self._spread
-        seen = {"image": torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, -1, 1)))}
+        image = raw
+        if isinstance(raw, dict):
+            image = raw["image"]
+        image = np.asarray(image) * self._spread
+        observations = {"image": torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, -1, 1)))}
         if self._missions:
-            seen["mission"] = torch.from_numpy(np.stack([_encode_mission(text) for text in raw["mission"]]))
-        return {name: part.to(self._settings.device) for name, part in seen.items()}
+            observations["mission"] = torch.from_numpy(np.stack([_encode_mission(text) for text in raw["mission"]]))
+        return {name: part.to(self._settings.device) for name, part in observations.items()}

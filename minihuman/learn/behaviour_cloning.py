@@ -19,8 +19,8 @@ from minihuman.learn.policy.file import PolicyCard, get_versions, save_policy
 from minihuman.learn.policy.network import EncoderName, Policy, build_policy
 from minihuman.learn.policy.observation import Observation, ObservationEncoder, ViewMode, get_image_shape
 from minihuman.learn.ppo import episode_seed
-from minihuman.statistics.comparison import find_units
 from minihuman.statistics.scores import wilson_interval
+from minihuman.statistics.units import find_units
 from minihuman.storage.durable_files import write_atomically
 from minihuman.worlds.adapters.world import World
 
@@ -38,16 +38,16 @@ class Evaluation:
 
     @property
     def rate(self) -> float:
-        """The success rate."""
+        """Return the success rate."""
         return self.successes / self.episodes
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Its 95 % Wilson interval."""
+        """Return the success rate's 95 % Wilson interval."""
         return wilson_interval(self.successes, self.episodes)
 
     def __str__(self) -> str:
-        """The rate with its interval."""
+        """Return the rate with its interval."""
         low, high = self.interval
         return f"{self.rate:.2f} [{low:.2f}, {high:.2f}]"
 
@@ -95,29 +95,29 @@ def evaluate_policy(
 
 
 def held_out_seed(seed: int, episode: int) -> int:
-    """The reset seed of a held-out episode: above 2**31, where no training or session seed of ours lies."""
+    """Return the reset seed of a held-out episode: above 2**31, where no training or session seed of ours lies."""
     return 2**31 + episode_seed(seed, episode)
 
 
 def make_sampling_policy(policy: Policy, seed: int) -> ChooseAction:
-    """A policy that draws each action from its own probabilities, repeatably."""
+    """Make a policy that draws each action from its own probabilities, repeatably."""
     random = torch.Generator().manual_seed(seed)
 
-    def choose(seen: Observation) -> int:
-        return int(torch.multinomial(policy.probabilities(seen), 1, generator=random))
+    def choose(observation: Observation) -> int:
+        return int(torch.multinomial(policy.probabilities(observation), 1, generator=random))
 
     return choose
 
 
 def make_random_policy(actions: int, seed: int) -> ChooseAction:
-    """Any action at any time: what a policy has to beat."""
+    """Make a policy that takes any action at any time: what a policy has to beat."""
     rng = np.random.default_rng(seed)
     return lambda _: int(rng.integers(actions))
 
 
 @dataclass(frozen=True, slots=True)
 class CloningSettings:
-    """How a clone is trained."""
+    """The settings of cloning."""
 
     validation_share: float = 0.2  # of the participants, at least one
     batch_size: int = 64
@@ -151,9 +151,9 @@ def split_by_participant(
     Raises:
         LearnError: if only one participant, or one team, took part.
     """
-    teams = [(one.team, one.participant) for one in demonstrations.episodes if one.team]
+    teams = [(episode.team, episode.participant) for episode in demonstrations.episodes if episode.team]
     unit_of = find_units(pd.DataFrame(teams, columns=["team", "participant"]))
-    people = list(dict.fromkeys(unit_of.get(who, who) for who in demonstrations.participants))
+    people = list(dict.fromkeys(unit_of.get(participant, participant) for participant in demonstrations.participants))
     if len(people) < 2:
         raise LearnError(
             f"{demonstrations.world} was played by only one participant or team, {', '.join(people)}; splitting the "
@@ -161,8 +161,12 @@ def split_by_participant(
         )
     order = [people[index] for index in np.random.default_rng(seed).permutation(len(people))]
     held_out = order[: max(1, round(share * len(people)))]
-    held = [who for who in demonstrations.participants if unit_of.get(who, who) in held_out]
-    return demonstrations.by([who for who in demonstrations.participants if who not in held]), demonstrations.by(held)
+    validation_participants = [
+        participant for participant in demonstrations.participants if unit_of.get(participant, participant) in held_out
+    ]
+    return demonstrations.by(
+        [participant for participant in demonstrations.participants if participant not in validation_participants]
+    ), demonstrations.by(validation_participants)
 
 
 def clone_policy(
@@ -173,7 +177,6 @@ def clone_policy(
     steps = _stack(training)
     if settings.mirrored:
         steps = _with_mirror_images(steps, training.action_names, eyes)
-    images, missions, actions = steps
     held_out = _stack(validation)
     policy = build_policy(training.space, len(training.action_names), eyes)
     policy.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -184,27 +187,19 @@ def clone_policy(
     best_epoch = 0
     best_training = float("nan")
     agreement = 0.0
-    kept = policy.state_dict()
+    best_weights = policy.state_dict()
     for epoch in range(1, settings.most_epochs + 1):
-        losses = []
-        for rows in torch.split(torch.randperm(len(actions)), settings.batch_size):
-            loss = functional.nll_loss(policy.log_probabilities(_pick(images, missions, rows)), actions[rows])
-            optimiser.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            optimiser.step()
-            losses.append(loss.item())
-        with torch.no_grad():
-            judged = policy.log_probabilities(_pick(*held_out[:2], slice(None)))
-        validation_loss = float(functional.nll_loss(judged, held_out[2]))
+        training_loss = _train_epoch(policy, optimiser, steps, settings.batch_size)
+        validation_loss, share_equal = _compare_with_people(policy, held_out)
         if validation_loss < best:
             best = validation_loss
             best_epoch = epoch
-            best_training = float(np.mean(losses))
-            agreement = float((judged.argmax(dim=1) == held_out[2]).float().mean())
-            kept = {name: value.clone() for name, value in policy.state_dict().items()}
+            best_training = training_loss
+            agreement = share_equal
+            best_weights = {name: value.clone() for name, value in policy.state_dict().items()}
         elif epoch - best_epoch >= settings.patience:
             break
-    policy.load_state_dict(kept)
+    policy.load_state_dict(best_weights)
     policy.set_training_mode(False)
     return policy, CloningResult(
         epochs=best_epoch,
@@ -218,31 +213,55 @@ def clone_policy(
     )
 
 
-Steps = tuple[torch.Tensor, torch.Tensor | None, torch.Tensor]  # images, missions, actions; one row a step
+Steps = tuple[torch.Tensor, torch.Tensor | None, torch.Tensor]  # images, missions, actions; one row per step
+
+
+def _compare_with_people(policy: Policy, steps: Steps) -> tuple[float, float]:
+    """Return the mean cross-entropy of steps, and the share in which the likeliest action is the one taken."""
+    images, missions, actions = steps
+    with torch.no_grad():
+        log_probs = policy.log_probabilities(_pick(images, missions, slice(None)))
+    loss = float(functional.nll_loss(log_probs, actions))
+    return loss, float((log_probs.argmax(dim=1) == actions).float().mean())
+
+
+def _train_epoch(policy: Policy, optimiser: torch.optim.Adam, steps: Steps, batch_size: int) -> float:
+    """Pass through all steps once, in minibatches; return the mean loss."""
+    images, missions, actions = steps
+    losses = []
+    for rows in torch.split(torch.randperm(len(actions)), batch_size):
+        loss = functional.nll_loss(policy.log_probabilities(_pick(images, missions, rows)), actions[rows])
+        optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimiser.step()
+        losses.append(loss.item())
+    return float(np.mean(losses))
 
 
 def _stack(demonstrations: Demonstrations) -> Steps:
-    seen = [observation for episode in demonstrations.episodes for observation in episode.observations]
-    images = torch.as_tensor(np.stack([observation["image"] for observation in seen]))
+    observations = [observation for episode in demonstrations.episodes for observation in episode.observations]
+    images = torch.as_tensor(np.stack([observation["image"] for observation in observations]))
     missions = None
-    if "mission" in seen[0]:
-        missions = torch.as_tensor(np.stack([observation["mission"] for observation in seen]))
+    if "mission" in observations[0]:
+        missions = torch.as_tensor(np.stack([observation["mission"] for observation in observations]))
     return images, missions, torch.as_tensor(np.concatenate([episode.actions for episode in demonstrations.episodes]))
 
 
 def _pick(images: torch.Tensor, missions: torch.Tensor | None, rows: torch.Tensor | slice) -> dict[str, torch.Tensor]:
-    return {"image": images[rows]} | ({} if missions is None else {"mission": missions[rows]})
+    if missions is None:
+        return {"image": images[rows]}
+    return {"image": images[rows], "mission": missions[rows]}
 
 
 def _with_mirror_images(steps: Steps, action_names: tuple[str, ...], eyes: EncoderName) -> Steps:
     images, missions, actions = steps
-    sideways = 3 if eyes == "atari" else 2  # pictures are [row, column], grid codes [column, row]
+    sideways = 2  # grid codes are [column, row]
+    if eyes == "atari":
+        sideways = 3  # pictures are [row, column]
+    if missions is not None:
+        missions = torch.cat((missions, missions))
     swapped = torch.tensor([action_names.index(_OTHER_SIDE.get(name, name)) for name in action_names])
-    return (
-        torch.cat((images, images.flip(sideways))),
-        None if missions is None else torch.cat((missions, missions)),
-        torch.cat((actions, swapped[actions])),
-    )
+    return torch.cat((images, images.flip(sideways))), missions, torch.cat((actions, swapped[actions]))
 
 
 _OTHER_SIDE = {"left": "right", "right": "left", "turn_left": "turn_right", "turn_right": "turn_left"}
@@ -253,7 +272,7 @@ _EYES: dict[ViewMode, EncoderName] = {"whole": "map", "remembered": "near"}
 
 @dataclass(frozen=True, slots=True)
 class CloneStudy:
-    """What to clone, and how to judge it."""
+    """The settings of a cloning study: what to clone, and how to evaluate it."""
 
     world: str
     sight: ViewMode = "view"
@@ -284,18 +303,16 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str) -> 
     """
     torch.set_num_threads(1)  # such small networks are faster so, and sums come in one order
     files = {kind: out.with_name(out.name + kind) for kind in ("", ".md", ".json")}
-    if there := [path for path in files.values() if path.exists()]:
-        raise LearnError(f"{there[0]} already exists; choose another file with --out")
+    if existing_paths := [path for path in files.values() if path.exists()]:
+        raise LearnError(f"{existing_paths[0]} already exists; choose another file with --out")
     if odd := [size for size in study.sizes if size < 1]:
         raise LearnError(f"{odd[0]} is not a valid number of demonstrations; use 1 or more")
     demonstrations = read_demonstrations(
         source, study.world, ObservationEncoder(study.missions, sight=study.sight), study.selection
     )
-    if any(one.team for one in demonstrations.episodes) and study.cloning.mirrored:
+    if any(episode.team for episode in demonstrations.episodes) and study.cloning.mirrored:
         raise LearnError(f"{study.world} is a world of teams; remove --mirrored, which needs a world of one body")
-    channels, height, _ = get_image_shape(demonstrations.space)
-    small: EncoderName = "grid" if channels == 3 else "planes"
-    eyes = _EYES.get(study.sight, small if height < 36 else "atari")  # which is what the Atari network needs
+    eyes = _choose_encoder(study.sight, get_image_shape(demonstrations.space))
     training, validation = split_by_participant(
         demonstrations, share=study.cloning.validation_share, seed=study.cloning.seed
     )
@@ -317,6 +334,18 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str) -> 
     return text
 
 
+def _choose_encoder(sight: ViewMode, image_shape: tuple[int, int, int]) -> EncoderName:
+    """Choose the network that suits a sight, or an image of channels, height and width."""
+    channels, height, _ = image_shape
+    if sight in _EYES:
+        return _EYES[sight]
+    if height >= 36:  # which the Atari network needs
+        return "atari"
+    if channels == 3:
+        return "grid"
+    return "planes"
+
+
 def build_card_text(
     study: CloneStudy,
     demonstrations: Demonstrations,
@@ -324,24 +353,27 @@ def build_card_text(
     chance: Evaluation,
     command: str,
 ) -> str:
-    """The card in Markdown: what it learnt from, how well it plays, and how that was found."""
+    """Write the card in Markdown: what it learnt from, how well it plays, and how that was found."""
     players = sorted({episode.player for episode in demonstrations.episodes})
     last = rows[-1].cloned
+    sight = _SIGHTS[study.sight]
+    if study.missions:
+        sight += " and the mission"
+    success = f"Success over {study.evaluation_episodes} held-out episodes, each action drawn from the policy"
+    if any(episode.team for episode in demonstrations.episodes):
+        success += " in every seat"
+    success += ", with its 95 %"
     lines = [
         f"# A policy cloned from {', '.join(players)} demonstrations of {study.world}",
         "",
-        f"Options: {demonstrations.options or 'none'}. It sees "
-        + _SIGHTS[study.sight]
-        + (" and the mission." if study.missions else "."),
+        f"Options: {demonstrations.options or 'none'}. It sees {sight}.",
         f"Actions: {', '.join(demonstrations.action_names)}.",
         *(f"- {line}" for line in demonstrations.account.lines()),
         "",
         f"Training participants: {', '.join(last.training_participants)}.",
         f"Validation participants: {', '.join(last.validation_participants)}.",
         "",
-        f"Success over {study.evaluation_episodes} held-out episodes, each action drawn from the policy"
-        + (" in every seat" if any(one.team for one in demonstrations.episodes) else "")
-        + ", with its 95 %",
+        success,
         "Wilson interval:",
         "",
         "| demonstrations | success | mean return | epochs | validation loss | agreement |",

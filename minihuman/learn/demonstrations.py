@@ -50,16 +50,16 @@ class Demonstrations:
 
     @property
     def participants(self) -> tuple[str, ...]:
-        """The participants, in the order of the logs."""
+        """Return the participants, in the order of the logs."""
         return tuple(dict.fromkeys(episode.participant for episode in self.episodes))
 
     def by(self, participants: Sequence[str]) -> "Demonstrations":
-        """The demonstrations of some participants."""
+        """Select the demonstrations of some participants."""
         return replace(self, episodes=tuple(e for e in self.episodes if e.participant in participants))
 
     def first(self, count: int) -> "Demonstrations":
-        """The first ``count``, taking turns between participants."""
-        queues = [[e for e in self.episodes if e.participant == who] for who in self.participants]
+        """Select the first ``count``, taking turns between participants."""
+        queues = [[e for e in self.episodes if e.participant == participant] for participant in self.participants]
         turns = [queue[turn] for turn in range(max(map(len, queues))) for queue in queues if turn < len(queue)]
         return replace(self, episodes=tuple(turns[:count]))
 
@@ -73,12 +73,15 @@ def replay_demonstration(log: SessionLog, episode: EpisodeLog, world: World, enc
     Raises:
         LearnError: if the world's observations are not those of the log.
     """
-    seen = tuple(replay_observations(log, episode, world, encoder))
+    observations = tuple(replay_observations(log, episode, world, encoder))
     team = episode.team
-    own = [step for step in range(len(seen)) if team is None or team.sources[step][team.seat] == "person"]
+    name = ""
+    own = list(range(len(observations)))
+    if team is not None:
+        name = team.team
+        own = [step for step in own if team.sources[step][team.seat] == "person"]
     actions = episode.actions[np.array(own, np.int64)]
-    name = "" if team is None else team.team
-    return Demonstration(log.plan.participant.id, log.player, actions, tuple(seen[step] for step in own), name)
+    return Demonstration(log.plan.participant.id, log.player, actions, tuple(observations[step] for step in own), name)
 
 
 def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, selection: Selection) -> Demonstrations:
@@ -87,53 +90,52 @@ def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, 
     Raises:
         LearnError: if there is none, they were made under different options, or one does not replay.
     """
-    found, account = select_episodes(source, world, selection)
-    plan = check_equal_options(found)
+    episodes, account = select_episodes(source, world, selection)
+    plan = check_equal_options(episodes)
     player = World(plan.world, plan.options)
     player.reset(plan.seed)
     encoder = eyesight.episode_encoder()
+    replayed = [replay_demonstration(log, episode, player, encoder) for log, episode in episodes]
     return Demonstrations(
         world=world,
         options=plan.options,
-        action_names=list_used_actions(found),
-        most_steps=max(episode.plan.max_steps for _, episode in found),
+        action_names=list_used_actions(episodes),
+        most_steps=max(episode.plan.max_steps for _, episode in episodes),
         eyesight=eyesight,
         space=eyesight.space(player.unwrapped),
-        episodes=tuple(
-            one for log, episode in found if len((one := replay_demonstration(log, episode, player, encoder)).actions)
-        ),
+        episodes=tuple(demonstration for demonstration in replayed if len(demonstration.actions)),
         account=account,
     )
 
 
 def select_episodes(source: Path, world: str, selection: Selection) -> tuple[list[LoggedEpisode], SelectionSummary]:
-    """The included episodes of a world that have a step.
+    """Select the included episodes of a world that have a step.
 
     Raises:
         LearnError: if there is none.
     """
     sessions = StudySessions(source, selection)
-    found = [
+    episodes = [
         (item.log, item.episode)
         for item in IncludedEpisodes(sessions)
         if item.episode.plan.world == world and len(item.episode.actions)
     ]
-    if not found:
+    if not episodes:
         summary = "; ".join(sessions.account.lines())
         raise LearnError(
             f"{source} has no included episode of {world} ({summary}); see its episodes with `minihuman info`"
         )
-    return found, sessions.account
+    return episodes, sessions.account
 
 
 def check_equal_options(episodes: Sequence[LoggedEpisode]) -> EpisodePlan:
-    """The first episode's plan, in a team without its seat.
+    """Return the first episode's plan, in a team without its seat.
 
     Raises:
         LearnError: if another episode's world has other options.
     """
     log, first = episodes[0]
-    if odd := next((one for _, one in episodes if one.shared_options != first.shared_options), None):
+    if odd := next((episode for _, episode in episodes if episode.shared_options != first.shared_options), None):
         raise LearnError(
             f"{log.path}: {first.plan.world} has options {first.shared_options} in some episodes and "
             f"{odd.shared_options} in others; select episodes with the same options by --block"
@@ -142,10 +144,13 @@ def check_equal_options(episodes: Sequence[LoggedEpisode]) -> EpisodePlan:
 
 
 def list_used_actions(episodes: Sequence[LoggedEpisode], least: int = 0) -> tuple[str, ...]:
-    """The world's actions up to the last that had a key or was a tick's no-op, and up to number ``least``."""
+    """List the world's actions up to the last that had a key or was a tick's no-op, and up to number ``least``."""
     names = episodes[0][1].start.action_names
-    plans = [episode.plan for _, episode in episodes]
-    used = {name for plan in plans for name in (*plan.key_map.keys.values(), *([plan.noop] if plan.noop else []))}
+    used: set[str] = set()
+    for _, episode in episodes:
+        used.update(episode.plan.key_map.keys.values())
+        if episode.plan.noop:
+            used.add(episode.plan.noop)
     return names[: 1 + max(least, *map(names.index, used))]
 
 
@@ -158,7 +163,8 @@ def replay_observations(
         LearnError: if the world's observations are not those of the log.
     """
     if episode.team is not None:
-        world.unwrapped.seat, world.unwrapped.script = episode.team.seat, episode.team.actions.tolist()
+        world.unwrapped.seat = episode.team.seat
+        world.unwrapped.script = episode.team.actions.tolist()
     hashes = [world.reset(episode.plan.seed).observation_hash]
     for action in episode.actions:
         yield encoder.encode(world.unwrapped, world.observation)

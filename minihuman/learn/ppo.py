@@ -57,7 +57,7 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
             options: Keyword arguments of ``gymnasium.make``.
             seed: From which every episode's seed is drawn.
             eyesight: What the agent sees of it.
-            actions: How many actions the agent is told of; None for all.
+            actions: How many of the world's actions the agent has; None for all.
         """
         self.world = gymnasium.make(world_id, disable_env_checker=True, **options).unwrapped
         self.eyesight = eyesight
@@ -82,7 +82,7 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
         return self._encoder.encode(self.world, raw), info
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One step of the world."""
+        """Make a step of the world."""
         raw, reward, terminated, truncated, info = self.world.step(int(action))
         self._return += float(reward)
         self._steps += 1
@@ -93,7 +93,7 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
 
 
 def episode_seed(seed: int, episode: int) -> int:
-    """The reset seed of an episode, counted from 0."""
+    """Return the reset seed of an episode, counted from 0."""
     return hash64((seed, "episode", episode)) % 2**31
 
 
@@ -101,13 +101,15 @@ EPSILON = 1e-8  # added to the advantages' standard deviation, as in Stable-Base
 
 
 class Rollout:
-    """What happened since the last update: ``n`` steps, as arrays that are written over by the next."""
+    """The ``n`` steps since the last update, as arrays that the next rollout overwrites."""
 
     def __init__(self, n: int, like: Observation) -> None:
         channels, height, width = like["image"].shape
         # channels last: what convolutions on a CPU want, and what the world gave
         self.images = np.empty((n, height, width, channels), np.uint8)
-        self.missions = np.empty((n, *like["mission"].shape), np.float32) if "mission" in like else None
+        self.missions = None
+        if "mission" in like:
+            self.missions = np.empty((n, *like["mission"].shape), np.float32)
         self.actions = np.empty(n, np.int64)
         self.rewards = np.empty(n, np.float32)
         self.values = np.empty(n, np.float32)
@@ -145,28 +147,32 @@ class LeanPpo(PPO):
         self.policy.set_training_mode(False)
         callback.on_rollout_start()
         choose = _Chooser(self.policy)
-        seen = {name: part[0] for name, part in self._last_obs.items()}
+        observation = {name: part[0] for name, part in self._last_obs.items()}
         starts = bool(self._last_episode_starts[0])
-        rollout = self._rollout = getattr(self, "_rollout", None) or Rollout(n_rollout_steps, seen)
+        rollout = self._rollout = getattr(self, "_rollout", None) or Rollout(n_rollout_steps, observation)
         for step in range(n_rollout_steps):
-            rollout.images[step] = seen["image"].transpose(1, 2, 0)
+            rollout.images[step] = observation["image"].transpose(1, 2, 0)
             if rollout.missions is not None:
-                rollout.missions[step] = seen["mission"]
-            action, value, log_prob = choose(seen)
-            seen, reward, terminated, truncated, info = world.step(action)
+                rollout.missions[step] = observation["mission"]
+            action, value, log_prob = choose(observation)
+            observation, reward, terminated, truncated, info = world.step(action)
             self.num_timesteps += 1
             if not callback.on_step():
                 return False
-            starts, begun = terminated or truncated, starts
+            began_with_step = starts
+            starts = terminated or truncated
             self._update_info_buffer([info], np.array([starts]))
             if truncated and not terminated:  # what would have come is expected, not lost
-                reward += self.gamma * choose.value(seen)
-            rollout.actions[step], rollout.rewards[step], rollout.starts[step] = action, reward, begun
-            rollout.values[step], rollout.log_probs[step] = value, log_prob
+                reward += self.gamma * choose.value(observation)
+            rollout.actions[step] = action
+            rollout.rewards[step] = reward
+            rollout.starts[step] = began_with_step
+            rollout.values[step] = value
+            rollout.log_probs[step] = log_prob
             if starts:
-                seen, _ = world.reset()
-        rollout.judge(choose.value(seen), starts, gamma=self.gamma, gae_lambda=self.gae_lambda)
-        self._last_obs = {name: part[None] for name, part in seen.items()}
+                observation, _ = world.reset()
+        rollout.judge(choose.value(observation), starts, gamma=self.gamma, gae_lambda=self.gae_lambda)
+        self._last_obs = {name: part[None] for name, part in observation.items()}
         self._last_episode_starts = np.array([starts])
         callback.on_rollout_end()
         return True
@@ -197,10 +203,10 @@ class LeanPpo(PPO):
         for _ in range(self.n_epochs):
             order = torch.from_numpy(np.random.permutation(len(images))).to(self.device)
             for chosen in torch.split(order, self.batch_size):
-                seen = {"image": images.index_select(0, chosen).permute(0, 3, 1, 2)}
+                observations = {"image": images.index_select(0, chosen).permute(0, 3, 1, 2)}
                 if missions is not None:
-                    seen["mission"] = missions[chosen]
-                choices, values = policy.think(seen)
+                    observations["mission"] = missions[chosen]
+                choices, values = policy.think(observations)
                 ratio = torch.exp(choices.gather(1, actions[chosen]).squeeze(1) - log_probs[chosen])
                 gain = advantages[chosen]
                 if len(gain) > 1:
@@ -226,22 +232,22 @@ class _Chooser:
         else:
             self._think = policy.think_of
 
-    def __call__(self, seen: Observation) -> tuple[int, float, float]:
-        logits, value = self._think(seen)
+    def __call__(self, observation: Observation) -> tuple[int, float, float]:
+        logits, value = self._think(observation)
         log_probs = torch.log_softmax(logits, dim=0)
         action = int(torch.multinomial(log_probs.exp(), 1, replacement=True))
         return action, float(value), float(log_probs[action])
 
-    def value(self, seen: Observation) -> float:
-        """The value of the present state."""
-        return float(self._think(seen)[1])
+    def value(self, observation: Observation) -> float:
+        """Return the value of the present state."""
+        return float(self._think(observation)[1])
 
 
 LAST_EPISODES = 100  # a curve's point is the mean over so many
 
 
 def make_ppo(world: TrainingEnv, *, settings: PpoSettings, eyes: EncoderName, seed: int, device: str) -> LeanPpo:
-    """A fresh agent in a world, seeded."""
+    """Make a fresh agent in a world, seeded."""
     ppo = LeanPpo(
         Policy,
         DummyVecEnv([lambda: world]),

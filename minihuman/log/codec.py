@@ -5,7 +5,6 @@ message's fields of the same name. A kind of activity adds rows for events of it
 ``decode_event`` undoes ``encode_event`` exactly.
 """
 
-import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -13,7 +12,7 @@ from functools import cache
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Literal, Protocol, get_args, get_origin, get_type_hints
+from typing import Any, get_args
 
 import msgspec
 from google.protobuf.message import Message
@@ -34,6 +33,17 @@ from minihuman.experiment.plan.session_plan import (
 )
 from minihuman.experiment.words import ENGLISH
 from minihuman.log import topics
+from minihuman.log.field_codec import (
+    Codec,
+    CustomCodec,
+    FieldCodec,
+    MessageCodec,
+    json_field,
+    nested,
+    repeated,
+    require_one_of as require_one_of,
+    to_json,
+)
 from minihuman.log.names import SCHEMA_VERSION
 from minihuman.log.observations import decode_observation, encode_observation
 from minihuman.log.proto import minihuman_v1_pb2 as v1
@@ -42,157 +52,8 @@ from minihuman.plugins import list_plugin_names
 from minihuman.worlds.pose import Map, Pose, Thing
 
 
-def require_one_of(allowed: tuple[str, ...], value: str) -> Any:
-    """Pass a word of a fixed vocabulary (a ``Literal``'s arguments) through.
-
-    Raises:
-        LogError: if the word is not of the vocabulary.
-    """
-    if value not in allowed:
-        raise LogError(
-            f"value {value!r} in the log is not one of {', '.join(allowed)}; the log is damaged, or a newer minihuman "
-            "wrote it"
-        )
-    return value
-
-
-class Codec(Protocol):
-    """Encodes a value as a message and decodes it."""
-
-    def encode(self, value: Any, /) -> Any:
-        """Put a value into its message."""
-
-    def decode(self, message: Any, /) -> Any:
-        """Read the value in a message."""
-
-
-@dataclass(frozen=True, slots=True)
-class FieldCodec:
-    """A field that has another name or another form on the wire."""
-
-    name: str
-    encode: Callable[[Any], Any] | None = None
-    decode: Callable[[Any], Any] | None = None
-
-
-def nested(name: str, codec: Codec) -> FieldCodec:
-    """A field that is a message of its own."""
-    return FieldCodec(name, codec.encode, codec.decode)
-
-
-def repeated(name: str, codec: Codec) -> FieldCodec:
-    """A tuple whose items are messages."""
-    return FieldCodec(
-        name, lambda values: list(map(codec.encode, values)), lambda messages: tuple(map(codec.decode, messages))
-    )
-
-
-def json_field(name: str, kind: Any = Any, *, default: str = "null") -> FieldCodec:
-    """A field that travels as JSON; ``default`` stands for the empty text of logs that are older than the field."""
-    return FieldCodec(name, _to_json, lambda text: msgspec.json.decode(text or default, type=kind))
-
-
-def _to_json(value: Any) -> str:
-    return msgspec.json.encode(value).decode()
-
-
-class MessageCodec:
-    """Encodes a dataclass or a msgspec struct field by field.
-
-    A ``Literal`` is checked against its vocabulary, a repeated field is a tuple, and an absent optional field is None.
-
-    Args:
-        kind: the class of the values.
-        message: the type of their messages.
-        fields: the fields that differ on the wire, by their names in ``kind``.
-    """
-
-    def __init__(self, kind: type[Any], message: type[Message], fields: Mapping[str, FieldCodec] | None = None) -> None:
-        hints = get_type_hints(kind)
-        fields = fields or {}
-        names = msgspec.structs.fields(kind) if issubclass(kind, msgspec.Struct) else dataclasses.fields(kind)
-        self._names = tuple(its.name for its in names)
-        self._wire_names = tuple(fields[name].name if name in fields else name for name in self._names)
-        self._kind = kind
-        self._message = message
-        self._from_message = _values_getter(self._wire_names)
-        encoders: dict[str, Callable[[Any], Any]] = {}
-        self._decoders: list[tuple[int, Callable[[Any], Any]]] = []
-        self._vocabularies: list[tuple[int, tuple[str, ...]]] = []
-        self._optional: list[tuple[int, str]] = []
-        for place, (name, wire_name) in enumerate(zip(self._names, self._wire_names, strict=True)):
-            its = message.DESCRIPTOR.fields_by_name[wire_name]
-            hint = hints[name]
-            codec = fields.get(name, FieldCodec(wire_name))
-            decode = codec.decode
-            if decode is None and its.default_value == []:  # a repeated field's, in every release of protobuf
-                decode = tuple
-            optional = its.has_presence and (its.message_type is None or type(None) in get_args(hint))
-            if optional:
-                self._optional.append((place, wire_name))
-            if get_origin(hint) is Literal:
-                self._vocabularies.append((place, get_args(hint)))
-            if codec.encode is not None:
-                encoders[name] = _unless_none(codec.encode) if optional else codec.encode
-            if decode is not None:
-                self._decoders.append((place, _unless_none(decode) if optional else decode))
-        self._build = _message_builder(message, zip(self._names, self._wire_names, strict=True), encoders)
-
-    def encode(self, value: Any, /) -> Any:
-        """Put a value into its message."""
-        return self._build(value)
-
-    def decode(self, message: Any, /) -> Any:
-        """Read the value in a message.
-
-        Raises:
-            LogError: if a word in it is outside its vocabulary.
-        """
-        values = list(self._from_message(message))
-        for place, wire_name in self._optional:
-            if not message.HasField(wire_name):
-                values[place] = None
-        for place, decode in self._decoders:
-            values[place] = decode(values[place])
-        for place, allowed in self._vocabularies:
-            if values[place] not in allowed:
-                require_one_of(allowed, values[place])
-        return self._kind(*values)
-
-
-def _message_builder(
-    message: type[Message], names: Iterable[tuple[str, str]], encoders: Mapping[str, Callable[[Any], Any]]
-) -> Callable[[Any], Any]:
-    """Compile a function that makes a value's message, as dataclasses do with ``__init__``: 1.6 us instead of 2.4."""
-    encode = {f"encode_{name}": encoder for name, encoder in encoders.items()}
-    fields = (
-        f"{wire_name}=encode_{name}(value.{name})" if name in encoders else f"{wire_name}=value.{name}"
-        for name, wire_name in names
-    )
-    build: Callable[[Any], Any] = eval(f"lambda value: message({', '.join(fields)})", {"message": message, **encode})
-    return build
-
-
-def _values_getter(names: Iterable[str]) -> Callable[[Any], tuple[Any, ...]]:
-    first, *rest = names
-    get = attrgetter(first, *rest)
-    return get if rest else lambda value: (get(value),)
-
-
-def _unless_none(convert: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    return lambda value: None if value is None else convert(value)
-
-
-@dataclass(frozen=True, slots=True)
-class CustomCodec:
-    """Encodes a value as a message where the two have different shapes."""
-
-    encode: Callable[[Any], Any]
-    decode: Callable[[Any], Any]
-
-
 def _decode_part(message: v1.Part) -> PlannedPart:
-    """A part as its kind reads it; as plain JSON where this machine has no such kind, so that the log opens even so."""
+    """Decode a part as its kind reads it; as plain JSON where the kind is not installed, so that the log opens."""
     plan = msgspec.json.decode(message.plan_json)
     with suppress(ProtocolError):
         plan = find_kind(message.kind).read(plan)
@@ -215,7 +76,7 @@ _MAP = MessageCodec(
 _KEY_BINDINGS = FieldCodec(
     "keys",
     lambda keys: [v1.Binding(key=key, action=action) for key, action in keys.items()],
-    lambda bindings: {one.key: one.action for one in bindings},
+    lambda bindings: {binding.key: binding.action for binding in bindings},
 )
 _KEY_MAP = MessageCodec(KeyMap, v1.KeyMap, {"keys": _KEY_BINDINGS})
 _EPISODE_PLAN = MessageCodec(
@@ -226,7 +87,7 @@ _EPISODE_PLAN = MessageCodec(
         "options": json_field("options_json"),
         "labels": FieldCodec(
             "labels_json",
-            lambda labels: _to_json(labels) if labels else "",
+            lambda labels: to_json(labels) if labels else "",
             lambda text: msgspec.json.decode(text or "{}"),
         ),
         "hold": FieldCodec("hold", lambda hold: "" if hold == "once" else hold, lambda hold: hold or "once"),
@@ -243,7 +104,7 @@ _SESSION_PLAN = MessageCodec(
         "parts": repeated(
             "parts",
             CustomCodec(
-                lambda part: v1.Part(kind=part.kind, name=part.name, plan_json=_to_json(part.plan)), _decode_part
+                lambda part: v1.Part(kind=part.kind, name=part.name, plan_json=to_json(part.plan)), _decode_part
             ),
         ),
         "words": json_field("words_json", default="{}"),
@@ -253,7 +114,7 @@ _SESSION_PLAN = MessageCodec(
         "files": FieldCodec(
             "files",
             lambda files: [v1.ProtocolFile(name=name, content=content) for name, content in sorted(files.items())],
-            lambda files: {one.name: one.content for one in files},
+            lambda files: {file.name: file.content for file in files},
         ),
     },
 )
@@ -272,8 +133,8 @@ def _decode_session_start(message: v1.SessionPlan) -> events.SessionStarted:
 
 
 def _encode_stored_observation(event: events.ObservationStored) -> v1.Observation:
-    held = encode_observation(event.observation)
-    return v1.Observation(t_ns=event.t_ns, episode=event.episode, step=event.step, **held)
+    payload = encode_observation(event.observation)
+    return v1.Observation(t_ns=event.t_ns, episode=event.episode, step=event.step, **payload)
 
 
 def _encode_pause(event: events.Paused | events.Resumed) -> v1.Pause:
@@ -309,8 +170,8 @@ Decoder = tuple[Callable[[bytes], Message], Callable[[Any], Any]]
 _DECODERS: dict[str, Decoder] = {}  # by topic; a topic of no kind is looked up again, as a plug-in may come later
 _PAUSE = CustomCodec(_encode_pause, _decode_pause)
 _OWN_ROWS = tuple(
-    EventRow(event, topics.BY_NAME[topic], *rest)
-    for event, topic, *rest in (
+    EventRow(event, topics.BY_NAME[topic], *fields_and_codec)
+    for event, topic, *fields_and_codec in (
         (events.SessionStarted, topics.PLAN, {}, CustomCodec(_encode_session_start, _decode_session_start)),
         (events.Noted, topics.NOTE),
         (events.Paused, topics.PAUSE, {}, _PAUSE),
@@ -328,7 +189,9 @@ _OWN_ROWS = tuple(
             {},
             CustomCodec(
                 _encode_stored_observation,
-                lambda it: events.ObservationStored(it.t_ns, it.episode, it.step, decode_observation(it)),
+                lambda message: events.ObservationStored(
+                    message.t_ns, message.episode, message.step, decode_observation(message)
+                ),
             ),
         ),
         (events.Stepped, topics.STEP, {"return_": FieldCodec("episode_return"), "pose": nested("pose", POSE)}),
@@ -375,9 +238,10 @@ def decode_event(topic: str, data: bytes) -> events.Event | None:
         google.protobuf.message.DecodeError: if the bytes are no such message.
         LogError: if a word in it is outside its vocabulary.
     """
-    if (found := _find_decoder(topic)) is None:
+    decoder = _find_decoder(topic)
+    if decoder is None:
         return None
-    parse, decode = found
+    parse, decode = decoder
     event: events.Event = decode(parse(data))
     return event
 
@@ -396,7 +260,8 @@ def _find_decoder(topic: str) -> Decoder | None:
         row = _find_row(topic)
         if row is None:
             return None
-        decoder = _DECODERS[topic] = row.topic.message.FromString, _codec_of_row(row).decode
+        decoder = (row.topic.message.FromString, _codec_of_row(row).decode)
+        _DECODERS[topic] = decoder
     return decoder
 
 
@@ -412,7 +277,7 @@ def _find_row(topic: str) -> EventRow | None:
 
 
 def _rows() -> Iterator[EventRow]:
-    """Every row; plug-ins are loaded only where no row of our own fits."""
+    """Yield every row; plug-ins are loaded only where no row of our own fits."""
     yield from _OWN_ROWS
     built_in = list_built_in_kinds()
     for kind in (*built_in, *sorted({*list_plugin_names(GROUP)} - {*built_in})):
@@ -420,7 +285,7 @@ def _rows() -> Iterator[EventRow]:
 
 
 def _rows_of_kind(kind: str) -> tuple[EventRow, ...]:
-    """A kind's rows; none where it is not installed here or cannot be loaded: its topics are then another program's."""
+    """Return a kind's rows; none where it is not installed or cannot be loaded, as its topics are then unknown."""
     try:
         return load_activity_rows(find_kind(kind))
     except (ProtocolError, ImportError):
@@ -447,7 +312,7 @@ def find_topic(topic: str) -> Topic | None:
     known = topics.BY_NAME.get(topic)
     if known is None:
         row = _find_row(topic)
-        known = None if row is None else row.topic
+        return None if row is None else row.topic
     return known
 
 
@@ -455,15 +320,15 @@ class RecordTopics:
     """The topics that hold the record, as a container: those of the session and those of every kind of activity."""
 
     def __contains__(self, topic: object) -> bool:
-        found = find_topic(str(topic))
-        return found is not None and not found.is_preview
+        known = find_topic(str(topic))
+        return known is not None and not known.is_preview
 
 
 RECORD_TOPICS = RecordTopics()
 
 
 def event_cause_ns(event: events.Event) -> int:
-    """When what caused an event arrived: a press, a step's key, the hand-over of a frame; else the event's own time."""
+    """Return when the cause of an event arrived: a press, a step's key, a frame's hand-over; else its own time."""
     match event:
         case events.Stepped():
             return event.key_t_ns

@@ -44,15 +44,15 @@ class ObservationSequence(Sequence[Any]):
         return [self._read(step) for step in steps]
 
     def _read(self, step: int) -> Any:
-        where = f"episode {self._episode + 1} step {step}"
+        place = f"episode {self._episode + 1} step {step}"
         try:
             message = v1.Observation.FromString(self._messages[step])
             observation = decode_observation(message)
         except Exception as error:  # a foreign or newer message can make protobuf, PIL or numpy raise anything
-            raise LogError(f"{where}: the stored observation cannot be read: {error}") from error
+            raise LogError(f"{place}: the stored observation cannot be read: {error}") from error
         if (message.episode, message.step) != (self._episode, step):
             raise LogError(
-                f"{where}: the log has the observation of episode {message.episode + 1} step {message.step} in its "
+                f"{place}: the log has the observation of episode {message.episode + 1} step {message.step} in its "
                 "place"
             )
         return observation
@@ -73,13 +73,13 @@ def verify_observations(observations: Sequence[Any], hashes: NDArray[np.uint64],
 
 
 def is_picture(observation: Any) -> bool:
-    """Whether it is a picture uint8[H, W, 3], which PNG holds exactly."""
+    """Tell whether an observation is a picture uint8[H, W, 3], which PNG holds exactly."""
     is_array = isinstance(observation, np.ndarray) and observation.dtype == np.uint8 and observation.ndim == 3
     return is_array and observation.shape[2] == 3 and observation.size > 0
 
 
 def encode_observation(observation: Any) -> dict[str, bytes]:
-    """The field of the message that holds an observation, and its bytes.
+    """Encode an observation; return the field of the message that holds it, with its bytes.
 
     Raises:
         TypeError: if a part of it is nothing that can be hashed.
@@ -102,7 +102,7 @@ def encode_png(picture: NDArray[np.uint8]) -> bytes:
 
 
 def decode_observation(message: v1.Observation) -> Any:
-    """What was observed.
+    """Decode the observation in a message.
 
     Raises:
         Exception: whatever PIL, msgspec or numpy say of bytes that are no observation.

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from minihuman.errors import LogError, MinihumanError
-from minihuman.operating_system import explain_unportable_name, open_without_waiting
+from minihuman.operating_system import open_without_waiting
+from minihuman.portable_names import explain_unportable_name
 from minihuman.storage.outside_names import is_system_companion, require_name
 
 if TYPE_CHECKING:
@@ -78,15 +79,15 @@ class SegmentPath:
         Raises:
             LogError: if the study's or participant's name cannot be a folder's.
         """
-        for what, name in (("study", plan.study), ("participant", plan.participant.id)):
+        for kind, name in (("study", plan.study), ("participant", plan.participant.id)):
             if not _SAFE.fullmatch(name):
                 raise LogError(
-                    f"{what} {name!r} cannot be used as a folder name; "
+                    f"{kind} {name!r} cannot be used as a folder name; "
                     "use letters, digits, '-', '_' and '.', with a letter or a digit first"
                 )
             if reason := explain_unportable_name(name):
                 raise LogError(
-                    f"{what} {name!r} cannot be a folder name on every system: {reason}; choose another name"
+                    f"{kind} {name!r} cannot be a folder name on every system: {reason}; choose another name"
                 )
         folder = session_folder(data, plan.study, plan.participant.id, plan.session)
         stem = f"{plan.participant.id}_ses-{plan.session:02d}"
@@ -165,11 +166,11 @@ def group_sessions(folder: Path, names: Iterable[str]) -> dict[Path, list[Path]]
     log_names = (name for name in sorted(names) if name.endswith((LOG_SUFFIX, PART_SUFFIX)))
     paths = [folder / name for name in log_names if not is_system_companion(name)]
     ours = [path for path in paths if not is_companion_file(path)]
-    found = {path: [path] for path in ours if path.name.endswith(LOG_SUFFIX)}
+    sessions = {path: [path] for path in ours if path.name.endswith(LOG_SUFFIX)}
     parts = [SegmentPath.of_part(path) for path in ours if path.name.endswith(PART_SUFFIX)]
     for part in sorted(parts, key=lambda part: (part.log, part.segment)):
-        found.setdefault(part.log, []).append(part.part)
-    return found
+        sessions.setdefault(part.log, []).append(part.part)
+    return sessions
 
 
 def list_log_files(folder: Path, pattern: str) -> list[Path]:

@@ -50,10 +50,10 @@ class PreviewEncoder:
                 if step.HasField("pose"):
                     yield from self._add_pose(POSE.decode(step.pose), step.t_ns)
             case topics.OBSERVATION:
-                seen = v1.Observation.FromString(data)
-                if seen.WhichOneof("observation") == "png":
-                    stamp = self._timestamp(seen.t_ns)
-                    image = CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=seen.png, format="png")
+                observation = v1.Observation.FromString(data)
+                if observation.WhichOneof("observation") == "png":
+                    stamp = self._timestamp(observation.t_ns)
+                    image = CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=observation.png, format="png")
                     yield topics.OBSERVATION_IMAGE, image
             case _:
                 if (event := decode_event(topic, data)) is not None:
@@ -96,21 +96,15 @@ class PreviewEncoder:
         return Timestamp(seconds=seconds, nanos=nanos)
 
 
-def _log_line(event: events.Event) -> tuple[Log.Level.ValueType, str, str] | None:
+_LogLine = tuple[Log.Level.ValueType, str, str]  # level, name and text
+
+
+def _log_line(event: events.Event) -> _LogLine | None:
     match event:
-        case events.SessionStarted():
-            who = event.plan.participant
-            text = f"{event.plan.study}: {who.id}, group {who.group}, session {event.plan.session}"
-            return Log.INFO, "session", f"{text}, segment {event.plan.segment}"
-        case events.EpisodeStarted():
-            text = f"episode {event.plan.episode + 1} starts: {event.plan.world}, {event.mission!r}"
-            return Log.INFO, "episode", text
-        case events.EpisodeEnded():
-            text = f"episode {event.episode + 1} ends: {event.outcome} after {event.steps} steps"
-            return Log.INFO, "episode", f"{text}, return {event.return_:.3f}"
-        case events.KeyMapDrawn():
-            keys = ", ".join(f"{key}={action}" for key, action in event.key_map.keys.items())
-            return Log.INFO, "keys", f"from episode {event.episode + 1}: {keys}"
+        case events.SessionStarted() | events.SessionEnded():
+            return _describe_session(event)
+        case events.EpisodeStarted() | events.EpisodeEnded() | events.KeyMapDrawn():
+            return _describe_episode(event)
         case events.PartStarted():
             return Log.INFO, "part", f"part {event.part + 1}: {event.name} ({event.kind})"
         case events.Answered():
@@ -120,13 +114,33 @@ def _log_line(event: events.Event) -> tuple[Log.Level.ValueType, str, str] | Non
         case events.Resumed():
             return Log.INFO, "pause", "resumed"
         case events.Noted():
-            return (Log.ERROR if "error" in event.kind else Log.INFO), event.kind, event.text
-        case events.SessionEnded():
-            level = Log.INFO if event.reason == "complete" else Log.WARNING
-            text = f"session ends: {event.reason} after {event.episodes_completed} episodes"
-            return level, "session", f"{text}: {event.detail}" if event.detail else text
-        case _:
-            return None
+            level = Log.ERROR if "error" in event.kind else Log.INFO
+            return level, event.kind, event.text
+    return None
+
+
+def _describe_session(event: events.SessionStarted | events.SessionEnded) -> _LogLine:
+    if isinstance(event, events.SessionEnded):
+        level = Log.INFO if event.reason == "complete" else Log.WARNING
+        text = f"session ends: {event.reason} after {event.episodes_completed} episodes"
+        return level, "session", f"{text}: {event.detail}" if event.detail else text
+    plan = event.plan
+    participant = plan.participant
+    text = f"{plan.study}: {participant.id}, group {participant.group}, session {plan.session}"
+    return Log.INFO, "session", f"{text}, segment {plan.segment}"
+
+
+def _describe_episode(event: events.EpisodeStarted | events.EpisodeEnded | events.KeyMapDrawn) -> _LogLine:
+    match event:
+        case events.EpisodeStarted():
+            text = f"episode {event.plan.episode + 1} starts: {event.plan.world}, {event.mission!r}"
+            return Log.INFO, "episode", text
+        case events.EpisodeEnded():
+            text = f"episode {event.episode + 1} ends: {event.outcome} after {event.steps} steps"
+            return Log.INFO, "episode", f"{text}, return {event.return_:.3f}"
+        case events.KeyMapDrawn():
+            keys = ", ".join(f"{key}={action}" for key, action in event.key_map.keys.items())
+            return Log.INFO, "keys", f"from episode {event.episode + 1}: {keys}"
 
 
 LONG_SIDE_PX = 384
@@ -164,6 +178,6 @@ def draw_floor_plan_png(floor: Map, pose: Pose | None) -> bytes:
 
 
 def _arrow(pose: Pose, radius: float) -> list[tuple[float, float]]:
-    """Corners (x, z) of an arrowhead at the pose, pointing where it looks."""
+    """Return the corners (x, z) of an arrowhead at the pose, pointing where it looks."""
     angles = (pose.yaw_rad, pose.yaw_rad + 2.5, pose.yaw_rad - 2.5)
     return [(pose.x + radius * math.cos(angle), pose.z - radius * math.sin(angle)) for angle in angles]

@@ -17,5 +17,5 @@ def find_schema_version(plan: SessionPlan) -> int:
 
 
 def has_outcome_rules(plan: SessionPlan) -> bool:
-    """Whether an end may mean something else than the last reward says: ``ended``, or a goal at a step limit."""
+    """Tell whether an end may mean something else than the last reward says: ``ended``, or a goal at a step limit."""
     return any(episode.outcome_rule != LAST_REWARD for episode in plan.episodes)

@@ -122,7 +122,7 @@ def _schema_bytes(message: Any) -> bytes:
     for file in files.values():
         copy = result.file.add()
         file.CopyToProto(copy)
-        kept = [kind for kind in copy.message_type if f"{copy.package}.{kind.name}" in needed]
+        needed_types = [kind for kind in copy.message_type if f"{copy.package}.{kind.name}" in needed]
         del copy.message_type[:]
-        copy.message_type.extend(kept)
+        copy.message_type.extend(needed_types)
     return result.SerializeToString(deterministic=True)

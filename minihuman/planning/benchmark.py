@@ -101,7 +101,7 @@ instructions = "{instructions}"
 
 
 def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -> str:
-    """The protocol of a set of levels, as TOML.
+    """Compose the protocol of a set of levels, as TOML.
 
     Args:
         kind: "grid", "first-person" or "kitchen".
@@ -109,11 +109,12 @@ def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -
         levels: of each family.
     """
     families = FAMILIES[kind]
-    drawn = np.random.SeedSequence([seed, list(FAMILIES).index(kind)]).generate_state(len(families) * levels)
-    seeds = drawn.reshape(len(families), levels).tolist()
+    flat_seeds = np.random.SeedSequence([seed, list(FAMILIES).index(kind)]).generate_state(len(families) * levels)
+    seeds = flat_seeds.reshape(len(families), levels).tolist()
+    n_families = "1 family" if len(families) == 1 else f"{len(families)} families"
     head = _PROTOCOL_START.format(
         count=len(families) * levels,
-        families="1 family" if len(families) == 1 else f"{len(families)} families",
+        families=n_families,
         seed=seed,
         name=f"baseline-{kind}-{seed}",
         modality="both" if kind == "grid" else "picture",
@@ -124,13 +125,13 @@ def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -
             name=family.name,
             world=family.world,
             episodes=levels,
-            seeds=its,
+            seeds=family_seeds,
             actions=", ".join(f'"{action}"' for action in family.actions),
             max_steps=family.max_steps,
             instructions=family.instructions,
             settings=family.settings,
         )
-        for family, its in zip(families, seeds, strict=True)
+        for family, family_seeds in zip(families, seeds, strict=True)
     )
     return head + "".join(blocks)
 
@@ -141,15 +142,15 @@ def parse_players(text: str) -> dict[str, int]:
     Raises:
         SimulationError: if a number is none.
     """
-    found = {}
+    runs_by_player = {}
     for part in filter(None, text.split(",")):
         name, _, runs = part.rpartition("=")
         if not name or not runs.isdecimal() or not int(runs):
             raise SimulationError(
                 f"{part!r} does not give a player and its number of runs; write NAME=RUNS, as in random=3"
             )
-        found[name] = int(runs)
-    return found
+        runs_by_player[name] = int(runs)
+    return runs_by_player
 
 
 def run_baseline(
@@ -181,8 +182,10 @@ def run_baseline(
             studies.append(folder / protocol.study.name)
             left = runs - _count_complete_sessions(studies[-1])
             on_progress(f"{player} plays {protocol.study.name}")
+            if left <= 0:
+                continue
             try:
-                list(simulate(protocol, folder, participants=left, seed=seed, player=player) if left > 0 else ())
+                list(simulate(protocol, folder, participants=left, seed=seed, player=player))
             except PlayerFailedError:
                 raise
             except (SimulationError, LearnError) as error:
@@ -209,6 +212,8 @@ def _count_complete_sessions(study: Path) -> int:
 
 
 def _is_finished(log: Path) -> bool:
-    """Whether a log was written to its end, all segments of it where it is a folder."""
-    files = list(log.iterdir()) if log.is_dir() else [log]
+    """Say whether a log was written to its end, all segments of it where it is a folder."""
+    files = [log]
+    if log.is_dir():
+        files = list(log.iterdir())
     return not any(file.name.endswith(PART_SUFFIX) for file in files)

@@ -32,8 +32,9 @@ from minihuman.figures.style import COLUMN_CM, MUTED, SERIES, figure_style, save
 from minihuman.operating_system import count_processes
 from minihuman.runtime.simulated_session import simulate
 from minihuman.simulation.participant import NoPress, SimulatedParticipant, make_participant
-from minihuman.statistics.comparison import Values, permutation_tests
+from minihuman.statistics.permutation import permutation_tests
 from minihuman.statistics.scores import wilson_interval
+from minihuman.statistics.t_tests import Values
 from minihuman.statistics.two_part_model import summarise_people, two_parts_p
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.outcomes import OutcomeJudge
@@ -54,7 +55,7 @@ _PRESSES_PER_STEP = 20  # of the limit: who needs more will never find the keys
 
 
 def can_run_headless(protocol: Protocol) -> bool:
-    """Whether a study can be played headless: one session, self-paced, without an agent."""
+    """Say whether a study can be played headless: one session, self-paced, without an agent."""
     return len(protocol.sessions) <= 1 and all(
         find_kind(block.kind).is_plain_play
         and block.pace == "on_key"
@@ -76,6 +77,7 @@ def play_headless(
 
 
 def _play(plan: EpisodePlan, pool: tuple[str, ...], player: SimulatedParticipant, world: World) -> HeadlessEpisode:
+    """Play one episode, until it ends or more keys are pressed than any patient player needs."""
     world.reset(plan.seed)
     shortest = world.path_length_bounds().feasible
     player.begin(plan, pool, world)
@@ -118,7 +120,7 @@ class ParticipantPool:
 
     @property
     def people(self) -> int:
-        """How many there are."""
+        """Count the participants."""
         return int(self.episodes["participant"].nunique())
 
 
@@ -158,13 +160,13 @@ def simulate_pool(
 def _play_share(toml: bytes, group: str, player: str, job: tuple[int, int]) -> pd.DataFrame:
     people, seed = job
     protocol = decode_protocol(toml, "protocol")
-    groups = tuple(one for one in protocol.groups if one.name == group)
+    groups = tuple(group_spec for group_spec in protocol.groups if group_spec.name == group)
     study = msgspec.structs.replace(protocol.study, participants=people, seed=seed)
-    alone = msgspec.structs.replace(protocol, study=study, groups=groups)
-    if can_run_headless(alone):
-        return _play_bare_share(alone, player, seed)
+    group_protocol = msgspec.structs.replace(protocol, study=study, groups=groups)
+    if can_run_headless(group_protocol):
+        return _play_bare_share(group_protocol, player, seed)
     with TemporaryDirectory(prefix="minihuman-power-") as folder:
-        for _ in simulate(alone, Path(folder), participants=people, seed=seed, player=player):
+        for _ in simulate(group_protocol, Path(folder), participants=people, seed=seed, player=player):
             pass
         with select(Path(folder), processes=1) as tables:
             tables.require(("episodes",), shortest_paths=True)
@@ -196,7 +198,7 @@ def _play_bare_share(protocol: Protocol, player: str, seed: int) -> pd.DataFrame
 
 
 def parse_group_sizes(text: str) -> tuple[int, ...]:
-    """Numbers of participants per group, as in ``10,20``.
+    """Read numbers of participants per group, as in ``10,20``.
 
     Raises:
         ReportError: if they are none, or one is below two.
@@ -241,7 +243,7 @@ class Effect:
         return cls(excess)
 
     def of(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Episodes as they would have gone with the effect.
+        """Return the episodes as they would have gone with the effect.
 
         An episode that timed out stays so, since its remaining steps are unknown; power is understated a little.
         Reward is taken to fall in a straight line from the best way's, as Minigrid's and Miniworld's does.
@@ -256,15 +258,18 @@ class Effect:
         )
 
 
-def _each(rows: pd.DataFrame, measure: Callable[..., float | None]) -> list[float]:
-    return [
-        math.nan if (found := measure(*one)) is None else found
-        for one in rows[["steps", "feasible_steps", "max_steps", "outcome"]].itertuples(index=False)
-    ]
+def _measure_episodes(rows: pd.DataFrame, measure: Callable[..., float | None]) -> list[float]:
+    """Compute a measure of each episode; NaN where it has none."""
+    episodes = rows[["steps", "feasible_steps", "max_steps", "outcome"]].itertuples(index=False)
+    measured = (measure(*episode) for episode in episodes)
+    return [math.nan if number is None else number for number in measured]
 
 
-def _best(value: float) -> int | None:
-    return None if pd.isna(value) else int(value)
+def _best(steps: float) -> int | None:
+    """Return the fewest steps as a whole number; None where they are not known."""
+    if pd.isna(steps):
+        return None
+    return int(steps)
 
 
 def _known(rows: pd.DataFrame, values: "pd.Series[float]") -> list[float]:
@@ -274,9 +279,13 @@ def _known(rows: pd.DataFrame, values: "pd.Series[float]") -> list[float]:
 
 
 MEASURES: Mapping[str, Callable[[pd.DataFrame], Sequence[float]]] = {
-    "log_excess_steps": lambda rows: _each(rows, lambda s, b, m, o: log_excess_steps(s, _best(b), int(m), o)),
-    "log_steps_ratio": lambda rows: _each(rows, lambda s, b, m, o: log_steps_ratio(s, _best(b), int(m), o)),
-    "spl": lambda rows: _each(rows, lambda s, b, m, o: spl(s, _best(b), o)),
+    "log_excess_steps": lambda rows: _measure_episodes(
+        rows, lambda steps, best, limit, outcome: log_excess_steps(steps, _best(best), int(limit), outcome)
+    ),
+    "log_steps_ratio": lambda rows: _measure_episodes(
+        rows, lambda steps, best, limit, outcome: log_steps_ratio(steps, _best(best), int(limit), outcome)
+    ),
+    "spl": lambda rows: _measure_episodes(rows, lambda steps, best, _, outcome: spl(steps, _best(best), outcome)),
     "steps_at_limit": lambda rows: _known(rows, rows["steps"].where(rows["outcome"] == "goal", rows["max_steps"])),
     "reward": lambda rows: rows["reward"].tolist(),
     "success": lambda rows: _known(rows, (rows["outcome"] == "goal").astype(float)),
@@ -296,7 +305,7 @@ class PowerEstimate:
 
 
 def compute_values(rows: pd.DataFrame, measure: str) -> Values:
-    """One value a person: the mean over episodes; of the reward in two parts two, (n, 2).
+    """Compute one value per person, the mean over episodes; of the reward in two parts two values, (n, 2).
 
     Raises:
         ReportError: if the measure is unknown, or too few participants have a value.
@@ -310,13 +319,13 @@ def compute_values(rows: pd.DataFrame, measure: str) -> Values:
             f"--measure {measure} needs success, but no rule says what success is in the block; {HOW_TO_STATE_A_RULE}, "
             "or use --measure reward"
         )
-    told = rows.assign(value=MEASURES[measure](rows)).groupby("participant")["value"].mean().dropna()
-    if len(told) < 2:
+    means = rows.assign(value=MEASURES[measure](rows)).groupby("participant")["value"].mean().dropna()
+    if len(means) < 2:
         raise ReportError(
-            f"only {len(told)} simulated participants have a value for {measure}, but two are needed; "
+            f"only {len(means)} simulated participants have a value for {measure}, but two are needed; "
             "use a world with a known shortest path"
         )
-    return told.to_numpy(float)
+    return means.to_numpy(float)
 
 
 def power_curve(
@@ -331,16 +340,17 @@ def power_curve(
 
 
 def _power_at(measure: str, treated: Values, untreated: Values, size: int, *, studies: int, seed: int) -> PowerEstimate:
+    """Estimate the power at one size of groups; see ``power_curve``."""
     test = _group_p if untreated.ndim == 1 else two_parts_p
     rng = np.random.default_rng([seed, size])
     hits = list[int]()
     counts = [len(part) for part in np.array_split(range(studies), min(_POOLS, studies))]
     for count in counts:
         pool = rng.integers(len(untreated), size=len(untreated))
-        found = 0
+        rejections = 0
         for _ in range(count):
-            found += test(treated[rng.choice(pool, size)], untreated[rng.choice(pool, size)]) < ALPHA
-        hits.append(found)
+            rejections += test(treated[rng.choice(pool, size)], untreated[rng.choice(pool, size)]) < ALPHA
+        hits.append(rejections)
     power = sum(hits) / studies
     shares = np.array(hits) / np.array(counts)
     by_chance = power * (1 - power) * float(np.mean(1 / np.array(counts)))  # between pools that do not differ
@@ -357,60 +367,72 @@ def _power_at(measure: str, treated: Values, untreated: Values, size: int, *, st
 
 def _group_p(a: Values, b: Values) -> float:
     (test,) = permutation_tests([(a, b)])
-    return math.nan if test is None else test.p()
+    if test is None:
+        return math.nan
+    return test.p()
 
 
 _LIKELY = 0.8
 _CM = 1 / 2.54
 
 
-def describe_power(pool: ParticipantPool, effect: Effect, found: Sequence[PowerEstimate], *, player: str) -> str:
+def describe_power(pool: ParticipantPool, effect: Effect, estimates: Sequence[PowerEstimate], *, player: str) -> str:
     """Describe the result, for the terminal and a preregistration."""
     if effect.excess == 1:
-        what = "no effect"
+        effect_text = "no effect"
     else:
-        what = f"excess steps times {effect.excess:g} in one of two groups"
+        effect_text = f"excess steps times {effect.excess:g} in one of two groups"
+    studies = estimates[0].studies
     lines = [
-        f"Power for {what}, block {pool.block}: the share of {found[0].studies:,} studies with p < {ALPHA:g}",
+        f"Power for {effect_text}, block {pool.block}: the share of {studies:,} studies with p < {ALPHA:g}",
         f"(permutation of |Welch's t| over participants' means), people drawn from {pool.people} simulated ones of",
         f"group {pool.group}, player {player}. In brackets (95 %): the Monte Carlo interval.",
         "Whether real participants are like the simulated ones is not tested.",
         "",
     ]
-    return "\n".join([*lines, *tabulate_power(found)])
+    return "\n".join([*lines, *tabulate_power(estimates)])
 
 
-def tabulate_power(found: Sequence[PowerEstimate]) -> Iterator[str]:
-    """The lines of a table with a row per measure and a column per number of participants."""
-    sizes = sorted({one.participants for one in found})
-    width = max(len("participants per group"), *(len(one.measure) + 2 for one in found))
+def tabulate_power(estimates: Sequence[PowerEstimate]) -> Iterator[str]:
+    """Yield the lines of a table with a row per measure and a column per number of participants."""
+    sizes = sorted({estimate.participants for estimate in estimates})
+    width = max(len("participants per group"), *(len(estimate.measure) + 2 for estimate in estimates))
     yield f"{'participants per group':<{width}}" + "".join(f"{size:>22}" for size in sizes)
-    for measure in dict.fromkeys(one.measure for one in found):
-        at = {one.participants: one for one in found if one.measure == measure}
+    for measure in dict.fromkeys(estimate.measure for estimate in estimates):
+        at = {estimate.participants: estimate for estimate in estimates if estimate.measure == measure}
         cells = (f"{at[size].power:.2f} ({at[size].low:.2f} to {at[size].high:.2f})" for size in sizes if size in at)
         yield f"{measure:<{width}}" + "".join(f"{cell:>22}" for cell in cells)
 
 
-def write_power(found: Sequence[PowerEstimate], out: Path) -> tuple[Path, ...]:
+def write_power(estimates: Sequence[PowerEstimate], out: Path) -> tuple[Path, ...]:
     """Write ``power.csv`` and the figure ``power``."""
     out.mkdir(parents=True, exist_ok=True)
-    table = pd.DataFrame(found).rename(columns={"participants": "participants_a_group"})
+    table = pd.DataFrame(estimates).rename(columns={"participants": "participants_a_group"})
     table.to_csv(out / "power.csv", index=False)
-    return (out / "power.csv", *save_figure(power_figure(found), out / "power"))
+    return (out / "power.csv", *save_figure(power_figure(estimates), out / "power"))
 
 
-def power_figure(found: Sequence[PowerEstimate]) -> Figure:
+def power_figure(estimates: Sequence[PowerEstimate]) -> Figure:
     """Draw power over participants per group, one line per measure, with its Monte Carlo interval."""
     with figure_style():
         figure = Figure(figsize=(COLUMN_CM * _CM, 7.2 * _CM), layout="constrained")
         axes = figure.subplots()
-        for place, measure in enumerate(dict.fromkeys(one.measure for one in found)):
-            rows = sorted((one for one in found if one.measure == measure), key=lambda one: one.participants)
-            sizes = [one.participants for one in rows]
+        for place, measure in enumerate(dict.fromkeys(estimate.measure for estimate in estimates)):
+            rows = sorted(
+                (estimate for estimate in estimates if estimate.measure == measure),
+                key=lambda estimate: estimate.participants,
+            )
+            sizes = [estimate.participants for estimate in rows]
             colour = SERIES[place % len(SERIES)]
-            axes.fill_between(sizes, [one.low for one in rows], [one.high for one in rows], color=colour, alpha=0.2)
+            axes.fill_between(
+                sizes,
+                [estimate.low for estimate in rows],
+                [estimate.high for estimate in rows],
+                color=colour,
+                alpha=0.2,
+            )
             label = measure.replace("_", " ")
-            powers = [one.power for one in rows]
+            powers = [estimate.power for estimate in rows]
             axes.plot(sizes, powers, "os^DvPX"[place % 7] + "-", color=colour, markersize=3, label=label)
         axes.axhline(_LIKELY, color=MUTED, linewidth=0.6, linestyle=":")
         axes.set(xlabel="participants per group", ylabel="power", ylim=(0, 1.02))

@@ -16,7 +16,7 @@ from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.protocol.study_design import derive_design
-from minihuman.reporting.results import FORMULAS, MEASURES as MEANINGS, ONLY_IF_NAMED, label_measure
+from minihuman.reporting.block_measures import FORMULAS, MEASURES as MEANINGS, ONLY_IF_NAMED, label_measure
 from minihuman.storage.durable_files import write_atomically
 
 _POWER = {  # what the block table calls a measure, and what power does
@@ -64,7 +64,7 @@ def build_preregistration(protocol: Protocol, plan: SessionPlan, power: str = ""
 
 
 def write_preregistration(protocol: Protocol, plan: SessionPlan, path: Path, power: str = "") -> Path:
-    """Write it to a new file.
+    """Write the preregistration to a new file.
 
     Raises:
         ReportError: if there is such a file.
@@ -77,41 +77,45 @@ def write_preregistration(protocol: Protocol, plan: SessionPlan, path: Path, pow
 
 
 def describe_planned_power(toml: bytes, effect: str, *, people: int = 60, studies: int = 500) -> str:
-    """What the study's power is at half of its places a group, and at half and twice that.
+    """Describe the study's power at its number of places per group, and at half and twice that.
 
     Raises:
         ReportError: if the effect is none.
     """
     from minihuman.planning.power import Effect, compute_values, describe_power, power_curve, simulate_pool
 
-    wanted = Effect.parse(effect)
+    planned_effect = Effect.parse(effect)
     protocol = decode_protocol(toml, "protocol")
     if protocol.analysis.primary_measure and protocol.analysis.primary_measure not in _POWER:
         return f"Power of {protocol.analysis.primary_measure} cannot be simulated; it can for {', '.join(_POWER)}."
     size = max(protocol.study.participants // max(len(protocol.groups), 1), 4)
     pool = simulate_pool(toml, people=people, player="human-like", seed=1, block=protocol.analysis.block or None)
     measure = _POWER.get(protocol.analysis.primary_measure, "log_excess_steps")
-    treated, untreated = (compute_values(rows, measure) for rows in (wanted.of(pool.episodes), pool.episodes))
-    found = power_curve(measure, treated, untreated, (size // 2, size, 2 * size), studies=studies, seed=1)
-    return describe_power(pool, wanted, found, player="human-like")
+    treated, untreated = (compute_values(rows, measure) for rows in (planned_effect.of(pool.episodes), pool.episodes))
+    estimates = power_curve(measure, treated, untreated, (size // 2, size, 2 * size), studies=studies, seed=1)
+    return describe_power(pool, planned_effect, estimates, player="human-like")
 
 
 def _find_target_block(protocol: Protocol) -> str:
-    """The block that groups are compared on: the one that is named, or the last that all of them play."""
+    """Find the block that groups are compared on: the one that is named, or the last that all of them play."""
+    if protocol.analysis.block:
+        return protocol.analysis.block
     common = [
         block.name
         for block in protocol.blocks
         if all(block.name in (group.blocks or group.parts) for group in protocol.groups)
     ]
-    return protocol.analysis.block or (common[-1] if common else "")
+    if not common:
+        return ""
+    return common[-1]
 
 
 def _describe_direction(protocol: Protocol) -> str:
-    """Which group is taken from which, as the report does it."""
+    """Say which group is subtracted from which, as the report does it."""
     if len(protocol.groups) < 2:
         return "There is one group, so nothing is compared."
     blocks = {block.name for block in protocol.blocks}
     played = {group.name: len(blocks & set(group.blocks or group.parts)) for group in protocol.groups}
     most_first = sorted(protocol.groups, key=lambda group: (-played[group.name], group.name))
-    pairs = (f"{one.name} minus {other.name}" for one, other in combinations(most_first, 2))
+    pairs = (f"{group.name} minus {other.name}" for group, other in combinations(most_first, 2))
     return f"Differences are {', '.join(pairs)}."

@@ -66,7 +66,7 @@ class ReactionTimeFit:
 
 
 def log_density(times: ReactionTimes, values: Mapping[str, float], *, floor_ms: float) -> NDArray[np.float64]:
-    """The logarithm of each time's density per ms; of a time at the floor, of the chance to be there or below."""
+    """Compute the log density of each time per ms; of a time at the floor, the log chance to be there or below."""
     gone = values["practice"] * -np.expm1(-times.presses / values["practice_presses"])
     share = np.where(times.again, values["repeat_factor"], 1.0) * (1 - gone) * (1 + _FATIGUE * times.presses / 1000)
     at_floor = times.ms <= floor_ms + 0.5
@@ -74,13 +74,13 @@ def log_density(times: ReactionTimes, values: Mapping[str, float], *, floor_ms: 
     ratio = values["sigma_ms"] / values["tau_ms"]
     tail = ratio**2 / 2 - ratio * z + scipy.special.log_ndtr(z - ratio)  # SciPy's exponnorm, ten times as fast
     below = np.log(np.maximum(scipy.special.ndtr(z) - np.exp(tail), 0.0) + 1e-12)
-    found = np.where(at_floor, below, tail - np.log(values["tau_ms"] * share))
+    log_response = np.where(at_floor, below, tail - np.log(values["tau_ms"] * share))
     pauses = np.where(at_floor, 0.0, values["pause"] * np.exp(-times.ms / _PAUSE_MS) / _PAUSE_MS)
-    return np.maximum(np.log((1 - values["pause"]) * np.exp(found) + pauses + 1e-300), -50.0)
+    return np.maximum(np.log((1 - values["pause"]) * np.exp(log_response) + pauses + 1e-300), -50.0)
 
 
 def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTimeFit | None:
-    """The most likely parameters; None where there are too few times, or none are most likely."""
+    """Fit the most likely parameters; None where there are too few times."""
     if len(times.ms) < MIN_TIMES:
         return None
 
@@ -89,10 +89,10 @@ def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTime
         return prior - float(log_density(times, _values(point), floor_ms=floor_ms).sum())
 
     named = zip(PARAMETER_NAMES, _START, strict=True)
-    start = np.array([math.log(one / (1 - one) if name in _CHANCES else one) for name, one in named])
+    start = np.array([_to_line(name, start_value) for name, start_value in named])
     options: Any = {"maxiter": 4000, "maxfev": 4000, "xatol": 1e-3, "fatol": 1e-2, "adaptive": True}
-    found = scipy.optimize.minimize(unlikely, start, method="Nelder-Mead", options=options)
-    point = found.x
+    optimum = scipy.optimize.minimize(unlikely, start, method="Nelder-Mead", options=options)
+    point = optimum.x
     steps = np.eye(len(PARAMETER_NAMES)) * _STEP
     curvature = np.array(
         [
@@ -121,7 +121,15 @@ def _values(point: NDArray[np.float64]) -> dict[str, float]:
     return {name: _from_line(name, float(at)) for name, at in zip(PARAMETER_NAMES, point, strict=True)}
 
 
+def _to_line(name: str, parameter: float) -> float:
+    """Return the log odds of a chance, the logarithm of any other parameter."""
+    if name in _CHANCES:
+        return math.log(parameter / (1 - parameter))
+    return math.log(parameter)
+
+
 def _from_line(name: str, at: float) -> float:
+    """Return a parameter from its log odds or logarithm."""
     at = min(max(at, -30.0), 30.0)
     if name in _CHANCES:
         return 1 / (1 + math.exp(-at))
@@ -180,56 +188,60 @@ def select_reaction_times(steps: pd.DataFrame) -> tuple[ReactionTimes, NDArray[n
     Excluded are an episode's first press and a press after an ineffective one.
     """
     before = steps.shift(1)
-    told = (steps["episode"] == before["episode"]) & (steps["attempt"] == before["attempt"])
-    told &= before["visible_effect"].astype("boolean").fillna(False).astype(bool) & steps["response_ms"].notna()
-    kept = steps[told]
+    is_usable = (steps["episode"] == before["episode"]) & (steps["attempt"] == before["attempt"])
+    is_usable &= before["visible_effect"].astype("boolean").fillna(False).astype(bool) & steps["response_ms"].notna()
+    usable_steps = steps[is_usable]
     times = ReactionTimes(
-        kept["response_ms"].to_numpy(float),
-        (steps["key"].astype(str) == before["key"].astype(str))[told].to_numpy(bool),
-        np.flatnonzero(told.to_numpy(bool)).astype(np.int64),
+        usable_steps["response_ms"].to_numpy(float),
+        (steps["key"].astype(str) == before["key"].astype(str))[is_usable].to_numpy(bool),
+        np.flatnonzero(is_usable.to_numpy(bool)).astype(np.int64),
     )
-    return times, kept["episode"].to_numpy(np.int64)
+    return times, usable_steps["episode"].to_numpy(np.int64)
 
 
-def measure_gain(fitted: ReactionTimeFit, seen: ReactionTimes, unseen: ReactionTimes) -> float:
-    """Bits per unseen press by which a fit predicts better than a log-normal given key and practice.
+def measure_gain(fitted: ReactionTimeFit, training: ReactionTimes, held_out: ReactionTimes) -> float:
+    """Measure by how many bits per held-out press a fit predicts better than a log-normal given key and practice.
 
     Both are conditional on being above the floor, where a chance and a density cannot be compared.
     """
     floor_ms = ParticipantParameters().floor_ms
-    above = unseen[unseen.ms > floor_ms + 0.5]
+    above = held_out[held_out.ms > floor_ms + 0.5]
     if not len(above.ms):
         return math.nan
     predictors, new = (
-        np.column_stack([np.ones(len(one.ms)), one.again, np.log1p(one.presses)]) for one in (seen, above)
+        np.column_stack([np.ones(len(times.ms)), times.again, np.log1p(times.presses)]) for times in (training, above)
     )
-    slopes = np.linalg.lstsq(predictors, np.log(seen.ms), rcond=None)[0]
-    plain = scipy.stats.norm(new @ slopes, (np.log(seen.ms) - predictors @ slopes).std())
+    slopes = np.linalg.lstsq(predictors, np.log(training.ms), rcond=None)[0]
+    plain = scipy.stats.norm(new @ slopes, (np.log(training.ms) - predictors @ slopes).std())
     base = plain.logpdf(np.log(above.ms)) - np.log(above.ms) - plain.logsf(math.log(floor_ms))
     at_floor = ReactionTimes(np.full(len(above.ms), floor_ms), above.again, above.presses)
     below = np.exp(log_density(at_floor, fitted.values, floor_ms=floor_ms))
-    told = log_density(above, fitted.values, floor_ms=floor_ms) - np.log1p(-np.minimum(below, 1 - 1e-9))
-    return float((told - base).mean() / np.log(2))
+    log_densities = log_density(above, fitted.values, floor_ms=floor_ms) - np.log1p(-np.minimum(below, 1 - 1e-9))
+    return float((log_densities - base).mean() / np.log(2))
 
 
-def describe_fits(found: list[FittedParticipant]) -> Iterator[str]:
+def describe_fits(participants: list[FittedParticipant]) -> Iterator[str]:
     """Describe each participant's fit, the median participant, and the gain on held-out episodes."""
-    for one in found:
-        said = ", ".join(f"{name} {one.fitted.values[name]:.3g}" for name in PARAMETER_NAMES)
-        yield f"{one.participant}  {said}  ({one.fitted.n} presses; held out: {one.gain:+.2f} bits per press)"
-    middle = {name: float(np.median([one.fitted.values[name] for one in found])) for name in PARAMETER_NAMES}
+    for participant in participants:
+        parameters = ", ".join(f"{name} {participant.fitted.values[name]:.3g}" for name in PARAMETER_NAMES)
+        bits = f"{participant.gain:+.2f} bits per press"
+        yield f"{participant.participant}  {parameters}  ({participant.fitted.n} presses; held out: {bits})"
+    middle = {
+        name: float(np.median([participant.fitted.values[name] for participant in participants]))
+        for name in PARAMETER_NAMES
+    }
     yield "human-like:" + ",".join(f"{name}={value:.4g}" for name, value in middle.items())
-    gain = np.mean([one.gain for one in found])
+    gain = np.mean([participant.gain for participant in participants])
     yield f"On held-out episodes the fit predicts {gain:+.2f} bits per press better than a conditional log-normal."
 
 
-def write_fits(found: list[FittedParticipant], path: Path) -> Path:
-    """Write all values and intervals as CSV."""
+def write_fits(participants: list[FittedParticipant], path: Path) -> Path:
+    """Write all parameters and intervals as CSV."""
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(("participant", "parameter", "value", "low", "high", "presses", "held_out_bits"))
-        for one in found:
+        for participant in participants:
             for name in PARAMETER_NAMES:
-                values = one.fitted.values[name], *one.fitted.intervals.get(name, (math.nan, math.nan))
-                table.writerow((one.participant, name, *values, one.fitted.n, one.gain))
+                values = participant.fitted.values[name], *participant.fitted.intervals.get(name, (math.nan, math.nan))
+                table.writerow((participant.participant, name, *values, participant.fitted.n, participant.gain))
     return path

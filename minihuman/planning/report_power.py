@@ -23,23 +23,15 @@ from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign, derive_design
 from minihuman.planning.power import ALPHA, PowerEstimate, tabulate_power
+from minihuman.reporting.block_measures import assign_roles, list_default_measures, set_measures_aside, take_logarithms
+from minihuman.reporting.block_results import compare_measures, list_changes
 from minihuman.reporting.interactions import InteractionResults, compute_interaction
-from minihuman.reporting.results import (
-    assign_roles,
-    compare_measures,
-    compare_within,
-    find_target_block,
-    list_changes,
-    list_default_measures,
-    name_conditions,
-    set_measures_aside,
-    take_logarithms,
-    unite_teams,
-)
+from minihuman.reporting.results import find_target_block
 from minihuman.reporting.study_measures import add_measures
+from minihuman.reporting.within_results import compare_within, name_conditions, unite_teams
 from minihuman.runtime.simulated_session import simulate
-from minihuman.statistics.comparison import find_units, name_units
 from minihuman.statistics.scores import wilson_interval
+from minihuman.statistics.units import find_units, name_units
 
 COMPARISONS = ("groups", "conditions", "interaction", "change")
 _TABLES = ("blocks", "episodes", "participants", "answers", "parts", "points", "teams")
@@ -54,7 +46,7 @@ class StudyDesign:
     drop_out: float = 0.0  # the chance to be missing from a session, and from all later ones
 
     def __post_init__(self) -> None:
-        """Refuse what is no design."""
+        """Refuse an unknown comparison, or a drop-out that is no chance."""
         if self.on not in COMPARISONS:
             raise ReportError(f"--on {self.on!r} is unknown; use one of {', '.join(COMPARISONS)}")
         if not 0 <= self.drop_out < 1:
@@ -89,21 +81,21 @@ def simulate_report_pool(toml: bytes, *, people: int, player: str, seed: int) ->
     protocol = decode_protocol(toml, "protocol")
     study = msgspec.structs.replace(protocol.study, participants=people)
     with TemporaryDirectory(prefix="minihuman-power-") as folder:
-        whole = msgspec.structs.replace(protocol, study=study)
-        list(simulate(whole, Path(folder), participants=people, seed=seed, player=player))
+        pool_protocol = msgspec.structs.replace(protocol, study=study)
+        list(simulate(pool_protocol, Path(folder), participants=people, seed=seed, player=player))
         with select(Path(folder), processes=1) as tables:
             tables.require(_TABLES, shortest_paths=True)
             return make_report_pool(protocol, {name: tables.frame(name) for name in _TABLES})
 
 
 def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> ReportPool:
-    """A pool of a study's tables."""
+    """Make a pool from a study's tables."""
     analysis = protocol.analysis
     rows = add_measures(tables["blocks"], tables, analysis.find_plugin_measures())
     analysed = {block.name for block in protocol.blocks if block.analysed}
     rows = rows[rows["block"].isin(analysed)].assign(person=rows["participant"])
-    drawn = name_units(rows, find_units(tables["teams"]))["participant"]
-    rows = unite_teams(rows, tables["teams"]).assign(drawn=drawn).reset_index(drop=True)
+    sampling_units = name_units(rows, find_units(tables["teams"]))["participant"]
+    rows = unite_teams(rows, tables["teams"]).assign(drawn=sampling_units).reset_index(drop=True)
     blocks = rows.groupby("group")["block"].nunique()
     ratios = {group.name: group.allocation_ratio for group in protocol.groups}
     order = sorted(map(str, blocks.index), key=lambda group: (-int(blocks[group]), group))
@@ -115,7 +107,7 @@ def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> 
 def estimate_report_power(
     pool: ReportPool, design: StudyDesign, sizes: Sequence[int], *, studies: int, seed: int
 ) -> tuple[PowerEstimate, ...]:
-    """The share of studies in which the report's corrected p of each comparison is below 5 %.
+    """Estimate the share of studies in which the report's corrected p of each comparison is below 5 %.
 
     ``sizes`` are participants per group, times the group's allocation ratio. Of each size, an estimate per comparison
     of the primary measure (of the first that has values where none is named), and one of any of them.
@@ -123,13 +115,13 @@ def estimate_report_power(
     Raises:
         ReportError: if the protocol has no such comparison.
     """
-    found = []
-    several = len(pool.groups) > 1
+    estimates = []
+    has_several_groups = len(pool.groups) > 1
     possible = {
-        "groups": several,
+        "groups": has_several_groups,
         "conditions": bool(pool.analysis.conditions),
         "interaction": pool.design.is_mixed,
-        "change": several and pool.rows["session"].nunique() > 1,
+        "change": has_several_groups and pool.rows["session"].nunique() > 1,
     }
     if not possible[design.on]:
         raise ReportError(
@@ -141,42 +133,65 @@ def estimate_report_power(
         for _ in range(studies):
             ps = compare_study(draw_study(pool, design, size, rng), pool, design.on)
             rejected = {name: p < ALPHA for name, p in ps}
-            counts.update(rejected | ({"any of them": any(rejected.values())} if len(rejected) > 1 else {}))
+            if len(rejected) > 1:
+                rejected["any of them"] = any(rejected.values())
+            counts.update(rejected)
         for name, hits in counts.items():
             low, high = wilson_interval(hits, studies)
-            found.append(PowerEstimate(name, size, hits / studies, low, high, studies))
-    return tuple(found)
+            estimates.append(PowerEstimate(name, size, hits / studies, low, high, studies))
+    return tuple(estimates)
 
 
 def draw_study(pool: ReportPool, design: StudyDesign, size: int, rng: np.random.Generator) -> pd.DataFrame:
-    """The included rows of one study's table of blocks: participants, or whole teams, drawn with replacement."""
-    (measure, is_log, effect), drawn = _find_effect(pool, design), []
-    for group, ratio in pool.groups.items():
-        theirs = effect[effect["group"] == group]
-        places = [*theirs.groupby("drawn").indices.values()]
-        count = round(size * ratio * len(places) / theirs["person"].nunique())
-        chosen = [places[one] for one in rng.integers(len(places), size=count)]
-        rows = theirs.iloc[np.concatenate(chosen)]
-        number = np.repeat(np.arange(count), [*map(len, chosen)])
-        for name in ("participant", "person"):
-            rows = rows.assign(**{name: [f"{at}/{who}" for at, who in zip(number, rows[name], strict=True)]})
-        drawn.append(rows)
-    rows = pd.concat(drawn, ignore_index=True)
+    """Draw the included rows of one study's table of blocks: participants, or whole teams, with replacement."""
+    measure, is_log, effect = _find_effect(pool, design)
+    rows = _draw_participants(pool, effect, size, rng)
     if design.drop_out:
-        left = {
-            code: next((at for at in sorted({*rows["session"]}) if rng.random() < design.drop_out), math.inf)
-            for code in rows["person"].unique()
-        }
-        rows = rows[rows["session"] < rows["person"].map(left)]
+        rows = _drop_out(rows, design.drop_out, rng)
     rows = rows[rows["exclusion_reason"].isna()]
     values = rows[measure].astype(float)
     move = rows["move"]
-    if measure == "success":  # more failures, or fewer successes, become the other: no share leaves 0 to 1
-        others = values.where(move < 0, 1 - values)
-        chance = (move.abs() / rows["middle"].where(move < 0, 1 - rows["middle"])).fillna(0).clip(0, 1)
-        tries = (others * rows["episodes"]).round().fillna(0).astype(int)
-        return rows.assign(success=values + np.sign(move) * rng.binomial(tries, chance) / rows["episodes"])
-    return rows.assign(**{measure: values * np.exp(move) if is_log else values + move})
+    if measure == "success":
+        return rows.assign(success=_move_success(rows, values, rng))
+    if is_log:
+        return rows.assign(**{measure: values * np.exp(move)})
+    return rows.assign(**{measure: values + move})
+
+
+def _draw_participants(pool: ReportPool, effect: pd.DataFrame, size: int, rng: np.random.Generator) -> pd.DataFrame:
+    """Draw each group's participants, or whole teams, with replacement, and number them."""
+    samples = []
+    for group, ratio in pool.groups.items():
+        group_rows = effect[effect["group"] == group]
+        places = [*group_rows.groupby("drawn").indices.values()]
+        count = round(size * ratio * len(places) / group_rows["person"].nunique())
+        chosen = [places[unit] for unit in rng.integers(len(places), size=count)]
+        rows = group_rows.iloc[np.concatenate(chosen)]
+        number = np.repeat(np.arange(count), [*map(len, chosen)])
+        for name in ("participant", "person"):
+            rows = rows.assign(**{name: [f"{at}/{code}" for at, code in zip(number, rows[name], strict=True)]})
+        samples.append(rows)
+    return pd.concat(samples, ignore_index=True)
+
+
+def _drop_out(rows: pd.DataFrame, chance: float, rng: np.random.Generator) -> pd.DataFrame:
+    """Leave out each person's sessions from the one on that the person is missing from, if any."""
+    sessions = sorted({*rows["session"]})
+    left = {
+        person: next((session for session in sessions if rng.random() < chance), math.inf)
+        for person in rows["person"].unique()
+    }
+    return rows[rows["session"] < rows["person"].map(left)]
+
+
+def _move_success(rows: pd.DataFrame, values: "pd.Series[float]", rng: np.random.Generator) -> "pd.Series[float]":
+    """Turn failures into successes, or successes into failures, so that no share leaves 0 to 1."""
+    move = rows["move"]
+    other_share = values.where(move < 0, 1 - values)
+    chance = (move.abs() / rows["middle"].where(move < 0, 1 - rows["middle"])).fillna(0).clip(0, 1)
+    tries = (other_share * rows["episodes"]).round().fillna(0).astype(int)
+    moved: pd.Series[float] = values + np.sign(move) * rng.binomial(tries, chance) / rows["episodes"]
+    return moved
 
 
 def _primary(pool: ReportPool, rows: pd.DataFrame) -> str:
@@ -184,7 +199,7 @@ def _primary(pool: ReportPool, rows: pd.DataFrame) -> str:
 
 
 def _list_first_blocks(pool: ReportPool) -> list[str]:
-    """The blocks of the first condition."""
+    """List the blocks of the first condition."""
     named = dict(pool.design.condition_of_block) or {block: block for block in pool.analysis.conditions}
     first = next(iter(named.values()), "")
     return [block for block, condition in named.items() if condition == first]
@@ -192,7 +207,7 @@ def _list_first_blocks(pool: ReportPool) -> list[str]:
 
 @lru_cache(maxsize=1)
 def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.DataFrame]:
-    """The primary measure, whether it is compared as logarithms, and the pool's rows with how far each is to be moved.
+    """Find the primary measure, whether it is compared as logarithms, and how far each of the pool's rows is moved.
 
     What is compared is moved to a common mean first: the difference is the design's, whatever the one by which the
     simulated groups or conditions differ. ``middle`` is the mean before.
@@ -204,25 +219,27 @@ def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.D
         compared = rows["block"].isin(pool.analysis.conditions)
     else:
         compared = rows["block"] == pool.target
-    theirs = rows[compared & rows["exclusion_reason"].isna()]
-    measure = _primary(pool, theirs)
-    scaled, logs = take_logarithms(theirs, [measure])
+    compared_rows = rows[compared & rows["exclusion_reason"].isna()]
+    measure = _primary(pool, compared_rows)
+    scaled, logs = take_logarithms(compared_rows, [measure])
     values = scaled[measure].astype(float)
     means = scaled.groupby(["block", "group", "participant"])[measure].mean()
-    middle = values.groupby([theirs[name] for name in cell]).transform("mean")
-    common = values.mean() if within else values.groupby(theirs["session"]).transform("mean")
-    first_condition = theirs["block"].isin(_list_first_blocks(pool))
-    first_group = theirs["group"] == next(iter(pool.groups))
+    middle = values.groupby([compared_rows[name] for name in cell]).transform("mean")
+    common: float | pd.Series[float] = values.mean()
+    if not within:
+        common = values.groupby(compared_rows["session"]).transform("mean")
+    first_condition = compared_rows["block"].isin(_list_first_blocks(pool))
+    first_group = compared_rows["group"] == next(iter(pool.groups))
     by_comparison = {"conditions": first_condition, "interaction": first_condition & first_group}
     affected = by_comparison.get(design.on, first_group) & (
-        (design.on != "change") | (theirs["session"] > rows["session"].min())
+        (design.on != "change") | (compared_rows["session"] > rows["session"].min())
     )
     move = common - middle + design.shift * float(means.groupby(["block", "group"]).std().mean()) * affected
     return measure, measure in logs, rows.assign(move=move, middle=middle).fillna({"move": 0.0})
 
 
 def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tuple[str, float]]:
-    """The corrected p of each comparison of the primary measure, as the report's page has it."""
+    """Yield the corrected p of each comparison of the primary measure, as the report's page has it."""
     analysis = pool.analysis
     order = list(pool.groups)
     if on == "interaction":
@@ -231,46 +248,62 @@ def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tup
             yield from _list_interaction_ps(interaction)
         return
     if on == "conditions":
-        within = compare_within(*name_conditions(rows, analysis, pool.design))
-        primary = _primary(pool, rows[rows["block"].isin(analysis.conditions)])
-        yield from (
-            (f"{primary}: {one.first} - {one.second}", one.p_holm)
-            for one in (within.comparisons if within else ())
-            if one.measure == primary
-        )
+        yield from _list_condition_ps(rows, pool)
         return
-    theirs = rows[rows["block"] == pool.target]
-    primary = _primary(pool, theirs)
+    yield from _list_group_ps(rows, pool, order, is_change=on == "change")
+
+
+def _list_condition_ps(rows: pd.DataFrame, pool: ReportPool) -> Iterator[tuple[str, float]]:
+    """Yield the corrected p of each two conditions."""
+    within = compare_within(*name_conditions(rows, pool.analysis, pool.design))
+    if within is None:
+        return
+    primary = _primary(pool, rows[rows["block"].isin(pool.analysis.conditions)])
+    for comparison in within.comparisons:
+        if comparison.measure == primary:
+            yield f"{primary}: {comparison.first} - {comparison.second}", comparison.p_holm
+
+
+def _list_group_ps(
+    rows: pd.DataFrame, pool: ReportPool, order: Sequence[str], *, is_change: bool
+) -> Iterator[tuple[str, float]]:
+    """Yield the corrected p of each two groups in the target block, or of their changes between sessions."""
+    analysis = pool.analysis
+    target_rows = rows[rows["block"] == pool.target]
+    primary = _primary(pool, target_rows)
     named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if ":" in name]
-    aside = set_measures_aside(theirs, late=int((theirs["success"] < 1).any()))
-    measured = [*(name for name in list_default_measures(theirs) if name not in aside), *named, primary]
+    aside = set_measures_aside(target_rows, late=int((target_rows["success"] < 1).any()))
+    measured = [*(name for name in list_default_measures(target_rows) if name not in aside), *named, primary]
     roles = assign_roles(measured, analysis)
     if analysis.primary_measure:  # the other roles are corrected by themselves
         roles = {name: role for name, role in roles.items() if role == "primary"}
-    scaled, logs = take_logarithms(theirs, list(roles))
-    frames = [scaled.groupby(["group", "participant"])[list(roles)].mean().reset_index()]
-    if on == "change":
+    scaled, logs = take_logarithms(target_rows, list(roles))
+    if is_change:
         frames = list(list_changes(scaled, list(roles)).values())
-    for each in frames:
-        for one in compare_measures(each, roles, order, logs, intervals=False):
-            if one.measure == primary:
-                yield f"{primary}: {one.first} - {one.second}", one.p_holm
+    else:
+        frames = [scaled.groupby(["group", "participant"])[list(roles)].mean().reset_index()]
+    for frame in frames:
+        for comparison in compare_measures(frame, roles, order, logs, intervals=False):
+            if comparison.measure == primary:
+                yield f"{primary}: {comparison.first} - {comparison.second}", comparison.p_holm
 
 
-def _list_interaction_ps(found: InteractionResults) -> Iterator[tuple[str, float]]:
-    """The p of all of the interaction, or of its contrasts where they answer the question."""
-    whole = next((test for test in found.omnibus if test.measure == found.measure), None)
-    if whole is not None:
-        yield f"{found.measure}: interaction", whole.p_holm
+def _list_interaction_ps(interaction: InteractionResults) -> Iterator[tuple[str, float]]:
+    """Yield the p of all of the interaction, or of its contrasts where they answer the question."""
+    omnibus = next((test for test in interaction.omnibus if test.measure == interaction.measure), None)
+    if omnibus is not None:
+        yield f"{interaction.measure}: interaction", omnibus.p_holm
         return
-    for compared in found.headline:
+    for compared in interaction.headline:
         groups = compared.groups
-        yield f"{found.measure}: {compared.contrast}, {groups.first} - {groups.second}", groups.p_holm
+        yield f"{interaction.measure}: {compared.contrast}, {groups.first} - {groups.second}", groups.p_holm
 
 
-def describe_report_power(pool: ReportPool, design: StudyDesign, found: Sequence[PowerEstimate], *, player: str) -> str:
+def describe_report_power(
+    pool: ReportPool, design: StudyDesign, estimates: Sequence[PowerEstimate], *, player: str
+) -> str:
     """Describe the result, for the terminal and a preregistration."""
-    where = {
+    location = {
         "groups": f"in group {next(iter(pool.groups))}, block {pool.target}",
         "conditions": f"in block {(*pool.analysis.conditions, '')[0]}, within participants",
         "interaction": f"in block {(*pool.analysis.conditions, '')[0]} of group {next(iter(pool.groups))} alone",
@@ -280,15 +313,16 @@ def describe_report_power(pool: ReportPool, design: StudyDesign, found: Sequence
         sentence = ""
     else:
         sentence = " The protocol names no primary measure, so all are corrected together."
+    studies = estimates[0].studies
     ratios = ", ".join(f"{group} {ratio}" for group, ratio in pool.groups.items())
     lines = [
-        f"Power for a difference of {design.shift:g} standard deviations {where}: the share of {found[0].studies:,}",
+        f"Power for a difference of {design.shift:g} standard deviations {location}: the share of {studies:,}",
         f"studies with p < {ALPHA:g} on the report's page, after its corrections.{sentence}",
         f"Participants are drawn from {pool.rows['person'].nunique()} simulated ones, player {player};",
         f"allocation ratio {ratios}; {design.drop_out:.0%} miss each session. In brackets: the Monte Carlo interval.",
         "",
     ]
-    return "\n".join([*lines, *tabulate_power(found)])
+    return "\n".join([*lines, *tabulate_power(estimates)])
 
 
 def plan_report_power(
@@ -303,7 +337,7 @@ def plan_report_power(
     player: str,
     seed: int,
 ) -> tuple[tuple[PowerEstimate, ...], str]:
-    """Simulate a pool and estimate the power of an effect such as ``shift=0.5``; also the text that says what it is.
+    """Simulate a pool and estimate the power of an effect such as ``shift=0.5``; return it with its description.
 
     Raises:
         ReportError: if the effect is none, or the protocol has no such comparison.
@@ -318,5 +352,5 @@ def plan_report_power(
         )
     design = StudyDesign(shift, on, drop_out)
     pool = simulate_report_pool(toml, people=people, player=player, seed=seed)
-    found = estimate_report_power(pool, design, sizes, studies=studies, seed=seed)
-    return found, describe_report_power(pool, design, found, player=player)
+    estimates = estimate_report_power(pool, design, sizes, studies=studies, seed=seed)
+    return estimates, describe_report_power(pool, design, estimates, player=player)

@@ -42,7 +42,7 @@ _THUMB_PX = (200, 150)
 
 @dataclass(frozen=True, slots=True)
 class Lettering:
-    """How words of a film are set."""
+    """The type in which words of a film are set."""
 
     faces: TypefaceSet
     size_px: int
@@ -71,10 +71,12 @@ def draw_label(
     faces = lettering.faces
     size_px = lettering.size_px
     x, y = place
-    middle = (x, y if centred else y + _MIDDLE * size_px)
     ink = ImageColor.getrgb(colour)[:3]
-    anchor = "m" if centred else "l"
-    draw_line(draw, middle, words, faces=faces, size_px=size_px, colour=ink, anchor=anchor, rtl=is_rtl(words))
+    anchor = "m"
+    if not centred:
+        anchor = "l"
+        y += _MIDDLE * size_px
+    draw_line(draw, (x, y), words, faces=faces, size_px=size_px, colour=ink, anchor=anchor, rtl=is_rtl(words))
 
 
 def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Path:
@@ -96,31 +98,16 @@ def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Pat
         raise LogError(
             f"{out} does not have a video file extension; use one of {', '.join('.' + name for name in FORMATS)}"
         )
-    numbers = sorted({one.number for one in log.episodes})
-    if episode is not None and episode not in numbers:
-        raise LogError(
-            f"{log.path} has no episode {episode}; its episodes are {', '.join(map(str, numbers)) or 'none'}"
-        )
-    if episode is None:
-        wanted = [one for one in log.episodes if len(one.actions)]
-    else:
-        wanted = [[one for one in log.episodes if one.number == episode][-1]]
-    if not any(len(one.actions) for one in wanted):
-        raise LogError(f"{log.path}: there is no step to film; choose another episode")
+    episodes = _select_episodes(log, episode)
     out.parent.mkdir(parents=True, exist_ok=True)
     if kind == "png":
-        draw_contact_sheet(log, wanted).save(out)
+        draw_contact_sheet(log, episodes).save(out)
         return out
     unfinished = out.with_name(f"{out.name}.unfinished")
     try:
-        images = (image for one in wanted for image in compose_frames(log, one))
+        images = (image for recorded in episodes for image in compose_frames(log, recorded))
         if kind == "gif":
-            first, *others = (
-                image.resize(_GIF_PX, Image.Resampling.LANCZOS).quantize(_GIF_COLOURS, dither=Image.Dither.NONE)
-                for image in images
-            )
-            duration_ms = 1000 // STEPS_PER_S
-            first.save(unfinished, "gif", save_all=True, append_images=others, duration=duration_ms, loop=0)
+            _save_gif(images, unfinished)
         else:
             with VideoWriter(unfinished, kind, fps=STEPS_PER_S) as video:
                 video.write(np.asarray(image) for image in images)
@@ -130,15 +117,41 @@ def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Pat
     return out
 
 
+def _select_episodes(log: SessionLog, number: int | None) -> list[EpisodeLog]:
+    """Select the last attempt at an episode, or every episode with a step."""
+    numbers = sorted({episode.number for episode in log.episodes})
+    if number is None:
+        episodes = [episode for episode in log.episodes if len(episode.actions)]
+    elif number in numbers:
+        episodes = [[episode for episode in log.episodes if episode.number == number][-1]]
+    else:
+        raise LogError(f"{log.path} has no episode {number}; its episodes are {', '.join(map(str, numbers)) or 'none'}")
+    if not any(len(episode.actions) for episode in episodes):
+        raise LogError(f"{log.path}: there is no step to film; choose another episode")
+    return episodes
+
+
+def _save_gif(images: Iterator[Image.Image], path: Path) -> None:
+    first, *other_images = (
+        image.resize(_GIF_PX, Image.Resampling.LANCZOS).quantize(_GIF_COLOURS, dither=Image.Dither.NONE)
+        for image in images
+    )
+    duration_ms = 1000 // STEPS_PER_S
+    first.save(path, "gif", save_all=True, append_images=other_images, duration=duration_ms, loop=0)
+
+
 def compose_frames(log: SessionLog, episode: EpisodeLog, *, stride: int = 1) -> Iterator[Image.Image]:
-    """The film's pictures of an episode: the reset's, every ``stride``-th step's, and the last step's, shown longer."""
+    """Yield the film's pictures of an episode: the reset's, every ``stride``-th step's, and the last, shown longer."""
     times_ms = response_ms(episode)
     views = render_frames(episode, VIEW_PX)
     last = len(views) - 1
     for step, view in enumerate(views):
         if step % stride == 0 or step == last:
             image = _compose(log, episode, step, Image.fromarray(fit_picture(view, VIEW_PX)), times_ms)
-            yield from [image] * (STEPS_PER_S if step == last and stride == 1 else 1)
+            n_repeats = 1
+            if step == last and stride == 1:
+                n_repeats = STEPS_PER_S
+            yield from [image] * n_repeats
 
 
 def _compose(
@@ -150,34 +163,56 @@ def _compose(
     left = VIEW_PX[0] + 20
     right = SIZE_PX[0] - 20
     draw_label(draw, (left, 14), episode.plan.world.rpartition("/")[2].rpartition(":")[2][:32], INK, TITLE)
-    who = f"{log.plan.participant.id}, episode {episode.number}, {episode.plan.block_name}"
-    draw_label(draw, (left, 40), who[:48], FAINT, TEXT)
-    pressed = episode.step_keys[step - 1] if step else ""
-    for place, (key, action) in enumerate(sorted(episode.plan.key_map.keys.items())[:_MOST_KEYS]):
-        x = left + place % 3 * 62
-        y = 74 + place // 3 * 78
-        down = pressed == key
-        draw.rounded_rectangle((x, y, x + 44, y + 44), 7, fill=BLUE if down else PANEL, outline=FAINT)
-        name = key if len(key) < 3 else key[:5]
-        draw_label(draw, (x + 22, y + 22), name, PAPER if down else INK, KEY if len(key) < 3 else MONO, centred=True)
-        draw_label(draw, (x + 22, y + 55), action.rpartition("_")[2][:8], INK, MONO, centred=True)
+    caption = f"{log.plan.participant.id}, episode {episode.number}, {episode.plan.block_name}"
+    draw_label(draw, (left, 40), caption[:48], FAINT, TEXT)
+    _draw_keys(draw, episode, step, left)
     _draw_map(draw, episode, step, (right - 160, 70, right, 230))
     seconds = (episode.t_ns[step] - episode.t_ns[0]) / 1e9
-    end = f": {episode.outcome_word}" if step == len(episode.actions) else ""
-    draw_label(draw, (left, 250), f"step {step} of {len(episode.actions)}, {seconds:.1f} s{end}", INK, TEXT)
-    for line, one in enumerate(range(max(0, step - _LINES), step)):
-        waited = times_ms[one]
-        text = (
-            f"{(episode.t_ns[one + 1] - episode.t_ns[0]) / 1e9:7.2f} s  {episode.step_keys[one] or '-':>5}  "
-            f"{episode.start.action_names[episode.actions[one]].rpartition('_')[2][:10]:<10}"
-            f"{'' if np.isnan(waited) else f'{waited:6.0f} ms'}"
-        )
-        draw_label(draw, (left, 278 + 19 * line), text, INK if one == step - 1 else FAINT, MONO)
+    text = f"step {step} of {len(episode.actions)}, {seconds:.1f} s"
+    if step == len(episode.actions):
+        text += f": {episode.outcome_word}"
+    draw_label(draw, (left, 250), text, INK, TEXT)
+    for line, index in enumerate(range(max(0, step - _LINES), step)):
+        ink = FAINT
+        if index == step - 1:
+            ink = INK
+        draw_label(draw, (left, 278 + 19 * line), _describe_step(episode, index, times_ms[index]), ink, MONO)
     return image
 
 
+def _draw_keys(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, left: int) -> None:
+    """Draw the keys with their actions, the one that made this step lit."""
+    pressed = ""
+    if step:
+        pressed = episode.step_keys[step - 1]
+    for place, (key, action) in enumerate(sorted(episode.plan.key_map.keys.items())[:_MOST_KEYS]):
+        x = left + place % 3 * 62
+        y = 74 + place // 3 * 78
+        fill = PANEL
+        ink = INK
+        if pressed == key:
+            fill = BLUE
+            ink = PAPER
+        draw.rounded_rectangle((x, y, x + 44, y + 44), 7, fill=fill, outline=FAINT)
+        lettering = KEY
+        if len(key) >= 3:
+            lettering = MONO
+        draw_label(draw, (x + 22, y + 22), key[:5], ink, lettering, centred=True)
+        draw_label(draw, (x + 22, y + 55), action.rpartition("_")[2][:8], INK, MONO, centred=True)
+
+
+def _describe_step(episode: EpisodeLog, index: int, reaction_ms: float) -> str:
+    """Describe a step in a line: when it was made, its key and action, and the reaction time, if there is one."""
+    seconds = (episode.t_ns[index + 1] - episode.t_ns[0]) / 1e9
+    action = episode.start.action_names[episode.actions[index]].rpartition("_")[2][:10]
+    text = f"{seconds:7.2f} s  {episode.step_keys[index] or '-':>5}  {action:<10}"
+    if np.isnan(reaction_ms):
+        return text
+    return f"{text}{reaction_ms:6.0f} ms"
+
+
 def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tuple[int, int, int, int]) -> None:
-    """The floor plan from above with the path so far; nothing where the world tells none."""
+    """Draw the floor plan from above with the path so far; nothing where the world gives none."""
     plan = episode.start.map
     if plan is None:
         return
@@ -203,9 +238,9 @@ def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tu
 
 
 def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image.Image:
-    """A row per episode: its words, its map with the whole path, and pictures from its beginning to its end."""
+    """Draw a row per episode: its words, its map with the whole path, and pictures from its beginning to its end."""
     width, height = _THUMB_PX
-    rows = [one for one in episodes if len(one.actions)]
+    rows = [episode for episode in episodes if len(episode.actions)]
     left = 190
     sheet = Image.new("RGB", (left + (_SHEET + 1) * (width + 6), 40 + len(rows) * (height + 8)), PAPER)
     draw = ImageDraw.Draw(sheet)
@@ -217,8 +252,9 @@ def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image
             f"episode {episode.number}", episode.plan.block_name[:20], f"{len(episode.actions)} steps",
             f"{episode.outcome_word}, {episode.return_:.2f}",
         )  # fmt: skip
-        for line, text in enumerate(words):
-            draw_label(draw, (10, y + 10 + 22 * line), text, FAINT if line else INK, TEXT)
+        inks = (INK, FAINT, FAINT, FAINT)
+        for line, (text, ink) in enumerate(zip(words, inks, strict=True)):
+            draw_label(draw, (10, y + 10 + 22 * line), text, ink, TEXT)
         _draw_map(draw, episode, len(episode.actions), (left + 20, y + 4, left + width - 20, y + height - 4))
         for place, step in enumerate(np.linspace(0, len(views) - 1, _SHEET).round().astype(int).tolist()):
             picture = Image.fromarray(fit_picture(views[step], _THUMB_PX))

@@ -21,7 +21,7 @@ BACKGROUND = "#24272c"
 
 
 def render_partner_frames(episode: EpisodeLog, seat: int) -> list[NDArray[np.uint8]]:
-    """The n + 1 pictures that another seat of the episode's team saw, uint8[H, W, 3].
+    """Draw the n + 1 pictures that another seat of the episode's team saw, uint8[H, W, 3].
 
     Raises:
         WorldError: if the world cannot be run.
@@ -30,14 +30,16 @@ def render_partner_frames(episode: EpisodeLog, seat: int) -> list[NDArray[np.uin
     with closing(World(plan.world, {**episode.world_options, "seat": seat})) as world:
         world.reset(plan.seed)
         pictures = [world.frame(plan.view, SIZE_PX, plan.palette)]
-        for actions in () if episode.team is None else episode.team.actions:
+        if episode.team is None:
+            return pictures
+        for actions in episode.team.actions:
             world.step(int(actions[seat]))
             pictures.append(world.frame(plan.view, SIZE_PX, plan.palette))
         return pictures
 
 
 def render_frames(episode: EpisodeLog, size_px: tuple[int, int] = SIZE_PX) -> list[NDArray[np.uint8]]:
-    """The n + 1 pictures uint8[H, W, 3] of an episode, the reset's first: drawn again, else the stored observations.
+    """Draw the n + 1 pictures of an episode again, uint8[H, W, 3], the reset's first; else return the stored ones.
 
     They are drawn within ``size_px``, width and height. Each observation is compared with its hash in the log.
 
@@ -58,12 +60,12 @@ def render_frames(episode: EpisodeLog, size_px: tuple[int, int] = SIZE_PX) -> li
 
 def _redrawn(episode: EpisodeLog, world: World, size_px: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
     plan = episode.plan
-    seen = world.reset(plan.seed).observation_hash
+    observation_hash = world.reset(plan.seed).observation_hash
     actions = episode.actions_taken
     for step in range(len(episode.actions) + 1):
         if step:
-            seen = world.step(actions[step - 1]).observation_hash
-        if seen != int(episode.observation_hashes[step]):
+            observation_hash = world.step(actions[step - 1]).observation_hash
+        if observation_hash != int(episode.observation_hashes[step]):
             raise LogError(
                 f"{episode.name} step {step}: {plan.world} no longer shows what the participant saw; "
                 "replay without --view, or install the version of the world that the session used"
@@ -72,7 +74,7 @@ def _redrawn(episode: EpisodeLog, world: World, size_px: tuple[int, int]) -> Ite
 
 
 def fit_picture(picture: NDArray[np.uint8], size_px: tuple[int, int]) -> NDArray[np.uint8]:
-    """The picture in the middle of a dark one of that width and height; one that is larger is made smaller."""
+    """Centre a picture in a dark one of that width and height; one that is larger is made smaller."""
     width, height = size_px
     image = Image.fromarray(picture)
     image.thumbnail(size_px)

@@ -11,6 +11,7 @@ import sys
 import uuid
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import rerun as rr
@@ -33,29 +34,37 @@ Bounds = tuple[float, float, float, float]
 
 
 def build_layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprint:
-    """Map and view beside numbers, keys and words for one session; a column a session for several."""
-    single = len(logs) == 1
-    columns = [_single(log, with_view=with_view) if single else _column(log, with_view=with_view) for log in logs]
+    """Lay out map and view beside numbers, keys and words for one session; several sessions have a column each."""
+    if len(logs) == 1:
+        content = _single(logs[0], with_view=with_view)
+        timeline = PLAY_TIME
+    else:
+        content = rrb.Horizontal(*(_column(log, with_view=with_view) for log in logs))
+        timeline = ALIGNED
     return rrb.Blueprint(
-        rrb.Horizontal(*columns) if not single else columns[0],
+        content,
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline=PLAY_TIME if single else ALIGNED, play_state="paused"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state="paused"),
         auto_views=False,
     )
 
 
 def _single(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
     root = session_root(log)
-    taught = any(episode.taught is not None for episode in log.episodes)
-    if taught:
+    steering = []
+    row_shares = [3, 2, 2, 3]
+    if any(episode.taught is not None for episode in log.episodes):
         steering = [rrb.StateTimelineView(origin=f"{root}/steering", name="Policy and person")]
-    else:
-        steering = []
-    others = sorted({seat for episode in log.episodes for seat in list_partner_seats(episode)})
-    names = {"view": "View", **{f"view-seat-{seat}": f"View of seat {seat}" for seat in others}}
+        row_shares = [2, *row_shares]
+    partner_seats = sorted({seat for episode in log.episodes for seat in list_partner_seats(episode)})
+    names = {"view": "View", **{f"view-seat-{seat}": f"View of seat {seat}" for seat in partner_seats}}
     views = [rrb.Spatial2DView(origin=f"{root}/{view}", name=name) for view, name in names.items()]
-    pictures = [_maps(log), *([views[0] if len(views) == 1 else rrb.Horizontal(*views)] if with_view else [])]
+    pictures: list[Any] = [_maps(log)]
+    if with_view and len(views) > 1:
+        pictures.append(rrb.Horizontal(*views))
+    elif with_view:
+        pictures.append(views[0])
     return rrb.Horizontal(
         rrb.Vertical(*pictures, row_shares=[3, 2][: len(pictures)]),
         rrb.Vertical(
@@ -67,7 +76,7 @@ def _single(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
                 rrb.TextLogView(origin=f"{root}/events", name="Events"),
                 rrb.TextDocumentView(origin=f"{root}/facts", name="Session"),
             ),
-            row_shares=[*([2] if taught else []), 3, 2, 2, 3],
+            row_shares=row_shares,
         ),
         column_shares=[1, 1],
     )
@@ -75,23 +84,25 @@ def _single(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
 
 def _column(log: SessionLog, *, with_view: bool) -> rrb.Vertical:
     root = session_root(log)
+    pictures: list[Any] = [_maps(log, f"{root} ({log.plan.participant.group}): ")]
+    if with_view:
+        pictures.append(rrb.Spatial2DView(origin=f"{root}/view", name="View"))
     return rrb.Vertical(
-        _maps(log, f"{root} ({log.plan.participant.group}): "),
-        *([rrb.Spatial2DView(origin=f"{root}/view", name="View")] if with_view else []),
+        *pictures,
         rrb.TimeSeriesView(origin=root, contents=["$origin/return"], name="Return"),
         rrb.TextLogView(origin=f"{root}/events", name="Events"),
     )
 
 
 def _maps(log: SessionLog, name: str = "") -> rrb.Spatial2DView | rrb.Tabs:
-    """The map in as many sizes as the blocks have; the first block's is in front."""
+    """Make the map in as many sizes as the blocks have; the first block's is in front."""
     bounds: dict[str, list[Bounds]] = {}
     for episode in log.episodes:
         if episode.start.map is not None:
             bounds.setdefault(episode.plan.block_name, []).append(episode.start.map.bounds)
     if len(bounds) < 2:
         return _map_view(log, f"{name}map", next(iter(bounds.values()), []))
-    return rrb.Tabs(*(_map_view(log, f"{name}map of {block}", theirs) for block, theirs in bounds.items()))
+    return rrb.Tabs(*(_map_view(log, f"{name}map of {block}", block_bounds) for block, block_bounds in bounds.items()))
 
 
 def _map_view(log: SessionLog, name: str, bounds: Sequence[Bounds]) -> rrb.Spatial2DView:
@@ -124,17 +135,19 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
     roots = [session_root(log) for log in logs]
     if not logs or len(set(roots)) < len(roots):
         raise LogError(f"name one session or several different ones to replay, not {', '.join(roots) or 'none'}")
-    aligned_ns = align_episode_starts(logs) if len(logs) > 1 else None
+    aligned_ns = None
+    if len(logs) > 1:
+        aligned_ns = align_episode_starts(logs)
     path.parent.mkdir(parents=True, exist_ok=True)
     if shutil.disk_usage(path.parent).free < FIRST_BYTES:
-        raise _unwritten(path, errno.ENOSPC)
+        raise _make_write_error(path, is_full=True)
     path.open("ab").close()  # what cannot be written is an error that names it; rerun has one of its own
     recording = rr.RecordingStream(APPLICATION, recording_id=_identity(logs))
     with recording:
         try:
             recording.save(path, default_blueprint=build_layout(logs, with_view=with_view))
         except RuntimeError as error:
-            raise _unwritten(path, errno.EIO if path.is_file() else errno.ENOSPC) from error
+            raise _make_write_error(path, is_full=not path.is_file()) from error
         for log in logs:
             moments = ReplayTimeline.of(log, aligned_ns=aligned_ns)
             send_session(recording, log, moments)
@@ -143,20 +156,23 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
         try:
             recording.flush()
         except RuntimeError as error:  # all that is said of a write that failed; the reason is on the terminal
-            full = shutil.disk_usage(path.parent).free < FIRST_BYTES
+            is_full = shutil.disk_usage(path.parent).free < FIRST_BYTES
             recording.disconnect()
             path.unlink(missing_ok=True)
-            raise _unwritten(path, errno.ENOSPC if full else errno.EIO) from error
+            raise _make_write_error(path, is_full=is_full) from error
         recording.disconnect()
     return path
 
 
-def _unwritten(path: Path, why: int) -> OSError:
-    return OSError(why, os.strerror(why), str(path))
+def _make_write_error(path: Path, *, is_full: bool) -> OSError:
+    number = errno.EIO
+    if is_full:
+        number = errno.ENOSPC
+    return OSError(number, os.strerror(number), str(path))
 
 
 def _identity(logs: Sequence[SessionLog]) -> uuid.UUID:
-    """The same sessions make the same recording, so opening a replay twice shows it once."""
+    """Return the same identity for the same sessions, so that opening a replay twice shows it once."""
     names = [f"{log.plan.study}/{session_root(log)}/{log.started_at}" for log in logs]
     return uuid.uuid5(uuid.NAMESPACE_URL, "minihuman:" + "|".join(names))
 
@@ -165,14 +181,16 @@ ADDRESS = "127.0.0.1"
 
 
 def viewer_command(recording: Path, *, web: bool) -> list[str]:
-    """The command that shows a recording; the web viewer and its server listen on 127.0.0.1 and nowhere else."""
+    """Return the command that shows a recording; the web viewer and its server listen on 127.0.0.1 alone."""
     # -P: do not import a rerun.py in the current folder
     command = [sys.executable, "-P", "-m", "rerun", str(recording), "--bind", ADDRESS]
-    return [*command, "--web-viewer"] if web else command
+    if web:
+        command.append("--web-viewer")
+    return command
 
 
 def viewer_environment() -> dict[str, str]:
-    """The environment of rerun's viewer: its usage statistics are off, for this run only.
+    """Return the environment of rerun's viewer: its usage statistics are off, for this run only.
 
     rerun keeps none where it sees that it runs in continuous integration; it has no other switch for a single run.
     """
@@ -194,6 +212,6 @@ def show_recording(recording: Path, *, web: bool) -> int:
 
 
 def _free_port() -> int:
-    with socket.socket() as taken:
-        taken.bind((ADDRESS, 0))
-        return int(taken.getsockname()[1])
+    with socket.socket() as probe:
+        probe.bind((ADDRESS, 0))
+        return int(probe.getsockname()[1])

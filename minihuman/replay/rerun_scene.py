@@ -40,15 +40,14 @@ class ReplayTimeline:
 
     @classmethod
     def of(cls, log: SessionLog, *, aligned_ns: dict[int, int] | None = None) -> "ReplayTimeline":
-        """The moments of a session; ``aligned_ns`` maps an episode's number to its common beginning."""
+        """Return the moments of a session; ``aligned_ns`` maps an episode's number to its common beginning."""
         numbers = [episode.number for episode in log.episodes]
-        rows = [episode.t_ns for episode in log.episodes]
-        return cls(
-            row_t_ns=np.concatenate(rows) if rows else np.zeros(0, np.int64),
-            start_t_ns=np.array([episode.t_ns[0] for episode in log.episodes], np.int64),
-            numbers=np.array(numbers, np.int64),
-            aligned_ns=None if aligned_ns is None else np.array([aligned_ns[n] for n in numbers], np.int64),
-        )
+        rows = np.concatenate([np.zeros(0, np.int64), *(episode.t_ns for episode in log.episodes)])
+        starts = np.array([episode.t_ns[0] for episode in log.episodes], np.int64)
+        aligned = None
+        if aligned_ns is not None:
+            aligned = np.array([aligned_ns[number] for number in numbers], np.int64)
+        return cls(rows, starts, np.array(numbers, np.int64), aligned)
 
     @property
     def _first_ns(self) -> int:
@@ -57,7 +56,7 @@ class ReplayTimeline:
         return 0
 
     def columns(self, t_ns: ArrayLike) -> list[rr.TimeColumn]:
-        """The timelines' values at these times, ns since the session began."""
+        """Return the timelines' values at these times, ns since the session began."""
         times = np.asarray(t_ns, np.int64)
         place = np.searchsorted(self.start_t_ns, times, side="right") - 1
         steps = np.searchsorted(self.row_t_ns, times, side="right") - 1
@@ -78,7 +77,7 @@ class ReplayTimeline:
 
 
 def align_episode_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
-    """When each episode begins on the common timeline, by number: a second after the longest one before it."""
+    """Find when each episode begins on the common timeline, by number: a second after the longest one before it."""
     longest: dict[int, int] = {}
     for log in logs:
         for episode in log.episodes:
@@ -93,10 +92,12 @@ def align_episode_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
 
 
 def build_facts_page(log: SessionLog) -> str:
-    """Who, what, when, how it ended, and one row an episode."""
+    """Write who played what and when, how it ended, and one row per episode."""
     plan = log.plan
     participant = log.plan.participant
-    clean = "finished" if log.clean else "cut off"
+    clean = "cut off"
+    if log.clean:
+        clean = "finished"
     lines = [
         f"# {participant.id}, session {plan.session}",
         "",
@@ -117,7 +118,7 @@ def build_facts_page(log: SessionLog) -> str:
 
 
 def _segments(log: SessionLog) -> str:
-    """Where each segment begins, on the session's clock."""
+    """Say where each segment begins, on the session's clock."""
     if len(log.segments) == 1:
         return "one segment"
     begins = ", ".join(f"{segment.start_ns / 1e9:.1f} s" for segment in log.segments)
@@ -160,7 +161,7 @@ _ACTIONS = (0x0072B2FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF, 0x56B4E9FF, 0xD55E00
 
 
 def session_root(log: SessionLog) -> str:
-    """Where a session's things are in the recording: "sub-07_ses-01"."""
+    """Return the path of a session's things in the recording: "sub-07_ses-01"."""
     return f"{log.plan.participant.id}_ses-{log.plan.session:02d}"
 
 
@@ -227,15 +228,15 @@ def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, moment
 
 
 def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """The agent at every step; path and trail whenever it moved."""
+    """Send the agent at every step; path and trail whenever it moved."""
     placed = [(episode, ~np.isnan(episode.poses[:, 0])) for episode in log.episodes]
-    placed = [(episode, here) for episode, here in placed if here.any()]
+    placed = [(episode, has_pose) for episode, has_pose in placed if has_pose.any()]
     if not placed:
         return
-    times = np.concatenate([episode.t_ns[here] for episode, here in placed])
-    poses = np.concatenate([episode.poses[here] for episode, here in placed])
+    times = np.concatenate([episode.t_ns[has_pose] for episode, has_pose in placed])
+    poses = np.concatenate([episode.poses[has_pose] for episode, has_pose in placed])
     places = poses[:, [0, 2]].astype(np.float32)
-    length = np.concatenate([np.full(here.sum(), _heading(episode), np.float32) for episode, here in placed])
+    length = np.concatenate([np.full(has_pose.sum(), _heading(episode), np.float32) for episode, has_pose in placed])
     heading = np.stack([np.cos(poses[:, 3]), -np.sin(poses[:, 3])], axis=1)
     arrows = rr.Arrows2D.columns(
         origins=places,
@@ -244,27 +245,27 @@ def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, mome
         radii=length / 8,
     )
     recording.send_columns(f"{root}/map/agent", moments.columns(times), arrows)
-    ends = np.cumsum([here.sum() for _, here in placed])
+    ends = np.cumsum([has_pose.sum() for _, has_pose in placed])
     moves = [start + _moves(places[start:end]) for start, end in pairwise([0, *ends])]
     _send_lines(recording, root, moments, times[np.concatenate(moves)], places[np.concatenate(moves)], moves)
 
 
 def _send_partners(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """The other bodies of a team at every step, and their paths."""
+    """Send the other bodies of a team at every step, and their paths."""
     for episode in log.episodes:
         for seat in list_partner_seats(episode):
             assert episode.team is not None
             poses = episode.team.poses[:, seat]
-            here = ~np.isnan(poses[:, 0])
-            places = poses[here][:, [0, 2]].astype(np.float32)
-            heading = np.stack([np.cos(poses[here, 3]), -np.sin(poses[here, 3])], axis=1)
+            has_pose = ~np.isnan(poses[:, 0])
+            places = poses[has_pose][:, [0, 2]].astype(np.float32)
+            heading = np.stack([np.cos(poses[has_pose, 3]), -np.sin(poses[has_pose, 3])], axis=1)
             arrows = rr.Arrows2D.columns(
                 origins=places,
                 vectors=(_heading(episode) * heading).astype(np.float32),
                 colors=np.full(len(places), PARTNER, np.uint32),
                 radii=np.full(len(places), _heading(episode) / 8, np.float32),
             )
-            times = moments.columns(episode.t_ns[here])
+            times = moments.columns(episode.t_ns[has_pose])
             recording.send_columns(f"{root}/map/seat-{seat}", times, arrows)
             strips = _strips(places, [(0, row + 1) for row in range(len(places))])
             lines = rr.LineStrips2D.columns(strips=strips, colors=np.full(len(places), PARTNER, np.uint32))
@@ -279,7 +280,7 @@ def _send_lines(
     places: NDArray[np.float32],
     moves: Sequence[NDArray[np.int64]],
 ) -> None:
-    """Path and trail, from the rows of all episodes at which the agent moved, and their number in each."""
+    """Send path and trail, from the rows of all episodes at which the agent moved, and their number in each."""
     path: list[tuple[int, int]] = []
     trail: list[tuple[int, int]] = []
     for begin, end in pairwise(np.cumsum([0, *map(len, moves)]).tolist()):
@@ -297,16 +298,19 @@ def _send_lines(
 
 
 def _moves(places: NDArray[np.float32]) -> NDArray[np.int64]:
-    """The rows of one episode that stand elsewhere than the row before; the first always."""
+    """Find the rows of one episode that stand elsewhere than the row before, and the first."""
     return np.concatenate([[0], 1 + np.flatnonzero((np.diff(places, axis=0) != 0).any(axis=1))])
 
 
 def _heading(episode: EpisodeLog) -> float:
-    return _HEADING[episode.start.map.unit if episode.start.map else "m"]
+    """Return the length of the arrow that shows where the agent looks."""
+    if episode.start.map is None:
+        return _HEADING["m"]
+    return _HEADING[episode.start.map.unit]
 
 
 def _strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> pa.Array:
-    """One line strip a window of rows [begin, end), as the Arrow array that rerun would make of them one by one."""
+    """Make a line strip of each window of rows [begin, end), as the Arrow array that rerun would make one by one."""
     lengths = np.array([end - begin for begin, end in windows])
     rows = np.concatenate([np.arange(begin, end) for begin, end in windows])
     points = pa.FixedSizeListArray.from_arrays(pa.array(places[rows].ravel()), type=_POINT)
@@ -314,7 +318,7 @@ def _strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> 
 
 
 def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Reward and return a step, and reaction times where there are any."""
+    """Send reward and return per step, and reaction times where there are any."""
     series: dict[str, tuple[list[NDArray[np.int64]], list[NDArray[np.float64]]]] = defaultdict(lambda: ([], []))
     carried = 0.0
     for episode in log.episodes:
@@ -344,7 +348,7 @@ def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, mome
 
 
 def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """A lane a physical key, with its actions' names: what became of each press, until it came up."""
+    """Send a lane for each physical key, with its actions' names: the verdict on each press, until the key came up."""
     lanes: dict[str, list[KeyPressed]] = defaultdict(list)
     for press in log.keys:
         if press.verdict != "repeat":
@@ -358,25 +362,39 @@ def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moment
         lane = f"{root}/keys/{'-'.join((key, *actions.get(key, ())))}"
         style = rr.StateConfiguration(values=states, labels=states, colors=list(_KEY_STATES.values()))
         recording.log(lane, style, static=True)
-        columns = rr.StateChange.columns(state=[press.verdict if press.down else "" for press in presses])
+        columns = rr.StateChange.columns(state=[_find_key_state(press) for press in presses])
         recording.send_columns(lane, moments.columns([press.t_ns for press in presses]), columns)
 
 
+def _find_key_state(press: KeyPressed) -> str:
+    """Return the state of a key's lane from a press on; "" from its release on."""
+    if press.down:
+        return press.verdict
+    return ""
+
+
 def _send_steering(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Two lanes: what the policy would have done after each picture, and what the person did where they steered."""
+    """Send two lanes: what the policy would have done after each picture, and what the person did while steering."""
     lanes: dict[str, list[tuple[int, str]]] = {"policy": [], "person": []}
     names: dict[str, None] = {}
     for episode in log.episodes:
-        if (taught := episode.taught) is None:
+        taught = episode.taught
+        if taught is None:
             continue
-        said = episode.start.action_names
+        action_names = episode.start.action_names
         for step, t_ns in enumerate(episode.t_ns[:-1].tolist()):
-            policy = int(taught.policy_actions[step])
-            lanes["policy"].append((t_ns, "" if policy == NO_ADVICE else said[policy]))
-            lanes["person"].append((t_ns, said[int(episode.actions[step])] if taught.by_person[step] else ""))
+            advice = int(taught.policy_actions[step])
+            advised_action = ""
+            if advice != NO_ADVICE:
+                advised_action = action_names[advice]
+            own_action = ""
+            if taught.by_person[step]:
+                own_action = action_names[int(episode.actions[step])]
+            lanes["policy"].append((t_ns, advised_action))
+            lanes["person"].append((t_ns, own_action))
         for lane in lanes.values():
             lane.append((int(episode.t_ns[-1]), ""))
-        names |= dict.fromkeys(said)
+        names |= dict.fromkeys(action_names)
     for name, changes in lanes.items():
         if changes:
             states = list(names)
@@ -388,29 +406,31 @@ def _send_steering(recording: rr.RecordingStream, root: str, log: SessionLog, mo
 
 
 def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Readable lines: episodes, key presses, pauses and notes, in order of time."""
+    """Send readable lines: episodes, key presses, pauses and notes, in order of time."""
     lines = [line for episode in log.episodes for line in _episode_lines(episode)]
-    lines += [
-        (
-            press.t_ns,
-            "INFO" if press.verdict in ("accepted", "queued") else "WARN",
-            f"key {press.key}: {press.verdict.replace('_', ' ')} ({press.phase})",
-        )
-        for press in log.keys
-        if press.down and press.verdict != "repeat"
-    ]
+    lines += [_press_line(press) for press in log.keys if press.down and press.verdict != "repeat"]
     for note in log.notes:
         match note:
             case Paused():
                 lines.append((note.t_ns, "WARN", f"paused: {note.reason}"))
             case Resumed():
                 lines.append((note.t_ns, "INFO", "resumed"))
+            case _ if "error" in note.kind:
+                lines.append((note.t_ns, "ERROR", f"{note.kind}: {note.text}"))
             case _:
-                lines.append((note.t_ns, "ERROR" if "error" in note.kind else "INFO", f"{note.kind}: {note.text}"))
+                lines.append((note.t_ns, "INFO", f"{note.kind}: {note.text}"))
     lines.sort(key=lambda line: line[0])
     if lines:
         columns = rr.TextLog.columns(text=[line[2] for line in lines], level=[line[1] for line in lines])
         recording.send_columns(f"{root}/events", moments.columns([line[0] for line in lines]), columns)
+
+
+def _press_line(press: KeyPressed) -> tuple[int, str, str]:
+    """Describe a key press in a line: its time, level and text."""
+    level = "WARN"
+    if press.verdict in ("accepted", "queued"):
+        level = "INFO"
+    return press.t_ns, level, f"key {press.key}: {press.verdict.replace('_', ' ')} ({press.phase})"
 
 
 def _episode_lines(episode: EpisodeLog) -> list[tuple[int, str, str]]:

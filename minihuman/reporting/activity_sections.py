@@ -50,7 +50,7 @@ class ReportSection:
 
     @property
     def anchor(self) -> str:
-        """The heading's name in links."""
+        """Return the heading's name in links."""
         return self.title.lower().replace(" ", "-")
 
 
@@ -91,14 +91,16 @@ class SectionSource:
         """
         if rows.empty:
             return {}
-        wanted = set(zip(rows["participant"], rows["session"], strict=True))
+        selected_sessions = set(zip(rows["participant"], rows["session"], strict=True))
         return {
-            f"{code} session {number}": log for (code, number), log in self._logs.items() if (code, number) in wanted
+            f"{code} session {number}": log
+            for (code, number), log in self._logs.items()
+            if (code, number) in selected_sessions
         }
 
     @cached_property
     def _logs(self) -> dict[tuple[str, int], SessionLog]:
-        """Every session's included episodes; read once, whichever sections ask."""
+        """Read every session's included episodes, once, whichever sections ask."""
         asked_for = (session for session in self._tables.sessions if session.outline is not None)
         selected = (self._tables.read_session(session) for session in asked_for)
         logs = [session.session for session in selected if session.places]

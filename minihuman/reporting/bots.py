@@ -71,11 +71,12 @@ class PressTimes:
 
 
 def read_key_times(log: SessionLog) -> PressTimes:
-    """A session's key times, of the episodes that a person's seat played."""
-    parts = [part for episode in log.episodes if (part := _read_episode(episode)) is not None]
+    """Read a session's key times, of the episodes that a person's seat played."""
+    parts = [part for part in map(_read_episode, log.episodes) if part is not None]
     joined = [np.concatenate([np.empty(0), *column]) for column in zip(*parts, strict=True)] or [np.empty(0)] * 5
     intervals, same, firsts, holds, overlaps = joined
-    return PressTimes(intervals, same.astype(bool), firsts, holds, float(overlaps.mean()) if len(overlaps) else np.nan)
+    overlap = float(overlaps.mean()) if len(overlaps) else np.nan
+    return PressTimes(intervals, same.astype(bool), firsts, holds, overlap)
 
 
 def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
@@ -107,7 +108,7 @@ def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
 
 
 def measure_key_times(times: PressTimes) -> dict[str, float]:
-    """The measures of `MEASURES`; NaN where there is too little, none at all with too few intervals."""
+    """Compute the measures of `MEASURES`; NaN where there is too little, none at all with too few intervals."""
     known = ~np.isnan(times.intervals_ms)
     intervals = np.maximum(times.intervals_ms, 0.1)
     if known.sum() < N_INTERVALS:
@@ -119,10 +120,10 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
     pairs = known[1:] & known[:-1]
     low, middle, high = np.quantile(intervals[known], (0.25, 0.5, 0.75))
     if len(times.holds_ms) >= N_OTHERS:
-        held = np.maximum(times.holds_ms, 0.1)
+        holds_ms = np.maximum(times.holds_ms, 0.1)
     else:
-        held = np.full(1, np.nan)
-    found = {
+        holds_ms = np.full(1, np.nan)
+    measures = {
         "median": np.log10(middle),
         "spread": np.log10((high - low) / middle + 1e-3),
         "skewness": np.log10((high - middle + 1.0) / (middle - low + 1.0)),
@@ -130,11 +131,11 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
         "repetition": _compare(intervals[known & times.same], intervals[known & ~times.same]),
         "first": _compare(times.firsts_ms, intervals[known]),
         "practice": _correlate(scipy.stats.rankdata(intervals[known]), np.arange(known.sum())),
-        "hold": np.log10(np.median(held)),
-        "hold_spread": np.log10(np.ptp(np.quantile(held, (0.25, 0.75))) / np.median(held) + 1e-3),
+        "hold": np.log10(np.median(holds_ms)),
+        "hold_spread": np.log10(np.ptp(np.quantile(holds_ms, (0.25, 0.75))) / np.median(holds_ms) + 1e-3),
         "overlap": times.overlap,
     }
-    return {name: float(value) for name, value in found.items()}
+    return {name: float(value) for name, value in measures.items()}
 
 
 def _correlate(first: Array, second: Array) -> float:
@@ -150,7 +151,7 @@ def _compare(first: Array, second: Array) -> float:
 
 
 def place_in_bin(name: str, value: float) -> int:
-    """The bin of a measure's histogram that holds a value."""
+    """Return the bin of a measure's histogram that holds a value."""
     _, low, high = MEASURES[name]
     return int(np.clip((value - low) / (high - low) * BINS, 0, BINS - 1))
 
@@ -158,7 +159,7 @@ def place_in_bin(name: str, value: float) -> int:
 def weigh_measures(
     measured: Mapping[str, float], model: Mapping[str, Any], *, bound: float = BOUND
 ) -> tuple[float, dict[str, float]]:
-    """log10 of the likelihood ratio of a person against a program, and what each measure adds to it.
+    """Compute log10 of the likelihood ratio of a person against a program, and what each measure adds to it.
 
     A measure's share is that between the kind of person and the kind of program that fit best.
 
@@ -172,7 +173,9 @@ def weigh_measures(
     likelihoods = []
     best = []
     for kinds in (model["people"], model["programs"]):
-        fits = [np.log10(one["weight"]) + sum(one["log10"][name][at] for name, at in places.items()) for one in kinds]
+        fits = [
+            np.log10(kind["weight"]) + sum(kind["log10"][name][at] for name, at in places.items()) for kind in kinds
+        ]
         likelihoods.append(np.logaddexp.reduce(np.array(fits) * np.log(10)) / np.log(10))
         best.append(kinds[int(np.argmax(fits))]["log10"])
     slope: float = model["slope"]
@@ -182,10 +185,10 @@ def weigh_measures(
 
 @cache
 def load_model() -> dict[str, Any]:
-    """The fitted model that comes with the package."""
+    """Load the fitted model that comes with the package."""
     text = (files("minihuman.reporting") / "data" / "bots.json").read_text(encoding="utf-8")
-    found: dict[str, Any] = json.loads(text)
-    return found
+    model: dict[str, Any] = json.loads(text)
+    return model
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,14 +206,20 @@ class Evidence:
     decision: str  # a reviewer's annotations of the whole session
 
     def line(self) -> str:
-        """The verdict in one line; ``facts`` and ``reasons`` say why."""
-        ratio = "too few keys"
-        if self.log10_ratio is not None:
-            odds = f"{10 ** abs(self.log10_ratio):.2g}"
-            ratio = f"person : program = {f'{odds} : 1' if self.log10_ratio >= 0 else f'1 : {odds}'}"
-        what = "FLAGGED" if self.flagged else "-"
-        decided = f"; annotated {self.decision}" if self.decision else ""
-        return f"{self.participant} session {self.session}: {what}  {ratio}{decided}"
+        """State the verdict in one line; ``facts`` and ``reasons`` say why."""
+        verdict = "FLAGGED" if self.flagged else "-"
+        line = f"{self.participant} session {self.session}: {verdict}  {self._format_ratio()}"
+        if self.decision:
+            line += f"; annotated {self.decision}"
+        return line
+
+    def _format_ratio(self) -> str:
+        if self.log10_ratio is None:
+            return "too few keys"
+        odds = f"{10 ** abs(self.log10_ratio):.2g}"
+        if self.log10_ratio >= 0:
+            return f"person : program = {odds} : 1"
+        return f"person : program = 1 : {odds}"
 
 
 def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False) -> Iterator[Evidence]:
@@ -220,14 +229,18 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
         sessions: of one study, as times of one session in another are looked for.
         typing: also look at how answers were typed.
     """
-    read = [(one.log, one.marks, read_key_times(one.log)) for one in sessions]
+    read = [(session.log, session.marks, read_key_times(session.log)) for session in sessions]
     copies = find_same_times([times for _, _, times in read])
     for number, (log, marks, times) in enumerate(read):
         measured = measure_key_times(times)
-        total, shares = weigh_measures(measured, load_model()) if measured else (None, {})
+        total: float | None = None
+        shares: dict[str, float] = {}
+        if measured:
+            total, shares = weigh_measures(measured, load_model())
         facts = list(_find_facts(log, typing=typing))
-        if (other := copies.get(number)) is not None:
-            name = f"{read[other][0].plan.participant.id} session {read[other][0].plan.session}"
+        if number in copies:
+            plan = read[copies[number]][0].plan
+            name = f"{plan.participant.id} session {plan.session}"
             facts.append(f"{_SAME_RUN} times in a row within {_SAME_MS:g} ms of those of {name}")
         flagged = bool(facts) or (total is not None and total <= FLAG)
         strongest = sorted(shares, key=lambda name: -shares[name] * np.sign(total or 1))[:3]
@@ -245,44 +258,52 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
 
 
 def _find_facts(log: SessionLog, *, typing: bool) -> Iterator[str]:
+    """Yield what flags a session by itself: scripted keys, keys without focus, pasted answers."""
     scripted = sum(
         isinstance(note, Noted) and note.kind == BROWSER_NOTE and note.text.endswith("made by a script")
         for note in log.notes
     )
     if scripted:
         yield f"{scripted} key events were made by a script (isTrusted)"
-    focus = [note for note in log.notes if isinstance(note, Noted) and note.kind == "focus"]
-    changes = [(note.t_ns, note.text == "lost") for note in focus]
-    if changes:
-        presses = log.keys
-        t_ns = np.asarray(presses.column("t_ns"))[np.asarray(presses.column("down"), bool)]
-        places = np.searchsorted([t for t, _ in changes], t_ns)
-        blind = int(np.append(False, [lost for _, lost in changes])[places].sum())
-        if blind:
-            yield f"{blind} keys were pressed while the page had no focus"
+    without_focus = _count_keys_without_focus(log)
+    if without_focus:
+        yield f"{without_focus} keys were pressed while the page had no focus"
     if typing:
         at_once = [len(event.text) for event in log.part_events if isinstance(event, TextTyped)]
-    else:
-        at_once = []
-    if at_once and max(at_once) >= _ANSWER_AT_ONCE:
-        yield f"{max(at_once)} characters of an answer came at once: pasted, dictated or made by a program"
+        longest = max(at_once, default=0)
+        if longest >= _ANSWER_AT_ONCE:
+            yield f"{longest} characters of an answer came at once: pasted, dictated or made by a program"
+
+
+def _count_keys_without_focus(log: SessionLog) -> int:
+    """Count the keys that were pressed while the page had no focus."""
+    focus = [note for note in log.notes if isinstance(note, Noted) and note.kind == "focus"]
+    changes = [(note.t_ns, note.text == "lost") for note in focus]
+    if not changes:
+        return 0
+    presses = log.keys
+    t_ns = np.asarray(presses.column("t_ns"))[np.asarray(presses.column("down"), bool)]
+    places = np.searchsorted([change_ns for change_ns, _ in changes], t_ns)
+    return int(np.append(False, [lost for _, lost in changes])[places].sum())
 
 
 def find_same_times(times: list[PressTimes]) -> dict[int, int]:
-    """Which sessions have a run of key times that another one has too, and which one: a log that was replayed."""
+    """Find the sessions with a run of key times that another has too, and which: logs that were replayed."""
     rows = [np.empty((0, _SAME_RUN))]
     owners = [np.empty(0, int)]
-    for number, one in enumerate(times):
-        if len(one.intervals_ms) >= _SAME_RUN:
-            runs = np.lib.stride_tricks.sliding_window_view(one.intervals_ms, _SAME_RUN)
+    for number, press_times in enumerate(times):
+        if len(press_times.intervals_ms) >= _SAME_RUN:
+            runs = np.lib.stride_tricks.sliding_window_view(press_times.intervals_ms, _SAME_RUN)
             varied = runs[~np.isnan(runs).any(axis=1) & (np.ptp(np.nan_to_num(runs), axis=1) > 50 * _SAME_MS)]
             rows.append(varied)
             owners.append(np.full(len(varied), number))
     owner = np.concatenate(owners)
-    pairs = scipy.spatial.cKDTree(np.concatenate(rows)).query_pairs(_SAME_MS, p=np.inf, output_type="ndarray")
-    theirs = owner[pairs]
-    if len(theirs):
-        apart = theirs[theirs[:, 0] != theirs[:, 1]]
-    else:
-        apart = np.empty((0, 2), int)
-    return {int(one): int(other) for first in (apart, apart[:, ::-1]) for one, other in first[::-1]}
+    run_pairs = scipy.spatial.cKDTree(np.concatenate(rows)).query_pairs(_SAME_MS, p=np.inf, output_type="ndarray")
+    session_pairs = owner[run_pairs]
+    if not len(session_pairs):
+        return {}
+    apart = session_pairs[session_pairs[:, 0] != session_pairs[:, 1]]
+    copies: dict[int, int] = {}
+    for pairs in (apart, apart[:, ::-1]):
+        copies |= {int(session): int(other) for session, other in pairs[::-1]}  # the first pair of a session counts
+    return copies

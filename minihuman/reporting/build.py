@@ -20,18 +20,14 @@ from minihuman.reporting.activity_sections import (
     build_activity_sections,
     join_sections,
 )
+from minihuman.reporting.block_results import BlockResults
+from minihuman.reporting.exclusions import exclude_practice_alone, list_exclusions
+from minihuman.reporting.instruction_clauses import ATTEMPT_COLUMNS, count_clauses
 from minihuman.reporting.interactions import choose_first_block, compute_interaction
 from minihuman.reporting.methods import build_methods, find_known_keys
 from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
-from minihuman.reporting.results import (
-    BlockResults,
-    Results,
-    compute_results,
-    exclude_practice_alone,
-    leave_out_navigation,
-    list_exclusions,
-    unite_teams,
-)
+from minihuman.reporting.participant_flow import flow_section
+from minihuman.reporting.results import Results, compute_results, leave_out_navigation
 from minihuman.reporting.scorecard import (
     PlayerRows,
     compose_scorecard,
@@ -41,7 +37,6 @@ from minihuman.reporting.scorecard import (
     write_score_table,
 )
 from minihuman.reporting.scripts import write_scripts
-from minihuman.reporting.sections import ATTEMPT_COLUMNS, count_clauses, flow_section
 from minihuman.reporting.study_figures import (
     CURVES,
     REACTION_TIME_QUERY,
@@ -55,6 +50,7 @@ from minihuman.reporting.study_figures import (
 )
 from minihuman.reporting.study_measures import add_measures
 from minihuman.reporting.template import ReportFigure
+from minihuman.reporting.within_results import unite_teams
 from minihuman.statistics.paired import MixedModel, fit_mixed_model
 
 _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study has many episodes
@@ -111,38 +107,14 @@ def build_report(
     report_input = _read_input(tables, study, names, out / "figures")
     tables.release()  # drawing takes seconds
     practice = find_practice(report_input.protocols, report_input.participants["group"].unique())
-    episodes, blocks = (rows[~_is_practice(rows, practice)] for rows in (report_input.episodes, report_input.blocks))
-    trial_blocks = frozenset(block for section in report_input.sections for block in section.blocks)
-    episodes, blocks = leave_out_navigation(episodes, blocks, trial_blocks)
-    levels = [section.measure_tables.get("trial_levels") for section in report_input.sections]
-    analysis = report_input.analysis
-    design = report_input.design
-    results = compute_results(
-        episodes,
-        blocks,
-        report_input.participants,
-        analysis,
-        report_input.teams,
-        next((rows for rows in levels if rows is not None), None),
-        design,
-    )
-    included = unite_teams(blocks[blocks["exclusion_reason"].isna()], report_input.teams)
-    interaction = compute_interaction(included, design, analysis, results.order)
-    if interaction is None:
-        cells = []
-    else:
-        cells = [draw_interaction(interaction, out / "figures")]
-    first_block = choose_first_block(design, analysis, results, interaction)
-    estimates = list(draw_estimates(blocks, results, out / "figures"))
-    figures = _draw_figures(tables, report_input, (episodes, blocks), results, out / "figures")
-    models, score_files = _score_models(report_input.plays, out)
+    episodes, blocks = _leave_out_practice(report_input, practice)
+    results = _compute_results(report_input, episodes, blocks)
     content = _gather_content(tables, report_input, results, practice)
+    content = _add_interaction(content, report_input, blocks, results)
+    content = _add_figures(content, tables, report_input, (episodes, blocks), results, out / "figures")
+    models, score_files = _score_models(report_input.plays, out)
     content = replace(
         content,
-        interaction=interaction,
-        first_block=first_block,
-        figures=[*(figure for figure in estimates if figure.block != first_block), *figures],
-        first_figures=[*cells, *(figure for figure in estimates if figure.block == first_block)],
         models=models,
         tables=[*table_files, *score_files],
         mixed={block.block: _fit_mixed(episodes, block) for block in results.blocks},
@@ -151,12 +123,69 @@ def build_report(
     page.write_text(build_page(content, results, templates), encoding="utf-8", newline="\n")
     participants_page = out / "participants.html"
     participants_page.write_text(build_participants_page(study, blocks, results), encoding="utf-8", newline="\n")
+    script_files: tuple[Path, ...] = ()
     if scripts:
         script_files = write_scripts(out, study, results, episodes, scripts)
-    else:
-        script_files = ()
-    drawn = (*content.figures, *models, *content.first_figures)
-    return (page, participants_page, *table_files, *score_files, *script_files, *(figure.path for figure in drawn))
+    figures = [figure.path for figure in (*content.figures, *models, *content.first_figures)]
+    return (page, participants_page, *table_files, *score_files, *script_files, *figures)
+
+
+def _leave_out_practice(
+    report_input: _ReportInput, practice: Collection[tuple[str, str]]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return the episodes and blocks without practice, and those of trials without navigation measures."""
+    episodes = report_input.episodes[~_is_practice(report_input.episodes, practice)]
+    blocks = report_input.blocks[~_is_practice(report_input.blocks, practice)]
+    trial_blocks = frozenset(block for section in report_input.sections for block in section.blocks)
+    return leave_out_navigation(episodes, blocks, trial_blocks)
+
+
+def _compute_results(report_input: _ReportInput, episodes: pd.DataFrame, blocks: pd.DataFrame) -> Results:
+    """Compute the results of the episodes and blocks without practice."""
+    levels = [section.measure_tables.get("trial_levels") for section in report_input.sections]
+    return compute_results(
+        episodes,
+        blocks,
+        report_input.participants,
+        report_input.analysis,
+        report_input.teams,
+        next((rows for rows in levels if rows is not None), None),
+        report_input.design,
+    )
+
+
+def _add_interaction(
+    content: PageContent, report_input: _ReportInput, blocks: pd.DataFrame, results: Results
+) -> PageContent:
+    """Add the interaction of groups and conditions, and choose the block whose comparison answers the question."""
+    analysis = report_input.analysis
+    design = report_input.design
+    included = unite_teams(blocks[blocks["exclusion_reason"].isna()], report_input.teams)
+    interaction = compute_interaction(included, design, analysis, results.order)
+    first_block = choose_first_block(design, analysis, results, interaction)
+    return replace(content, interaction=interaction, first_block=first_block)
+
+
+def _add_figures(
+    content: PageContent,
+    tables: Tables,
+    report_input: _ReportInput,
+    analysed: tuple[pd.DataFrame, pd.DataFrame],
+    results: Results,
+    out: Path,
+) -> PageContent:
+    """Draw the figures, and put those of the answers first; ``analysed`` are episodes and blocks without practice."""
+    first_figures: list[ReportFigure] = []
+    if content.interaction is not None:
+        first_figures.append(draw_interaction(content.interaction, out))
+    figures: list[ReportFigure] = []
+    for figure in draw_estimates(analysed[1], results, out):
+        if figure.block == content.first_block:
+            first_figures.append(figure)
+        else:
+            figures.append(figure)
+    figures += _draw_figures(tables, report_input, analysed, results, out)
+    return replace(content, figures=figures, first_figures=first_figures)
 
 
 def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path) -> _ReportInput:
@@ -166,7 +195,8 @@ def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path)
     blocks = tables.frame("blocks")
     practice = find_practice(protocols, tables.frame("participants", ["group"])["group"].unique())
     sections = build_activity_sections(SectionSource(tables, figures, practice))
-    if measures := analysis.find_plugin_measures():
+    measures = analysis.find_plugin_measures()
+    if measures:
         tables_by_name = {name: tables.frame(name) for name in names}
         for section in sections:
             tables_by_name |= section.measure_tables
@@ -262,15 +292,17 @@ def _gather_content(
     )
 
 
-def _fit_mixed(episodes: pd.DataFrame, one: BlockResults) -> MixedModel | None:
-    """The mixed model of what a block's growth is of; None of teams, whose members' episodes are the same ones."""
-    if one.growth is None or one.teams:
+def _fit_mixed(episodes: pd.DataFrame, block: BlockResults) -> MixedModel | None:
+    """Fit the mixed model of a block's growth; None of teams, whose members' episodes are the same ones."""
+    if block.growth is None or block.teams:
         return None
-    rows = episodes[(episodes["block"] == one.block) & episodes["exclusion_reason"].isna()]
-    left_out = {text.rpartition(": ")[0] for text in one.growth.left_out}
-    groups = [group for group in one.groups["group"] if group not in left_out]
-    column = "reward" if one.growth.measure == "reward" else "log_excess_steps"
-    return fit_mixed_model(rows.rename(columns={column: one.growth.measure}), one.growth.measure, groups)
+    rows = episodes[(episodes["block"] == block.block) & episodes["exclusion_reason"].isna()]
+    left_out = {text.rpartition(": ")[0] for text in block.growth.left_out}
+    groups = [group for group in block.groups["group"] if group not in left_out]
+    measure = block.growth.measure
+    if measure != "reward":
+        rows = rows.rename(columns={"log_excess_steps": measure})
+    return fit_mixed_model(rows, measure, groups)
 
 
 def _score_models(plays: Sequence[PlayerRows], out: Path) -> tuple[list[ReportFigure], list[Path]]:
@@ -284,10 +316,10 @@ def _score_models(plays: Sequence[PlayerRows], out: Path) -> tuple[list[ReportFi
     return [figure], [write_score_table(card, out / "tables" / "scores.csv")]
 
 
-def find_stale_figures(out: Path, written: Collection[Path]) -> tuple[str, ...]:
+def find_stale_figures(out: Path, report_files: Collection[Path]) -> tuple[str, ...]:
     """Name the figures in a report's folder that it did not write: another study's, or of excluded participants."""
-    ours = {path.stem for path in written}
-    left = sorted(path.name for path in (out / "figures").glob("*.p[nd][gf]") if path.stem not in ours)
+    stems = {path.stem for path in report_files}
+    left = sorted(path.name for path in (out / "figures").glob("*.p[nd][gf]") if path.stem not in stems)
     if not left:
         return ()
     return (
@@ -298,7 +330,9 @@ def find_stale_figures(out: Path, written: Collection[Path]) -> tuple[str, ...]:
 def read_planned_analysis(protocols: Sequence[Protocol]) -> AnalysisSpec:
     """Read what the protocol named before the study; nothing where its versions name different things."""
     named = {protocol.analysis for protocol in protocols}
-    return named.pop() if len(named) == 1 else AnalysisSpec()
+    if len(named) == 1:
+        return named.pop()
+    return AnalysisSpec()
 
 
 def read_planned_design(protocols: Sequence[Protocol]) -> ExperimentDesign:
@@ -315,26 +349,31 @@ def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> froze
     Raises:
         ReportError: if one version of the protocol analyses a block, and another does not.
     """
-    found = [
+    practice_by_version = [
         frozenset(
             (group, block.name)
             for group in groups
-            for block in (apply_overrides(each, group) for each in protocol.blocks)
+            for block in (apply_overrides(block_spec, group) for block_spec in protocol.blocks)
             if not block.analysed
         )
         for protocol in protocols
     ]
-    if len(set(found)) > 1:
-        blocks = sorted({block for each in found for _, block in each})
+    if len(set(practice_by_version)) > 1:
+        blocks = sorted({block for pairs in practice_by_version for _, block in pairs})
         raise ReportError(
             f"the protocol's versions analyse different blocks ({', '.join(blocks)}); choose one version with --version"
         )
-    return found[0] if found else frozenset()
+    if not practice_by_version:
+        return frozenset()
+    return practice_by_version[0]
 
 
 def _is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "pd.Series[bool]":
+    """Say of each row whether it is of practice."""
+    if not practice:
+        return pd.Series(False, rows.index, dtype=bool)
     pairs = pd.MultiIndex.from_frame(rows[["group", "block"]])
-    return pd.Series(pairs.isin(sorted(practice)) if practice else False, rows.index, bool)
+    return pd.Series(pairs.isin(sorted(practice)), rows.index, bool)
 
 
 def _find_study(tables: Tables) -> str:

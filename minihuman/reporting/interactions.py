@@ -14,14 +14,8 @@ import pandas as pd
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import Contrast, ExperimentDesign
-from minihuman.reporting.results import (
-    Results,
-    Role,
-    assign_roles,
-    label_measure,
-    list_default_measures,
-    take_logarithms,
-)
+from minihuman.reporting.block_measures import Role, assign_roles, label_measure, list_default_measures, take_logarithms
+from minihuman.reporting.results import Results
 from minihuman.reporting.template import (
     Table,
     format_difference,
@@ -31,14 +25,9 @@ from minihuman.reporting.template import (
     format_pair,
     format_with_interval,
 )
-from minihuman.statistics.comparison import (
-    GroupComparison,
-    compare_pair,
-    correct_comparisons,
-    holm_correction,
-    permutation_tests,
-)
+from minihuman.statistics.comparison import GroupComparison, compare_pair, correct_comparisons, holm_correction
 from minihuman.statistics.interaction import InteractionTest, compare_contrast_scores
+from minihuman.statistics.permutation import permutation_tests
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +61,12 @@ class InteractionResults:
 
     @property
     def measure(self) -> str:
-        """The primary measure, or the first that has values."""
+        """Return the primary measure, or the first that has values."""
         return next(iter(sorted(self.roles, key=lambda name: self.roles[name] != "primary")), "")
 
     @property
     def headline(self) -> tuple[ContrastComparison, ...]:
-        """The contrasts of that measure."""
+        """Return the contrasts of that measure."""
         return tuple(compared for compared in self.contrasts if compared.groups.measure == self.measure)
 
 
@@ -112,19 +101,15 @@ def compute_interaction(
     roles = assign_roles(measures, analysis)
     tables = {name: _tabulate_cells(scaled, name, design.conditions) for name in measures}
     complete = {name: table.dropna() for name, table in tables.items()}
-    contrasts = _compare_contrasts(complete, design.tested_contrasts, groups, roles, logs)
-    is_single = len(groups) == 2 and len(design.conditions) == 2
-    omnibus = () if is_single or design.contrasts else _test_omnibus(complete, groups, roles)
     first = min(measures, key=lambda name: roles[name] != "primary")
-    cells = _tabulate_cells(compared, first, design.conditions)
     return InteractionResults(
         groups=groups,
         conditions=design.conditions,
         roles=roles,
-        omnibus=omnibus,
-        contrasts=contrasts,
+        omnibus=_test_omnibus(complete, groups, roles, design),
+        contrasts=_compare_contrasts(complete, design.tested_contrasts, groups, roles, logs),
         left_out=len(tables[first]) - len(complete[first]),
-        cells=cells,
+        cells=_tabulate_cells(compared, first, design.conditions),
     )
 
 
@@ -142,7 +127,7 @@ def choose_first_block(
 
 
 def _tabulate_cells(rows: pd.DataFrame, measure: str, conditions: tuple[str, ...]) -> pd.DataFrame:
-    """A row per group and participant, a column per condition; NaN without a value."""
+    """Tabulate a measure: a row per group and participant, a column per condition; NaN without a value."""
     known = rows.assign(value=rows[measure].astype(float)).dropna(subset=["value"])
     means = known.groupby(["group", "participant", "condition"])["value"].mean()
     return means.unstack("condition").reindex(columns=list(conditions))
@@ -159,7 +144,7 @@ def _compare_contrasts(
     roles: Mapping[str, Role],
     logs: frozenset[str],
 ) -> tuple[ContrastComparison, ...]:
-    """Every two groups on every contrast of every measure; p is corrected within each role (Holm)."""
+    """Compare every two groups on every contrast of every measure; p is corrected within each role (Holm)."""
     compared: list[ContrastComparison] = []
     for role in get_args(Role):
         parts = [
@@ -188,8 +173,11 @@ def _compare_scores(
 
 
 def _test_omnibus(
-    tables: Mapping[str, pd.DataFrame], groups: tuple[str, ...], roles: Mapping[str, Role]
+    tables: Mapping[str, pd.DataFrame], groups: tuple[str, ...], roles: Mapping[str, Role], design: ExperimentDesign
 ) -> tuple[OmnibusInteraction, ...]:
+    """Test all groups and conditions together; none of one degree of freedom, or where contrasts are stated."""
+    if design.contrasts or (len(groups) == 2 and len(design.conditions) == 2):
+        return ()
     tests = {
         measure: compare_contrast_scores(
             [np.diff(_select_group(table, group).to_numpy(float), axis=1) for group in groups]
@@ -203,24 +191,24 @@ def _test_omnibus(
     return tuple(OmnibusInteraction(measure, test, corrected[measure]) for measure, test in tests.items())
 
 
-def state_interaction(found: InteractionResults) -> Iterator[str]:
+def state_interaction(interaction: InteractionResults) -> Iterator[str]:
     """Answer whether the difference between conditions depends on the group, for the primary measure."""
-    name = label_measure(found.measure)
+    name = label_measure(interaction.measure)
     opening = f"{name[0].upper()}{name[1:]}, interaction of group and condition"
-    omnibus = next((one for one in found.omnibus if one.measure == found.measure), None)
+    omnibus = next((candidate for candidate in interaction.omnibus if candidate.measure == interaction.measure), None)
     if omnibus is not None:
-        yield _state_omnibus(opening, omnibus.test, found)
+        yield _state_omnibus(opening, omnibus.test, interaction)
     else:
-        for compared in found.headline:
-            yield _state_contrast(opening, compared, is_alone=len(found.headline) == 1)
-    if found.left_out:
-        yield f"{found.left_out} participants without a value in every condition are not in the interaction."
+        for compared in interaction.headline:
+            yield _state_contrast(opening, compared, is_alone=len(interaction.headline) == 1)
+    if interaction.left_out:
+        yield f"{interaction.left_out} participants without a value in every condition are not in the interaction."
 
 
-def _state_omnibus(opening: str, test: InteractionTest, found: InteractionResults) -> str:
+def _state_omnibus(opening: str, test: InteractionTest, interaction: InteractionResults) -> str:
     if test.reason:
         return f"{opening}: not tested ({test.reason})."
-    sizes = ", ".join(f"{n} in {group}" for n, group in zip(test.n, found.groups, strict=True))
+    sizes = ", ".join(f"{n} in {group}" for n, group in zip(test.n, interaction.groups, strict=True))
     return (
         f"{opening}: Wald-type statistic {format_number(test.statistic)} with {test.freedom} degrees of freedom, "
         f"permutation p {format_p_value(test.p)} ({sizes})."
@@ -229,38 +217,40 @@ def _state_omnibus(opening: str, test: InteractionTest, found: InteractionResult
 
 def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: bool) -> str:
     groups = compared.groups
-    what = f"{opening}: {compared.contrast}, {format_pair(groups.first, groups.second)}"
+    subject = f"{opening}: {compared.contrast}, {format_pair(groups.first, groups.second)}"
     if groups.reason and math.isnan(groups.p):
-        return f"{what}: not compared ({groups.reason})."
+        return f"{subject}: not compared ({groups.reason})."
     estimate = format_difference(groups.difference, (math.nan, math.nan), is_log=groups.is_log, sign="+")
-    bounds = groups.interval
     if groups.is_log:
-        bounds = (math.exp(bounds[0]), math.exp(bounds[1]))
-    interval = format_interval(bounds, sign="-" if groups.is_log else "+")
+        bounds = (math.exp(groups.interval[0]), math.exp(groups.interval[1]))
+        interval = f"ratio of ratios, 95 % interval {format_interval(bounds)}"
+    else:
+        interval = f"95 % interval {format_interval(groups.interval, sign='+')}"
     p = f"permutation p {format_p_value(groups.p)}"
     if not is_alone:
         p = f"p {format_p_value(groups.p_holm)} (permutation, Holm)"
     size = ""
     if not math.isnan(groups.g):
         size = f"; standardised g {format_number(groups.g, 2)}, interval {format_interval(groups.g_interval, 2)}"
-    ratio = "ratio of ratios, " if groups.is_log else ""
     n = f"{groups.n[0]} and {groups.n[1]} participants"
-    return f"{what} is {estimate} ({ratio}95 % interval {interval}; {p}{size}; {n})."
+    return f"{subject} is {estimate} ({interval}; {p}{size}; {n})."
 
 
-def interaction_table(found: InteractionResults) -> Table:
-    """Every measure: all degrees of freedom together, then each contrast between every two groups."""
+def interaction_table(interaction: InteractionResults) -> Table:
+    """Tabulate every measure: all degrees of freedom together, then each contrast between every two groups."""
     rows: list[tuple[str, ...]] = []
-    for measure in found.roles:
-        start = (label_measure(measure), found.roles[measure])
-        for one in found.omnibus:
-            if one.measure == measure:
-                test = one.test
+    for measure in interaction.roles:
+        start = (label_measure(measure), interaction.roles[measure])
+        for omnibus in interaction.omnibus:
+            if omnibus.measure == measure:
+                test = omnibus.test
                 statistic = f"W({test.freedom}) = {format_number(test.statistic)}"
-                ps = (format_p_value(test.p), format_p_value(one.p_holm))
+                ps = (format_p_value(test.p), format_p_value(omnibus.p_holm))
                 rows.append((*start, "all", "all", ", ".join(map(str, test.n)), statistic, *ps, "n/a"))
         rows += [
-            (*start, *_contrast_cells(compared)) for compared in found.contrasts if compared.groups.measure == measure
+            (*start, *_contrast_cells(compared))
+            for compared in interaction.contrasts
+            if compared.groups.measure == measure
         ]
     heads = ("measure", "named before", "contrast", "groups", "n", "difference", "p", "p (Holm)", "g")
     return Table(heads, rows, words=4)
@@ -279,15 +269,16 @@ def _contrast_cells(compared: ContrastComparison) -> tuple[str, ...]:
     )
 
 
-def cells_table(found: InteractionResults) -> Table:
-    """Mean and standard deviation of each cell of groups and conditions, over participants, of the primary measure."""
+def cells_table(interaction: InteractionResults) -> Table:
+    """Tabulate the primary measure's mean and SD over participants, by group and condition."""
     rows = []
-    for group in found.groups:
-        values = _select_group(found.cells, group)
-        cells = [
-            f"{format_number(float(values[condition].mean()))} ({format_number(float(values[condition].std()))}), "
-            f"n {int(values[condition].notna().sum())}"
-            for condition in found.conditions
-        ]
-        rows.append((group, *cells))
-    return Table(("group", *found.conditions), rows)
+    for group in interaction.groups:
+        values = _select_group(interaction.cells, group)
+        rows.append((group, *(_format_cell(values[condition]) for condition in interaction.conditions)))
+    return Table(("group", *interaction.conditions), rows)
+
+
+def _format_cell(values: "pd.Series[float]") -> str:
+    mean = format_number(float(values.mean()))
+    sd = format_number(float(values.std()))
+    return f"{mean} ({sd}), n {int(values.notna().sum())}"

@@ -1,7 +1,7 @@
 """The methods paragraphs: what was played by whom with what, in words to copy, with versions and hashes."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 
 import minihuman
@@ -9,7 +9,7 @@ from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.plan.stated_outcomes import describe_rule, find_outcome_rule, is_of_catalogue
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
-from minihuman.reporting.results import FORMULAS, MEASURES, TRIAL_BLOCK_MEASURES
+from minihuman.reporting.block_measures import FORMULAS, MEASURES, TRIAL_BLOCK_MEASURES
 from minihuman.reporting.trial_methods import (
     describe_stimuli,
     describe_trials,
@@ -28,7 +28,7 @@ _LABELS: dict[str, Callable[[PlanOutline], str]] = {
     "version": lambda plan: f"by version {plan.version} ({plan.protocol_sha256[:8]})",
     "participant": lambda plan: f"participant {plan.participant}",
 }
-_DIVISIONS = (  # the fewest that tell how a block was had are named
+_DIVISIONS = (  # the fewest that tell apart how a block was played are named
     (), ("group",), ("session",), ("version",), ("group", "session"), ("group", "version"), ("session", "version"),
     ("group", "session", "version"), ("participant", "session"),
 )  # fmt: skip
@@ -42,7 +42,7 @@ class BlockSpecs:
         self._protocols = {protocol.sha256: protocol for protocol in protocols}
 
     def find(self, plan: PlanOutline, block: str) -> BlockSpec | None:
-        """A block as a session's group has it; None if its protocol is not known."""
+        """Find a block as a session's group has it; None if its protocol is not known."""
         protocol = self._protocols.get(plan.protocol_sha256)
         if protocol is None:
             return None
@@ -56,17 +56,21 @@ def build_methods(
     *,
     protocols: Sequence[Protocol] = (),
 ) -> list[str]:
-    """The paragraphs; ``plans`` and ``qualities`` are the sessions', ``simulated`` of which no person played.
+    """Write the paragraphs of the methods.
 
-    ``protocols`` are those the sessions were played by; without them what no plan says is not told.
+    Args:
+        plans: of the sessions.
+        qualities: of their recording.
+        simulated: how many sessions no person played.
+        protocols: those the sessions were played by; without them nothing is said that only a protocol knows.
     """
     specs = BlockSpecs(protocols)
     return [
-        _people(plans, simulated, specs, protocols),
-        *_designs(protocols),
-        *_blocks(plans, specs),
-        _measures(plans, specs),
-        _software(plans, qualities),
+        _describe_people(plans, simulated, specs, protocols),
+        *_describe_designs(protocols),
+        *_describe_blocks(plans, specs),
+        _describe_measures(plans, specs),
+        _describe_software(plans, qualities),
         f"This report: minihuman {minihuman.__version__}, {_name_statistics()}.",
     ]
 
@@ -76,135 +80,165 @@ def _name_statistics() -> str:
 
 
 def find_known_keys(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] = ()) -> dict[str, list[str]]:
-    """By block, the groups who came to it with the keys of an earlier one, which they knew by then.
+    """Find, by block, the groups who came to it with the keys of an earlier block, which they knew by then.
 
-    All participants of a group did, the first time that they played it.
+    A group is named if all of its participants did, the first time that they played the block.
     """
     known_keys: dict[str, dict[str, bool]] = {}
     for block, cells in _find_known_cells(plans, BlockSpecs(protocols)).items():
         of_group = known_keys.setdefault(block, {})
-        first = {group: min(session for its, session, _ in cells if its == group) for group, _, _ in cells}
+        first = {
+            group: min(session for cell_group, session, _ in cells if cell_group == group) for group, _, _ in cells
+        }
         for (group, session, _), known in cells.items():
             if session == first[group]:
                 of_group[group] = of_group.get(group, True) and known
-    found = {block: sorted(group for group, known in groups.items() if known) for block, groups in known_keys.items()}
-    return {block: groups for block, groups in found.items() if groups}
+    groups_by_block = {
+        block: sorted(group for group, known in groups.items() if known) for block, groups in known_keys.items()
+    }
+    return {block: groups for block, groups in groups_by_block.items() if groups}
 
 
 def _find_known_cells(plans: Sequence[PlanOutline], specs: BlockSpecs) -> dict[str, dict[Cell, bool]]:
-    """By block and cell, whether all participants had the keys of an earlier block: of a few alone it is chance.
+    """Find, by block and cell, whether all participants had the keys of an earlier block: of a few alone it is chance.
 
     Keys that the protocol draws anew are never an earlier block's, whatever was drawn.
     """
-    found: dict[str, dict[Cell, bool]] = {}
+    known_by_block: dict[str, dict[Cell, bool]] = {}
     history: dict[str, list[EpisodePlan]] = {}
     for plan in sorted(plans, key=lambda plan: plan.session):
         earlier = history.setdefault(plan.participant, [])
-        for one in plan.blocks:
-            cells = found.setdefault(one.block_name, {})
-            cell = plan.group, plan.session, earlier[-1].block_name if earlier else ""
-            spec = specs.find(plan, one.block_name)
+        for block_plan in plan.blocks:
+            cells = known_by_block.setdefault(block_plan.block_name, {})
+            block_before = ""
+            if earlier:
+                block_before = earlier[-1].block_name
+            cell = (plan.group, plan.session, block_before)
+            spec = specs.find(plan, block_plan.block_name)
             may_know = spec is None or spec.key_map not in _DRAWN_ANEW
-            known = may_know and any(_does(one) == _does(before) for before in earlier)
+            effects = _map_key_effects(block_plan)
+            known = may_know and any(effects == _map_key_effects(before) for before in earlier)
             cells[cell] = cells.get(cell, True) and known
-            earlier.append(one)
-    return found
+            earlier.append(block_plan)
+    return known_by_block
 
 
-def _does(one: EpisodePlan) -> dict[str, int]:
-    """What each key does, by the action's place in the block's list: worlds call the same actions by other names."""
-    return {key: one.actions.index(action) for key, action in one.key_map.keys.items() if action in one.actions}
+def _map_key_effects(block_plan: EpisodePlan) -> dict[str, int]:
+    """Map each key to the place of its action in the block's list: worlds call the same actions by other names."""
+    return {
+        key: block_plan.actions.index(action)
+        for key, action in block_plan.key_map.keys.items()
+        if action in block_plan.actions
+    }
 
 
-def _people(plans: Sequence[PlanOutline], simulated: int, specs: BlockSpecs, protocols: Sequence[Protocol] = ()) -> str:
+def _describe_people(
+    plans: Sequence[PlanOutline], simulated: int, specs: BlockSpecs, protocols: Sequence[Protocol] = ()
+) -> str:
+    """Say who took part, and how groups and keys were allocated."""
     groups = Counter({plan.participant: plan.group for plan in plans}.values())
     parts = ", ".join(f"{count} in group {group}" for group, count in sorted(groups.items()))
-    by_session = Counter(plan.session for plan in plans)
-    days = f" in {len(by_session)} sessions" if len(by_session) > 1 else ""
-    if len(set(by_session.values())) > 1:
-        days += f" ({', '.join(f'{count} in session {session}' for session, count in sorted(by_session.items()))})"
     by_hand = sum(plan.by_hand for plan in plans)
     by_design = any(protocol.allocation.design for protocol in protocols)
-    keys = _are_keys_drawn(plans, specs)
-    if by_design:
-        drawn = "Keys" if keys else "Orders"
-    else:
-        drawn = f"Groups{' and keys' if keys else ''}"
+    allocated = _name_allocated(by_design=by_design, has_keys=_are_keys_drawn(plans, specs))
+    chosen = ""
     if by_hand:
         chosen = f"; in {by_hand} sessions the participant or group was chosen by hand"
-    else:
-        chosen = ""
     return (
-        f"{sum(groups.values())} participants took part{days} ({parts}{_nobody(plans, simulated)}). "
-        f"{drawn} came from an allocation list "
-        f"drawn before the first session from the study's seed, {plans[0].seed}{_later_keys(plans, specs)}{chosen}."
-        f"{_strata(plans, by_design=by_design)}"
+        f"{sum(groups.values())} participants took part{_describe_sessions(plans)} "
+        f"({parts}{_describe_simulated(plans, simulated)}). "
+        f"{allocated} came from an allocation list "
+        f"drawn before the first session from the study's seed, {plans[0].seed}{_describe_later_keys(plans, specs)}"
+        f"{chosen}.{_describe_strata(plans, by_design=by_design)}"
     )
 
 
-def _designs(protocols: Sequence[Protocol]) -> list[str]:
-    """A paragraph on what was adaptive, by the protocols; none where nothing was."""
-    found: dict[str, None] = {}
+def _describe_sessions(plans: Sequence[PlanOutline]) -> str:
+    """Say in how many sessions participants took part; "" of one session."""
+    by_session = sorted(Counter(plan.session for plan in plans).items())
+    counts = ", ".join(f"{count} in session {session}" for session, count in by_session)
+    if len({count for _, count in by_session}) > 1:
+        return f" in {len(by_session)} sessions ({counts})"
+    if len(by_session) > 1:
+        return f" in {len(by_session)} sessions"
+    return ""
+
+
+def _name_allocated(*, by_design: bool, has_keys: bool) -> str:
+    """Name what came from the allocation list; an adaptive design assigns groups by itself."""
+    if by_design:
+        return "Keys" if has_keys else "Orders"
+    return "Groups and keys" if has_keys else "Groups"
+
+
+def _describe_designs(protocols: Sequence[Protocol]) -> list[str]:
+    """Write a paragraph on what was adaptive, by the protocols; none where nothing was."""
+    sentences: dict[str, None] = {}
     for protocol in protocols:
-        for what, spec in (
+        for opening, spec in (
             ("Groups were assigned by", protocol.allocation.design),
             ("Enrolment could be stopped by", protocol.allocation.stopping),
             *((f"Episodes of block {block.name} were chosen by", block.design) for block in protocol.blocks),
         ):
-            if spec is not None:
-                settings = ", ".join(f"{name} = {value!r}" for name, value in spec.settings.items())
-                found[f"{what} the adaptive design {spec.name}{f' ({settings})' if settings else ''}."] = None
+            if spec is None:
+                continue
+            name = spec.name
+            if spec.settings:
+                settings = ", ".join(f"{setting} = {value!r}" for setting, value in spec.settings.items())
+                name = f"{spec.name} ({settings})"
+            sentences[f"{opening} the adaptive design {name}."] = None
+    if not sentences:
+        return []
     proof = "Each decision is recorded with what it followed from, and verification asks the design again."
-    return [" ".join([*found, proof])] if found else []
+    return [" ".join([*sentences, proof])]
 
 
-def _later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
-    """Where the keys of later sessions came from, if any were drawn anew: the list has the first session's."""
-    policies = {
-        spec.key_map
-        for plan in plans
-        if plan.session > 1
-        for one in plan.blocks
-        if (spec := specs.find(plan, one.block_name)) is not None
-    }
-    if policies & {*_DRAWN_ANEW}:
-        return "; keys that later sessions drew anew came from that seed alone"
+def _describe_later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
+    """Say where the keys of later sessions came from, if any were drawn anew: the list has the first session's."""
+    for plan in plans:
+        if plan.session <= 1:
+            continue
+        for block_plan in plan.blocks:
+            spec = specs.find(plan, block_plan.block_name)
+            if spec is not None and spec.key_map in _DRAWN_ANEW:
+                return "; keys that later sessions drew anew came from that seed alone"
     return ""
 
 
 def _are_keys_drawn(plans: Sequence[PlanOutline], specs: BlockSpecs) -> bool:
-    """Whether keys were drawn; as far as only the plans tell, whether participants had different ones."""
+    """Say whether keys were drawn; as far as only the plans tell, whether participants had different ones."""
     keys: dict[tuple[str, str], list[dict[str, str]]] = {}
     for plan in plans:
-        for number, one in enumerate(plan.blocks):
-            spec = specs.find(plan, one.block_name)
+        for number, block_plan in enumerate(plan.blocks):
+            spec = specs.find(plan, block_plan.block_name)
             if spec is None:
-                keys.setdefault((plan.group, one.block_name), []).append(one.key_map.keys)
+                keys.setdefault((plan.group, block_plan.block_name), []).append(block_plan.key_map.keys)
             elif spec.key_map in (*_DRAWN_ANEW, "constant") or (spec.key_map == "carry_over" and not number):
                 return True
-    return any(len(each) == 1 or each.count(each[0]) < len(each) for each in keys.values())
+    return any(len(key_maps) == 1 or key_maps.count(key_maps[0]) < len(key_maps) for key_maps in keys.values())
 
 
-def _strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -> str:
-    """Within which strata groups were drawn, and how many of each group each has."""
-    drawn = {plan.participant: (plan.stratum, plan.group) for plan in plans if plan.stratum}
-    if not drawn:
+def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -> str:
+    """Say within which strata groups were drawn, and how many of each group each stratum has."""
+    allocations = {plan.participant: (plan.stratum, plan.group) for plan in plans if plan.stratum}
+    if not allocations:
         return ""
-    many = Counter(drawn.values())
-    groups = sorted({group for _, group in many})
+    counts = Counter(allocations.values())
+    groups = sorted({group for _, group in counts})
     strata = "; ".join(
-        f"{stratum}: {', '.join(f'{group} {many[stratum, group]}' for group in groups)}"
-        for stratum in sorted({stratum for stratum, _ in many})
+        f"{stratum}: {', '.join(f'{group} {counts[stratum, group]}' for group in groups)}"
+        for stratum in sorted({stratum for stratum, _ in counts})
     )
-    asked = next(plan.stratified_by for plan in plans if plan.stratified_by)
+    question = next(plan.stratified_by for plan in plans if plan.stratified_by)
     if by_design:
         lists = "the design knew the stratum"
     else:
         lists = "with one allocation list per stratum"
-    return f" Groups were stratified by the answer to {asked}, {lists} ({strata})."
+    return f" Groups were stratified by the answer to {question}, {lists} ({strata})."
 
 
-def _nobody(plans: Sequence[PlanOutline], simulated: int) -> str:
+def _describe_simulated(plans: Sequence[PlanOutline], simulated: int) -> str:
+    """Say how many sessions were simulated; "" where none was."""
     if not simulated:
         return ""
     if simulated == len(plans):
@@ -212,171 +246,218 @@ def _nobody(plans: Sequence[PlanOutline], simulated: int) -> str:
     return f"; {simulated} of the sessions simulated"
 
 
-def _blocks(plans: Sequence[PlanOutline], specs: BlockSpecs) -> list[str]:
-    """A paragraph per block; where groups, sessions or versions had it otherwise, a sentence for each."""
+def _describe_blocks(plans: Sequence[PlanOutline], specs: BlockSpecs) -> list[str]:
+    """Write a paragraph per block; where it differed between groups, sessions or versions, a sentence for each."""
     known = _find_known_cells(plans, specs)
     descriptions: dict[str, list[tuple[PlanOutline, str]]] = {}
     for plan in sorted(plans, key=lambda plan: -len(plan.blocks)):  # in the order of those who played most
-        for one in plan.blocks:
-            description = _describe(one, specs.find(plan, one.block_name))
-            descriptions.setdefault(one.block_name, []).append((plan, description))
-    return [_block(name, described, known[name]) for name, described in descriptions.items()]
+        for block_plan in plan.blocks:
+            description = _describe_episode(block_plan, specs.find(plan, block_plan.block_name))
+            descriptions.setdefault(block_plan.block_name, []).append((plan, description))
+    return [_describe_block(name, described, known[name]) for name, described in descriptions.items()]
 
 
-def _block(name: str, described: Sequence[tuple[PlanOutline, str]], known: Mapping[Cell, bool]) -> str:
-    """A block's sentences: one where all had it alike, else one for each of the fewest kinds that tell them apart."""
+def _describe_block(name: str, described: Sequence[tuple[PlanOutline, str]], known: Mapping[Cell, bool]) -> str:
+    """Write a block's sentences: one where all played it alike, else one per description, with who had it."""
+    sentences = []
+    for description, labels in _label_descriptions(described).items():
+        qualifier = ""
+        if any(labels):
+            qualifier = f", {' and '.join(labels)}"
+        exception = ""
+        if _TO_FIND in description:
+            sessions = {(plan.group, plan.session) for plan, had in described if had == description}
+            cells = {cell: is_known for cell, is_known in known.items() if cell[:2] in sessions}
+            exception = _describe_known_keys(cells)
+        sentences.append(f"Block {name}{qualifier}: {description}{exception}.")
+    return " ".join(sentences)
+
+
+def _label_descriptions(described: Sequence[tuple[PlanOutline, str]]) -> dict[str, list[str]]:
+    """Label each description with who had it, by the fewest divisions that tell descriptions apart."""
     for parts in _DIVISIONS:
         kinds: dict[tuple[str, ...], set[str]] = {}
         for plan, description in described:
             kinds.setdefault(tuple(_LABELS[part](plan) for part in parts), set()).add(description)
         if all(len(kind) == 1 for kind in kinds.values()):
             break
-    who: dict[str, list[str]] = {}
+    labels: dict[str, list[str]] = {}
     for kind, (description,) in sorted(kinds.items()):
-        who.setdefault(description, []).append(" ".join(kind))
-    sentences = []
-    for description, labels in who.items():
-        of = f", {' and '.join(labels)}" if any(labels) else ""
-        theirs = {
-            cell: known[cell]
-            for cell in known
-            if any((plan.group, plan.session) == cell[:2] and had == description for plan, had in described)
-        }
-        sentences.append(f"Block {name}{of}: {description}{_carried(theirs) if _TO_FIND in description else ''}.")
-    return " ".join(sentences)
+        labels.setdefault(description, []).append(" ".join(kind))
+    return labels
 
 
-def _carried(known: Mapping[Cell, bool]) -> str:
-    """Who had no keys to find: whole groups, or what tells those of a group who came with keys from others."""
-    groups_with_keys = []
+def _describe_known_keys(known: Mapping[Cell, bool]) -> str:
+    """Say who had no keys to find; "" if all had."""
+    exceptions: list[str] = []
     for group in sorted({group for group, _, _ in known}):
-        cells = {cell: is_known for cell, is_known in known.items() if cell[0] == group}
-        if all(cells.values()):
-            groups_with_keys.append(group)
-            continue
-        for session in sorted({session for _, session, _ in cells}):
-            theirs = {before: is_known for (_, its, before), is_known in cells.items() if its == session}
-            if all(theirs.values()):
-                groups_with_keys.append(f"{group} in session {session}")
-            else:
-                groups_with_keys += [
-                    f"{group} in session {session} after block {before}"
-                    for before, is_known in sorted(theirs.items())
-                    if is_known
-                ]
-    if groups_with_keys:
-        return f" (except by {', '.join(groups_with_keys)}, who kept the keys of an earlier block)"
-    return ""
-
-
-def _describe(one: EpisodePlan, spec: BlockSpec | None) -> str:
-    """A block as one participant had it."""
-    offered = sum(action in one.actions for action in one.key_map.keys.values())
-    pool = len(one.key_map.keys) + len(one.key_map.spare_keys)
-    others = sorted({action for action in one.key_map.keys.values() if action not in one.actions})
-    if others:
-        distractors = f", {', '.join(others)} on the other {len(one.key_map.keys) - offered}"
-    else:
-        distractors = ""
-    keys = (
-        f"actions {', '.join(one.actions)} on {offered} keys of {pool}{distractors}; "
-        f"{_SHOWN if one.show_keys else _TO_FIND}"
-    )
-    practice = "" if spec is None or spec.analysed else "practice, not analysed: "
-    if is_of_trials(one, spec):
-        return f"{practice}{describe_trials(one, spec)}; {keys}"
-    shared = sorted(list_shared_options(one, spec).items())
-    options = "".join(f", {option} = {value!r}" for option, value in shared)
-    table = describe_stimuli(spec)
-    return (
-        f"{practice}{_episodes(one, spec)} in {one.world}"
-        f"{options}{f', further options from {table}' if table else ''}, {one.view} view, at most {one.max_steps} steps"
-        f"{f' or {spec.max_episode_s:g} s' if spec is not None and spec.max_episode_s else ''} each; {_pace(one)}; "
-        f"{keys}{_moved(spec)}{_outcome(one, spec)}"
-    )
-
-
-def _outcome(one: EpisodePlan, spec: BlockSpec | None) -> str:
-    """What an end meant, where that does not go without saying."""
-    if is_of_catalogue(one.world) and one.outcome_rule == LAST_REWARD:
+        cells = {(session, before): is_known for (name, session, before), is_known in known.items() if name == group}
+        exceptions += _list_with_known_keys(group, cells)
+    if not exceptions:
         return ""
-    is_older = spec is not None and one.outcome_rule == LAST_REWARD != find_outcome_rule(spec).rule
-    since = ", as for every world when the study began" if is_older else ""
-    return f"; {describe_rule(one.outcome_rule)}{since}"
+    return f" (except by {', '.join(exceptions)}, who kept the keys of an earlier block)"
 
 
-def _moved(spec: BlockSpec | None) -> str:
-    """How the view got from one picture to the next, where it did not change at once."""
+def _list_with_known_keys(group: str, cells: Mapping[tuple[int, str], bool]) -> Iterator[str]:
+    """Yield who of a group came with keys: the whole group, whole sessions, or those after certain blocks.
+
+    Args:
+        group: its name.
+        cells: whether keys were known, by session and the block before.
+    """
+    if all(cells.values()):
+        yield group
+        return
+    for session in sorted({session for session, _ in cells}):
+        blocks_before = {before: is_known for (number, before), is_known in cells.items() if number == session}
+        if all(blocks_before.values()):
+            yield f"{group} in session {session}"
+            continue
+        for before, is_known in sorted(blocks_before.items()):
+            if is_known:
+                yield f"{group} in session {session} after block {before}"
+
+
+def _describe_episode(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
+    """Describe a block as one participant had it."""
+    practice = ""
+    if spec is not None and not spec.analysed:
+        practice = "practice, not analysed: "
+    keys = _describe_keys(block_plan)
+    if is_of_trials(block_plan, spec):
+        return f"{practice}{describe_trials(block_plan, spec)}; {keys}"
+    options = "".join(
+        f", {option} = {value!r}" for option, value in sorted(list_shared_options(block_plan, spec).items())
+    )
+    table = describe_stimuli(spec)
+    if table:
+        options += f", further options from {table}"
+    limit = f"at most {block_plan.max_steps} steps"
+    if spec is not None and spec.max_episode_s:
+        limit += f" or {spec.max_episode_s:g} s"
+    return (
+        f"{practice}{_describe_count(block_plan, spec)} in {block_plan.world}"
+        f"{options}, {block_plan.view} view, {limit} each; {_describe_pace(block_plan)}; "
+        f"{keys}{_describe_motion(spec)}{_describe_outcome(block_plan, spec)}"
+    )
+
+
+def _describe_keys(block_plan: EpisodePlan) -> str:
+    """Say which actions were on how many keys, and whether the keys were shown."""
+    key_map = block_plan.key_map
+    offered = sum(action in block_plan.actions for action in key_map.keys.values())
+    pool = len(key_map.keys) + len(key_map.spare_keys)
+    distractor_actions = sorted({action for action in key_map.keys.values() if action not in block_plan.actions})
+    distractors = ""
+    if distractor_actions:
+        distractors = f", {', '.join(distractor_actions)} on the other {len(key_map.keys) - offered}"
+    discovery = _SHOWN if block_plan.show_keys else _TO_FIND
+    return f"actions {', '.join(block_plan.actions)} on {offered} keys of {pool}{distractors}; {discovery}"
+
+
+def _describe_outcome(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
+    """Say what an end meant, where that does not go without saying."""
+    if is_of_catalogue(block_plan.world) and block_plan.outcome_rule == LAST_REWARD:
+        return ""
+    rule = describe_rule(block_plan.outcome_rule)
+    is_older = spec is not None and block_plan.outcome_rule == LAST_REWARD != find_outcome_rule(spec).rule
+    if is_older:
+        return f"; {rule}, as for every world when the study began"
+    return f"; {rule}"
+
+
+def _describe_motion(spec: BlockSpec | None) -> str:
+    """Say how the view got from one picture to the next, where it did not change at once."""
     moved = "; in windows, and in browsers whose page drew the world, the view moved to each new picture for"
     if spec and spec.motion_ms:
         return f"{moved} {spec.motion_ms:g} ms, from the beginning of which times count"
     return ""
 
 
-def _episodes(one: EpisodePlan, spec: BlockSpec | None) -> str:
-    """How many episodes there were, and what ended the block before."""
+def _describe_count(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
+    """Say how many episodes there were, and what ended the block before."""
     ends = []
     if spec is not None and spec.stop_criterion is not None:
         ends.append(f"until {spec.stop_criterion.successes} of the last {spec.stop_criterion.of} reached the goal")
     if spec is not None and spec.max_block_s:
         ends.append(f"for at most {spec.max_block_s:g} s in all")
     if ends:
-        return f"up to {one.episodes_in_block} episodes ({', '.join(ends)})"
-    return f"{one.episodes_in_block} episodes"
+        return f"up to {block_plan.episodes_in_block} episodes ({', '.join(ends)})"
+    return f"{block_plan.episodes_in_block} episodes"
 
 
-def _pace(one: EpisodePlan) -> str:
-    """What made a step."""
-    if one.pace == "on_key":
-        return "each press of a key made one step" + (", a held key more of them" if one.auto_repeat else "")
-    without = "none without a key" if one.noop is None else f"{one.noop} without a key"
-    if one.onset_at_reset:
+def _describe_pace(block_plan: EpisodePlan) -> str:
+    """Say what made a step."""
+    if block_plan.pace == "on_key":
+        step = "each press of a key made one step"
+        if block_plan.auto_repeat:
+            step += ", a held key more of them"
+        return step
+    idle_action = "none"
+    if block_plan.noop is not None:
+        idle_action = block_plan.noop
+    onset = "the onsets that the world names"
+    if block_plan.onset_at_reset:
         onset = "the first picture"
-    else:
-        onset = "the onsets that the world names"
-    return f"one step every {one.step_period_ms:g} ms, {without}, reaction times from {onset}"
+    period = f"one step every {block_plan.step_period_ms:g} ms"
+    return f"{period}, {idle_action} without a key, reaction times from {onset}"
 
 
-def _measures(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
+def _describe_measures(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
+    """Say how the measures are computed."""
     blocks = [(block, specs.find(plan, block.block_name)) for plan in plans for block in plan.blocks]
     are_trials = bool(blocks) and all(is_of_trials(block, spec) for block, spec in blocks)
     names = [name for name in FORMULAS if name in TRIAL_BLOCK_MEASURES or not are_trials]
     parts = "; ".join(f"{MEASURES[name]} \N{EN DASH} {FORMULAS[name]}" for name in names)
+    session_note = ""
     if len({plan.session for plan in plans}) > 1:
-        several = "; of several sessions it is the mean of theirs"
-    else:
-        several = ""
-    return f"Unless stated otherwise, a participant's value is the mean over the included episodes{several}. {parts}."
+        session_note = "; of several sessions it is the mean of theirs"
+    start = "Unless stated otherwise, a participant's value is the mean over the included episodes"
+    return f"{start}{session_note}. {parts}."
 
 
-def _software(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality]) -> str:
+_SOFTWARE = {  # what a log says of its software, and how the methods call it
+    "version_minihuman": "minihuman", "git_commit": "commit", "rules": "rules of the worlds", "python": "Python",
+    "version_numpy": "NumPy", "system": "on", "window_version": "shown by",
+}  # fmt: skip
+
+
+def _describe_software(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality]) -> str:
+    """Say by which protocols the study was played, and by which software."""
     protocols = sorted({(plan.version, plan.protocol_sha256) for plan in plans})
     parts = "; ".join(f"version {name}, SHA-256 {sha}" for name, sha in protocols)
-    words = {
-        "version_minihuman": "minihuman", "git_commit": "commit", "rules": "rules of the worlds", "python": "Python",
-        "version_numpy": "NumPy", "system": "on", "window_version": "shown by",
-    }  # fmt: skip
-    made = []
-    for name, word in words.items():
-        values = sorted({run[name] for one in qualities for run in one.software if name in run})
+    versions = []
+    for name, label in _SOFTWARE.items():
+        values = _list_software(qualities, name)
         if values:
-            made.append(f"{word} {' and '.join(values)}")
-    run_with = f"Protocol of study {plans[0].study}: {parts}. Run with {', '.join(made)}."
-    ran = {(one.participant, one.session): one.software for one in qualities}
+            versions.append(f"{label} {' and '.join(values)}")
+    run_with = f"Protocol of study {plans[0].study}: {parts}. Run with {', '.join(versions)}."
+    return f"{run_with}{_describe_page_kernels(plans, qualities)}"
+
+
+def _list_software(qualities: Sequence[RecordingQuality], name: str) -> list[str]:
+    """List the values that the sessions' logs have under a name of software."""
+    return sorted({run[name] for quality in qualities for run in quality.software if name in run})
+
+
+def _describe_page_kernels(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality]) -> str:
+    """Say which blocks the page stepped and drew by itself; "" where it did not."""
+    software = {(quality.participant, quality.session): quality.software for quality in qualities}
     computes = [plan for plan in plans if plan.computed]
     with_kernels = [
-        p for p in computes if any("page_kernels" in run for run in ran.get((p.participant, p.session), ()))
+        plan
+        for plan in computes
+        if any("page_kernels" in run for run in software.get((plan.participant, plan.session), ()))
     ]
     if not with_kernels:
-        return run_with
-    blocks = sorted({name for plan in with_kernels for name in plan.computed})
-    kernels = sorted({run["page_kernels"] for one in qualities for run in one.software if "page_kernels" in run})
+        return ""
+    names = sorted({name for plan in with_kernels for name in plan.computed})
+    blocks = f"{'blocks' if len(names) > 1 else 'block'} {' and '.join(names)}"
+    kernels = " and ".join(_list_software(qualities, "page_kernels"))
+    sessions = ""
     if len(with_kernels) < len(computes):
-        of = f"in {len(with_kernels)} of {len(computes)} sessions "
-    else:
-        of = ""
+        sessions = f"in {len(with_kernels)} of {len(computes)} sessions "
     return (
-        f"{run_with} In browsers {of}the page stepped and drew {'blocks' if len(blocks) > 1 else 'block'} "
-        f"{' and '.join(blocks)} ahead of the server (kernels {' and '.join(kernels)}), which compared every step with "
-        "its own and recorded its own."
+        f" In browsers {sessions}the page stepped and drew {blocks} ahead of the server (kernels {kernels}), which "
+        "compared every step with its own and recorded its own."
     )

@@ -4,7 +4,7 @@ The published study's subject means stand beside a replication of it: Chevalier-
 Miniworld", mean reward of each subject in Miniworld's four rooms.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -17,27 +17,28 @@ from minihuman.dataset.selection import SelectionSummary
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign
 from minihuman.reporting.activity_sections import ReportSection
+from minihuman.reporting.block_measures import label_measure
+from minihuman.reporting.block_results import BlockResults, summarise_group_rewards
+from minihuman.reporting.instruction_clauses import clauses_table
 from minihuman.reporting.interactions import InteractionResults, cells_table, interaction_table, state_interaction
-from minihuman.reporting.results import BlockResults, Results, WithinResults, label_measure, summarise_group_rewards
-from minihuman.reporting.sections import (
-    FlowSection,
-    answers_table,
-    clauses_table,
+from minihuman.reporting.participant_flow import FlowSection
+from minihuman.reporting.result_tables import (
     conditions_table,
     crossover_table,
-    difference_statement,
-    equivalence_statement,
-    exclusions_section,
     list_missing_parts,
-    paired_statement,
     parts_table,
-    power_statement,
-    quality_section,
     reliability_table,
     session_changes_table,
     session_table,
-    skipped_table,
     survival_table,
+)
+from minihuman.reporting.results import Results
+from minihuman.reporting.sections import answers_table, exclusions_section, quality_section, skipped_table
+from minihuman.reporting.statements import (
+    difference_statement,
+    equivalence_statement,
+    paired_statement,
+    power_statement,
 )
 from minihuman.reporting.template import (
     PARTICIPANTS,
@@ -54,6 +55,7 @@ from minihuman.reporting.template import (
     render_template,
     to_records,
 )
+from minihuman.reporting.within_results import WithinResults
 from minihuman.statistics.comparison import GroupComparison
 from minihuman.statistics.paired import MIN_EPISODES, GrowthTerm, MixedModel
 
@@ -67,13 +69,13 @@ PUBLISHED_SOURCE = "Chevalier-Boisvert et al. (2023), Minigrid & Miniworld"
 
 
 def read_published_subjects() -> pd.DataFrame:
-    """One row per subject: group, subject, reward_mean."""
+    """Read the published study's subjects, a row each: group, subject, reward_mean."""
     with (files("minihuman.reporting") / "data" / "published.csv").open(encoding="utf-8") as file:
         return pd.read_csv(file)
 
 
 def is_published_study(protocols: Collection[str]) -> bool:
-    """Whether all sessions were played by the published study's own protocol; ``protocols`` are SHA-256 of files."""
+    """Say whether all sessions were played by the published study's protocol; ``protocols`` are SHA-256 of files."""
     return bool(protocols) and _PUBLISHED_PROTOCOLS.issuperset(protocols)
 
 
@@ -109,61 +111,64 @@ class PageContent:
     mixed: Mapping[str, MixedModel | None]  # of each block whose change over episodes is compared
 
 
-def build_page(facts: PageContent, found: Results, templates: Path | None = None) -> str:
+def build_page(content: PageContent, results: Results, templates: Path | None = None) -> str:
     """Render the page.
 
     Args:
-        facts: what the page shows besides the results.
-        found: the results.
+        content: what the page shows besides the results.
+        results: the study's.
         templates: a folder with a ``report.html.j2`` or a ``report.css`` that is taken instead of the package's. Its
             template may extend ``minihuman/report.html.j2``.
 
     Raises:
         ReportError: if there is no such file in the folder, or the template in it cannot be rendered.
     """
-    target = found.target_block
-    shown = {
-        "study": facts.study,
-        "versions": _versions(facts.account),
-        "sessions": facts.sessions,
-        "included": found.kept,
-        "players": facts.players,
-        "simulated": facts.simulated,
-        "imported": facts.imported,
-        "windows": ", ".join(f"{window} in {count} sessions" for window, count in facts.windows.items()),
-        "flow": facts.flow,
-        "practice": facts.practice,
-        "published": _published(target) if facts.papers and target else None,
-        "question": ask_question(facts.analysis, found, facts.design, facts.interaction),
-        "answers_first": _answer(target if facts.first_block else None, found, facts),
-        "excluded": _count_excluded(facts.exclusions),
-        "within": _within(found.within),
-        "interaction": _interaction(facts.interaction),
-        "blocks": [_block(one, found, facts) for one in found.blocks],
+    target = results.target_block
+    windows = ", ".join(f"{window} in {count} sessions" for window, count in content.windows.items())
+    context = {
+        "study": content.study,
+        "versions": _describe_versions(content.account),
+        "sessions": content.sessions,
+        "included": results.included,
+        "players": content.players,
+        "simulated": content.simulated,
+        "imported": content.imported,
+        "windows": windows,
+        "flow": content.flow,
+        "practice": content.practice,
+        "published": _compare_with_published(target) if content.papers and target else None,
+        "question": ask_question(content.analysis, results, content.design, content.interaction),
+        "answers_first": _answer_question(results, content),
+        "excluded": _count_excluded(content.exclusions),
+        "within": _show_within(results.within),
+        "interaction": _show_interaction(content.interaction),
+        "blocks": [_show_block(block, results, content) for block in results.blocks],
         "min_growth_episodes": MIN_EPISODES,
-        "clauses": clauses_table(facts.clauses),
-        "activities": facts.activities,
-        "answers": answers_table(facts.answers),
-        "figures": facts.figures,
-        "first_figures": facts.first_figures,
-        "models": facts.models,
-        "quality": quality_section(facts.qualities),
-        "exclusions": exclusions_section(facts.exclusions),
-        "skipped": skipped_table(facts.account.skipped),
-        "methods": facts.methods,
-        "tables": facts.tables,
+        "clauses": clauses_table(content.clauses),
+        "activities": content.activities,
+        "answers": answers_table(content.answers),
+        "figures": content.figures,
+        "first_figures": content.first_figures,
+        "models": content.models,
+        "quality": quality_section(content.qualities),
+        "exclusions": exclusions_section(content.exclusions),
+        "skipped": skipped_table(content.account.skipped),
+        "methods": content.methods,
+        "tables": content.tables,
     }
-    return render_template(REPORT, shown, templates)
+    return render_template(REPORT, context, templates)
 
 
 def ask_question(
     analysis: AnalysisSpec,
-    found: Results,
+    results: Results,
     design: ExperimentDesign | None = None,
     interaction: InteractionResults | None = None,
 ) -> str:
-    """What the study compares, in one sentence, after the protocol's own question."""
-    stated = f"{design.question} " if design and design.question else ""
+    """State what the study compares, in one sentence, after the protocol's own question."""
+    stated = ""
+    if design and design.question:
+        stated = f"{design.question} "
     if analysis.primary_measure:
         measure = label_measure(analysis.primary_measure)
     else:
@@ -173,13 +178,17 @@ def ask_question(
             f"{stated}Asked: whether differences between conditions {_join(interaction.conditions)} in {measure} "
             f"depend on the group ({_join(interaction.groups)})."
         )
-    groups = found.target_block.groups["group"].tolist() if found.target_block else []
-    conditions = found.within.conditions if found.within else ()
+    groups: list[str] = []
+    if results.target_block is not None:
+        groups = results.target_block.groups["group"].tolist()
+    conditions: Sequence[str] = ()
+    if results.within is not None:
+        conditions = results.within.conditions
     parts = []
     if len(groups) > 1:
-        parts.append(f"groups {_join(groups)} in block {found.target}")
-    if found.within and found.within.label:
-        parts.append(f"levels {_join(conditions)} of {found.within.label} within participants")
+        parts.append(f"groups {_join(groups)} in block {results.target}")
+    if results.within and results.within.label:
+        parts.append(f"levels {_join(conditions)} of {results.within.label} within participants")
     elif conditions:
         parts.append(f"blocks {_join(conditions)} within participants")
     if not parts:
@@ -193,231 +202,296 @@ def _join(names: Sequence[str]) -> str:
     return names[0]
 
 
-def _answer(target: BlockResults | None, found: Results, facts: PageContent) -> list[str]:
-    """The statements that answer it: the primary's, adjusted ones, equivalence, and conditions.
+def _answer_question(results: Results, content: PageContent) -> list[str]:
+    """State the answers: the primary measure's, adjusted ones, equivalence, and conditions.
 
     Where the question is about the interaction, its answer comes first, and conditions pooled over groups are left to
     their table.
     """
-    is_about_interaction = facts.interaction is not None and facts.design.primary_effect == "interaction"
-    said = []
-    if target is not None and len(target.groups) > 1:
-        said += [difference_statement(each, target.block) for each in target.headline]
-        said += [f"Adjusted for the covariates. {difference_statement(each, target.block)}" for each in target.adjusted]
-        said += [equivalence_statement(each, target.roles) for each in target.alike]
-    if found.within and not is_about_interaction:
-        primary = [one for one in found.within.comparisons if found.within.roles[one.measure] == "primary"]
-        said += [paired_statement(one) for one in primary]
-    if facts.interaction:
-        interaction = list(state_interaction(facts.interaction))
-    else:
-        interaction = []
+    is_about_interaction = content.interaction is not None and content.design.primary_effect == "interaction"
+    statements: list[str] = []
+    if content.first_block:
+        statements += _state_differences(results.target_block)
+    if results.within and not is_about_interaction:
+        roles = results.within.roles
+        primary = [comparison for comparison in results.within.comparisons if roles[comparison.measure] == "primary"]
+        statements += [paired_statement(comparison) for comparison in primary]
+    if content.interaction is None:
+        return statements
+    interaction = list(state_interaction(content.interaction))
     if is_about_interaction:
-        return [*interaction, *said]
-    return [*said, *interaction]
+        return [*interaction, *statements]
+    return [*statements, *interaction]
+
+
+def _state_differences(target: BlockResults | None) -> Iterator[str]:
+    """Yield a statement per comparison of groups in the target block; none with one group."""
+    if target is None or len(target.groups) < 2:
+        return
+    for comparison in target.headline:
+        yield difference_statement(comparison, target.block)
+    for comparison in target.adjusted:
+        yield f"Adjusted for the covariates. {difference_statement(comparison, target.block)}"
+    for equivalence in target.alike:
+        yield equivalence_statement(equivalence, target.roles)
 
 
 def _count_excluded(exclusions: pd.DataFrame) -> str:
-    """Who was left out, by reason."""
+    """Count the excluded participants, by reason."""
     people = exclusions[exclusions["level"] == "participant"].drop_duplicates(["exclusion_reason", "participant"])
     counts = people["exclusion_reason"].value_counts(sort=False)
     return ", ".join(f"{count} ({reason})" for reason, count in counts.items()) or "none"
 
 
-def _within(found: WithinResults | None) -> dict[str, Any] | None:
-    if found is None:
+def _show_within(within: WithinResults | None) -> dict[str, Any] | None:
+    if within is None:
         return None
     return {
-        "label": found.label,
-        "conditions": _join(found.conditions),
-        "table": conditions_table(found),
-        "effects": crossover_table(found),
+        "label": within.label,
+        "conditions": _join(within.conditions),
+        "table": conditions_table(within),
+        "effects": crossover_table(within),
     }
 
 
-def _interaction(found: InteractionResults | None) -> dict[str, Table] | None:
-    if found is None:
+def _show_interaction(interaction: InteractionResults | None) -> dict[str, Table] | None:
+    if interaction is None:
         return None
-    return {"cells": cells_table(found), "table": interaction_table(found)}
+    return {"cells": cells_table(interaction), "table": interaction_table(interaction)}
 
 
-def build_participants_page(study: str, blocks: pd.DataFrame, found: Results) -> str:
+def build_participants_page(study: str, blocks: pd.DataFrame, results: Results) -> str:
     """Render the page on which every included participant can be found in every measure; it works from disk alone.
 
     Args:
         study: the study's name.
         blocks: rows of the table "blocks".
-        found: the results; their measures, groups and target block are shown.
+        results: whose measures, groups and target block are shown.
     """
     included = blocks[blocks["exclusion_reason"].isna()]
-    measures = [one for one in dict.fromkeys(name for block in found.blocks for name in block.roles) if one in included]
-    rows = [
-        {
-            **{name: row[name] for name in ("participant", "group", "session", "block")},
-            "values": {name: None if pd.isna(row[name]) else float(row[name]) for name in measures},
-        }
-        for row in to_records(included)
-    ]
-    data = {
+    compared = dict.fromkeys(name for block in results.blocks for name in block.roles)
+    measures = [measure for measure in compared if measure in included]
+    rows = []
+    for row in to_records(included):
+        place = {name: row[name] for name in ("participant", "group", "session", "block")}
+        values = {name: None if pd.isna(row[name]) else float(row[name]) for name in measures}
+        rows.append({**place, "values": values})
+    contents = {
         "rows": rows,
-        "groups": list(found.order),
-        "blocks": [one.block for one in found.blocks],
-        "target": found.target,
+        "groups": list(results.order),
+        "blocks": [block.block for block in results.blocks],
+        "target": results.target,
         "measures": {name: label_measure(name) for name in measures},
         "short": {name: label_measure(name).partition(" (")[0].partition(":")[0] for name in measures},
     }
-    return render_template(PARTICIPANTS, {"study": study, "data": data})
+    return render_template(PARTICIPANTS, {"study": study, "data": contents})
 
 
-def _versions(account: SelectionSummary) -> str:
-    """By which versions of the protocol the sessions were played."""
+def _describe_versions(account: SelectionSummary) -> str:
+    """Say by which versions of the protocol the sessions were played."""
     versions = [f"{version} in {count} sessions" for (_, version), count in sorted(account.versions.items())]
     if len(versions) == 1:
         return f"Protocol version {versions[0]}"
     return f"{len(versions)} versions of the protocol are pooled here ({'; '.join(versions)}), --version takes one"
 
 
-def _block(one: BlockResults, found: Results, facts: PageContent) -> dict[str, Any]:
-    """A block as the template shows it."""
-    alone = len(one.groups) == 1 and len(found.order) > 1
-    pairs = {(each.first, each.second) for each in one.comparisons}
+def _show_block(block: BlockResults, results: Results, content: PageContent) -> dict[str, Any]:
+    """Return a block's results as the template shows them."""
+    has_comparisons = bool(block.comparisons)
     return {
-        "name": one.block,
-        "worlds": one.worlds,
-        "episodes": one.episodes,
-        "teams": one.teams,
-        "is_target": one.block == found.target and len(one.groups) > 1,
-        "only_group": str(one.groups["group"].iloc[0]) if alone else "",
-        "differences": []
-        if one.block == facts.first_block and len(one.groups) > 1
-        else [difference_statement(each, one.block) for each in one.headline],
-        "has_no_primary": bool(one.comparisons) and "primary" not in one.roles.values(),
-        "has_roles": _has_roles(one),
-        "measures": _measures(one),
-        **_subjects(one),
-        "comparisons": _comparisons(one) if one.comparisons else None,
-        "only_pair": f" ({_unbroken(*pairs.pop())})" if len(pairs) == 1 else "",
-        "not_compared": [
-            {"measure": label_measure(each.measure), "why": f"{format_pair(each.first, each.second)} ({each.reason})"}
-            for each in one.comparisons
-            if each.reason
-        ],
-        "groups_with_keys": facts.known_keys.get(one.block, ()) if one.comparisons else (),
-        "set_aside": [f"{label_measure(name)} ({reason})" for name, reason in one.set_aside.items()],
-        "without_goal": one.waits.without_goal,
-        "several_sessions": one.by_session["session"].nunique() > 1,
-        "sessions": session_table(one),
-        "session_changes": session_changes_table(one),
-        "survival": survival_table(one.waits),
-        "parts": parts_table(one.parts),
-        "parts_missing": list_missing_parts(one.parts),
-        **_growth(one, facts.mixed.get(one.block)),
-        "reliability": reliability_table(one.reliabilities),
-        "powers": [power_statement(each) for each in one.powers],
+        "name": block.block,
+        "worlds": block.worlds,
+        "episodes": block.episodes,
+        "teams": block.teams,
+        "is_target": block.block == results.target and len(block.groups) > 1,
+        "only_group": _find_only_group(block, results),
+        "differences": _list_differences(block, content.first_block),
+        "has_no_primary": has_comparisons and "primary" not in block.roles.values(),
+        "has_roles": _has_roles(block),
+        "measures": _measures_table(block),
+        **_show_subjects(block),
+        "comparisons": _comparisons_table(block) if has_comparisons else None,
+        "only_pair": _name_only_pair(block),
+        "not_compared": _list_not_compared(block),
+        "groups_with_keys": content.known_keys.get(block.block, ()) if has_comparisons else (),
+        "set_aside": [f"{label_measure(name)} ({reason})" for name, reason in block.set_aside.items()],
+        "without_goal": block.waits.without_goal,
+        "several_sessions": block.by_session["session"].nunique() > 1,
+        "sessions": session_table(block),
+        "session_changes": session_changes_table(block),
+        "survival": survival_table(block.waits),
+        "parts": parts_table(block.parts),
+        "parts_missing": list_missing_parts(block.parts),
+        **_show_growth(block, content.mixed.get(block.block)),
+        "reliability": reliability_table(block.reliabilities),
+        "powers": [power_statement(power) for power in block.powers],
     }
 
 
-def _published(one: BlockResults) -> dict[str, Any]:
+def _find_only_group(block: BlockResults, results: Results) -> str:
+    """Find the one group that played a block which other groups did not play; "" if there are several."""
+    if len(block.groups) == 1 and len(results.order) > 1:
+        return str(block.groups["group"].iloc[0])
+    return ""
+
+
+def _list_differences(block: BlockResults, first_block: str) -> list[str]:
+    """State the differences of groups in a block, unless they are among the answers at the page's beginning."""
+    if block.block == first_block and len(block.groups) > 1:
+        return []
+    return [difference_statement(comparison, block.block) for comparison in block.headline]
+
+
+def _name_only_pair(block: BlockResults) -> str:
+    """Name the two groups that are compared, in brackets; "" if there are several pairs or none."""
+    pairs = {(comparison.first, comparison.second) for comparison in block.comparisons}
+    if len(pairs) != 1:
+        return ""
+    return f" ({_unbroken(*pairs.pop())})"
+
+
+def _list_not_compared(block: BlockResults) -> list[dict[str, str]]:
+    """List what was not compared, or not in every way, and why."""
+    return [
+        {
+            "measure": label_measure(comparison.measure),
+            "why": f"{format_pair(comparison.first, comparison.second)} ({comparison.reason})",
+        }
+        for comparison in block.comparisons
+        if comparison.reason
+    ]
+
+
+def _compare_with_published(block: BlockResults) -> dict[str, Any]:
     """Set the published study's subjects beside this one's."""
     frame = read_published_subjects()
     rows = [(row["group"], str(row["subject"]), f"{row['reward_mean']:.2f}") for row in to_records(frame)]
     means = summarise_group_rewards(frame)
     rows += [(row["group"], "all", format_mean_sd(row["reward_mean"], row["reward_sd"])) for row in to_records(means)]
+    rewards = [comparison for comparison in block.comparisons if comparison.measure == "reward_mean"]
     return {
         "source": PUBLISHED_SOURCE,
         "table": Table(("group", "subject", "reward"), rows, words=2),
-        "statements": [difference_statement(e, one.block) for e in one.comparisons if e.measure == "reward_mean"],
-        "block": {"name": one.block, **_subjects(one)},
+        "statements": [difference_statement(comparison, block.block) for comparison in rewards],
+        "block": {"name": block.block, **_show_subjects(block)},
     }
 
 
-def _subjects(one: BlockResults) -> dict[str, Table]:
-    """Each subject's reward, by session where there are several, and the groups' over subjects' means."""
-    several = one.subjects["session"].nunique() > 1
-    heads = ("group", "subject", *(("session",) if several else ()), "n", "reward")
+def _show_subjects(block: BlockResults) -> dict[str, Table]:
+    """Tabulate each subject's reward, by session where there are several, and the groups' over subjects' means."""
+    has_several_sessions = block.subjects["session"].nunique() > 1
+    heads = ["group", "subject", "n", "reward"]
+    if has_several_sessions:
+        heads.insert(2, "session")
 
-    def table(frame: pd.DataFrame, n: str) -> Table:
-        rows = [
-            (
-                row["group"], row.get("participant", "all"), *((str(row.get("session", "all")),) if several else ()),
-                str(row[n]), format_mean_sd(row["reward_mean"], row["reward_sd"]),
-            )
-            for row in to_records(frame)
-        ]  # fmt: skip
-        return Table(heads, rows, words=len(heads) - 2)
+    def tabulate(frame: pd.DataFrame, n: str) -> Table:
+        rows = []
+        for row in to_records(frame):
+            cells = [row["group"], row.get("participant", "all")]
+            if has_several_sessions:
+                cells.append(str(row.get("session", "all")))
+            rows.append((*cells, str(row[n]), format_mean_sd(row["reward_mean"], row["reward_sd"])))
+        return Table(tuple(heads), rows, words=len(heads) - 2)
 
-    return {"subjects": table(one.subjects, "episodes"), "subject_means": table(one.groups, "participants")}
+    return {"subjects": tabulate(block.subjects, "episodes"), "subject_means": tabulate(block.groups, "participants")}
 
 
-def _has_roles(one: BlockResults) -> bool:
-    return set(one.roles.values()) != {"exploratory"}
+def _has_roles(block: BlockResults) -> bool:
+    return set(block.roles.values()) != {"exploratory"}
 
 
 def _unbroken(first: str, second: str) -> str:
-    """A difference of two groups that no line break divides."""
+    """Write a difference of two groups that no line break divides."""
     return f"{first}\N{NO-BREAK SPACE}\N{MINUS SIGN}\N{NO-BREAK SPACE}{second}"
 
 
-def _comparisons(one: BlockResults) -> Table:
-    """A row per comparison; of several pairs of groups a column says which."""
-    pairs = dict.fromkeys((each.first, each.second) for each in one.comparisons)
-    several = len(pairs) > 1
-    named = _has_roles(one)
+def _comparisons_table(block: BlockResults) -> Table:
+    """Tabulate the comparisons, a row each; of several pairs of groups a column says which."""
+    pairs = list(dict.fromkeys((comparison.first, comparison.second) for comparison in block.comparisons))
+    has_roles = _has_roles(block)
+    words = ["measure"]
+    if has_roles:
+        words.append("named before")
+    if len(pairs) > 1:
+        words.append("groups")
+        means = ["means"]
+    else:
+        means = [f"mean, {group}" for pair in pairs for group in pair]
+    rows = [
+        _list_comparison_cells(
+            comparison,
+            role=block.roles[comparison.measure] if has_roles else "",
+            has_several_pairs=len(pairs) > 1,
+        )
+        for comparison in block.comparisons
+    ]
+    heads = (*words, "n", *means, "difference", "p", "p (Holm)", "smallest p", "g")
+    return Table(heads, rows, words=len(words))
 
-    def row(each: GroupComparison) -> tuple[str, ...]:
-        return (
-            label_measure(each.measure), *((one.roles[each.measure],) if named else ()),
-            *((_unbroken(each.first, each.second),) if several else ()), f"{each.n[0]}, {each.n[1]}",
-            *((", ".join(map(format_number, each.means[:2])),) if several else map(format_number, each.means)),
-            format_difference(each.difference, each.interval, is_log=each.is_log),
-            format_p_value(each.p), format_p_value(each.p_holm), format_p_value(each.smallest_p),
-            format_with_interval(each.g, each.g_interval, 2),
-        )  # fmt: skip
 
-    heads = (
-        *("measure", *(("named before",) if named else ()), *(("groups",) if several else ()), "n"),
-        *(("means",) if several else (f"mean, {group}" for pair in pairs for group in pair)),
-        *("difference", "p", "p (Holm)", "smallest p", "g"),
+def _list_comparison_cells(comparison: GroupComparison, *, role: str, has_several_pairs: bool) -> tuple[str, ...]:
+    words = [label_measure(comparison.measure)]
+    if role:
+        words.append(role)
+    means = [format_number(mean) for mean in comparison.means]
+    if has_several_pairs:
+        words.append(_unbroken(comparison.first, comparison.second))
+        means = [", ".join(means)]
+    return (
+        *words,
+        f"{comparison.n[0]}, {comparison.n[1]}",
+        *means,
+        format_difference(comparison.difference, comparison.interval, is_log=comparison.is_log),
+        format_p_value(comparison.p),
+        format_p_value(comparison.p_holm),
+        format_p_value(comparison.smallest_p),
+        format_with_interval(comparison.g, comparison.g_interval, 2),
     )
-    return Table(heads, [row(each) for each in one.comparisons], words=1 + named + several)
 
 
-def _growth(one: BlockResults, mixed: MixedModel | None) -> dict[str, Any]:
-    found = one.growth
-    if found is None:
+def _show_growth(block: BlockResults, mixed: MixedModel | None) -> dict[str, Any]:
+    """Return the growth over a block's episodes as the template shows it."""
+    growth = block.growth
+    if growth is None:
         return {"growth": None}
+    estimates = None
+    if mixed is not None and mixed.terms:
+        estimates = _mixed_model_table(mixed.terms)
     return {
-        "growth": _terms(found.terms),
-        "growth_measure": found.measure.capitalize(),
-        "growth_reference": found.reference,
-        "growth_left_out": found.left_out,
-        "mixed": _estimates(mixed.terms) if mixed and mixed.terms else None,
+        "growth": _growth_table(growth.terms),
+        "growth_measure": growth.measure.capitalize(),
+        "growth_reference": growth.reference,
+        "growth_left_out": growth.left_out,
+        "mixed": estimates,
         "mixed_model": mixed,
     }
 
 
-def _estimates(terms: Sequence[GrowthTerm]) -> Table:
-    """The terms of a mixed model, without its Wald intervals and p.
+def _mixed_model_table(terms: Sequence[GrowthTerm]) -> Table:
+    """Tabulate the terms of a mixed model, without its Wald intervals and p.
 
     Of 2 and 18 people with SDs 3 to 1 they reject a true null in a third of studies.
     """
     return Table(("term", "estimate"), [(term.name, format_number(term.estimate)) for term in terms])
 
 
-def _terms(terms: Sequence[GrowthTerm]) -> Table:
+def _growth_table(terms: Sequence[GrowthTerm]) -> Table:
     rows = [
         (
-            term.name, str(term.people), format_number(term.estimate), format_interval(term.interval),
+            term.name,
+            str(term.people),
+            format_number(term.estimate),
+            format_interval(term.interval),
             format_p_value(term.p),
         )
         for term in terms
-    ]  # fmt: skip
+    ]
     return Table(("term", "participants", "estimate", "95 % interval", "p"), rows)
 
 
-def _measures(one: BlockResults) -> Table:
+def _measures_table(block: BlockResults) -> Table:
     rows = [
         (label_measure(row["measure"]), row["group"], str(row["n"]), format_mean_sd(row["mean"], row["sd"]))
-        for row in to_records(one.measures)
+        for row in to_records(block.measures)
     ]
     return Table(("measure", "group", "n", "mean"), rows, words=2)

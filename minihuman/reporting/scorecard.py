@@ -51,12 +51,15 @@ class Costs:
     declined: int = 0  # sessions whose consent it refused
 
     def add(self, other: "Costs") -> "Costs":
-        """Both together; a sum of two currencies is in "mixed"."""
+        """Add both up; a sum of two currencies is in "mixed"."""
         if self.currency and self.currency != other.currency:
             currency = "mixed"
         else:
             currency = other.currency
-        sums = {one.name: getattr(self, one.name) + getattr(other, one.name) for one in fields(Costs)}
+        sums = {
+            cost_field.name: getattr(self, cost_field.name) + getattr(other, cost_field.name)
+            for cost_field in fields(Costs)
+        }
         return Costs(**sums | {"currency": currency})
 
 
@@ -191,22 +194,22 @@ def _label_reference(reference: str, runs: int) -> str:
 
 
 def find_models_folder(study: Path) -> Path:
-    """Where the models of a study lie."""
+    """Find the folder of a study's models; it need not exist."""
     study = study.absolute()
     return study.parent / MODELS_FOLDER / study.name
 
 
 def _summarize_answers(answers: pd.DataFrame) -> pd.DataFrame:
-    """The mean of numbers, else the most frequent option, by question and player."""
+    """Summarise answers by question and player: the mean of numbers, else the most frequent option."""
 
-    def summarize(given: pd.DataFrame) -> str:
-        said = given["said"].value_counts()
-        has_options = given["kind"].iloc[0].startswith("choice")
+    def summarize(group_answers: pd.DataFrame) -> str:
+        option_counts = group_answers["said"].value_counts()
+        has_options = group_answers["kind"].iloc[0].startswith("choice")
         if has_options:
-            what = f"{said.index[0]}: {said.iloc[0] / len(given):.0%}"
+            summary = f"{option_counts.index[0]}: {option_counts.iloc[0] / len(group_answers):.0%}"
         else:
-            what = f"{given['number'].mean():.2f}"
-        return f"{what} (n = {len(given)})"
+            summary = f"{group_answers['number'].mean():.2f}"
+        return f"{summary} (n = {len(group_answers)})"
 
     last = answers.drop_duplicates(["run", *_QUESTION], keep="last").groupby([*_QUESTION, "player"])
     if len(answers):
@@ -277,7 +280,7 @@ def _count_costs(logs: Iterable[SessionLog], currency: str) -> dict[str, Costs]:
 
 
 def _list_unfinished(logs: Iterable[SessionLog]) -> Iterator[dict[str, object]]:
-    """A failure at the step limit for each episode that a model's session left; none where it refused its consent."""
+    """Yield a failure at the step limit for each episode that a model left; none where it refused its consent."""
     for log in logs:
         if log.player.startswith(_MODELS) and log.end_reason != "declined":
             left = find_remaining_episodes(log)
@@ -298,37 +301,48 @@ def _list_unfinished(logs: Iterable[SessionLog]) -> Iterator[dict[str, object]]:
 
 
 def _name_players(players: Iterable[str]) -> dict[str, str]:
-    """Names without the folder of a policy's file, where that tells them apart."""
-    names = {one: f"policy:{Path(one).name}" if one.startswith("policy:") and "/" in one else one for one in players}
-    taken = Counter(names.values())
-    return {player: name if taken[name] == 1 else player for player, name in names.items()}
+    """Shorten the names of policies to their file's, where that tells them apart."""
+    names = {player: _shorten_player(player) for player in players}
+    name_counts = Counter(names.values())
+    ambiguous = {player: player for player, name in names.items() if name_counts[name] > 1}
+    return names | ambiguous
+
+
+def _shorten_player(player: str) -> str:
+    """Leave out the folder of a policy's file."""
+    if player.startswith("policy:") and "/" in player:
+        return f"policy:{Path(player).name}"
+    return player
 
 
 def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: int, draws: int) -> ScoredPlayer | None:
-    """One player's line; None where it shares no level with the reference."""
-    mine = rows[rows["player"] == name]
-    theirs = rows[rows["player"] == reference]
-    shared = mine[_LEVEL].drop_duplicates().merge(theirs[_LEVEL].drop_duplicates())
+    """Score one player; None where it shares no level with the reference."""
+    player_rows = rows[rows["player"] == name]
+    reference_rows = rows[rows["player"] == reference]
+    shared = player_rows[_LEVEL].drop_duplicates().merge(reference_rows[_LEVEL].drop_duplicates())
     if not len(shared):
         return None
     levels = pd.MultiIndex.from_frame(shared.sort_values(_LEVEL))
-    runs = {who: _runs(rows[rows["player"] == who], levels) for who in {name, reference, "random"}}
-    floor = runs["random"] if len(runs["random"].success) else None
+    runs = {player: _tabulate_runs(rows[rows["player"] == player], levels) for player in {name, reference, "random"}}
+    floor = None
+    if len(runs["random"].success):
+        floor = runs["random"]
     return ScoredPlayer(
         name,
-        mine["run"].nunique(),
-        len(mine),
+        player_rows["run"].nunique(),
+        len(player_rows),
         len(levels),
-        int((mine.merge(shared)["outcome"] == UNFINISHED).sum()),
-        len(mine.loc[~mine["path_known"]].merge(shared)[_LEVEL].drop_duplicates()),
+        int((player_rows.merge(shared)["outcome"] == UNFINISHED).sum()),
+        len(player_rows.loc[~player_rows["path_known"]].merge(shared)[_LEVEL].drop_duplicates()),
         score_player(runs[name], runs[reference], floor, seed=seed, draws=draws),
-        float(mine["excess_steps"].mean()),
-        tuple(float(share) for share in mine.groupby("episode_in_block")["success"].mean()),
+        float(player_rows["excess_steps"].mean()),
+        tuple(float(share) for share in player_rows.groupby("episode_in_block")["success"].mean()),
         costs,
     )
 
 
-def _runs(rows: pd.DataFrame, levels: pd.MultiIndex) -> Runs:
+def _tabulate_runs(rows: pd.DataFrame, levels: pd.MultiIndex) -> Runs:
+    """Tabulate a player's measures by run and level."""
     reached = rows["success"].astype(float)
     values = rows.assign(
         success=reached,
@@ -347,8 +361,8 @@ def _note(lines: Sequence[ScoredPlayer], reference: str, named: str, players: se
         if line.runs == 1:
             yield f"{line.player} has 1 run: its interval says nothing about other runs"
         if line.player != reference and not line.score.separable:
-            people = next(one.runs for one in lines if one.player == reference)
-            yield f"{people} of {reference} on {line.levels} levels cannot separate {line.player} from them"
+            runs = next(other.runs for other in lines if other.player == reference)
+            yield f"{runs} of {reference} on {line.levels} levels cannot separate {line.player} from them"
         if line.unfinished:
             share = f"{line.unfinished} of {line.runs * line.levels}"
             yield f"{line.player}: {share} levels not finished; they count as failures at the limit"
@@ -371,7 +385,7 @@ def write_scorecard(card: Scorecard, out: Path, *, stem: str = "scores") -> tupl
 
 def write_score_table(card: Scorecard, path: Path) -> Path:
     """Write the table as CSV, with every interval's ends in columns of their own; return its path."""
-    lines = [_values(line) for line in card.players]
+    lines = [_list_columns(line) for line in card.players]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, lines[0], lineterminator="\n")
         writer.writeheader()
@@ -386,22 +400,9 @@ def draw_scorecard(card: Scorecard, stem: Path) -> tuple[Path, Path]:
 
 
 def format_scorecard(card: Scorecard) -> str:
-    """The table in Markdown, with what has to be known to read it."""
+    """Format the table in Markdown, with what has to be known to read it."""
     heads = "player | runs | levels | success | efficiency | normalised | relative efficiency | excess steps | price"
-    rows = [
-        " | ".join(
-            [
-                *(line.player, str(line.runs), str(line.levels), _interval(line.score.success)),
-                *(_interval(line.score.efficiency), _interval(line.score.normalised)),
-                *(
-                    _interval(line.score.relative_efficiency),
-                    _number(line.excess_steps),
-                    f"{line.costs.price:.4f} {line.costs.currency}".strip() if line.costs.calls else "",
-                ),
-            ]
-        )
-        for line in card.players
-    ]
+    rows = [" | ".join(_list_cells(line)) for line in card.players]
     table = [f"| {heads} |", "|---" * 9 + "|", *(f"| {row} |" for row in rows)]
     if len(card.answers):
         table += ["", f"| question | {' | '.join(map(str, card.answers))} |", f"|---{'|---' * card.answers.shape[1]}|"]
@@ -409,17 +410,36 @@ def format_scorecard(card: Scorecard) -> str:
     return "\n".join([*table, "", *(f"- {note}" for note in card.notes), ""])
 
 
-def _interval(one: Estimate) -> str:
-    if np.isnan(one.value):
+def _list_cells(line: ScoredPlayer) -> list[str]:
+    """List the cells of a player's line in Markdown."""
+    score = line.score
+    price = ""
+    if line.costs.calls:
+        price = f"{line.costs.price:.4f} {line.costs.currency}".strip()
+    return [
+        line.player,
+        str(line.runs),
+        str(line.levels),
+        *map(_format_estimate, (score.success, score.efficiency, score.normalised, score.relative_efficiency)),
+        _format_steps(line.excess_steps),
+        price,
+    ]
+
+
+def _format_estimate(estimate: Estimate) -> str:
+    if np.isnan(estimate.value):
         return ""
-    return f"{one.value:.2f} [{one.low:.2f}, {one.high:.2f}]"
+    return f"{estimate.value:.2f} [{estimate.low:.2f}, {estimate.high:.2f}]"
 
 
-def _number(value: float) -> str:
-    return "" if np.isnan(value) else f"{value:.1f}"
+def _format_steps(steps: float) -> str:
+    if np.isnan(steps):
+        return ""
+    return f"{steps:.1f}"
 
 
-def _values(line: ScoredPlayer) -> Mapping[str, object]:
+def _list_columns(line: ScoredPlayer) -> Mapping[str, object]:
+    """List the columns of a player's line in the CSV file."""
     score = line.score
     costs = line.costs
     named = {
@@ -429,18 +449,19 @@ def _values(line: ScoredPlayer) -> Mapping[str, object]:
         "relative_efficiency": score.relative_efficiency,
         "success_difference": score.difference,
     }
+    estimates: dict[str, str] = {}
+    for name, estimate in named.items():
+        estimates[name] = f"{estimate.value:.6g}"
+        estimates[f"{name}_low"] = f"{estimate.low:.6g}"
+        estimates[f"{name}_high"] = f"{estimate.high:.6g}"
     return {
         "player": line.player,
         "runs": line.runs,
         "episodes": line.episodes,
         "levels": line.levels,
         "unfinished": line.unfinished,
-        **{
-            f"{name}{end}": f"{getattr(one, what):.6g}"
-            for name, one in named.items()
-            for end, what in (("", "value"), ("_low", "low"), ("_high", "high"))
-        },
-        "excess_steps": _number(line.excess_steps),
+        **estimates,
+        "excess_steps": _format_steps(line.excess_steps),
         "separable": score.separable,
         "success_by_episode": " ".join(f"{share:.4g}" for share in line.success_by_episode),
         "calls": costs.calls,

@@ -10,7 +10,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 import minihuman
 from minihuman.errors import ReportError
-from minihuman.reporting.results import Results, label_measure
+from minihuman.reporting.block_measures import label_measure
+from minihuman.reporting.results import Results
 
 _FILES = {"r": "analysis.R", "python": "analysis.py"}
 
@@ -48,7 +49,7 @@ _OF_EPISODE = {  # measures of a block that are the mean of an episode's; times 
 
 
 def write_scripts(
-    out: Path, study: str, found: Results, episodes: pd.DataFrame, languages: Sequence[str]
+    out: Path, study: str, results: Results, episodes: pd.DataFrame, languages: Sequence[str]
 ) -> tuple[Path, ...]:
     """Write ``analysis.R`` and ``analysis.py`` into a report's folder, for the block that groups are compared on.
 
@@ -57,35 +58,40 @@ def write_scripts(
     Raises:
         ReportError: if no block is played by two groups, or no such measure has values.
     """
-    block = found.target_block
+    block = results.target_block
     if block is None or len(block.groups) < 2:
         raise ReportError(
             "--r and --python compare groups, but no block is played by two groups; leave these options out"
         )
-    wanted = sorted(block.roles, key=lambda name: block.roles[name] != "primary")
-    measure = next((name for name in wanted if name in _OF_EPISODE), None)
+    measures = sorted(block.roles, key=lambda name: block.roles[name] != "primary")
+    measure = next((name for name in measures if name in _OF_EPISODE), None)
     if measure is None or episodes[episodes["block"] == block.block].empty:
         raise ReportError(
             f"--r and --python need a measure for each episode, which block {block.block} lacks; remove them"
         )
-    groups = [str(group) for group in block.groups["group"]]
+    context = {
+        "study": study,
+        "block": block.block,
+        "version": minihuman.__version__,
+        "groups": [str(group) for group in block.groups["group"]],
+        "reference": str(block.groups["group"].iloc[-1]),
+        "label": label_measure(measure),
+        "expression": _OF_EPISODE[measure],
+    }
+    environment = _make_environment()
+    paths = []
+    for language in languages:
+        path = out / _FILES[language]
+        path.write_text(environment.get_template(f"{path.name}.j2").render(context), encoding="utf-8", newline="\n")
+        paths.append(path)
+    return tuple(paths)
+
+
+def _make_environment() -> Environment:
+    """Make the environment that renders the scripts' templates."""
     environment = Environment(
         loader=PackageLoader("minihuman.reporting", "templates"), undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     environment.filters["tojson"] = json.dumps
-    shown = {
-        "study": study,
-        "block": block.block,
-        "version": minihuman.__version__,
-        "groups": groups,
-        "reference": groups[-1],
-        "label": label_measure(measure),
-        "expression": _OF_EPISODE[measure],
-    }
-    written = []
-    for language in languages:
-        path = out / _FILES[language]
-        path.write_text(environment.get_template(f"{path.name}.j2").render(shown), encoding="utf-8", newline="\n")
-        written.append(path)
-    return tuple(written)
+    return environment

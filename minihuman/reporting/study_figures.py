@@ -16,8 +16,9 @@ from minihuman.figures.figure_data import (
     group_by_block,
     name_measure,
 )
+from minihuman.reporting.block_measures import label_measure
 from minihuman.reporting.interactions import InteractionResults
-from minihuman.reporting.results import Results, label_measure
+from minihuman.reporting.results import Results
 from minihuman.reporting.template import ReportFigure, format_pair
 
 CURVES = (
@@ -38,44 +39,62 @@ _BOUNDED_MEASURES = frozenset(
 
 
 def _find_limits(measure: str, values: "pd.Series[float]") -> tuple[float, float] | None:
-    """The bounds that a measure cannot leave, where none of its values does; None where there are none."""
+    """Return the bounds that a measure cannot leave, where none of its values does; None where there are none."""
     if measure in _BOUNDED_MEASURES and values.dropna().between(0, 1).all():
         return (0.0, 1.0)
     return None
 
 
-def draw_estimates(blocks: pd.DataFrame, found: Results, out: Path) -> Iterator[ReportFigure]:
+def _begin_sentence(label: str) -> str:
+    return f"{label[0].upper()}{label[1:]}"
+
+
+def _shorten(label: str) -> str:
+    """Return a measure's label without what is in brackets or follows a colon, for an axis."""
+    return label.partition(" (")[0].partition(":")[0]
+
+
+def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
     """Draw every participant and the groups' differences on the measure that each block is compared on first."""
     included = blocks[blocks["exclusion_reason"].isna()]
-    for one in found.blocks:
-        measure = one.headline[0].measure if one.headline else ""
-        rows = included[included["block"] == one.block]
-        if not measure or one.teams or not rows[measure].notna().any():
+    for block in results.blocks:
+        if not block.headline or block.teams:
+            continue
+        measure = block.headline[0].measure
+        rows = included[included["block"] == block.block]
+        if not rows[measure].notna().any():
             continue
         means = rows.groupby(["group", "participant"])[measure].mean()  # over sessions, as the groups are compared
-        groups = {group: means.loc[group].to_numpy(float) for group in found.order if group in means.index}
-        differences = [Difference(each.first, each.second, each.difference, each.interval) for each in one.headline]
-        name = label_measure(measure)
-        short = name.partition(" (")[0].partition(":")[0]
-        title = name_measure(name, one.block, width=110)
-        stem = out / f"{one.block}_result"
-        limits = _find_limits(measure, rows[measure])
+        groups = {group: means.loc[group].to_numpy(float) for group in results.order if group in means.index}
+        differences = [
+            Difference(comparison.first, comparison.second, comparison.difference, comparison.interval)
+            for comparison in block.headline
+        ]
+        label = label_measure(measure)
         png, _ = draw_figure_files(
-            stem, "estimation.estimation_figure", groups, differences, measure=short, title=title, limits=limits
+            out / f"{block.block}_result",
+            "estimation.estimation_figure",
+            groups,
+            differences,
+            measure=_shorten(label),
+            title=name_measure(label, block.block, width=110),
+            limits=_find_limits(measure, rows[measure]),
         )
         caption = (
-            f"{name[0].upper()}{name[1:]} in block {one.block}. A: a dot per participant, beside them the group's mean "
+            f"{_begin_sentence(label)} in block {block.block}. A: a dot per participant, beside them the group's mean "
             "with its 95 % interval. B: differences of the means, with the intervals of the comparison."
         )
-        yield ReportFigure(one.block, png, caption)
+        yield ReportFigure(block.block, png, caption)
 
 
-def draw_interaction(found: InteractionResults, out: Path) -> ReportFigure:
+def draw_interaction(interaction: InteractionResults, out: Path) -> ReportFigure:
     """Draw every participant in every cell of groups and conditions, and the interaction's contrasts."""
-    name = label_measure(found.measure)
-    cells = found.cells
-    groups = {group: cells[cells.index.get_level_values("group") == group].to_numpy(float) for group in found.groups}
-    is_log = any(compared.groups.is_log for compared in found.headline)
+    label = label_measure(interaction.measure)
+    cells = interaction.cells
+    groups = {
+        group: cells[cells.index.get_level_values("group") == group].to_numpy(float) for group in interaction.groups
+    }
+    is_log = any(compared.groups.is_log for compared in interaction.headline)
     differences = [
         Difference(
             compared.contrast,
@@ -83,21 +102,21 @@ def draw_interaction(found: InteractionResults, out: Path) -> ReportFigure:
             compared.groups.difference,
             compared.groups.interval,
         )
-        for compared in found.headline
+        for compared in interaction.headline
     ]
     png, _ = draw_figure_files(
         out / "groups_and_conditions_result",
         "design_cells.cells_figure",
         groups,
-        found.conditions,
+        interaction.conditions,
         differences,
-        measure=name.partition(" (")[0].partition(":")[0],
-        title=name_measure(name, width=110),
+        measure=_shorten(label),
+        title=name_measure(label, width=110),
         level="difference of log contrast scores" if is_log else "difference of contrast scores",
-        limits=_find_limits(found.measure, pd.Series(cells.to_numpy(float).ravel())),
+        limits=_find_limits(interaction.measure, pd.Series(cells.to_numpy(float).ravel())),
     )
     caption = (
-        f"{name[0].upper()}{name[1:]} by group and condition. A: a dot per participant and condition, a thin line "
+        f"{_begin_sentence(label)} by group and condition. A: a dot per participant and condition, a thin line "
         "through the dots of each; large symbols: the cells' means with 95 % intervals. B: differences of groups in "
         "participants' contrast scores, with the intervals of the comparison."
     )
@@ -114,10 +133,10 @@ REACTION_TIME_QUERY = f"""
 """
 
 
-def draw_reaction_times(times: pd.DataFrame, found: Results, out: Path) -> Iterator[ReportFigure]:
+def draw_reaction_times(times: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
     """Draw the distribution of each participant's reaction times, block by block."""
-    for one in found.blocks:
-        rows = times[times["block"] == one.block]
+    for block in results.blocks:
+        rows = times[times["block"] == block.block]
         if rows.empty:
             continue
         bins = range(int(rows["bin"].min()), int(rows["bin"].max()) + 1)
@@ -126,87 +145,101 @@ def draw_reaction_times(times: pd.DataFrame, found: Results, out: Path) -> Itera
         )
         shares = counts.reindex(columns=bins, fill_value=0)
         shares = shares.div(shares.sum(axis=1), axis=0)
-        groups = {group: shares.loc[group].to_numpy(float) for group in found.order if group in shares.index}
+        groups = {group: shares.loc[group].to_numpy(float) for group in results.order if group in shares.index}
         edges_ms = 2.0 ** (np.arange(bins.start, bins.stop + 1) / _BINS_PER_OCTAVE)
-        stem = out / f"{one.block}draw_reaction_times"
-        title = name_measure("reaction times", one.block)
+        stem = out / f"{block.block}draw_reaction_times"
+        title = name_measure("reaction times", block.block)
         png, _ = draw_figure_files(stem, "estimation.reaction_time_figure", groups, edges_ms, title=title)
         caption = (
-            f"Reaction times in block {one.block}, {_BINS_PER_OCTAVE} bins per doubling: a thin line per participant, "
-            "or above 12 a band from their 10th to their 90th percentile; thick the mean of the group's participants."
+            f"Reaction times in block {block.block}, {_BINS_PER_OCTAVE} bins per doubling: a thin line per "
+            "participant, or above 12 a band from their 10th to their 90th percentile; thick the mean of the group's "
+            "participants."
         )
-        yield ReportFigure(one.block, png, caption)
+        yield ReportFigure(block.block, png, caption)
 
 
-def draw_learning_curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[ReportFigure]:
+def draw_learning_curves(episodes: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
     """Draw the learning curves of every block, by group."""
-    counted = episodes[episodes["exclusion_reason"].isna()]
-    for block in (one.block for one in found.blocks):
-        rows = counted[counted["block"] == block]
-        for measure, label, limits in CURVES:
-            curves = collect_learning_curves(rows, measure, order=found.order)
-            if curves and rows["episode_in_block"].nunique() > 1 and rows[measure].notna().any():
-                if rows[measure].dropna().between(*limits).all():
-                    cannot_leave = limits
-                else:
-                    cannot_leave = None
-                stem = out / f"{block}_{measure}"
-                title = name_measure(label, block)
-                axis = {"measure": _AXIS[measure], "limits": cannot_leave, "title": title}
-                png, _ = draw_figure_files(stem, "learning_curves.learning_figure", curves, **axis)
-                caption = f"{label[0].upper()}{label[1:]} over the episodes of block {block}: mean, 95 % interval."
-                yield ReportFigure(block, png, caption)
-
-
-def draw_sessions(blocks: pd.DataFrame, found: Results, out: Path) -> Iterator[ReportFigure]:
-    """Of every block of several sessions, the measure that groups are compared on first, session by session."""
-    included = blocks[blocks["exclusion_reason"].isna()]
-    for one in found.blocks:
-        rows = included[included["block"] == one.block]
-        measures = one.by_session["measure"].tolist()
-        measure = one.headline[0].measure if one.headline else next(iter(measures), None)
-        if measure is None or rows["session"].nunique() < 2:
+    included = episodes[episodes["exclusion_reason"].isna()]
+    for block in results.blocks:
+        rows = included[included["block"] == block.block]
+        if rows["episode_in_block"].nunique() < 2:
             continue
-        of_group = {group: rows[rows["group"] == group] for group in found.order}
+        for measure, label, bounds in CURVES:
+            curves = collect_learning_curves(rows, measure, order=results.order)
+            if not curves or not rows[measure].notna().any():
+                continue
+            limits = None
+            if rows[measure].dropna().between(*bounds).all():
+                limits = bounds
+            png, _ = draw_figure_files(
+                out / f"{block.block}_{measure}",
+                "learning_curves.learning_figure",
+                curves,
+                measure=_AXIS[measure],
+                limits=limits,
+                title=name_measure(label, block.block),
+            )
+            caption = f"{_begin_sentence(label)} over the episodes of block {block.block}: mean, 95 % interval."
+            yield ReportFigure(block.block, png, caption)
+
+
+def draw_sessions(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
+    """Draw the measure that groups are compared on first, session by session, of every block of several sessions."""
+    included = blocks[blocks["exclusion_reason"].isna()]
+    for block in results.blocks:
+        rows = included[included["block"] == block.block]
+        measures = [comparison.measure for comparison in block.headline] or block.by_session["measure"].tolist()
+        if not measures or rows["session"].nunique() < 2:
+            continue
+        measure = measures[0]
         sessions = sorted(rows["session"].unique())
-        curves = {
-            group: theirs.pivot(index="participant", columns="session", values=measure)
-            .reindex(columns=sessions)
-            .to_numpy(float)
-            for group, theirs in of_group.items()
-            if len(theirs)
-        }
-        name = label_measure(measure)
-        limits = _find_limits(measure, rows[measure])
-        title = name_measure(name, one.block)
-        short = name.partition(" (")[0].partition(":")[0]
-        axis = {"measure": short, "limits": limits, "xlabel": "session", "numbers": sessions, "title": title}
-        png, _ = draw_figure_files(out / f"{one.block}_sessions", "learning_curves.learning_figure", curves, **axis)
-        caption = f"{name[0].upper()}{name[1:]} in block {one.block}, session by session: mean, 95 % interval."
-        yield ReportFigure(one.block, png, caption)
-
-
-def draw_waiting_times(found: Results, out: Path) -> Iterator[ReportFigure]:
-    """Draw how long participants took to the goal and to their keys, block by block."""
-    for one in found.blocks:
-        kinds = (
-            ("goal", one.waits.goal, "steps of an episode", "episodes that have not reached the goal"),
-            ("keys", one.waits.keys, "playing time (s)", "participants who have not discovered all keys"),
+        curves = {}
+        for group in results.order:
+            group_rows = rows[rows["group"] == group]
+            if len(group_rows):
+                table = group_rows.pivot(index="participant", columns="session", values=measure)
+                curves[group] = table.reindex(columns=sessions).to_numpy(float)
+        label = label_measure(measure)
+        png, _ = draw_figure_files(
+            out / f"{block.block}_sessions",
+            "learning_curves.learning_figure",
+            curves,
+            measure=_shorten(label),
+            limits=_find_limits(measure, rows[measure]),
+            xlabel="session",
+            numbers=sessions,
+            title=name_measure(label, block.block),
         )
-        for name, groups, label, what in kinds:
+        caption = f"{_begin_sentence(label)} in block {block.block}, session by session: mean, 95 % interval."
+        yield ReportFigure(block.block, png, caption)
+
+
+def draw_waiting_times(results: Results, out: Path) -> Iterator[ReportFigure]:
+    """Draw how long participants took to the goal and to their keys, block by block."""
+    for block in results.blocks:
+        kinds = (
+            ("goal", block.waits.goal, "steps of an episode", "episodes that have not reached the goal"),
+            ("keys", block.waits.keys, "playing time (s)", "participants who have not discovered all keys"),
+        )
+        for name, groups, label, waiting in kinds:
             if groups:
-                alone = name == "keys"  # a time per participant; episodes of one are not independent
-                title = name_measure(f"share of {what}", one.block)
-                stem = out / f"{one.block}_waiting_{name}"
+                is_independent = name == "keys"  # a time per participant; episodes of one are not independent
+                title = name_measure(f"share of {waiting}", block.block)
+                stem = out / f"{block.block}_waiting_{name}"
                 axis = {"label": label, "title": title}
-                png, _ = draw_figure_files(stem, "survival_curves.survival_figure", groups, independent=alone, **axis)
-                band = "95 % intervals (Greenwood, log-log); " if alone else ""
-                caption = f"Share of {what} (Kaplan and Meier); {band}ticks: censored. Below: the number at risk."
-                yield ReportFigure(one.block, png, caption)
+                png, _ = draw_figure_files(
+                    stem, "survival_curves.survival_figure", groups, independent=is_independent, **axis
+                )
+                band = ""
+                if is_independent:
+                    band = "95 % intervals (Greenwood, log-log); "
+                caption = f"Share of {waiting} (Kaplan and Meier); {band}ticks: censored. Below: the number at risk."
+                yield ReportFigure(block.block, png, caption)
 
 
 def draw_paths(tables: Tables, out: Path) -> Iterator[ReportFigure]:
-    """The path figure of one session of each group, the one with the most blocks, over the included episodes."""
+    """Draw the paths of one session of each group, the one with the most blocks, over the included episodes."""
     examples: dict[str, CachedSession] = {}
     for candidate in sorted(tables.sessions, key=lambda session: -session.blocks):
         if candidate.blocks and candidate.outline is not None:

@@ -7,12 +7,13 @@ A name is ``KIND:ARGUMENT``, such as ``answer:load.mental``.
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
+from importlib import import_module
 
 import numpy as np
 import pandas as pd
 
-from minihuman.activities.trials.trial_measures import MEASURES as TRIAL_MEASURES
 from minihuman.errors import ReportError
+from minihuman.experiment.machine.activity import find_kind, list_kinds
 from minihuman.plugins import make_plugin
 
 GROUP = "minihuman.measures"
@@ -34,7 +35,7 @@ class StudyMeasure(ABC):
 
     @abstractmethod
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """The values: columns participant, session and value, and block where a session's blocks differ.
+        """Compute the values: columns participant, session and value, and block where a session's blocks differ.
 
         ``tables`` are those of `minihuman query` by name, without the tables of single steps, keys and pictures, and
         ``teaching``, a row per session and block that an agent played in. Rows with an ``exclusion_reason`` are left
@@ -57,22 +58,22 @@ class AnswerScore(StudyMeasure):
         self.label = f"answer to {argument}"
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """The last answers that were given to each asking."""
-        given = tables["answers"]
-        given = given[(given["questions"] == self.questions) & given["number"].notna()]
+        """Return the last answers that were given to each asking."""
+        answers = tables["answers"]
+        answers = answers[(answers["questions"] == self.questions) & answers["number"].notna()]
         if self.item:
-            given = given[given["item"] == self.item]
-        given = given.drop_duplicates(["participant", "session", "part", "item"], keep="last")
-        asked = given.groupby(["participant", "session", "part"])["number"].mean().rename("value").reset_index()
-        if asked.groupby(["participant", "session"]).size().max() != 1:
+            answers = answers[answers["item"] == self.item]
+        answers = answers.drop_duplicates(["participant", "session", "part", "item"], keep="last")
+        scores = answers.groupby(["participant", "session", "part"])["number"].mean().rename("value").reset_index()
+        if scores.groupby(["participant", "session"]).size().max() != 1:
             parts = tables["parts"]
             blocks = tables["blocks"]["block"].unique()
             played = parts[(parts["what"] == "started") & parts["name"].isin(blocks)]
-            both = asked.merge(played[["participant", "session", "part", "name"]], on=["participant", "session"])
-            both = both[both["part_y"] < both["part_x"]].sort_values("part_y")
-            last = both.drop_duplicates(["participant", "session", "part_x"], keep="last")
-            asked = last.rename(columns={"name": "block"})[["participant", "session", "block", "value"]]
-        return asked
+            candidates = scores.merge(played[["participant", "session", "part", "name"]], on=["participant", "session"])
+            candidates = candidates[candidates["part_y"] < candidates["part_x"]].sort_values("part_y")
+            last = candidates.drop_duplicates(["participant", "session", "part_x"], keep="last")
+            scores = last.rename(columns={"name": "block"})[["participant", "session", "block", "value"]]
+        return scores
 
 
 class TeachingMeasure(StudyMeasure):
@@ -91,10 +92,11 @@ class TeachingMeasure(StudyMeasure):
             raise ReportError(
                 f"measure 'teaching:{argument}' is unknown; after teaching:, use one of {', '.join(self.LABELS)}"
             )
-        self.name, self.label = argument, self.LABELS[argument]
+        self.name = argument
+        self.label = self.LABELS[argument]
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """The column of the table of teaching."""
+        """Return the column of the table of teaching."""
         return tables["teaching"].rename(columns={self.name: "value"})[["participant", "session", "block", "value"]]
 
 
@@ -108,7 +110,7 @@ class BlockValue(StudyMeasure):
         self.label = f"{self.measure} in block {self.block}"
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """That block's column."""
+        """Return that block's column."""
         rows = tables["blocks"]
         if self.measure not in rows:
             raise ReportError(
@@ -124,10 +126,12 @@ class DesignEstimate(StudyMeasure):
     """``design:NAME``: what a block's adaptive design estimated at last; a ``threshold`` is compared as logarithms."""
 
     def __init__(self, argument: str) -> None:
-        self.name, self.label, self.is_log = argument, f"{argument} by the adaptive design", argument == "threshold"
+        self.name = argument
+        self.label = f"{argument} by the adaptive design"
+        self.is_log = argument == "threshold"
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """The last decision's estimate in each block; none where the design had too few episodes for it."""
+        """Return the last decision's estimate in each block; none where the design had too few episodes for it."""
         last = tables["decisions"].drop_duplicates(["participant", "session", "block"], keep="last")
         values = [json.loads(estimates).get(self.name, np.nan) for estimates in last["estimates"]]
         return last.assign(value=np.array(values, float))[["participant", "session", "block", "value"]]
@@ -137,17 +141,25 @@ class TrialMeasure(StudyMeasure):
     """``trials:NAME``: a measure of trials, such as ``trials:d_prime``."""
 
     def __init__(self, argument: str) -> None:
-        if argument not in TRIAL_MEASURES:
-            raise ReportError(
-                f"measure 'trials:{argument}' is unknown; after trials:, use one of {', '.join(TRIAL_MEASURES)}"
-            )
+        labels = load_trial_measures()
+        if argument not in labels:
+            raise ReportError(f"measure 'trials:{argument}' is unknown; after trials:, use one of {', '.join(labels)}")
         self.name = argument
-        self.label = TRIAL_MEASURES[argument]
+        self.label = labels[argument]
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """The column of the measures of all trials of a block."""
+        """Return the column of the measures of all trials of a block."""
         rows = tables.get("trial_measures", pd.DataFrame(columns=["participant", "session", "block", self.name]))
         return rows.rename(columns={self.name: "value"})[["participant", "session", "block", "value"]]
+
+
+def load_trial_measures() -> dict[str, str]:
+    """Load the measures of trials that kinds of activity have, by name, with what they are called."""
+    labels: dict[str, str] = {}
+    for kind in list_kinds(lambda kind: bool(kind.measures)):
+        module, _, name = find_kind(kind).measures.partition(":")
+        labels |= getattr(import_module(module), name)
+    return labels
 
 
 _BUILT_IN: Mapping[str, type[StudyMeasure]] = {
@@ -160,7 +172,7 @@ _BUILT_IN: Mapping[str, type[StudyMeasure]] = {
 
 
 def find_measure(name: str) -> StudyMeasure:
-    """The measure of that name, ``KIND:ARGUMENT``.
+    """Find the measure of that name, ``KIND:ARGUMENT``.
 
     Raises:
         ReportError: if there is no such kind, or it refuses the argument.
@@ -168,19 +180,23 @@ def find_measure(name: str) -> StudyMeasure:
     kind, _, argument = name.partition(":")
     if kind in _BUILT_IN:
         return _BUILT_IN[kind](argument)
-    return make_plugin(GROUP, name, StudyMeasure, ReportError, what="measure")  # type: ignore[type-abstract]
+    return make_plugin(GROUP, name, StudyMeasure, ReportError, noun="measure")  # type: ignore[type-abstract]
+
+
+def _keep_included(table: pd.DataFrame) -> pd.DataFrame:
+    """Leave out the rows that have a reason for exclusion."""
+    if "exclusion_reason" not in table:
+        return table
+    return table[table["exclusion_reason"].isna()]
 
 
 def add_measures(rows: pd.DataFrame, tables: Tables, names: Iterable[str]) -> pd.DataFrame:
-    """The rows of the table of blocks with a column for each of these measures; NaN where one has no value.
+    """Add a column for each of these measures to the rows of the table of blocks; NaN where one has no value.
 
     Raises:
         ReportError: if a measure is unknown, or gives other columns than it should.
     """
-    included = {
-        name: table[table["exclusion_reason"].isna()] if "exclusion_reason" in table else table
-        for name, table in tables.items()
-    }
+    included = {name: _keep_included(table) for name, table in tables.items()}
     for name in names:
         values = find_measure(name).compute(included)
         keys = [column for column in ("participant", "session", "block") if column in values]

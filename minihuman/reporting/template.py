@@ -54,12 +54,12 @@ class Table:
 
     @property
     def shown(self) -> Sequence[Sequence[Cell]]:
-        """The rows that are on the page."""
+        """Return the rows that are on the page."""
         return self.rows[:_MOST_SHOWN]
 
     @property
     def is_long(self) -> bool:
-        """Whether it has more rows than are read through, so that the page folds it up."""
+        """Say whether it has more rows than anyone reads through, so that the page folds it up."""
         return len(self.rows) > _MOST_ROWS
 
 
@@ -72,27 +72,29 @@ class ReportFigure(NamedTuple):
 
 
 def to_records(frame: "pd.DataFrame") -> list[dict[str, Any]]:
-    """A table's rows, by name of column."""
+    """Return a table's rows, each a dict by name of column."""
     return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]
 
 
 def format_mean_sd(mean: float, sd: float) -> str:
-    """A mean, and the standard deviation where there is one."""
+    """Format a mean, with the standard deviation where there is one."""
     if math.isnan(sd):
         return format_number(mean)
     return f"{format_number(mean)} ({format_number(sd)})"
 
 
 def format_number(value: float, digits: int = 3, *, sign: str = "-") -> str:
-    """Three decimals, fewer for a number with digits before the point; ``sign`` "+" shows that of a gain too."""
+    """Format a number with three decimals, fewer after digits before the point; ``sign`` "+" shows a plus, too."""
     if math.isnan(value):
         return "n/a"
-    before = len(f"{abs(value):.0f}") if abs(value) >= 1 else 0
+    before = 0
+    if abs(value) >= 1:
+        before = len(f"{abs(value):.0f}")
     return f"{value:{sign}.{max(digits - before, 0)}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def format_interval(bounds: tuple[float, float], digits: int = 3, *, sign: str = "-") -> str:
-    """From one bound to the other."""
+    """Format an interval, from one bound to the other."""
     low, high = (format_number(bound, digits, sign=sign) for bound in bounds)
     if math.isnan(bounds[0]):
         return "n/a"
@@ -100,7 +102,7 @@ def format_interval(bounds: tuple[float, float], digits: int = 3, *, sign: str =
 
 
 def format_with_interval(value: float, bounds: tuple[float, float], digits: int = 3, *, sign: str = "-") -> str:
-    """A number, and its interval in brackets where it has one."""
+    """Format a number, with its interval in brackets where it has one."""
     number = format_number(value, digits, sign=sign)
     if math.isnan(bounds[0]):
         return number
@@ -110,7 +112,7 @@ def format_with_interval(value: float, bounds: tuple[float, float], digits: int 
 def format_difference(
     value: float, bounds: tuple[float, float], *, is_log: bool, sign: str = "-", digits: int = 3
 ) -> str:
-    """A difference with its interval; one of logarithms as the ratio that it is."""
+    """Format a difference with its interval; one of logarithms as the ratio that it is."""
     if not is_log:
         return format_with_interval(value, bounds, digits, sign=sign)
     ratio = format_with_interval(math.exp(value), (math.exp(bounds[0]), math.exp(bounds[1])), digits)
@@ -118,14 +120,16 @@ def format_difference(
 
 
 def format_p_value(value: float) -> str:
-    """Three decimals, or that it is less."""
+    """Format a p value with three decimals, or as less than 0.001."""
     if math.isnan(value):
         return "n/a"
-    return "< 0.001" if value < 0.001 else f"{value:.3f}"
+    if value < 0.001:
+        return "< 0.001"
+    return f"{value:.3f}"
 
 
 def format_pair(first: str, second: str) -> str:
-    """A difference of two groups."""
+    """Write a difference of two groups."""
     return f"{first} \N{MINUS SIGN} {second}"
 
 
@@ -135,12 +139,12 @@ STYLE = "report.css"
 PARTICIPANTS = "participants.html.j2"
 
 
-def render_template(name: str, shown: Mapping[str, Any], templates: Path | None = None) -> str:
+def render_template(name: str, context: Mapping[str, Any], templates: Path | None = None) -> str:
     """Render a template, all that it shows escaped, in Jinja's sandbox: no template reaches the inside of Python.
 
     Args:
         name: of the template.
-        shown: what it shows, by name.
+        context: what it shows, by name.
         templates: a folder with a ``report.html.j2`` or a ``report.css`` that is taken instead of the package's.
 
     Raises:
@@ -157,7 +161,7 @@ def render_template(name: str, shown: Mapping[str, Any], templates: Path | None 
     )
     environment.filters["data_uri"] = lambda png: f"data:image/png;base64,{base64.b64encode(png.read_bytes()).decode()}"
     try:
-        return environment.get_template(name).render(shown)
+        return environment.get_template(name).render(context)
     except TemplateError as error:
         line = f":{error.lineno}" if isinstance(error, TemplateSyntaxError) else ""
         raise ReportError(f"{templates}: {name}{line}: {error.message}") from error

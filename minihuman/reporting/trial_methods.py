@@ -2,16 +2,18 @@
 
 from collections.abc import Iterator
 
+from minihuman.experiment.machine.activity import find_installed_kind
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.protocol.model import BlockSpec
 from minihuman.worlds.catalogue import TRIAL_WORLDS
 
-_TRIALS = "trials"
-
 
 def is_of_trials(plan: EpisodePlan, spec: BlockSpec | None) -> bool:
     """Say whether a block is one of trials: by its kind, or its world."""
-    return plan.world in TRIAL_WORLDS or (spec is not None and spec.kind == _TRIALS)
+    if plan.world in TRIAL_WORLDS:
+        return True
+    kind = find_installed_kind(spec.kind) if spec is not None else None
+    return kind is not None and kind.has_trials
 
 
 def describe_stimuli(spec: BlockSpec | None) -> str:

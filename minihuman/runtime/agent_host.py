@@ -5,19 +5,16 @@ Where a group is still to be drawn, the draw comes first and its host answers fr
 
 import logging
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import typing
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 
 from minihuman.activities.agent_blocks.events import PolicyGiven
-from minihuman.activities.agent_blocks.plan import LATEST_POLICY, AgentPlayPlan
+from minihuman.activities.agent_blocks.plan import AGENT_HOST, LATEST_POLICY
 from minihuman.activities.agent_blocks.requests import Advice, AdviceRequest, NewPolicy, PolicyRequest
-from minihuman.activities.correction.plan import CorrectionPlan
-from minihuman.activities.correction.requests import EpisodeRequest
+from minihuman.activities.clip_requests import ClipRequest, EpisodeRequest
 from minihuman.activities.episode_clips import ClipOffered, EpisodeClip
-from minihuman.activities.preferences.plan import PreferencesPlan
-from minihuman.activities.preferences.requests import ClipRequest
-from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.admin.policies import PolicyStore
 from minihuman.agents.agent import (
     POLICY_AGENT,
@@ -42,7 +39,8 @@ from minihuman.plugins import describe_failure, limit_answer_time, locate_error
 from minihuman.runtime.clip_sampler import ClipSampler
 from minihuman.runtime.group_draw import GroupDrawHost
 from minihuman.runtime.learner_process import LearnerProcess, LearnerRequest
-from minihuman.runtime.team_host import TeamMember, TeamTable
+from minihuman.runtime.session_hosts import HostContext, make_session_host
+from minihuman.runtime.team_host import TeamTable
 from minihuman.worlds.adapters.world import World
 
 LOG = logging.getLogger("minihuman")
@@ -284,47 +282,45 @@ def make_agent_host(
             )
 
         return GroupDrawHost(protocol, plan, data, make_next)
-    if any(isinstance(part.plan, TeamPlayPlan) for part in plan.parts):
-        own_host = _make_host(protocol, plan, data, patient=patient, logged=logged)
-        table = teams or TeamTable(protocol, data)
-        return TeamMember(table, plan, own_host, patient=patient, changed=changed, signs=signs)
-    return _make_host(protocol, plan, data, patient=patient, logged=logged)
-
-
-def _make_host(
-    protocol: Protocol, plan: SessionPlan, data: Path, *, patient: bool, logged: Sequence[Event]
-) -> RequestHandler | None:
-    plans = [part.plan for part in plan.parts if isinstance(part.plan, AgentPlayPlan)]
-    if not plans and not any(isinstance(part.plan, PreferencesPlan | CorrectionPlan) for part in plan.parts):
-        return None
-    path = SegmentPath.of_plan(data, plan)
-
-    def logs() -> list[Path]:
-        return [file for file in (path.log, path.part) if file.exists()]
-
-    disputes = any(
-        isinstance(part.plan, PreferencesPlan) and part.plan.pairing == "disagreement" for part in plan.parts
+    context = HostContext(
+        protocol, plan, data, patient=patient, logged=logged, teams=teams, changed=changed, signs=signs
     )
-    if disputes or any(block.agent.learner for block in plans):
-        learner = LearnerProcess()
-    else:
-        learner = None
+    return make_session_host(context)
+
+
+class AgentHostedPlan(typing.Protocol):
+    """The plan of a part whose requests the agent host answers."""
+
+    @property
+    def needs_learner(self) -> bool:
+        """Whether a learner makes policies, or judges pairs."""
+
+    def plays_policy_file(self, files: Container[str]) -> bool:
+        """Whether a policy plays that a learner makes, or that is one of the protocol's files."""
+
+
+def make_policy_host(context: HostContext) -> AgentHost:
+    """Make the host of the agents, clips and episodes that a session's parts ask for."""
+    plan = context.plan
+    plans: list[AgentHostedPlan] = [part.plan for part in plan.parts if getattr(part.plan, "host", "") == AGENT_HOST]
+    learner = LearnerProcess() if any(hosted.needs_learner for hosted in plans) else None
     if learner is not None:
         learner.start()
-    if any(block.agent.learner or block.agent.policy in protocol.files for block in plans):
+    if any(hosted.plays_policy_file(context.protocol.files) for hosted in plans):
         with suppress(MinihumanError):  # reported when a policy is to play
             load_agent_class(POLICY_AGENT)  # seconds, for what it imports: now, and not between two episodes
+    session_folder = SegmentPath.of_plan(context.data, plan).log.parent
+    earlier = _policies_by_episode(read_log(session_folder).part_events) if plan.segment > 1 else {}
     return AgentHost(
-        PolicyStore(data / plan.study),
-        protocol.files,
-        logs=logs,
+        PolicyStore(context.data / plan.study),
+        context.protocol.files,
+        logs=context.list_logs,
         learner=learner,
-        earlier=(_policies_by_episode(read_log(path.log.parent).part_events) if plan.segment > 1 else {})
-        | _policies_by_episode(logged),
-        stretches=ClipSampler(logs, seed=plan.study_seed, index=plan.participant.index),
+        earlier=earlier | _policies_by_episode(context.logged),
+        stretches=ClipSampler(context.list_logs, seed=plan.study_seed, index=plan.participant.index),
         seed=plan.study_seed + 1_000_003 * plan.participant.index,
-        patient=patient,
-        unhurried=patient,
+        patient=context.patient,
+        unhurried=context.patient,
     )
 
 

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from minihuman.activities.correction.requests import EpisodeRequest
+from minihuman.activities.clip_requests import ClipRequest, EpisodeRequest
 from minihuman.activities.episode_clips import EpisodeClip
-from minihuman.activities.preferences.requests import ClipRequest
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.read.session_reader import read_log
@@ -59,7 +58,7 @@ class ClipSampler:
         return _make_clip(left[word % len(left)], want.steps)
 
     def episode(self, want: EpisodeRequest) -> EpisodeClip | None:
-        """One of the block's latest episodes, all of it; None where there is no further one."""
+        """Return one of the block's latest episodes, whole; None where there is no further one."""
         if self._part != want.part:
             self._part = want.part
             self._places = [(episode, 0) for episode in self._episodes(want.source)]

@@ -92,7 +92,7 @@ _AIR_NS = 200_000_000  # a toolkit that blocks in C does not see Ctrl-C
 
 @dataclass(frozen=True, slots=True)
 class FreePlay:
-    """What to play and how to look at it."""
+    """A world to play, and the view of it."""
 
     world: str  # a Gymnasium id
     seed: int = 0  # of the first layout; each further one takes the next number
@@ -109,12 +109,12 @@ def run_free_play(play: FreePlay, window: Window, clock: Clock) -> int:
     world = World(play.world, trusted=True)
     keys = assign_usual_keys(world)
     presses = _presses(window, clock)
-    begun = 0
+    n_layouts = 0
     try:
         while True:
-            begun += 1
-            if not _episode(play, world, keys, window, presses, play.seed + begun - 1):
-                return begun
+            n_layouts += 1
+            if not _episode(play, world, keys, window, presses, play.seed + n_layouts - 1):
+                return n_layouts
     finally:
         world.close()
 
@@ -122,7 +122,7 @@ def run_free_play(play: FreePlay, window: Window, clock: Clock) -> int:
 def _episode(
     play: FreePlay, world: World, keys: Mapping[str, str], window: Window, presses: Iterator[str], seed: int
 ) -> bool:
-    """One layout; whether another is wanted."""
+    """Play one layout; tell whether another is wanted."""
     mission = world.reset(seed).mission
     judge = OutcomeJudge(find_world_rule(play.world).rule)
     steps = 0
@@ -148,13 +148,13 @@ def _over(outcome: EpisodeOutcome, steps: int, reward: float) -> Screen:
     return TextScreen(title, f"{steps} steps, reward {reward:.2f}", "Enter: another layout    Escape: leave")
 
 
-def _next_key(presses: Iterator[str], wanted: set[str]) -> str | None:
-    """The next press of a wanted key; None when the person leaves."""
-    return next((key for key in presses if key in wanted), None)
+def _next_key(presses: Iterator[str], accepted: set[str]) -> str | None:
+    """Return the next press of an accepted key; None when the person leaves."""
+    return next((key for key in presses if key in accepted), None)
 
 
 def _presses(window: Window, clock: Clock) -> Iterator[str]:
-    """Every key pressed, repeats of held ones too, until Escape or the window's cross."""
+    """Yield every key pressed, repeats of held ones too, until Escape or the window's cross."""
     while True:
         for happened in window.wait(clock() + _AIR_NS):
             match happened:

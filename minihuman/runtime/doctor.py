@@ -81,7 +81,7 @@ class Finding:
     unfit_because: str = ""
 
     def line(self) -> str:
-        """For the terminal."""
+        """Format the finding for the terminal."""
         verdict = "NOT FIT" if self.unfit_because else "ok"
         return f"{verdict:8} {self.name:22} {self.value}"
 
@@ -107,7 +107,7 @@ def examine_machine(
 
 
 def format_verdict(findings: list[Finding]) -> str:
-    """The last line: fit, or not and why."""
+    """Format the last line: fit, or not and why."""
     reasons = [finding.unfit_because for finding in findings if finding.unfit_because]
     if not reasons:
         return "This machine is fit to run participants."
@@ -115,14 +115,14 @@ def format_verdict(findings: list[Finding]) -> str:
 
 
 def _versions() -> Finding:
-    found = [f"{platform.system()} {platform.machine()}", f"Python {platform.python_version()}"]
-    found.append(f"minihuman {__version__}")
+    versions = [f"{platform.system()} {platform.machine()}", f"Python {platform.python_version()}"]
+    versions.append(f"minihuman {__version__}")
     for package in _PACKAGES:
         try:
-            found.append(f"{package} {version(package)}")
+            versions.append(f"{package} {version(package)}")
         except PackageNotFoundError:
-            found.append(f"{package} missing")
-    return Finding("versions", ", ".join(found))
+            versions.append(f"{package} missing")
+    return Finding("versions", ", ".join(versions))
 
 
 def _clock_resolution() -> Finding:
@@ -148,10 +148,10 @@ def _texts(protocol: Protocol) -> Finding:
     if not problems:
         return Finding("texts", f"every text of the study can be read, in {protocol.study.language!r}")
     if len(problems) > 1:
-        others = f" (and {len(problems) - 1} more; minihuman check names all)"
+        more_problems = f" (and {len(problems) - 1} more; minihuman check names all)"
     else:
-        others = ""
-    return Finding("texts", problems[0] + others, "a text of the study cannot be read here")
+        more_problems = ""
+    return Finding("texts", problems[0] + more_problems, "a text of the study cannot be read here")
 
 
 def _display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Iterator[Finding]:
@@ -179,8 +179,8 @@ def _pictures(window: BlockingWindow, protocol: Protocol) -> Iterator[Finding]:
         with closing(World(block.world, block.options)) as world:
             median, p95 = np.percentile(_times_ms(window, block, world)[_WARM:], (50, 95))
         late = f"a picture of block {block.name} takes {median:.0f} ms, over {MAX_PICTURE_MS:.0f}"
-        found = f"step to flip: median {median:.1f} ms, 95 % {p95:.1f} ms"
-        yield Finding(f"block {block.name}", found, late if median > MAX_PICTURE_MS else "")
+        delays = f"step to flip: median {median:.1f} ms, 95 % {p95:.1f} ms"
+        yield Finding(f"block {block.name}", delays, late if median > MAX_PICTURE_MS else "")
 
 
 def _frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:
@@ -205,7 +205,7 @@ def _frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:
 
 
 def _key_to_flip_ms(window: BlockingWindow) -> list[float]:
-    """From a key put into the toolkit's queue, by another thread while the window sleeps, to the flip it caused."""
+    """Measure from a key put into the toolkit's queue, while the window sleeps, to the flip that it caused."""
     late_ms = []
     for screen in _flicker(window, _KEYS):
         sent_ns: list[int] = []
@@ -225,7 +225,7 @@ def _key_to_flip_ms(window: BlockingWindow) -> list[float]:
 
 
 def _flicker(window: BlockingWindow, count: int) -> Iterator[Screen]:
-    """Play screens of the size of real ones, each different from the one before."""
+    """Yield play screens of the size of real ones, each different from the one before."""
     width, height = window.picture_px
     for number in range(count):
         picture = np.full((height, width, 3), 60 + 60 * (number % 2), np.uint8)

@@ -32,7 +32,7 @@ class GroupDrawHost(RequestHandler):
         self._next: RequestHandler | None = None
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """The plan of the group that was drawn; then the next host's answers.
+        """Return the plan of the group that was drawn; then the next host's answers.
 
         Raises:
             AllocationError: if there is no slot to draw.

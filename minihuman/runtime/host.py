@@ -33,14 +33,23 @@ def host_session(
     *,
     markers: bool = False,
     agent: RequestHandler | None = None,
-    begun: Callable[[SessionMachine], None] = lambda session: None,
+    on_begin: Callable[[SessionMachine], None] = lambda session: None,
     make_world: WorldFactory = World,
 ) -> Path | None:
     """Run a session in an open window and return its log; with ``markers`` also send its events by LSL.
 
-    None where no consent was given, or it ended before the group was drawn: then nothing was written, and the slot is
-    free again. ``agent`` answers what the session requests from outside; see ``agent_host``. ``begun`` is given the
-    session before its first input. ``make_world`` makes its worlds.
+    Returns None where no consent was given, or the session ended before the group was drawn: then nothing was written,
+    and the slot is free again.
+
+    Args:
+        plan: the session's.
+        window: where it is shown.
+        clock: of the session and of the devices.
+        data: the data folder.
+        markers: whether to send its events by LSL, too.
+        agent: answers what the session requests from outside; see ``agent_host``.
+        on_begin: is given the session before its first input.
+        make_world: makes its worlds.
 
     Raises:
         DeviceError: if a device that the protocol asks for is not there, or there is no LSL to send markers by.
@@ -49,35 +58,23 @@ def host_session(
         WorldError: if the world failed; the log has the reason and everything before.
         OSError: if the data folder cannot be written.
     """
-    worlds = collect_world_facts(list_world_ids(plan))
-    if plan.protocol_toml:
-        wanted = decode_logged_protocol(plan.protocol_toml).devices
-    else:
-        wanted = ()
+    facts_of_worlds = collect_world_facts(list_world_ids(plan))
+    device_specs = decode_logged_protocol(plan.protocol_toml).devices if plan.protocol_toml else ()
     if markers:
         pylsl()  # before there is a log: without it nothing is to begin
-    with open_devices(wanted, clock) as (devices, of_devices), ExitStack() as opened:
-        facts = {
-            "player": "human",
-            **collect_machine_facts(),
-            **worlds,
-            **clock.facts(),
-            **window.facts(),
-            **(window.open_gamepad() if needs_gamepad(plan) else {}),
-            **of_devices,
-        }
-        picture_px = _four_to_three(window.picture_px)
+    with open_devices(device_specs, clock) as (devices, device_facts), ExitStack() as opened:
+        facts = {"player": "human", **collect_machine_facts(), **facts_of_worlds, **clock.facts()}
+        facts |= _open_window_devices(plan, window) | device_facts
+        picture_px = _fit_four_to_three(window.picture_px)
         if picture_px is not None:
-            facts["picture_px"] = "{} x {}".format(*picture_px)
+            facts["picture_px"] = f"{picture_px[0]} x {picture_px[1]}"
         require_unclaimed(SegmentPath.of_plan(data, plan))
         session = build_session(plan, make_world, facts, picture_px=picture_px)
-        begun(session)
+        on_begin(session)
 
         def open_log() -> Recorder:
             log = McapRecorder(data, session.plan, started_ns=clock.started_unix_ns)
-            if devices:
-                return DeviceRecorder(log, devices, from_ns=clock())
-            return log
+            return DeviceRecorder(log, devices, from_ns=clock()) if devices else log
 
         recorder: Recorder = DeferredRecorder(plan, open_log)
         if markers:  # the stream is there from now on, for those who want to listen; what it says waits, too
@@ -93,21 +90,28 @@ def host_session(
     return path
 
 
+def _open_window_devices(plan: SessionPlan, window: Window) -> dict[str, str]:
+    """Open the gamepad if the plan needs one; return the window's facts, and the gamepad's."""
+    if not needs_gamepad(plan):
+        return window.facts()
+    return window.facts() | window.open_gamepad()
+
+
 def describe_ending(log: Path, protocol: Path) -> str:
     """Describe in one line how a log's session ended, how far it came, and how to resume it."""
-    found = summarize_session([log])
-    done = f"{found.episodes_completed} of {found.episodes_planned} episodes"
-    if found.complete or found.end_reason in FINAL_END_REASONS:
-        return f"{found.end_reason}: {done}; sealed {record_log_end(log)}"
-    session = f" --session {found.session}" if found.session > 1 else ""
+    summary = summarize_session([log])
+    progress = f"{summary.episodes_completed} of {summary.episodes_planned} episodes"
+    if summary.complete or summary.end_reason in FINAL_END_REASONS:
+        return f"{summary.end_reason}: {progress}; sealed {record_log_end(log)}"
+    session = f" --session {summary.session}" if summary.session > 1 else ""
     return (
-        f"ended by {found.end_reason} after {done}; sealed {record_log_end(log)}; goes on with: "
-        f"minihuman run {protocol} --participant {found.participant}{session}"
+        f"ended by {summary.end_reason} after {progress}; sealed {record_log_end(log)}; goes on with: "
+        f"minihuman run {protocol} --participant {summary.participant}{session}"
     )
 
 
-def _four_to_three(room_px: tuple[int, int] | None) -> tuple[int, int] | None:
-    """The largest 4:3 picture in a room: everyone sees the same angle of a first-person world, on any display."""
+def _fit_four_to_three(room_px: tuple[int, int] | None) -> tuple[int, int] | None:
+    """Return the largest 4:3 picture in a room, so that any display shows the same angle of a first-person world."""
     if room_px is None:
         return None
     width = min(room_px[0], room_px[1] * 4 // 3)

@@ -18,7 +18,7 @@ _MAX_LENGTH_DIGITS = 9
 
 
 def is_own_request(headers: Mapping[str, str]) -> bool:
-    """Whether a request that changes something comes from a page of this server, or from no page at all.
+    """Tell whether a request that changes something comes from a page of this server, or from no page at all.
 
     A browser says which site a request comes from (`Sec-Fetch-Site`), an older one only its `Origin`.
     """
@@ -30,7 +30,7 @@ def is_own_request(headers: Mapping[str, str]) -> bool:
 
 
 def is_named(host_header: str, names: Collection[str]) -> bool:
-    """Whether a request was sent to one of a machine's own names, whatever its port."""
+    """Tell whether a request was sent to one of a machine's own names, whatever its port."""
     return _PORT.sub("", host_header) in names
 
 

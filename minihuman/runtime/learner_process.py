@@ -24,7 +24,7 @@ FIRST_ANSWER_TIMEOUT_S = 60.0  # more time for the first answer: the process has
 
 @dataclass(frozen=True, slots=True)
 class LearnerRequest:
-    """What a policy is to be made of."""
+    """A request for a policy: what to learn it from."""
 
     logs: list[str]  # of the session so far; the live one may be among them
     part: str  # the block's name
@@ -38,7 +38,7 @@ class LearnerRequest:
 
 @dataclass(frozen=True, slots=True)
 class LearnerAnswer:
-    """What a learner says in the end."""
+    """The answer of a learner: a policy, or why there is none."""
 
     file: str  # the policy's, until the next question; the place of a pair in words, where pairs were asked about
     failure: str  # why there is none; "" where there is one
@@ -96,13 +96,13 @@ class LearnerProcess:
             self._process.stdin.flush()
 
     def answer(self, *, patient: bool = False) -> LearnerAnswer | None:
-        """What came of the question; None: nothing yet. With ``patient`` this waits for it."""
+        """Return the answer to the question; None if there is none yet. With ``patient`` this waits for it."""
         assert self._until_s is not None, "nothing was asked"
         while True:
-            found = self._look(0.2 if patient else 0.0)
-            if found is not None:
+            answer = self._look(0.2 if patient else 0.0)
+            if answer is not None:
                 self._until_s = None
-                return found
+                return answer
             if not patient:
                 return None
 

@@ -40,11 +40,11 @@ class SessionClock:
         self.started_monotonic_ns = time.perf_counter_ns()
 
     def __call__(self) -> int:
-        """Nanoseconds since it was made."""
+        """Return the nanoseconds since the clock was made."""
         return time.perf_counter_ns() - self.started_monotonic_ns
 
     def facts(self) -> dict[str, str]:
-        """What the machine's monotonic clock showed, which clock that is, and how far local time is ahead of UTC.
+        """Return what the machine's monotonic clock showed, which clock it is, and local time's offset from UTC.
 
         Any other recording of this machine by that clock can be laid beside the log to the nanosecond. The offset says
         which calendar day it was; no zone is named, as that would tell where the participant lives.
@@ -58,7 +58,7 @@ class SessionClock:
 
 
 def collect_machine_facts() -> dict[str, str]:
-    """A digest of the worlds' rules, versions, platform, processor, the commit of a checked-out minihuman; by name."""
+    """Collect a digest of the worlds' rules, versions, platform, processor and the commit of a checkout, by name."""
     facts = {
         "rules": rules_digest(),
         "pictures": str(PICTURES_VERSION),
@@ -84,14 +84,14 @@ def collect_machine_facts() -> dict[str, str]:
 
 
 def list_world_ids(plan: SessionPlan) -> set[str]:
-    """The ids of the worlds that a session may play; of any group where it is not drawn yet."""
+    """List the ids of the worlds that a session may play; of any group where it is not drawn yet."""
     if is_allocation_pending(plan):
         return {block.world for block in decode_logged_protocol(plan.protocol_toml).blocks}
     return {episode.world for episode in plan.episodes}
 
 
 def collect_world_facts(worlds: Iterable[str]) -> dict[str, str]:
-    """The SHA-256 of every file of a module that a world id names, "lab_worlds:lab/Corridor-v0", and of its imports.
+    """Collect the SHA-256 of each module file that a world id names, "lab_worlds:lab/Corridor-v0", and of its imports.
 
     Of installed packages, the versions.
     """
@@ -104,7 +104,7 @@ def collect_world_facts(worlds: Iterable[str]) -> dict[str, str]:
 
 
 def _collect_package_versions(worlds: Iterable[str]) -> dict[str, str]:
-    """The versions of the distributions that have the worlds' modules, but for those that any machine's facts have."""
+    """Collect the versions of the worlds' distributions, without those that the facts of every machine have."""
     modules = {_find_drawing_package(find_registered_module(world)) for world in worlds} - {
         "",
         "minihuman",
@@ -128,14 +128,14 @@ def _list_distributions() -> Mapping[str, list[str]]:
 
 
 def _numbers(release: str) -> str:
-    """A kernel's version without what its builder added, which may name a machine or a person."""
-    found = re.match(r"[0-9.]+", release)
-    return found[0] if found else ""
+    """Return a kernel's version without what its builder added, which may name a machine or a person."""
+    match = re.match(r"[0-9.]+", release)
+    return match[0] if match else ""
 
 
 @cache
 def _git_commit(folder: Path) -> str:
-    """The commit that a checkout is at, with "+" where files were changed; "" where the folder is none.
+    """Return a checkout's commit, with "+" where files were changed; "" where the folder is none.
 
     A folder inside another project's checkout is none: an environment often lies in the repository of a lab's study.
     """

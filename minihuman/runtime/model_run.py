@@ -25,7 +25,7 @@ class RunStoppedError(MinihumanError, RuntimeError):
 
 @dataclass(slots=True)
 class ModelRun:
-    """What the sessions of one run share: what they have spent, its limits, and whether it is to stop."""
+    """A run of a model: what its sessions have spent together, its limits, and whether it is to stop."""
 
     name: str  # "model:NAME", or "http:NAME" of a program
     make_client: Callable[[ModelSpec], ModelClient]
@@ -39,7 +39,7 @@ class ModelRun:
 
     @classmethod
     def of_model(cls, player: str, **settings: Any) -> "ModelRun":
-        """The run of a language model, "model:NAME"."""
+        """Make the run of a language model, "model:NAME"."""
         name = player.removeprefix(PLAYER_PREFIX)
 
         def make_client(spec: ModelSpec) -> ChatClient:

@@ -120,7 +120,7 @@ def require_playable(protocol: Protocol) -> None:
 
 
 def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
-    """What a killed or stopped run left: live files of this model, and codes of slots whose session has no plan yet."""
+    """Yield what a stopped run left: live files of this model, and codes of slots whose session has no plan yet."""
     for slot in read_enrolled(study_dir):
         folder = study_dir / slot.participant
         parts = list_log_files(folder, f"ses-*/*{PART_SUFFIX}")
@@ -156,27 +156,7 @@ def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path
     """
     run.check()
     settings = RecorderSettings(group=run.group_commit)
-    left = None
-    log: McapRecorder | None = None
-    path: Path | None
-    with _hold_slots(data):
-        unfinished_session = next(_find_cut_off(data / protocol.study.name, run.name), None)
-        if isinstance(unfinished_session, Path) and (ended := read_log(unfinished_session)).end_reason != CUT_OFF:
-            finished = recover_log(unfinished_session).path
-            record_log_end(finished)
-            path = finished
-            plan = ended.plan
-            reason = ended.end_reason
-        elif isinstance(unfinished_session, Path):
-            left = resume_segment(unfinished_session)
-            assert isinstance(left.events[0], SessionStarted)
-            plan = left.events[0].plan
-            log = McapRecorder(data, plan, started_ns=left.started_ns, settings=settings, left=left)
-        else:
-            plan = plan_next_session(protocol, data, participant=unfinished_session, prefix="model")
-            log = McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings)
-    if log is not None:
-        path, reason = _play(protocol, data, plan, run, log, left)
+    plan, path, reason = _play_first_session(protocol, data, run, settings)
     logs = [path] if path else []
     for session in range(plan.session + 1, len(protocol.sessions) + 1):
         if reason != "complete":
@@ -186,6 +166,33 @@ def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path
         path, reason = _play(protocol, data, plan, run, log)
         logs += [path] if path else []
     return logs
+
+
+def _play_first_session(
+    protocol: Protocol, data_folder: Path, run: ModelRun, settings: RecorderSettings
+) -> tuple[SessionPlan, Path | None, str]:
+    """Finish or resume the session that a killed or stopped run left, or play the next slot's first one.
+
+    Returns:
+        Its plan, its log and why it ended.
+    """
+    left = None
+    with _hold_slots(data_folder):
+        unfinished_session = next(_find_cut_off(data_folder / protocol.study.name, run.name), None)
+        if isinstance(unfinished_session, Path):
+            ended = read_log(unfinished_session)
+            if ended.end_reason != CUT_OFF:
+                path = recover_log(unfinished_session).path
+                record_log_end(path)
+                return ended.plan, path, ended.end_reason
+            left = resume_segment(unfinished_session)
+            assert isinstance(left.events[0], SessionStarted)
+            plan = left.events[0].plan
+            log = McapRecorder(data_folder, plan, started_ns=left.started_ns, settings=settings, left=left)
+        else:
+            plan = plan_next_session(protocol, data_folder, participant=unfinished_session, prefix="model")
+            log = McapRecorder(data_folder, plan, started_ns=time.time_ns(), settings=settings)
+    return plan, *_play(protocol, data_folder, plan, run, log, left)
 
 
 def _build_session(plan: SessionPlan, run: ModelRun, spec: ModelSpec) -> SessionMachine:

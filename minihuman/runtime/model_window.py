@@ -118,7 +118,7 @@ class ModelWindow(Window):
         return [happened]
 
     def facts(self) -> dict[str, str]:
-        """What it is."""
+        """Return the facts of the window."""
         return {"window": "model"}
 
     def close(self) -> None:
@@ -162,7 +162,7 @@ class ModelWindow(Window):
             self._waiting_screen = self._screen
 
     def _find_end(self, rule: AnswerRule) -> str:
-        """Why no further answer is asked for, "" for no reason."""
+        """Say why no further answer is asked for; "" for no reason."""
         spec = self._spec
         spent = self._record.spent
         session = self._session

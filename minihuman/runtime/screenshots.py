@@ -39,8 +39,8 @@ class _Camera(SimulatedWindow):
     """A window that keeps the screens worth a picture: of play each block's first, and its last for each outcome.
 
     Args:
-        kept: gets the screens with their phases' names.
-        seen: what tells those from others; a screen like one of them is not kept.
+        screens: gets the screens with their phases' names.
+        screen_kinds: what tells those from others; a screen like one of them is not kept.
         parts: gets the number of each part that shows a screen.
         session: the session that it shows.
         clock: the session's.
@@ -50,8 +50,8 @@ class _Camera(SimulatedWindow):
 
     def __init__(
         self,
-        kept: list[tuple[str, Screen]],
-        seen: set[object],
+        screens: list[tuple[str, Screen]],
+        screen_kinds: set[object],
         parts: set[int],
         session: SessionMachine,
         clock: VirtualClock,
@@ -59,11 +59,11 @@ class _Camera(SimulatedWindow):
         player: str,
         wrong_in_ten: int,
     ) -> None:
-        made = make_participant(player, np.random.default_rng(_SEED))
-        super().__init__(made, session, clock, wrong_in_ten=wrong_in_ten)
-        self._kept = kept
+        participant = make_participant(player, np.random.default_rng(_SEED))
+        super().__init__(participant, session, clock, wrong_in_ten=wrong_in_ten)
+        self._screens = screens
         self._watched = session
-        self._seen = seen
+        self._screen_kinds = screen_kinds
         self._parts = parts
 
     def show(self, screen: Screen) -> ScreenShown:
@@ -76,14 +76,15 @@ class _Camera(SimulatedWindow):
             name = f"{plan.block_name}-{name}"
         else:
             kind = (name, _words(screen, but_sums=name in ("feedback", "closing")))
-        if kind not in self._seen and not (isinstance(screen, BlankScreen) and not screen.cross):
-            self._seen.add(kind)
-            self._kept.append((name, screen))
+        is_empty = isinstance(screen, BlankScreen) and not screen.cross
+        if kind not in self._screen_kinds and not is_empty:
+            self._screen_kinds.add(kind)
+            self._screens.append((name, screen))
         return super().show(screen)
 
 
 def render_screens(plans: Sequence[SessionPlan], size_px: Size) -> tuple[list[tuple[str, Screen]], tuple[str, ...]]:
-    """The screens of sessions with their phases' names; one that comes again is kept once.
+    """Render the screens of sessions, with their phases' names; one that comes again is kept once.
 
     Returns:
         The screens, and the names of the parts that no player reached.
@@ -91,8 +92,8 @@ def render_screens(plans: Sequence[SessionPlan], size_px: Size) -> tuple[list[tu
     Raises:
         Exception: what a world raised.
     """
-    kept: list[tuple[str, Screen]] = []
-    seen: set[object] = set()
+    screens: list[tuple[str, Screen]] = []
+    screen_kinds: set[object] = set()
     missing: list[str] = []
     for plan in plans:
         parts: set[int] = set()
@@ -100,7 +101,7 @@ def render_screens(plans: Sequence[SessionPlan], size_px: Size) -> tuple[list[tu
         for player, wrong_in_ten in visits:
             clock = VirtualClock()
             session = SessionMachine(plan, World, {}, picture_px=picture_size_px(size_px))
-            camera = _Camera(kept, seen, parts, session, clock, player=player, wrong_in_ten=wrong_in_ten)
+            camera = _Camera(screens, screen_kinds, parts, session, clock, player=player, wrong_in_ten=wrong_in_ten)
             try:
                 run_session(session, camera, MemoryRecorder(), clock)
             except SimulationError:  # a world without a planner
@@ -108,12 +109,12 @@ def render_screens(plans: Sequence[SessionPlan], size_px: Size) -> tuple[list[tu
             if session.failure is not None:
                 raise describe_world_failure(session, None) from session.failure
         missing += [part.name for number, part in enumerate(plan.parts) if number not in parts]
-    return kept, tuple(dict.fromkeys(missing))
+    return screens, tuple(dict.fromkeys(missing))
 
 
 @dataclass(frozen=True, slots=True)
 class Screenshots:
-    """What was drawn of a participant's sessions.
+    """The pictures of a participant's sessions.
 
     Attributes:
         screens: a PNG of each screen, numbered in the order in which they come.
@@ -158,7 +159,7 @@ def _contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
 
 
 def _words(screen: Screen, *, but_sums: bool) -> tuple[str, ...]:
-    """What tells a screen from another: its title, text and page; not what counts down, fills or was earned."""
+    """Return a screen's title, text and page, without what counts down, fills or was earned."""
     words = tuple(str(getattr(screen, name, "")) for name in ("title", "body", "page", "question"))
     if but_sums:
         return tuple(_SUM.sub("0", text) for text in words)

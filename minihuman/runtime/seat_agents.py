@@ -42,7 +42,7 @@ class SeatAgent:
         agent.begin(plan, self._world)
 
     def choose(self, steps: Sequence[JointAction]) -> int:
-        """The action that follows these joint actions.
+        """Choose the action that follows these joint actions.
 
         Raises:
             WorldError: if the agent gives no chance to any action.

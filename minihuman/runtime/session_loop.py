@@ -32,7 +32,7 @@ CommandKind = Literal["pause", "go_on", "abort", "note"]
 
 
 class CommandRequest(msgspec.Struct, frozen=True):
-    """One thing asked for."""
+    """A request of the experimenter to a running session."""
 
     what: CommandKind
     text: str = ""  # the note, or why
@@ -67,10 +67,10 @@ class CommandInbox:
         with self._path.open("rb") as file:
             file.seek(self._read)
             data = file.read()
-        whole = data[: data.rfind(b"\n") + 1]
-        self._read += len(whole)
+        complete_lines = data[: data.rfind(b"\n") + 1]
+        self._read += len(complete_lines)
         requests = []
-        for line in whole.splitlines():
+        for line in complete_lines.splitlines():
             try:
                 requests.append(msgspec.json.decode(line, type=CommandRequest))
             except msgspec.DecodeError:
@@ -119,38 +119,39 @@ def run_session(
         Exception: what the window or a bug of ours raised.
     """
     loop = _SessionLoop(session, window, recorder, clock, inbox, agent)
-    # Up to the end: a second Ctrl-C must not break the log off while it is being finished.
-    with receive_end_signals(loop.note_signal):
+    with receive_end_signals(loop.note_signal):  # to the end: a second Ctrl-C must not cut off the log that finishes
         try:
             with _short_switch_interval():
-                try:
-                    loop.run()
-                except PlayerFailedError as error:
-                    loop.take(Stop(clock(), "player_failed", error.reason))
-                    raise
-                except Exception as error:
-                    loop.take(Stop(clock(), "internal_error", f"{type(error).__name__}: {error}"))
-                    raise
+                loop.run_or_stop()
                 loop.hold_last_screen(last_screen_s)
         finally:
             if agent is not None:
                 agent.close()
-            try:
-                session.close()
-            except Exception as error:  # the world is done with; its log is not
-                LOG.warning("the world did not close: %s: %s", type(error).__name__, error)
-            path = recorder.close()
-            if finished is not None and path is not None:
-                finished(path)
+            _close_world(session)
+            path = _finish_log(recorder, finished)
     if loop.log_error:
         raise loop.log_error
     return path
 
 
+def _finish_log(recorder: Recorder, finished: Callable[[Path], object] | None) -> Path | None:
+    path = recorder.close()
+    if finished is not None and path is not None:
+        finished(path)
+    return path
+
+
+def _close_world(session: SessionMachine) -> None:
+    try:
+        session.close()
+    except Exception as error:  # the world is done with; its log is not
+        LOG.warning("the world did not close: %s: %s", type(error).__name__, error)
+
+
 def describe_world_failure(session: SessionMachine, log: Path | None) -> WorldError:
     """Make the error of a session that its world ended: what failed, and where what was recorded is."""
-    kept = "" if log is None else f"; what was recorded up to then is in {log}"
-    return WorldError(f"the world failed ({session.end_detail}){kept}")
+    log_note = "" if log is None else f"; what was recorded up to then is in {log}"
+    return WorldError(f"the world failed ({session.end_detail}){log_note}")
 
 
 class _SessionLoop:
@@ -174,12 +175,27 @@ class _SessionLoop:
         self._inbox = inbox
         self._agent = agent
         self._look_ns = 0  # when to read the inbox again
-        self._shown: Screen | None = None
+        self._last_screen: Screen | None = None
         self._failed = False
 
     def note_signal(self, name: str) -> None:
         """Have the session end at its next input, because of a signal."""
         self.signal_name = name
+
+    def run_or_stop(self) -> None:
+        """Run until the session is over; whatever is raised ends the session in its log first.
+
+        Raises:
+            Exception: what the window, the player or a bug of ours raised.
+        """
+        try:
+            self.run()
+        except PlayerFailedError as error:
+            self.take(Stop(self._clock(), "player_failed", error.reason))
+            raise
+        except Exception as error:
+            self.take(Stop(self._clock(), "internal_error", f"{type(error).__name__}: {error}"))
+            raise
 
     def run(self) -> None:
         """Run until the session is over."""
@@ -193,7 +209,7 @@ class _SessionLoop:
                     self._show()  # each step's picture, though the next key is there already
                     self._answer()
         try:
-            self._written()
+            self._settle_log()
         except LogError as error:
             self._stop(error)
 
@@ -212,11 +228,11 @@ class _SessionLoop:
             self._stop(error)
 
     def hold_last_screen(self, last_screen_s: float) -> None:
-        """Leave on the screen what failed, until a key, the window's cross, a signal or the time ends it."""
+        """Leave the failure on the screen until a key, the window's cross, a signal or the time limit."""
         if not (self._failed or self.log_error):
             return
         try:
-            self._written()
+            self._settle_log()
         except LogError as error:
             self._stop(error)
         if self.log_error:  # also where the end itself could not be written: not all of it is kept
@@ -235,22 +251,24 @@ class _SessionLoop:
         self._window.show(build_end_screen(InterfaceWords(plan.language, plan.words), reason, detail))
 
     def _show(self) -> None:
-        """Show the session's screen if it is a new one; what it answers to was written before."""
+        """Show the session's screen if it is a new one; the events that led to it were written before."""
         screen = self._session.screen
-        if screen is not self._shown:
-            self._shown = screen
-            if (shown := self._display(screen)) is not None:
-                self.take(shown)
+        if screen is self._last_screen:
+            return
+        self._last_screen = screen
+        screen_shown = self._display(screen)
+        if screen_shown is not None:
+            self.take(screen_shown)
 
     def _display(self, screen: Screen) -> ScreenShown | None:
         """Draw a screen while the log is written, and flip when it is; None if it could not be written."""
         try:
-            return self._window.show_after(screen, self._written)
+            return self._window.show_after(screen, self._settle_log)
         except LogError as error:
             self._stop(error)
             return None
 
-    def _written(self) -> None:
+    def _settle_log(self) -> None:
         if not self.log_error:
             self._recorder.settle()
 
@@ -260,12 +278,12 @@ class _SessionLoop:
         self.take(Stop(self._clock(), "disk_full", str(error)))
 
     def _answer(self) -> None:
-        """Give the part that runs what it waits for. After the picture, which nothing is to hold up."""
+        """Give the running part the answer that it waits for; after the picture, which nothing is to hold up."""
         while self._agent is not None and not self._session.over and (want := self._session.request) is not None:
-            given = self._agent.answer(want, self._session.play, self._clock())
-            if given is None:
+            answer = self._agent.answer(want, self._session.play, self._clock())
+            if answer is None:
                 return
-            self.take(given)
+            self.take(answer)
             self._show()
 
     def _next_inputs(self) -> list[Input]:
@@ -281,12 +299,12 @@ class _SessionLoop:
         return inputs
 
     def _new_commands(self) -> list[ExperimenterCommand]:
-        """The experimenter's new requests, looked up several times per second."""
+        """Return the experimenter's new requests, read several times per second."""
         now_ns = self._clock()
         if self._inbox is None or now_ns < self._look_ns:
             return []
         self._look_ns = now_ns + SIGNAL_CHECK_INTERVAL_NS
-        return [ExperimenterCommand(now_ns, one.what, one.text) for one in self._inbox.read_new()]
+        return [ExperimenterCommand(now_ns, request.what, request.text) for request in self._inbox.read_new()]
 
 
 @contextmanager

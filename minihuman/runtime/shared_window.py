@@ -44,76 +44,81 @@ Result = TypeVar("Result")
 class SeatWindow(Window):
     """One person's part of a shared window. Its screens are shown when it is in front, and `wait` says so."""
 
-    def __init__(self, whole: Window, clock: Clock, number: int, seats: int) -> None:
+    def __init__(self, window: Window, clock: Clock, number: int, seats: int) -> None:
         self.session: SessionMachine | None = None  # once it has begun
         self.screen: Screen | None = None
         self.label = f"{number}"
-        self._whole = whole
+        self._window = window  # the shared one
         self._clock = clock
         self._seats = seats
         self._keys: Mapping[str, str] = {}  # that had an action last
         self._inputs: queue.SimpleQueue[Input | tuple[Screen, ScreenShown] | None] = queue.SimpleQueue()
 
     def begin(self, session: SessionMachine) -> None:
-        """Take the session that sits here."""
+        """Take the session of this seat."""
         words = InterfaceWords(session.plan.language, session.plan.words, session.plan.fonts)
-        self.session, self.label = session, words.fill("team.person", number=self.label)
+        self.session = session
+        self.label = words.fill("team.person", number=self.label)
 
     @property
     def waits(self) -> bool:
-        """Whether there is nothing for its person to do."""
+        """Whether the seat's person has nothing to do."""
         screen = self.screen
         return screen is None or (isinstance(screen, TextScreen) and not screen.prompt and not screen.keys)
 
     def has_key(self, key: str) -> bool:
-        """Whether a key does something in its episode, or did in the last one."""
+        """Tell whether a key has an action in the seat's episode, or had one in the last episode."""
         play = None if self.session is None else self.session.play
         if play is not None:
             self._keys = play.plan.key_map.keys
         return key in self._keys
 
-    def put(self, given: Input | tuple[Screen, ScreenShown] | None = None) -> None:
-        """Hand an input to its session, or wake it up."""
-        self._inputs.put(given)
+    def put(self, message: Input | tuple[Screen, ScreenShown] | None = None) -> None:
+        """Hand an input to the seat's session, or wake it up."""
+        self._inputs.put(message)
 
     def show(self, screen: Screen) -> None:  # type: ignore[override]
-        """Have a screen shown; that it was comes with `wait`."""
+        """Have a screen shown; `wait` returns when it was."""
         self.screen = screen
 
-    def show_after(self, screen: Screen, written: Callable[[], None]) -> None:
-        """The same, once what it answers to is written."""
-        written()
+    def show_after(self, screen: Screen, settle_log: Callable[[], None]) -> None:
+        """Have a screen shown once the events that led to it are written."""
+        settle_log()
         self.show(screen)
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Block until its person does something, its screen was shown, or another seat did what may concern it.
+        """Block until the seat's person does something, its screen was shown, or another seat wakes it up.
 
         One input at a time, so that a screen's time is later than what the session did before.
         """
         try:
-            given = self._inputs.get(timeout=None if until_ns is None else max(0.0, (until_ns - self._clock()) / 1e9))
+            timeout_s = None if until_ns is None else max(0.0, (until_ns - self._clock()) / 1e9)
+            message = self._inputs.get(timeout=timeout_s)
         except queue.Empty:
             return []
-        if isinstance(given, tuple):
-            if given[0] is self.screen:
-                return [replace(given[1], t_ns=self._clock())]
+        if message is None:
             return []
-        return [] if given is None else [given]
+        if not isinstance(message, tuple):
+            return [message]
+        screen, screen_shown = message
+        if screen is not self.screen:
+            return []
+        return [replace(screen_shown, t_ns=self._clock())]
 
     def facts(self) -> dict[str, str]:
-        """Those of the whole, and how many share it."""
-        return self._whole.facts() | {"seats_at_window": str(self._seats)}
+        """Return the shared window's facts, and how many seats share it."""
+        return self._window.facts() | {"seats_at_window": str(self._seats)}
 
     @property
     def picture_px(self) -> tuple[int, int] | None:
-        """Its share of the room."""
-        room = self._whole.picture_px
+        """The seat's share of the room."""
+        room = self._window.picture_px
         if room is None:
             return None
         return ((room[0] - GAP_PX * (self._seats - 1)) // self._seats, room[1])
 
     def close(self) -> None:
-        """The whole is not its own to close."""
+        """Do nothing: the shared window is not the seat's to close."""
 
 
 class SharedWindow:
@@ -160,27 +165,28 @@ class SharedWindow:
             seat.put(Stop(self._clock(), reason, detail))
 
     @property
-    def _here(self) -> list[SeatWindow]:
+    def _active_seats(self) -> list[SeatWindow]:
         """The seats whose sessions are not over."""
         return [seat for seat in self.seats if seat.session is None or not seat.session.over] or [*self.seats]
 
     @property
     def _front(self) -> SeatWindow:
-        """Who is asked something; the first, if all play or wait."""
-        return next((seat for seat in self._here if not seat.waits), self._here[0])
+        """The seat that is asked something; the first, if all play or wait."""
+        return next((seat for seat in self._active_seats if not seat.waits), self._active_seats[0])
 
     def _show(self) -> None:
-        """Show what is new."""
+        """Show the screens that are new."""
         front = self._front
-        shown = [seat for seat in self._here if isinstance(seat.screen, PlayScreen)]
-        coming = [(seat, seat.screen) for seat in (shown if front in shown else [front]) if seat.screen is not None]
-        there = {(seat, id(screen)) for seat, screen in self._displayed}
-        new = [(seat, screen) for seat, screen in coming if (seat, id(screen)) not in there]
-        if not new and len(coming) == len(there):
+        playing = [seat for seat in self._active_seats if isinstance(seat.screen, PlayScreen)]
+        in_view = playing if front in playing else [front]
+        coming = [(seat, seat.screen) for seat in in_view if seat.screen is not None]
+        displayed = {(seat, id(screen)) for seat, screen in self._displayed}
+        new = [(seat, screen) for seat, screen in coming if (seat, id(screen)) not in displayed]
+        if not new and len(coming) == len(displayed):
             return
-        seen = self._window.show(_compose([seat.label for seat, _ in coming], [screen for _, screen in coming]))
+        frame = self._window.show(_compose([seat.label for seat, _ in coming], [screen for _, screen in coming]))
         for seat, screen in new:
-            seat.put((screen, replace(seen, step=screen.step) if isinstance(screen, PlayScreen) else seen))
+            seat.put((screen, replace(frame, step=screen.step) if isinstance(screen, PlayScreen) else frame))
         self._displayed = coming
 
     def _route(self, happened: Input) -> None:
@@ -199,35 +205,40 @@ class SharedWindow:
             seat.put(happened)
 
     def _owners(self, key: str) -> Sequence[SeatWindow]:
-        """Whose a key is, by what people see: in play the seat's that has it; one that none has is in each log."""
-        phases = {seat.session.phase for seat in self._here if seat.session is not None}
+        """Return the seats that a key is for, by what people see: in play those that have it, else all of them."""
+        phases = {seat.session.phase for seat in self._active_seats if seat.session is not None}
         if key in _STOP_KEYS or phases.intersection(_QUESTIONS):
-            return self._here
-        seen = [seat for seat, screen in self._displayed if isinstance(screen, PlayScreen)]
-        if not seen:
+            return self._active_seats
+        visible_seats = [seat for seat, screen in self._displayed if isinstance(screen, PlayScreen)]
+        if not visible_seats:
             return [seat for seat, _ in self._displayed] or [self._front]
-        return [seat for seat in self._here if seat.has_key(key)] or seen
+        return [seat for seat in self._active_seats if seat.has_key(key)] or visible_seats
 
 
 def _compose(labels: Sequence[str], screens: Sequence[Screen]) -> Screen:
-    """One screen: pictures side by side, or one person's, that says whose it is."""
+    """Compose one screen: pictures side by side, or one person's screen with its seat's label."""
     first = screens[0]
     if isinstance(first, TextScreen | PageScreen | QuestionScreen):
-        return replace(first, title=f"{labels[0]}: {first.title}" if first.title else labels[0])
+        title = f"{labels[0]}: {first.title}" if first.title else labels[0]
+        return replace(first, title=title)
     plays = [screen for screen in screens if isinstance(screen, PlayScreen)]
     if not plays:
         return first
     gap = np.full((len(plays[0].picture), GAP_PX, 3), GROUND, np.uint8)
     pictures = list(chain.from_iterable((gap, screen.picture) for screen in plays))[1:]
-    said = [f"{label}: {one.controller_text}" for label, one in zip(labels, plays, strict=True) if one.controller_text]
+    controllers = [
+        f"{label}: {screen.controller_text}"
+        for label, screen in zip(labels, plays, strict=True)
+        if screen.controller_text
+    ]
     return replace(
         plays[0],
         progress="   ".join((labels[0], plays[0].progress, *labels[1:])) if len(plays) > 1 else plays[0].progress,
         picture=np.concatenate(pictures, axis=1) if plays[0].picture.size else plays[0].picture,
         legend=tuple(chain.from_iterable(screen.legend for screen in plays)),
         labels=tuple(chain.from_iterable(screen.labels for screen in plays)),
-        controller="person" if said else "",
-        controller_text="   ".join(said),
+        controller="person" if controllers else "",
+        controller_text="   ".join(controllers),
     )
 
 
@@ -240,7 +251,7 @@ def host_team(
     *,
     markers: bool = False,
 ) -> list[Path | None]:
-    """Run the sessions of people who share this machine; the logs, as `host_session` returns each.
+    """Run the sessions of people who share this machine; return the logs, as `host_session` does for each.
 
     Raises:
         Exception: what `host_session` raises for one of them; the others were ended, and their logs finished.
@@ -250,8 +261,8 @@ def host_team(
     def play(plan: SessionPlan, seat: SeatWindow) -> Path | None:
         agent = make_agent_host(protocol, plan, data, teams=table, changed=seat.put)
         try:
-            return host_session(plan, seat, clock, data, markers=markers, agent=agent, begun=seat.begin)
+            return host_session(plan, seat, clock, data, markers=markers, agent=agent, on_begin=seat.begin)
         finally:
             table.depart()
 
-    return shared.run([partial(play, *one) for one in zip(plans, shared.seats, strict=True)])
+    return shared.run([partial(play, *plan_and_seat) for plan_and_seat in zip(plans, shared.seats, strict=True)])

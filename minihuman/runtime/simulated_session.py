@@ -56,9 +56,7 @@ def simulate(
     """Run simulated participants one after the other, in the next free slots; yield the log of each of their sessions.
 
     A study of several sessions is played to its end, without the days between; a participant who is screened out does
-    not come back.
-    Each has a random stream of its own, from ``seed``, its slot, and how many left that slot before.
-
+    not come back. Each has a random stream of its own, from ``seed``, its slot, and how many left that slot before.
     A player that crashes or gives no answer ends its session as ``player_failed``, its slot is free again, and no
     further session begins. ``make_world`` makes the sessions' worlds.
 
@@ -76,8 +74,8 @@ def simulate(
         plan = plan_next_session(protocol, data)
         place = plan.participant.index
         taken_over = int(plan.participant.id.partition("-")[2]) - 1 - place  # 0 for the slot's first participant
-        who = (place, *filter(None, (left[place], taken_over)))
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=who))
+        stream_key = (place, *filter(None, (left[place], taken_over)))
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=stream_key))
         return plan, make_participant(player, rng)
 
     if any(len(team.persons) > 1 for _, team in list_teams(protocol, None)):
@@ -91,7 +89,7 @@ def simulate(
 def _simulate_teams(
     protocol: Protocol, data: Path, people: list[tuple[SessionPlan, SimulatedParticipant]], facts: dict[str, str]
 ) -> Iterator[Path]:
-    """All at once, a thread each, as they wait for each other; what they do depends on no thread's speed."""
+    """Simulate all at once, a thread each, as they wait for each other; no thread's speed changes what they do."""
     teams = TeamTable(protocol, data, lambda: 0.0, gather=len(people))
 
     def play(person: tuple[SessionPlan, SimulatedParticipant]) -> list[Path]:
@@ -116,7 +114,7 @@ def _play_sessions(
     *,
     make_world: WorldFactory = World,
 ) -> Iterator[Path]:
-    """All sessions of one person, who is counted in ``left`` if there are no data of them."""
+    """Play all sessions of one person, who is counted in ``left`` if there are no data of them."""
     place = plan.participant.index
     log, reason = _play(protocol, plan, person, data, facts, before=left[place], teams=teams, make_world=make_world)
     if log is None:

@@ -97,11 +97,11 @@ class SimulatedWindow(Window, SimulatedPerson):
         return [happened]
 
     def facts(self) -> dict[str, str]:
-        """What it is."""
+        """Return the facts of the window."""
         return {"window": "simulated"}
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing: there is nothing to give back."""
 
     # What the simulators of parts can do
 
@@ -160,7 +160,7 @@ class SimulatedWindow(Window, SimulatedPerson):
             self._do_usual()
 
     def _find_simulator(self, kind: str) -> PartSimulator | None:
-        """The simulator of a kind's parts; None where it has none."""
+        """Find the simulator of a kind's parts; None where it has none."""
         if kind not in self._simulators:
             module, _, name = find_kind(kind).simulator.partition(":")
             self._simulators[kind] = getattr(import_module(module), name)(self) if module else None

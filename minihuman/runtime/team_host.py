@@ -272,12 +272,11 @@ class TeamTable:
 
 
 class TeamMember(RequestHandler):
-    """Answers one session's requests for its team, and hands others on.
+    """Answers one session's requests for its team.
 
     Args:
         table: the study's teams.
         plan: the session.
-        then: answers the other requests; None where there are none.
         patient: wait for the others instead of saying that nothing is there yet.
         changed: called when another member's input may have an answer for this one.
         signs: of life, of the page that the session is in; None: there is no page, and each request is a sign.
@@ -287,7 +286,6 @@ class TeamMember(RequestHandler):
         self,
         table: TeamTable,
         plan: SessionPlan,
-        then: RequestHandler | None,
         *,
         patient: bool = False,
         changed: Callable[[], None] = lambda: None,
@@ -296,7 +294,6 @@ class TeamMember(RequestHandler):
         self.table = table
         self.plan = plan
         self.changed = changed
-        self._then = then
         self._patient = patient
         self._is_in_page = signs is not None
         self.signs = signs or LifeSigns()
@@ -304,9 +301,7 @@ class TeamMember(RequestHandler):
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
         """The team, the start of an episode or a joint action; None as long as others are waited for."""
         if not isinstance(want, TeamRequest | ReadyRequest | JointRequest):
-            if self._then is None:
-                return None
-            return self._then.answer(want, play, t_ns)
+            return None
         has_submitted = not isinstance(want, JointRequest) or want.action is not None
         with self.table.lock:
             answer = self._ask(want, play)
@@ -338,8 +333,6 @@ class TeamMember(RequestHandler):
     def close(self) -> None:
         """The session is over."""
         self.table.leave(self)
-        if self._then is not None:
-            self._then.close()
 
 
 if not TYPE_CHECKING:

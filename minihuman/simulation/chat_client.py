@@ -65,15 +65,15 @@ class ChatAnswer:
 
 
 def _shut(connection: http.client.HTTPConnection) -> None:
-    """Let whoever reads from a connection hear of its end."""
-    line: socket.socket | None = connection.sock
-    if line is not None:
+    """Shut a connection down, so that a thread that reads from it returns."""
+    opened: socket.socket | None = connection.sock
+    if opened is not None:
         with suppress(OSError):
-            line.shutdown(socket.SHUT_RDWR)
+            opened.shutdown(socket.SHUT_RDWR)
 
 
 class ModelClient(abc.ABC):
-    """Answers for whoever sits in a participant's place; each session has its own."""
+    """Answers in a participant's place; each session has its own."""
 
     model: str  # its name, as the log is to hold it
 
@@ -122,8 +122,11 @@ class ChatClient(ModelClient):
             raise SimulationError(
                 f"{BASE_URL} is not a valid URL; set it to one such as https://HOST/v1, or unset it to use OpenAI's"
             )
-        self._tls = ssl.create_default_context() if url.scheme == "https" else None
-        self._host, self._path = host, f"{url.path.rstrip('/')}/chat/completions"
+        self._tls: ssl.SSLContext | None = None
+        if url.scheme == "https":
+            self._tls = ssl.create_default_context()
+        self._host = host
+        self._path = f"{url.path.rstrip('/')}/chat/completions"
         self._connection: http.client.HTTPConnection | None = None
 
     def ask(self, prompt: Prompt) -> ChatAnswer:
@@ -168,7 +171,9 @@ class ChatClient(ModelClient):
         return call_within(self._timeout_s, exchange, shut=partial(_shut, self._connection))
 
     def _exchange(self, connection: http.client.HTTPConnection, body: bytes) -> tuple[int, bytes]:
-        headers = {"Content-Type": "application/json"} | ({"Authorization": f"Bearer {self._key}"} if self._key else {})
+        headers = {"Content-Type": "application/json"}
+        if self._key:
+            headers["Authorization"] = f"Bearer {self._key}"
         connection.request("POST", self._path, body, headers)
         response = connection.getresponse()
         content = response.read(MAX_ANSWER_BYTES + 1)
@@ -178,14 +183,14 @@ class ChatClient(ModelClient):
 
     def _read(self, content: bytes, latency_ms: float) -> ChatAnswer:
         try:
-            found = json.loads(content)
-            choice = found["choices"][0]
-            usage = found.get("usage") or {}
+            completion = json.loads(content)
+            choice = completion["choices"][0]
+            usage = completion.get("usage") or {}
             message = choice["message"]
             return ChatAnswer(
                 text=self._clean(message.get("content")),
                 reasoning=self._clean(message.get("reasoning") or message.get("reasoning_content")),
-                model=_FOLDER.sub("", self._clean(found.get("model"))) or self.model,
+                model=_FOLDER.sub("", self._clean(completion.get("model"))) or self.model,
                 finish_reason=self._clean(choice.get("finish_reason")),
                 prompt_tokens=min(MAX_TOKENS, max(0, int(usage.get("prompt_tokens") or 0))),
                 completion_tokens=min(MAX_TOKENS, max(0, int(usage.get("completion_tokens") or 0))),
@@ -195,16 +200,18 @@ class ChatClient(ModelClient):
             raise ModelUnavailableError("not a chat completion", temporary=False) from None
 
     def _read_error(self, content: bytes) -> str:
-        """What the provider says of an error, in one line without what is private; "" where it says nothing."""
+        """Return what the provider says of an error, in one line without what is private; "" if it says nothing."""
         try:
-            said = self._clean(json.loads(content)["error"]["message"])
+            message = self._clean(json.loads(content)["error"]["message"])
         except _NOT_A_COMPLETION:
             return ""
-        return _PRIVATE.sub("[...]", " ".join(said.replace(self._host, "[...]").split()))[:MAX_ERROR]
+        return _PRIVATE.sub("[...]", " ".join(message.replace(self._host, "[...]").split()))[:MAX_ERROR]
 
     def _clean(self, text: Any) -> str:
-        """A text without the key, whatever a server echoes."""
-        cleaned = (text if isinstance(text, str) else "").encode("utf-8", "replace").decode()
+        """Return a text without the key, whatever a server echoes."""
+        if not isinstance(text, str):
+            return ""
+        cleaned = text.encode("utf-8", "replace").decode()
         if len(self._key) >= MIN_SECRET:
             return cleaned.replace(self._key, "[key]")
         return cleaned

@@ -14,7 +14,6 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.activities.trials.response_model import TrialResponder, find_stimulus
 from minihuman.agents.goal_search import GoalSearch
 from minihuman.agents.search_choice import build_search
 from minihuman.errors import SimulationError, WorldError
@@ -22,6 +21,7 @@ from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.stimuli import Stimulus
 from minihuman.plugins import read_settings
 from minihuman.simulation.participant import KeyPress, NoPress, SimulatedParticipant
+from minihuman.simulation.response_model import TrialResponder, find_stimulus
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import hash64
 
@@ -85,7 +85,7 @@ class ParticipantParameters:
             raise SimulationError(f"practice_presses is {self.practice_presses}; use 1 or more")
 
     def practice_factor(self, presses: int) -> float:
-        """1 before the first press, falling to ``1 - practice``."""
+        """Return the factor of practice: 1 before the first press, falling to ``1 - practice``."""
         return 1 - self.practice * -math.expm1(-presses / self.practice_presses)
 
     def reaction_ms(
@@ -97,23 +97,24 @@ class ParticipantParameters:
         extra_ms: float = 0.0,
         state: NDArray[np.float64] | None = None,
     ) -> float:
-        """A reaction time after so many presses; ``again`` is one to the key pressed last.
+        """Draw a reaction time after so many presses; ``again`` is one to the key pressed last.
 
         ``state``, (2,) and 0 at first, holds what the next time shares with this one, where they are autocorrelated.
         """
         if state is None or not self.autocorrelation:
-            drawn = rng.normal(self.mu_ms, self.sigma_ms) + rng.exponential(self.tau_ms)
+            sampled_ms = rng.normal(self.mu_ms, self.sigma_ms) + rng.exponential(self.tau_ms)
         else:  # both parts keep their distribution: normal, and exponential by the normal's quantiles
-            rest = math.sqrt(1 - self.autocorrelation**2)
-            state[:] = self.autocorrelation * state + rest * rng.standard_normal(2)
-            drawn = (
+            innovation_sd = math.sqrt(1 - self.autocorrelation**2)
+            state[:] = self.autocorrelation * state + innovation_sd * rng.standard_normal(2)
+            sampled_ms = (
                 self.mu_ms + self.sigma_ms * state[0] - self.tau_ms * math.log(math.erfc(state[1] / math.sqrt(2)) / 2)
             )
         if self.pause and rng.random() < self.pause:
             extra_ms += rng.uniform(1500, 5000)
         factor = self.practice_factor(presses) * (1 + self.fatigue * presses / 1000)
-        factor *= self.repeat_factor if again else 1.0
-        return float(min(max(self.floor_ms, drawn * factor + extra_ms), _LONGEST_S * 1000))
+        if again:
+            factor *= self.repeat_factor
+        return float(min(max(self.floor_ms, sampled_ms * factor + extra_ms), _LONGEST_S * 1000))
 
 
 PARAMETER_SPREADS = {  # the standard deviation of each parameter's logarithm between people
@@ -135,7 +136,7 @@ PARAMETER_SPREADS = {  # the standard deviation of each parameter's logarithm be
 
 @dataclass(frozen=True, slots=True)
 class ParticipantPopulation:
-    """A population: fixed parameters apply to everybody, the others vary around the median."""
+    """A population: fixed parameters apply to all people, the others vary around the median."""
 
     median: ParticipantParameters = ParticipantParameters()  # frozen
     fixed: frozenset[str] = frozenset()
@@ -149,7 +150,7 @@ class ParticipantPopulation:
             SimulationError: if a name is no parameter, or a value no number.
         """
         defaults = {field.name: field.default for field in fields(ParticipantParameters)} | {"spread": 1.0}
-        values = read_settings(text, defaults, SimulationError, of="human-like", aliases=EARLIER_NAMES)
+        values = read_settings(text, defaults, SimulationError, owner="human-like", aliases=EARLIER_NAMES)
         spread = values.pop("spread", 1.0)
         if not 0 <= spread < math.inf:
             raise SimulationError(f"spread is {spread}; use 0 or more")
@@ -157,13 +158,14 @@ class ParticipantPopulation:
 
     def draw(self, rng: np.random.Generator) -> ParticipantParameters:
         """Draw one person."""
-        drawn = {}
+        parameters = {}
         for name, spread in PARAMETER_SPREADS.items():
             factor = math.exp(self.spread * spread * float(rng.standard_normal()))  # the same draws whatever is fixed
             if name not in self.fixed:
-                value = getattr(self.median, name) * factor
-                drawn[name] = min(value, 0.9) if name in _CHANCES else value
-        return replace(self.median, **drawn)
+                parameters[name] = getattr(self.median, name) * factor
+                if name in _CHANCES:
+                    parameters[name] = min(parameters[name], 0.9)
+        return replace(self.median, **parameters)
 
 
 class HumanLikeParticipant(SimulatedParticipant):
@@ -197,8 +199,8 @@ class HumanLikeParticipant(SimulatedParticipant):
             self._understood = {}
             self._fruitless = {}
         elif plan.block != before.block:
-            kept = [key for key in self._understood if self._rng.random() >= self.person.key_forgetting]
-            self._understood = {key: plan.key_map.keys[key] for key in kept}
+            remembered = [key for key in self._understood if self._rng.random() >= self.person.key_forgetting]
+            self._understood = {key: plan.key_map.keys[key] for key in remembered}
             self._fruitless = {}
         if plan.show_keys:
             self._understood = dict(plan.key_map.keys)
@@ -221,24 +223,26 @@ class HumanLikeParticipant(SimulatedParticipant):
         if (stimulus := find_stimulus(world.unwrapped)) is not None:
             return self._respond(stimulus)
         assert self._search is not None, "begin() comes first"
-        seen = hash64([repr(world.pose()), world.observation])
-        extra_ms = self.person.post_error_slowing_ms if self._no_effect else 0.0
+        view_hash = hash64([repr(world.pose()), world.observation])
+        extra_ms = 0.0
+        if self._no_effect:
+            extra_ms = self.person.post_error_slowing_ms
         if self._last is None:
             extra_ms = float(self._rng.exponential(self.person.orientation_ms))
         else:
-            self._learn(*self._last, seen)
+            self._learn(*self._last, view_hash)
             self._search.forget(-math.expm1(-self.person.forgetting_rate_per_s * self._passed_ms / 1000))
         key = self._choose(self._search)
         again = self._last is not None and key == self._last[0]
         self._passed_ms = self.person.reaction_ms(
             self._rng, presses=self._presses, again=again, extra_ms=extra_ms, state=self._state
         )
-        self._last = key, seen
+        self._last = key, view_hash
         self._presses += 1
         return KeyPress(key, self._passed_ms)
 
     def _respond(self, stimulus: Stimulus) -> KeyPress | NoPress:
-        """Respond to a trial; people are told the keys of a trial's responses."""
+        """Respond to a trial, whose keys people know from its instructions."""
         assert self._plan is not None, "begin() comes first"
         keys = {action: key for key, action in self._plan.key_map.keys.items()}
         responses = [action for action in self._plan.actions if action in keys]
@@ -247,12 +251,12 @@ class HumanLikeParticipant(SimulatedParticipant):
             return KeyPress(keys[response.response], response.time_ms)
         return NoPress()
 
-    def _learn(self, key: str, before: int, seen: int) -> None:
+    def _learn(self, key: str, previous_hash: int, view_hash: int) -> None:
         """Learn from what the last key did."""
         assert self._plan is not None
         assert self._search is not None
         action = self._plan.key_map.keys.get(key)
-        self._no_effect = seen == before or action is None
+        self._no_effect = view_hash == previous_hash or action is None
         if self._no_effect:
             self._fruitless[key] = self._fruitless.get(key, 0) + 1
         if action is not None:
@@ -270,8 +274,10 @@ class HumanLikeParticipant(SimulatedParticipant):
             self._detour = [self._any(sorted(self._understood)) for _ in range(length)]
         if self._detour:
             return self._detour.pop()
-        known = [key for key, action in self._understood.items() if path[:1] == [action]]
-        return known[0] if known else self._untried()
+        for key, action in self._understood.items():
+            if path[:1] == [action]:
+                return key
+        return self._untried()
 
     def _plan_path(self, search: GoalSearch) -> list[str]:
         """Plan from here; give up for the episode once a search took too long."""
@@ -293,5 +299,5 @@ class HumanLikeParticipant(SimulatedParticipant):
 
 
 def _key_positions(plan: EpisodePlan) -> dict[str, int]:
-    """The position of each key's action in the block's list of actions, which stays when keys are carried over."""
+    """Return the position of each key's action in the block's list of actions, which stays when keys carry over."""
     return {key: plan.actions.index(action) for key, action in plan.key_map.keys.items() if action in plan.actions}

@@ -77,53 +77,77 @@ class AnswerRule:
     may_skip: bool = False
 
     def read(self, answer: str) -> str | None:
-        """How an answer is read ("key 3"); None for one that is not valid."""
+        """Read an answer ("key 3"); None for one that is not valid."""
         lines = [line for line in answer.strip().splitlines() if line.strip()]
-        marked = [found["answer"] for line in lines if (found := _ANSWER.match(line))]
-        said = (marked[-1] if marked else lines[-1] if self.text and lines else answer).strip().strip("`'\"<>*").strip()
-        word = said.rstrip(".").strip().lower()
+        marked = [match["answer"] for match in map(_ANSWER.match, lines) if match]
+        if marked:
+            chosen = marked[-1]
+        elif self.text and lines:
+            chosen = lines[-1]
+        else:
+            chosen = answer
+        words = chosen.strip().strip("`'\"<>*").strip()
+        word = words.rstrip(".").strip().lower()
         if self.keys:
-            key = dict(self.named).get(word, word.removeprefix("key ").strip())
-            if key in self.keys:
-                return f"key {key}"
-            if word == WAIT and self.may_wait:
-                return WAIT
-            return None
+            return self._read_key(word)
         if self.buttons:
-            button = word.replace(" ", "_")
-            if button in self.buttons:
-                return f"button {button}"
-            return None
+            return self._read_button(word)
         if word == SKIP and self.may_skip:
             return SKIP
         if self.targets:
-            if _NUMBERS.fullmatch(word):
-                numbers = [int(number) for number in re.findall(r"\d+", word)]
-            else:
-                numbers = []
-            right = all(1 <= number <= len(self.targets) for number in numbers) and (self.many or len(numbers) == 1)
-            if numbers and right:
-                return f"choose {' '.join(map(str, numbers))}"
-            return None
+            return self._read_options(word)
         if self.number:
-            try:
-                if 0 <= float(word) <= 100:
-                    return f"slide {float(word)}"
-                return None
-            except ValueError:
-                return None
-        typed = "".join(letter for letter in said if letter.isprintable())
-        return f"text {typed}" if self.text and typed else None
+            return _read_slider(word)
+        typed = "".join(letter for letter in words if letter.isprintable())
+        if self.text and typed:
+            return f"text {typed}"
+        return None
+
+    def _read_key(self, word: str) -> str | None:
+        key = dict(self.named).get(word, word.removeprefix("key ").strip())
+        if key in self.keys:
+            return f"key {key}"
+        if word == WAIT and self.may_wait:
+            return WAIT
+        return None
+
+    def _read_button(self, word: str) -> str | None:
+        button = word.replace(" ", "_")
+        if button in self.buttons:
+            return f"button {button}"
+        return None
+
+    def _read_options(self, word: str) -> str | None:
+        if not _NUMBERS.fullmatch(word):
+            return None
+        numbers = [int(number) for number in re.findall(r"\d+", word)]
+        if not self.many and len(numbers) != 1:
+            return None
+        if not all(1 <= number <= len(self.targets) for number in numbers):
+            return None
+        return f"choose {' '.join(map(str, numbers))}"
+
+
+def _read_slider(word: str) -> str | None:
+    try:
+        number = float(word)
+    except ValueError:
+        return None
+    if 0 <= number <= 100:
+        return f"slide {number}"
+    return None
 
 
 def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | None:
-    """What a screen takes; None where nothing is to be decided: it is only read, or passes by itself."""
+    """Find what a screen takes; None where nothing is to be decided: it is only read, or passes by itself."""
     match screen:
         case PlayScreen() if session.play is not None:
             named = tuple((action.lower(), key) for key, action in screen.legend)
             wait = session.part.real_time
             keys = session.plan.key_pool
-            or_wait = f", or '{WAIT}' to press none" if wait else ""
+            or_wait = ""
+            if wait:
+                or_wait = f", or '{WAIT}' to press none"
             request = f"Answer with one key of: {' '.join(keys)}{or_wait}."
             return AnswerRule("play", request, keys=keys, named=named, may_wait=wait)
         case PageScreen(buttons=buttons) if screen.page == screen.pages:
@@ -165,34 +189,39 @@ def _find_question_rule(item: Any) -> AnswerRule:
             return AnswerRule("question", "Answer with one shape's number.", targets=targets)
         case Slider():
             return AnswerRule("question", "Answer with a number from 0 (left end) to 100 (right end).", number=True)
-    typed = len(item.text) if isinstance(item, TextField) else 0
+    typed = 0
+    if isinstance(item, TextField):
+        typed = len(item.text)
     return AnswerRule("question", "Answer with a text of one line.", text=True, typed=typed)
 
 
 def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
-    """The inputs that an answer stands for, in order of time; each leaves one event in the log."""
-    how, _, what = reading.partition(" ")
-    match how:
+    """List the inputs that an answer stands for, in order of time; each leaves one event in the log."""
+    action, _, argument = reading.partition(" ")
+    match action:
         case "key":
-            return [KeyDown(t_ns, what, what), KeyUp(t_ns + round(HOLD_MS * NS_PER_MS), what, what)]
+            return [KeyDown(t_ns, argument, argument), KeyUp(t_ns + round(HOLD_MS * NS_PER_MS), argument, argument)]
         case "button":
-            return _click(t_ns, what)
+            return _click(t_ns, argument)
         case "choose":
-            wanted = {int(number) - 1 for number in what.split()}
+            indices = {int(number) - 1 for number in argument.split()}
             if rule.many:
-                numbers = sorted(wanted ^ set(rule.chosen))
+                numbers = sorted(indices ^ set(rule.chosen))
             else:
-                numbers = sorted(wanted)
+                numbers = sorted(indices)
             clicks = [(rule.targets[number], 0.5) for number in numbers]
         case "slide":
-            clicks = [("slider", float(what) / 100)]
+            clicks = [("slider", float(argument) / 100)]
         case "text":
             clicks = []
         case _:
-            return [] if reading == WAIT else _click(t_ns, "go_on")  # skip
+            if reading == WAIT:
+                return []
+            return _click(t_ns, "go_on")  # skip
     step_ns = round(2 * HOLD_MS * NS_PER_MS)
-    typed: list[Input] = [TextInput(t_ns, what)] if how == "text" else []
-    inputs = [*(kind(t_ns, "backspace") for _ in range(rule.typed) for kind in (KeyDown, KeyUp)), *typed]
+    inputs: list[Input] = [kind(t_ns, "backspace") for _ in range(rule.typed) for kind in (KeyDown, KeyUp)]
+    if action == "text":
+        inputs.append(TextInput(t_ns, argument))
     for number, (target, along) in enumerate(clicks):
         inputs += _click(t_ns + number * step_ns, target, along)
     return inputs + _click(t_ns + max(1, len(clicks)) * step_ns, "go_on")
@@ -205,7 +234,7 @@ def _click(t_ns: int, target: str, along: float = 0.5) -> list[Input]:
 
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """What is sent, and what of it is logged."""
+    """A request's messages, and what of it is logged."""
 
     messages: list[dict[str, Any]]
     sha256: str
@@ -219,7 +248,7 @@ class Prompt:
 
 
 class Conversation:
-    """What a model was shown and what it said: composes the next prompt.
+    """Records what a model was shown and answered, and composes the next prompt.
 
     Args:
         spec: the protocol's settings.
@@ -230,12 +259,12 @@ class Conversation:
         self._read: list[str] = []  # pages, which stay in every prompt
         self._since: list[str] = []  # texts since the last answer
         self._past: list[tuple[str, str]] = []  # screen in words, and the answer to it
-        self._asked = ""
+        self._question = ""
         self._last: Screen | None = None
         self._canvas = np.zeros(
             (*spec.size_px[::-1], 3), np.uint8
         )  # what was drawn last, so that only changes are drawn
-        self._drawn: Screen | None = None
+        self._drawn_screen: Screen | None = None
 
     def see(self, screen: Screen) -> None:
         """Take note of a screen that is shown; the same one again changes nothing."""
@@ -258,24 +287,26 @@ class Conversation:
             self._since.append(text)
 
     def build_prompt(self, screen: Screen, rule: AnswerRule, session: SessionMachine) -> Prompt:
-        """The messages for a screen that is to be answered."""
-        shown = "\n\n".join(_describe_screen(screen, session, self._spec))
-        self._asked = "\n\n".join(filter(None, [*self._since, shown]))
-        text = f"{self._asked}\n\n{rule.request}"
+        """Build the messages for a screen that is to be answered."""
+        description = "\n\n".join(_describe_screen(screen, session, self._spec))
+        self._question = "\n\n".join(filter(None, [*self._since, description]))
+        text = f"{self._question}\n\n{rule.request}"
         messages: list[dict[str, Any]] = [{"role": "system", "content": _join(RULES, *self._read)}]
-        for said, answer in self._past[len(self._past) - self._spec.history :] if self._spec.history else ():
-            messages += [{"role": "user", "content": said}, {"role": "assistant", "content": answer}]
+        for earlier_text, answer in self._list_history():
+            messages += [{"role": "user", "content": earlier_text}, {"role": "assistant", "content": answer}]
         picture = self._draw(screen)
         plain = [*messages, {"role": "user", "content": text}]
-        if picture is None:
-            drawn = b""
-        else:
-            drawn = str(picture.shape).encode() + picture.tobytes()
-        digest = hashlib.sha256(drawn).hexdigest() if drawn else ""
+        png = None
+        content: Any = text
+        digest = ""
+        if picture is not None:
+            png = encode_png(picture)
+            content = [{"type": "text", "text": text}, _make_image_part(png)]
+            digest = hashlib.sha256(str(picture.shape).encode() + picture.tobytes()).hexdigest()
         sha256 = hashlib.sha256(json.dumps([plain, digest], ensure_ascii=False).encode()).hexdigest()
-        tokens = sum(len(one["content"].encode()) for one in plain) // 3 + TOKENS_PER_PICTURE * (picture is not None)
-        png = None if picture is None else encode_png(picture)
-        content: Any = text if png is None else [{"type": "text", "text": text}, _make_image_part(png)]
+        tokens = sum(len(message["content"].encode()) for message in plain) // 3 + TOKENS_PER_PICTURE * (
+            picture is not None
+        )
         sent = [*messages, {"role": "user", "content": content}]
         if self._spec.modality != "picture":
             observation = _list_observation(session)
@@ -283,19 +314,26 @@ class Conversation:
             observation = None
         return Prompt(sent, sha256, digest, tokens, text, _join(*self._read), rule, png, observation)
 
+    def _list_history(self) -> list[tuple[str, str]]:
+        """List the earlier screens and answers that a prompt repeats; logs prove prompts, so this may not change."""
+        if not self._spec.history:
+            return []
+        return self._past[len(self._past) - self._spec.history :]
+
     def _draw(self, screen: Screen) -> NDArray[np.uint8] | None:
-        """The whole screen as a window draws it, uint8[H, W, 3]; None where words say it all."""
+        """Draw the whole screen as a window draws it, uint8[H, W, 3]; None where words say it all."""
         if getattr(screen, "picture", None) is None or self._spec.modality == "text":
             return None
-        repaint_screen(self._canvas, self._drawn, screen)
-        self._drawn = screen
+        repaint_screen(self._canvas, self._drawn_screen, screen)
+        self._drawn_screen = screen
         return self._canvas
 
     def take(self, call: ModelCall) -> None:
         """Take an answer, valid or not."""
-        self._past.append((self._asked, call.answer))
-        repeated = call.verdict != "valid" and self._spec.invalid == "retry"
-        self._since = ["That answer was not valid."] if repeated else []
+        self._past.append((self._question, call.answer))
+        self._since = []
+        if call.verdict != "valid" and self._spec.invalid == "retry":
+            self._since.append("That answer was not valid.")
 
 
 def _make_image_part(png: bytes) -> dict[str, Any]:
@@ -307,7 +345,7 @@ def _join(*texts: str) -> str:
 
 
 def _describe_screen(screen: Screen, session: SessionMachine, spec: ModelSpec) -> Iterator[str]:
-    """The screen's texts, in reading order."""
+    """Yield the screen's texts, in reading order."""
     match screen:
         case PlayScreen():
             yield from filter(None, [screen.progress, screen.mission[:1].upper() + screen.mission[1:]])
@@ -327,12 +365,13 @@ def _describe_item(item: Any) -> str:
         case OptionList(options=options):
             return "\n".join(f"{number}. {option}" for number, option in enumerate(options, 1))
         case RatingScale(points=points, low=low, high=high):
-            return _join("\n".join(f"{number}. {one}" for number, one in enumerate(points, 1)), f"{low} ... {high}")
+            return _join("\n".join(f"{number}. {point}" for number, point in enumerate(points, 1)), f"{low} ... {high}")
         case RatingMatrix(rows=rows, points=points, low=low, high=high):
             cells = enumerate(((row, point) for row in rows for point in points), 1)
             return _join("\n".join(f"{n}. {row}: {point}" for n, (row, point) in cells), f"{low} ... {high}")
         case ShapeCanvas(shapes=shapes):
-            return "\n".join(f"{n}. {one.label}" for n, one in enumerate((one for one in shapes if one.target), 1))
+            answers = [shape for shape in shapes if shape.target]
+            return "\n".join(f"{number}. {shape.label}" for number, shape in enumerate(answers, 1))
         case Slider(low=low, high=high):
             return f"{low} ... {high}"
         case TextField(unit=unit):
@@ -341,15 +380,19 @@ def _describe_item(item: Any) -> str:
 
 
 def _list_observation(session: SessionMachine) -> Any:
-    found = None if session.play is None else session.play.world.observation
-    if not isinstance(found, dict):
+    if session.play is None:
         return None
-    return {name: one.tolist() if isinstance(one, np.ndarray | np.generic) else one for name, one in found.items()}
+    observation = session.play.world.observation
+    if not isinstance(observation, dict):
+        return None
+    return {
+        name: part.tolist() if isinstance(part, np.ndarray | np.generic) else part for name, part in observation.items()
+    }
 
 
 @dataclass(frozen=True, slots=True)
 class SpentTotals:
-    """What the calls of a session have cost so far; unknown ones count as paid."""
+    """The cost of a session's calls so far; calls whose cost is unknown count in full."""
 
     calls: int = 0
     tokens: int = 0
@@ -357,7 +400,7 @@ class SpentTotals:
     latency_ms: float = 0.0
 
     def add(self, call: ModelCall) -> "SpentTotals":
-        """The totals with a call's end."""
+        """Return the totals with a call's end."""
         if call.state == "asked":
             return self
         return SpentTotals(
@@ -369,14 +412,14 @@ class SpentTotals:
 
 
 def find_picture_size(spec: ModelSpec) -> tuple[int, int] | None:
-    """The largest picture of a world on the screens that a model is sent; None where it is sent words only."""
+    """Find the largest picture of a world on the screens that a model is sent; None where it is sent words only."""
     if spec.modality == "text":
         return None
     return picture_size_px(spec.size_px)
 
 
 def count_price(spec: ModelSpec, prompt_tokens: int, completion_tokens: int) -> float:
-    """What so many tokens cost by the protocol's prices."""
+    """Return what so many tokens cost by the protocol's prices."""
     return (prompt_tokens * spec.price_prompt + completion_tokens * spec.price_completion) / 1_000_000
 
 
@@ -426,7 +469,7 @@ class ConversationRecord:
             self.add(list_inputs(call.reading, self.rule, call.t_ns + round(call.latency_ms * NS_PER_MS)))
 
     def add(self, inputs: list[Input]) -> None:
-        """Have inputs come; the release of the last answer may be among them still."""
+        """Add inputs that are to come; the release of the last answer may still be among them."""
         self.coming = sorted([*self.coming, *inputs], key=lambda happened: happened.t_ns)
 
     def see_input(self, event: Event) -> None:

@@ -50,7 +50,7 @@ class SimulatedParticipant(abc.ABC):
 
 @dataclass(frozen=True, slots=True)
 class WatchedStep:
-    """What a teacher sees of a block that an agent plays, once per state."""
+    """A teacher's view of a block that an agent plays, once per state."""
 
     who: Literal["agent", "person"]  # in control
     step: int
@@ -100,5 +100,5 @@ def make_participant(name: str, rng: np.random.Generator) -> SimulatedParticipan
         SimulatedParticipant,  # type: ignore[type-abstract]
         SimulationError,
         rng,
-        what="player",
+        noun="player",
     )

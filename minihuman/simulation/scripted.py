@@ -92,7 +92,7 @@ class GridExplorer:
 
     @property
     def n_seen_cells(self) -> int:
-        """The number of cells that were in sight so far."""
+        """Count the cells that were in sight so far."""
         return int(self._explorer.memory.seen.sum())
 
     def plan(self) -> list[str]:
@@ -135,9 +135,11 @@ class ObserverParticipant(SimulatedParticipant):
     """Knows the trial's ``correct`` response or guesses among the keys; ``observer:threshold=0.04,spread=0.3``."""
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
-        its = {**DEFAULTS, **read_settings(argument, DEFAULTS, SimulationError, of="observer")}
-        self._settings, self._rng, self._keys = its, rng, list[str]()
-        self.threshold = float(its["threshold"] * np.exp(its["spread"] * rng.standard_normal()))
+        settings = {**DEFAULTS, **read_settings(argument, DEFAULTS, SimulationError, owner="observer")}
+        self._settings = settings
+        self._rng = rng
+        self._keys: list[str] = []
+        self.threshold = float(settings["threshold"] * np.exp(settings["spread"] * rng.standard_normal()))
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
         """Look at the stimulus.
@@ -145,18 +147,20 @@ class ObserverParticipant(SimulatedParticipant):
         Raises:
             SimulationError: if the trial has no such option, or no correct response that has a key.
         """
-        its = self._settings
+        settings = self._settings
         value = plan.options.get(self._settings["option"])
         correct = plan.options.get("correct")
         key = next((key for key, action in plan.key_map.keys.items() if action == correct), None)
         if not isinstance(value, int | float) or value <= 0 or key is None:
             raise SimulationError(
-                f"the observer needs trials with a number above 0 in the option {its['option']!r} and a correct "
+                f"the observer needs trials with a number above 0 in the option {settings['option']!r} and a correct "
                 f"response that has a key; {plan.world} has {value!r} and {correct!r}; use another participant, or "
                 "observer:option=NAME"
             )
-        seen = (1 - its["lapse"]) * -np.expm1(-((value / self.threshold) ** its["slope"]))
-        self._keys = [key] if self._rng.random() < seen else sorted(plan.key_map.keys)
+        p_seen = (1 - settings["lapse"]) * -np.expm1(-((value / self.threshold) ** settings["slope"]))
+        self._keys = [key]
+        if self._rng.random() >= p_seen:  # not seen: any key
+            self._keys = sorted(plan.key_map.keys)
 
     def press(self, world: World) -> KeyPress:
         """Press the key, 300 to 700 ms after the picture."""

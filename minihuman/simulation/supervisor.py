@@ -1,8 +1,7 @@
 """A simulated supervisor: watches an agent, takes over, hands back, corrects, rates and compares.
 
 It knows what an exploring expert knows: what has been seen so far; with `full_knowledge`, the shortest path. As critic
-and
-rater it follows the planner; in a world without one it presses nothing and cannot tell. Settings are those of
+and rater it follows the planner; in a world without one it presses nothing and cannot tell. Settings are those of
 `SupervisorParameters`, of `CriticParameters` after `critic_` and of `RaterParameters` after `rater_`:
 `--player supervisor:patience_steps=6,critic_response_rate=0.5,rater_lapse=0`.
 """
@@ -52,16 +51,18 @@ class Supervisor:
         self._searcher: GridExplorer | None = None
         self._path: list[str] = []
         self._left = 0  # steps of the way when counting began
-        self._made = 0  # steps made since
-        self._begun = False  # whether counting has begun in this episode
+        self._n_counted = 0  # steps made since
+        self._is_counting = False  # whether counting has begun in this episode
         self._due_ms: float | None = None  # when the key will go down
         self._steered = 0
 
     def begin(self, world: World) -> None:
         """Start an episode; the agent is in control."""
-        self._searcher = None if self._is.full_knowledge else GridExplorer(world)
+        self._searcher = None
+        if not self._is.full_knowledge:
+            self._searcher = GridExplorer(world)
         self._path = []
-        self._begun = False
+        self._is_counting = False
         self._due_ms = None
         self._steered = 0
 
@@ -71,23 +72,23 @@ class Supervisor:
         if self._searcher is None:
             self._path = find_shortest_path(world)
         else:
-            seen = self._searcher.n_seen_cells
+            n_seen_before = self._searcher.n_seen_cells
             self._path = list(self._searcher.plan())
-            more = self._searcher.n_seen_cells > seen
-        self._made += 1
-        if more or not self._begun:
+            more = self._searcher.n_seen_cells > n_seen_before
+        self._n_counted += 1
+        if more or not self._is_counting:
             self._count_anew()
         return self._path
 
     @property
     def patience_steps(self) -> int:
-        """The excess steps at which it takes over."""
+        """Return the excess steps at which it takes over."""
         return self._is.patience_steps
 
     @property
     def excess_steps(self) -> int:
-        """The steps by which the agent is worse than the supervisor would have been."""
-        return self._made + len(self._path) - self._left
+        """Return the steps by which the agent is worse than the supervisor would have been."""
+        return self._n_counted + len(self._path) - self._left
 
     @property
     def exceeds_patience(self) -> bool:
@@ -115,8 +116,8 @@ class Supervisor:
 
     def _count_anew(self) -> None:
         self._left = len(self._path)
-        self._made = 0
-        self._begun = True
+        self._n_counted = 0
+        self._is_counting = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +145,7 @@ class CriticParameters:
 
     @property
     def delay_ms(self) -> float:
-        """The mean delay, which a learner has to find."""
+        """Return the mean delay, which a learner has to find."""
         return self.mu_ms + self.tau_ms
 
 
@@ -164,7 +165,9 @@ class Critic:
         """
         if self._rng.random() >= self._is.response_rate:
             return None
-        value = 1.0 if gained_steps > 0 else -1.0
+        value = -1.0
+        if gained_steps > 0:
+            value = 1.0
         if self._rng.random() < self._is.error_rate:
             value = -value
         delay = self._rng.normal(self._is.mu_ms, self._is.sigma_ms) + self._rng.exponential(self._is.tau_ms)
@@ -260,7 +263,9 @@ class SupervisorParticipant(SimulatedTeacher):
         path = self._supervisor.plan(world)
         if watched.who == "agent":
             takes_over = bool(watched.hand_back) and self._supervisor.takes_over(watched.t_ms)
-            return self._next(world, path) if takes_over else None
+            if not takes_over:
+                return None
+            return self._next(world, path)
         if watched.hand_back and watched.step == self._steered_to and self._supervisor.hands_back():
             return KeyPress(watched.hand_back, REPEAT_MS)
         self._steered_to = watched.step + 1
@@ -289,7 +294,9 @@ class SupervisorParticipant(SimulatedTeacher):
     def _rate(self, world: World, watched: WatchedStep) -> KeyPress | None:
         """Rate the last step. Steps made while a press was due are not rated."""
         before = self._judged
-        left = 0 if watched.reached else _count_steps_left(world)
+        left: int | None = 0
+        if not watched.reached:
+            left = _count_steps_left(world)
         self._judged = watched.step, left
         if before is None or before[0] + 1 != watched.step or before[1] is None or left is None:
             return None
@@ -297,7 +304,10 @@ class SupervisorParticipant(SimulatedTeacher):
         if pressed is None:
             return None
         t_ms, value = pressed
-        return KeyPress(watched.good if value > 0 else watched.bad, t_ms - watched.t_ms)
+        key = watched.bad
+        if value > 0:
+            key = watched.good
+        return KeyPress(key, t_ms - watched.t_ms)
 
     def _next(self, world: World, path: list[str]) -> KeyPress:
         if not path:
@@ -310,11 +320,13 @@ class SupervisorParticipant(SimulatedTeacher):
 
 def _count_steps_left(world: World) -> int | None:
     path = world.shortest_path()
-    return None if path is None else len(path)
+    if path is None:
+        return None
+    return len(path)
 
 
 def _count_gained_steps(stretch: EpisodeClip) -> int | None:
-    """The steps by which a clip shortened the path; None in a world without a planner."""
+    """Count the steps by which a clip shortened the path; None in a world without a planner."""
     with closing(World(stretch.world, json.loads(stretch.options))) as world:
         world.reset(stretch.seed)
         before = None
@@ -322,23 +334,25 @@ def _count_gained_steps(stretch: EpisodeClip) -> int | None:
         for step, action in enumerate(stretch.actions):
             if step == stretch.first:
                 before = _count_steps_left(world)
-            came = world.step(action)
-            reached = came.terminated and came.reward > 0
-        left = 0 if reached else _count_steps_left(world)
+            change = world.step(action)
+            reached = change.terminated and change.reward > 0
+        left: int | None = 0
+        if not reached:
+            left = _count_steps_left(world)
     if before is None or left is None:
         return None
     return before - left
 
 
 def _parse_settings(argument: str) -> dict[str, dict[str, Any]]:
-    """The settings given of each role, by the role's prefix."""
+    """Parse the settings of each role, by the role's prefix."""
     role_of = {
         prefix + field.name: (prefix, field) for prefix, role in PARAMETERS_BY_PREFIX.items() for field in fields(role)
     }
     defaults = {name: field.default for name, (_, field) in role_of.items()}
     values: dict[str, dict[str, Any]] = {prefix: {} for prefix in PARAMETERS_BY_PREFIX}
     for name, value in read_settings(
-        argument, defaults, SimulationError, of="supervisor", aliases=EARLIER_NAMES
+        argument, defaults, SimulationError, owner="supervisor", aliases=EARLIER_NAMES
     ).items():
         prefix, field = role_of[name]
         values[prefix][field.name] = value

@@ -13,7 +13,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from minihuman.statistics.comparison import RESAMPLES, SEED, Values
+from minihuman.statistics.regroupings import RESAMPLES, SEED
+from minihuman.statistics.t_tests import Values
 
 _AT_ONCE = 400_000  # scores permuted at a time
 _SINGULAR = 1e-10  # of the largest eigenvalue of all scores' covariance, a share that rounding leaves of none
@@ -144,10 +145,10 @@ def _bootstrap_p(scores: Sequence[Values], observed: float, scale: float) -> flo
     rng = np.random.default_rng(SEED)
     as_far = 0
     for count in _split_resamples(sum(map(len, scores)) * scores[0].shape[1]):
-        drawn = [
+        samples = [
             rng.standard_normal((count, people, len(factor))) @ factor.T
             for people, factor in zip(n, factors, strict=True)
         ]
-        wald = _compute_wald(np.concatenate(drawn, axis=1), n, scale)
+        wald = _compute_wald(np.concatenate(samples, axis=1), n, scale)
         as_far += int(np.count_nonzero(wald >= observed))
     return (as_far + 1) / (RESAMPLES + 1)

@@ -13,16 +13,10 @@ import pandas as pd
 import scipy
 from numpy.typing import NDArray
 
-from minihuman.statistics.comparison import (
-    ALPHA,
-    LEVEL,
-    RESAMPLES,
-    SEED,
-    Values,
-    compare_means,
-    holm_correction,
-    invert_test,
-)
+from minihuman.statistics.comparison import holm_correction
+from minihuman.statistics.permutation import ALPHA, invert_test
+from minihuman.statistics.regroupings import RESAMPLES, SEED
+from minihuman.statistics.t_tests import LEVEL, Values, compare_means
 
 _EXHAUSTIVE = 13  # differences, up to which all 2^n sign flips are taken
 _TIES = 1e-9
@@ -41,40 +35,40 @@ class PairedTest:
     error: float  # of the mean
     sums: Values  # (flips,) of the signed deviations from the mean
     signs: Values  # (flips,) sum of the signs
-    drawn: int
+    extra: int  # 1 where flips are a random sample: the differences as they were count as one more
 
     @property
     def smallest_p(self) -> float:
-        """The smallest p that so many differences can reach."""
-        if self.drawn:
+        """Return the smallest p that so many differences can reach."""
+        if self.extra:
             return 1 / (RESAMPLES + 1)
         return 2.0 ** (1 - self.n)
 
     def p(self, shift: float = 0.0) -> float:
-        """The two-sided p of a mean difference of ``shift``."""
+        """Return the two-sided p of a mean difference of ``shift``."""
         d = self.difference - shift
         observed = abs(self.n * d)
         slack = _TIES * (observed + self.error * self.n)
         as_far = int(np.count_nonzero(np.abs(self.sums + d * self.signs) >= observed - slack))
-        return (as_far + self.drawn) / (len(self.sums) + self.drawn)
+        return (as_far + self.extra) / (len(self.sums) + self.extra)
 
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval of the mean difference; NaN where no difference could have p < 0.05."""
+        """Return the 95 % interval of the mean difference; NaN where no difference could have p < 0.05."""
         if not self.error > 0 or self.smallest_p >= ALPHA:
             return math.nan, math.nan
         return invert_test(self.p, self.difference, self.error)
 
 
 def paired_test(differences: Values) -> PairedTest | None:
-    """The test of differences, one per participant; None of fewer than two."""
+    """Test differences, one per participant; None of fewer than two."""
     n = len(differences)
     if n < 2:
         return None
     signs = _flips(n)
     mean = float(differences.mean())
     error = float(differences.std(ddof=1)) / math.sqrt(n)
-    drawn = int(n > _EXHAUSTIVE)
-    return PairedTest(n, mean, error, signs @ (differences - mean), signs.sum(axis=1), drawn)
+    extra = int(n > _EXHAUSTIVE)
+    return PairedTest(n, mean, error, signs @ (differences - mean), signs.sum(axis=1), extra)
 
 
 @lru_cache(maxsize=8)
@@ -121,23 +115,23 @@ def compare_conditions(
         values: by measure, a row per participant and a column per condition; NaN without a value.
         log_measures: measures whose values are natural logarithms.
     """
-    found = []
+    comparisons = []
     for measure, table in values.items():
         for first, second in combinations(table.columns, 2):
-            both = table[[first, second]].dropna().to_numpy(float)
-            test = paired_test(both[:, 0] - both[:, 1])
+            pairs = table[[first, second]].dropna().to_numpy(float)
+            test = paired_test(pairs[:, 0] - pairs[:, 1])
             if test is None:
                 continue
             is_log = measure in log_measures
-            means = [math.exp(mean) if is_log else float(mean) for mean in both.mean(axis=0)]
-            found.append(
+            means = [math.exp(mean) if is_log else float(mean) for mean in pairs.mean(axis=0)]
+            comparisons.append(
                 PairedComparison(
                     measure, str(first), str(second), test.n, (means[0], means[1]), test.difference, test.interval(),
                     test.p(), math.nan, test.smallest_p, is_log,
                 )
             )  # fmt: skip
-    corrected = holm_correction([one.p for one in found])
-    return tuple(replace(one, p_holm=p) for one, p in zip(found, corrected, strict=True))
+    corrected = holm_correction([comparison.p for comparison in comparisons])
+    return tuple(replace(comparison, p_holm=p) for comparison, p in zip(comparisons, corrected, strict=True))
 
 
 def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]:
@@ -151,32 +145,37 @@ def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]
         rows: a row per participant and condition, with ``participant``, ``condition``, ``position`` (1, 2, ...),
             ``before`` (the condition just before, "" of the first) and ``value``.
     """
-    told = rows.dropna(subset=["value"])
-    several = told.groupby("participant")["value"].transform("size") > 1
-    told = told[several]
-    if told.empty:
+    known = rows.dropna(subset=["value"])
+    is_repeated = known.groupby("participant")["value"].transform("size") > 1
+    known = known[is_repeated]
+    if known.empty:
         return ()
-    dummies = {name: pd.get_dummies(told[name]).to_numpy(float) for name in ("condition", "position")}
-    before = pd.get_dummies(told["before"]).drop(columns="", errors="ignore").to_numpy(float)
+    dummies = {name: pd.get_dummies(known[name]).to_numpy(float) for name in ("condition", "position")}
+    before = pd.get_dummies(known["before"]).drop(columns="", errors="ignore").to_numpy(float)
     dummies["carry-over"] = before[:, 1:] - before[:, :1]  # sums to 0: its mean is the effect of not being the first
-    people = pd.get_dummies(told["participant"]).to_numpy(float)
-    value = told["value"].to_numpy(float)
+    people = pd.get_dummies(known["participant"]).to_numpy(float)
+    value = known["value"].to_numpy(float)
     whole_rank, whole_squares = _fit(np.column_stack([people, *dummies.values()]), value)
-    rest = len(value) - whole_rank
-    if rest < 1 or whole_squares <= 0:
+    residual_freedom = len(value) - whole_rank
+    if residual_freedom < 1 or whole_squares <= 0:
         return ()
-    found = []
+    terms = []
     for effect in dummies:
-        others = [dummy for name, dummy in dummies.items() if name != effect]
-        rank, squares = _fit(np.column_stack([people, *others]), value)
-        if own := whole_rank - rank:
-            f = (squares - whole_squares) / own / (whole_squares / rest)
-            found.append(CrossoverTerm(measure, effect, (own, rest), f, float(scipy.special.fdtrc(own, rest, f))))
-    return tuple(found)
+        other_dummies = [dummy for name, dummy in dummies.items() if name != effect]
+        rank, squares = _fit(np.column_stack([people, *other_dummies]), value)
+        own = whole_rank - rank
+        if own:
+            f = (squares - whole_squares) / own / (whole_squares / residual_freedom)
+            terms.append(
+                CrossoverTerm(
+                    measure, effect, (own, residual_freedom), f, float(scipy.special.fdtrc(own, residual_freedom, f))
+                )
+            )
+    return tuple(terms)
 
 
 def _fit(design: Values, value: Values) -> tuple[int, float]:
-    """The rank of a design and the residual sum of squares of its least-squares fit."""
+    """Return a design's rank and the residual sum of squares of its least-squares fit."""
     fitted, _, rank, _ = np.linalg.lstsq(design, value, rcond=1e-10)
     return int(rank), float(((value - design @ fitted) ** 2).sum())
 
@@ -206,7 +205,7 @@ class GrowthComparison:
 
 
 def compare_growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = ()) -> GrowthComparison | None:
-    """Lines of a measure over ``episode_in_block``, compared between groups. None where no group has two people.
+    """Compare lines of a measure over ``episode_in_block`` between groups; None where no group has two people.
 
     ``rows`` has one row an episode: ``participant``, ``group``, ``episode_in_block`` and the measure. The last group
     of ``order`` (of the alphabet without one) that can be compared is the reference.
@@ -215,38 +214,47 @@ def compare_growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = (
     nominal error where people's slopes differ, which a random intercept alone is not (with slopes of SD 0.01 around 0,
     20 people and a term for the episode, it rejects a true null in a third of studies).
     """
-    told = rows.dropna(subset=[measure])
-    middle = told["episode_in_block"].mean()
-    lines: dict[str, list[tuple[float, float]]] = {}
-    at = told.assign(at=told["episode_in_block"] - middle, value=told[measure]).groupby(["group", "participant"])
-    mean = at[["at", "value"]].transform("mean")
-    episodes = at["at"].nunique()
-    apart = pd.DataFrame({"at": told["episode_in_block"] - middle - mean["at"], "value": told[measure] - mean["value"]})
-    sums = apart.assign(product=apart["at"] * apart["value"], square=apart["at"] ** 2)
-    sums = sums.groupby([told["group"], told["participant"]])[["product", "square"]].sum()
-    enough = episodes >= MIN_EPISODES
-    slopes = (sums["product"] / sums["square"])[enough]
-    levels = at["value"].mean()[enough] - slopes * at["at"].mean()[enough]
-    for (group, _), level, slope in zip(slopes.index, levels, slopes, strict=True):
-        lines.setdefault(str(group), []).append((float(level), float(slope)))
+    lines = _fit_lines(rows.dropna(subset=[measure]), measure)
     everyone = list(order) or sorted({str(group) for group in rows["group"]})
     groups = [group for group in everyone if len(lines.get(group, ())) >= 2]
     if not groups:
         return None
-    *others, reference = groups
+    *other_groups, reference = groups
     people = {group: np.array(lines[group]) for group in groups}
     terms = []
     for column, name in enumerate((f"{measure} in the middle of the block", "change an episode")):
         base = people[reference][:, column]
-        level = estimate_mean(f"{reference}: {name}", base)
-        terms.append(level if column else replace(level, p=math.nan))  # a test of a level against 0 means nothing
-        terms += [_difference(f"{group} minus {reference}: {name}", people[group][:, column], base) for group in others]
+        term = estimate_mean(f"{reference}: {name}", base)
+        if column == 0:
+            term = replace(term, p=math.nan)  # a test of a level against 0 means nothing
+        terms.append(term)
+        for group in other_groups:
+            values = people[group][:, column]
+            terms.append(_estimate_difference(f"{group} minus {reference}: {name}", values, base))
     left_out = tuple(
         f"{group}: {len(lines.get(group, ()))} with {MIN_EPISODES} episodes or more"
         for group in everyone
         if group not in groups
     )
     return GrowthComparison(measure, reference, tuple(terms), left_out)
+
+
+def _fit_lines(known: pd.DataFrame, measure: str) -> dict[str, list[tuple[float, float]]]:
+    """Fit a line to each participant with enough episodes: level in the middle of the block and slope, by group."""
+    middle = known["episode_in_block"].mean()
+    centred = known.assign(at=known["episode_in_block"] - middle, value=known[measure])
+    by_person = centred.groupby(["group", "participant"])
+    mean = by_person[["at", "value"]].transform("mean")
+    at = known["episode_in_block"] - middle - mean["at"]
+    products = pd.DataFrame({"product": at * (known[measure] - mean["value"]), "square": at**2})
+    sums = products.groupby([known["group"], known["participant"]])[["product", "square"]].sum()
+    enough = by_person["at"].nunique() >= MIN_EPISODES
+    slopes = (sums["product"] / sums["square"])[enough]
+    levels = by_person["value"].mean()[enough] - slopes * by_person["at"].mean()[enough]
+    lines: dict[str, list[tuple[float, float]]] = {}
+    for (group, _), level, slope in zip(slopes.index, levels, slopes, strict=True):
+        lines.setdefault(str(group), []).append((float(level), float(slope)))
+    return lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,21 +286,16 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
         measure: its column.
         groups: those that are compared.
     """
-    told = rows[rows["group"].isin(groups)].dropna(subset=[measure]).sort_values("participant", kind="stable")
-    *others, reference = groups
-    begins = np.flatnonzero(~told["participant"].duplicated())
+    known = rows[rows["group"].isin(groups)].dropna(subset=[measure]).sort_values("participant", kind="stable")
+    *other_groups, reference = groups
+    begins = np.flatnonzero(~known["participant"].duplicated())
     people = len(begins)
     freedom = people - len(groups)
     if freedom < 2:
         return None
-    at = (told["episode_in_block"] - told["episode_in_block"].mean()).to_numpy(float)
-    shares = np.column_stack([np.ones(len(at)), *((told["group"] == group).to_numpy(float) for group in others)])
-    design = np.column_stack([shares, shares * at[:, None], told[measure].to_numpy(float)])
-    names = [
-        label
-        for name in (f"{measure} in the middle of the block", "change an episode")
-        for label in (f"{reference}: {name}", *(f"{group} minus {reference}: {name}" for group in others))
-    ]
+    at = (known["episode_in_block"] - known["episode_in_block"].mean()).to_numpy(float)
+    shares = np.column_stack([np.ones(len(at)), *((known["group"] == group).to_numpy(float) for group in other_groups)])
+    design = np.column_stack([shares, shares * at[:, None], known[measure].to_numpy(float)])
     if np.linalg.matrix_rank(design) < design.shape[1]:  # the terms cannot be told apart, or explain everything
         return MixedModel(False, people, ())
     nothing, level, singular, slopes = (_fit_reml(design, at, begins, free) for free in range(4))
@@ -303,6 +306,7 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
     half = scipy.special.stdtrit(freedom, (1 + LEVEL) / 2) * errors
     ps = 2 * scipy.special.stdtr(freedom, -np.abs(estimates / errors))
     ps[0] = math.nan  # a test of a level against 0 means nothing
+    names = _name_mixed_terms(measure, reference, other_groups)
     terms = tuple(
         GrowthTerm(name, float(b), (float(b - h), float(b + h)), float(p), people)
         for name, b, h, p in zip(names, estimates, half, ps, strict=True)
@@ -310,8 +314,17 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
     return MixedModel(chosen is slopes, people, terms)
 
 
+def _name_mixed_terms(measure: str, reference: str, other_groups: Sequence[str]) -> list[str]:
+    """Name the terms of a mixed model: the levels of the groups, then their changes."""
+    names = []
+    for quantity in (f"{measure} in the middle of the block", "change an episode"):
+        names.append(f"{reference}: {quantity}")
+        names += [f"{group} minus {reference}: {quantity}" for group in other_groups]
+    return names
+
+
 def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) -> tuple[float, Values, Values]:
-    """The restricted maximum likelihood of random lines of people, as lme4 profiles it (Bates et al., 2015, 3.4).
+    """Maximise the restricted likelihood of random lines of people, as lme4 profiles it (Bates et al., 2015, 3.4).
 
     Args:
         design: the terms, and last the measure.
@@ -324,7 +337,7 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
         Its logarithm but for a constant, minus infinity without a maximum; the estimates, and their standard errors.
     """
     own = np.column_stack([np.ones(len(at)), at / at.std()])
-    among, between = (np.add.reduceat(own[:, :, None] * its[:, None, :], begins) for its in (own, design))
+    among, between = (np.add.reduceat(own[:, :, None] * columns[:, None, :], begins) for columns in (own, design))
     among, kind, people = np.unique(among, axis=0, return_inverse=True, return_counts=True)
     products = np.zeros((len(among), 2, 2, *[design.shape[1]] * 2))  # summed over people with the same episodes
     np.add.at(products, kind.ravel(), between[:, :, None, :, None] * between[:, None, :, None, :])
@@ -332,8 +345,8 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
     freedom = len(design) - design.shape[1] + 1
 
     def profile(entries: Values | Sequence[float]) -> tuple[float, Values, Values]:
-        first, shared, rest = (*entries, 0.0, 0.0, 0.0)[:3]
-        factor = np.array([[first, 0.0], [shared, math.sqrt(rest)]])  # a square root: rest = 0 is no saddle
+        first, shared, slope_variance = (*entries, 0.0, 0.0, 0.0)[:3]
+        factor = np.array([[first, 0.0], [shared, math.sqrt(slope_variance)]])  # a square root: rest = 0 is no saddle
         inner = np.eye(2) + factor.T @ among @ factor
         left = total - np.einsum("kij,kijab->ab", factor @ np.linalg.solve(inner, factor.T[None]), products)
         terms = left[:-1, :-1]
@@ -346,16 +359,20 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
         return profile(entries)[0]
 
     bounds = ((0, _MAX_RATIO), (-_MAX_RATIO, _MAX_RATIO), (0, _MAX_RATIO))[:free]
-    found: list[list[float]] = [] if free else [[]]
+    optima: list[list[float]] = []
+    if not free:
+        optima.append([])
     for start in ((0.5, 0.1, 0.1), (0.5, -0.1, 0.1))[: min(free, 2)]:
-        found += [scipy.optimize.minimize(loss_of, start[:free], bounds=bounds, tol=1e-10).x.tolist()]
-    best = min(found, key=loss_of)
+        optima += [scipy.optimize.minimize(loss_of, start[:free], bounds=bounds, tol=1e-10).x.tolist()]
+    best = min(optima, key=loss_of)
     loss, estimates, errors = profile(best)
-    return -loss if np.all(np.abs(best) < _MAX_RATIO / 2) else -math.inf, estimates, errors
+    if not np.all(np.abs(best) < _MAX_RATIO / 2):
+        return -math.inf, estimates, errors
+    return -loss, estimates, errors
 
 
 def estimate_mean(name: str, values: Values) -> GrowthTerm:
-    """A mean over people, with its t interval and the p of its being 0; NaN where they all have one value."""
+    """Estimate a mean over people, with its t interval and the p of its being 0; NaN where all have one value."""
     mean = float(values.mean())
     n = len(values)
     if not np.ptp(values):
@@ -367,9 +384,10 @@ def estimate_mean(name: str, values: Values) -> GrowthTerm:
     )
 
 
-def _difference(name: str, values: Values, base: Values) -> GrowthTerm:
+def _estimate_difference(name: str, values: Values, base: Values) -> GrowthTerm:
+    """Estimate the difference of two groups' means; without interval and p where no value differs."""
     people = len(values) + len(base)
     if not max(np.ptp(values), np.ptp(base)):
         return GrowthTerm(name, float(values.mean() - base.mean()), (math.nan, math.nan), math.nan, people)
-    found = compare_means(values, base)
-    return GrowthTerm(name, found.difference, found.interval(), found.p, people)
+    comparison = compare_means(values, base)
+    return GrowthTerm(name, comparison.difference, comparison.interval(), comparison.p, people)

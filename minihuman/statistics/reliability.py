@@ -31,22 +31,26 @@ def estimate_reliability(measure: str, rows: pd.DataFrame) -> Reliability | None
     two means per participant, within groups, 0 where it is negative; its interval by Fisher's z. None where fewer than
     three participants are left over after one for each group, or where nothing varies.
     """
-    who = ["group", "participant"]
+    keys = ["group", "participant"]
     rows = rows.dropna()
-    rows = rows[rows.groupby(who)["value"].transform("size") > 1]
-    people = rows.groupby(who)["value"].agg(["size", "mean"])
+    rows = rows[rows.groupby(keys)["value"].transform("size") > 1]
+    people = rows.groupby(keys)["value"].agg(["size", "mean"])
     spare = len(people) - rows["group"].nunique()
     if spare < 3:
         return None
-    within = rows["value"] - rows.groupby(who)["value"].transform("mean")
-    between = rows.groupby(who)["value"].transform("mean") - rows.groupby("group")["value"].transform("mean")
+    within = rows["value"] - rows.groupby(keys)["value"].transform("mean")
+    between = rows.groupby(keys)["value"].transform("mean") - rows.groupby("group")["value"].transform("mean")
     freedom = len(rows) - len(people)
     inside = float((within**2).sum()) / freedom
     across = float((between**2).sum()) / spare
-    sizes = people["size"].groupby("group").agg(lambda each: each.sum() - (each**2).sum() / each.sum())
+    sizes = (
+        people["size"]
+        .groupby("group")
+        .agg(lambda group_sizes: group_sizes.sum() - (group_sizes**2).sum() / group_sizes.sum())
+    )
     length = float(sizes.sum()) / spare  # episodes of a participant, as unequal numbers count
-    odd = rows.groupby(who).cumcount() % 2
-    halves = rows.groupby([*who, odd])["value"].mean().unstack()
+    odd = rows.groupby(keys).cumcount() % 2
+    halves = rows.groupby([*keys, odd])["value"].mean().unstack()
     halves -= halves.groupby("group").transform("mean")
     spread = float(np.sqrt((halves[0] ** 2).sum() * (halves[1] ** 2).sum()))
     if min(inside, spread) <= 1e-12 * float((rows["value"] ** 2).mean()):
@@ -55,7 +59,7 @@ def estimate_reliability(measure: str, rows: pd.DataFrame) -> Reliability | None
     ends = (f / scipy.stats.f.ppf(0.975, spare, freedom), f * scipy.stats.f.ppf(0.975, freedom, spare))
     r = min(max(float((halves[0] * halves[1]).sum()) / spread, -_MOST), _MOST)
     reach = float(scipy.stats.norm.ppf(0.975)) / math.sqrt(spare - 2)
-    icc, low, high = ((one - 1) / (one + length - 1) for one in (f, *ends))
+    icc, low, high = ((ratio - 1) / (ratio + length - 1) for ratio in (f, *ends))
     correlations = (math.tanh(math.atanh(r) + z) for z in (0.0, -reach, reach))
-    whole, least, most = (max(0.0, 2 * one / (1 + one)) for one in correlations)
-    return Reliability(measure, len(people), len(rows), icc, (low, high), whole, (least, most))
+    whole_length, least, most = (max(0.0, 2 * correlation / (1 + correlation)) for correlation in correlations)
+    return Reliability(measure, len(people), len(rows), icc, (low, high), whole_length, (least, most))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
-    """The 95 % score interval (Wilson, 1927) of a success rate; (0, 1) where nothing was tried."""
+    """Compute the 95 % score interval (Wilson, 1927) of a success rate; (0, 1) where nothing was tried."""
     if trials == 0:
         return 0.0, 1.0
     z = 1.959963984540054
@@ -35,7 +35,7 @@ class Estimate:
     high: float
 
     def holds(self, value: float) -> bool:
-        """Whether the interval contains a value."""
+        """Say whether the interval contains a value."""
         return self.low <= value <= self.high
 
 
@@ -83,24 +83,19 @@ def score_player(
     """
     rng = np.random.default_rng(seed)
     level_weights = _draw_weights(rng, player.success.shape[1], draws)
-    of_player = _draw_weights(rng, len(player.success), draws)
-    of_reference = _draw_weights(rng, len(reference.success), draws)
-    of_floor = None if floor is None else _draw_weights(rng, len(floor.success), draws)
-    means, theirs = (
-        {
-            name: _weighted_mean(getattr(who, name), weights, level_weights)
-            for name in ("success", "efficiency", "steps")
-        }
-        for who, weights in ((player, of_player), (reference, of_reference))
-    )
+    player_weights = _draw_weights(rng, len(player.success), draws)
+    reference_weights = _draw_weights(rng, len(reference.success), draws)
+    means = _average_runs(player, player_weights, level_weights)
+    reference_means = _average_runs(reference, reference_weights, level_weights)
     if floor is None:
         least = np.zeros(draws + 1)
     else:
-        least = _weighted_mean(floor.efficiency, of_floor, level_weights)
+        floor_weights = _draw_weights(rng, len(floor.success), draws)
+        least = _weighted_mean(floor.efficiency, floor_weights, level_weights)
     with np.errstate(invalid="ignore", divide="ignore"):
-        normalised = (means["efficiency"] - least) / (theirs["efficiency"] - least)
-        relative = theirs["steps"] / means["steps"]
-    differences = means["success"] - theirs["success"]
+        normalised = (means["efficiency"] - least) / (reference_means["efficiency"] - least)
+        relative = reference_means["steps"] / means["steps"]
+    differences = means["success"] - reference_means["success"]
     if player is reference:  # one value by definition; the spread is that of people against their mean
         normalised[0] = relative[0] = 1.0
     return PlayerScore(
@@ -114,14 +109,21 @@ def score_player(
 
 
 def _draw_weights(rng: np.random.Generator, count: int, draws: int) -> Array:
-    """How often each of ``count`` is in each draw, (draws + 1, count); the first draw is the sample itself."""
-    drawn = rng.multinomial(count, np.full(count, 1 / count), size=draws).astype(float)
-    return np.concatenate([np.ones((1, count)), drawn])
+    """Draw how often each of ``count`` is in each draw, (draws + 1, count); the first draw is the sample itself."""
+    resamples = rng.multinomial(count, np.full(count, 1 / count), size=draws).astype(float)
+    return np.concatenate([np.ones((1, count)), resamples])
 
 
-def _weighted_mean(values: Array, rows: Array | None, columns: Array) -> Array:
-    """The mean of (runs, levels) under each draw's weights, (draws + 1,): of each level's mean over the runs it has."""
-    assert rows is not None
+def _average_runs(runs: Runs, run_weights: Array, level_weights: Array) -> dict[str, Array]:
+    """Average each measure of a player over runs and levels, under each draw's weights."""
+    return {
+        name: _weighted_mean(getattr(runs, name), run_weights, level_weights)
+        for name in ("success", "efficiency", "steps")
+    }
+
+
+def _weighted_mean(values: Array, rows: Array, columns: Array) -> Array:
+    """Average (runs, levels) under each draw's weights, (draws + 1,): the mean of each level's mean over its runs."""
     present = ~np.isnan(values)
     with np.errstate(invalid="ignore", divide="ignore"):
         levels = (rows @ np.where(present, values, 0.0)) / (rows @ present.astype(float))
@@ -130,16 +132,16 @@ def _weighted_mean(values: Array, rows: Array | None, columns: Array) -> Array:
     return mean
 
 
-def _excludes(drawn: Array, value: float) -> bool:
-    """Whether the interval of 97.5 %, one of two tests, leaves out a value; False where it cannot be known."""
-    interval = _estimate(drawn, share=0.975)
+def _excludes(draws: Array, value: float) -> bool:
+    """Say whether the interval of 97.5 %, one of two tests, leaves out a value; False where it cannot be known."""
+    interval = _estimate(draws, share=0.975)
     return interval.high < value or interval.low > value
 
 
-def _estimate(drawn: Array, least: float = -np.inf, most: float = np.inf, *, share: float = 0.95) -> Estimate:
-    """The sample's value, and the percentile interval of the draws."""
-    known = drawn[1:][np.isfinite(drawn[1:])]
-    if not len(known) or not np.isfinite(drawn[0]):
-        return Estimate(float(drawn[0]), np.nan, np.nan)
+def _estimate(draws: Array, least: float = -np.inf, most: float = np.inf, *, share: float = 0.95) -> Estimate:
+    """Return the sample's value, and the percentile interval of the draws."""
+    known = draws[1:][np.isfinite(draws[1:])]
+    if not len(known) or not np.isfinite(draws[0]):
+        return Estimate(float(draws[0]), np.nan, np.nan)
     low, high = np.quantile(known, ((1 - share) / 2, (1 + share) / 2))
-    return Estimate(float(drawn[0]), float(max(least, low)), float(min(most, high)))
+    return Estimate(float(draws[0]), float(max(least, low)), float(min(most, high)))

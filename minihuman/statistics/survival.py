@@ -9,16 +9,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from minihuman.statistics.comparison import (
-    ALPHA,
-    RESAMPLES,
-    SEED,
-    Values,
-    count_regroupings,
-    draw_regroupings,
-    floor_freedom,
-    has_limit,
-)
+from minihuman.statistics.permutation import ALPHA, floor_freedom
+from minihuman.statistics.regroupings import RESAMPLES, SEED, count_regroupings, draw_regroupings, has_limit
+from minihuman.statistics.t_tests import Values
 
 LEAST_EVENTS = 5  # a group, below which a restricted mean is too uncertain for an interval and a p
 _TIES = 1e-9  # by so much, relative, may two equal differences come out apart
@@ -28,25 +21,25 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurvivalTimes:
-    """How long each waited, and whether it came: False where the watching stopped first (right-censored)."""
+    """Waiting times, and whether the event was observed: False where the watching stopped first (right-censored)."""
 
     times: Values  # (n,) of any unit
     observed: Flags  # (n,)
 
     def __post_init__(self) -> None:
-        """Refuse what is none."""
+        """Refuse times without flags, of other shapes, or that are NaN."""
         if self.times.shape != self.observed.shape or self.times.ndim != 1 or np.isnan(self.times).any():
             shapes = f"times has shape {self.times.shape} and observed {self.observed.shape}"
             raise ValueError(f"{shapes}; give one finite time and one observed flag per participant")
 
     def waiting(self, at: Values) -> NDArray[np.int64]:
-        """How many are still waiting at some times: the line under a survival figure."""
+        """Count who is still waiting at some times: the line under a survival figure."""
         return len(self.times) - np.searchsorted(np.sort(self.times), at)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurvivalCurve:
-    """The share to whom it has not come yet (Kaplan and Meier, 1958), at each time of an event."""
+    """The share without the event (Kaplan and Meier, 1958), at each time of an event."""
 
     times: Values  # (k,) rising
     share: Values  # (k,) just after
@@ -58,7 +51,7 @@ class SurvivalComparison:
     """Two groups' waiting, first minus second."""
 
     n: tuple[int, int]
-    never: tuple[int, int]  # to whom it had not come
+    censored: tuple[int, int]  # without the event until the watching stopped
     until: float  # restricted means look at the time up to here: as far as both groups' curves are known
     means: tuple[float, float]  # restricted means
     difference: float
@@ -67,42 +60,42 @@ class SurvivalComparison:
     logrank_p: float
 
 
-def kaplan_meier(waited: SurvivalTimes) -> SurvivalCurve:
-    """The Kaplan-Meier curve."""
-    times, observed = np.unique(waited.times[waited.observed], return_counts=True)
-    at_risk = waited.waiting(times)
+def kaplan_meier(survival_times: SurvivalTimes) -> SurvivalCurve:
+    """Compute the Kaplan-Meier curve."""
+    times, observed = np.unique(survival_times.times[survival_times.observed], return_counts=True)
+    at_risk = survival_times.waiting(times)
     share: Values = np.cumprod(1 - observed / at_risk).astype(np.float64)
     return SurvivalCurve(times, share, at_risk)
 
 
 def compare_survival(first: SurvivalTimes, second: SurvivalTimes) -> SurvivalComparison | None:
-    """Two groups compared by restricted means and the log-rank test; None where a group has fewer than two.
+    """Compare two groups by restricted means and the log-rank test; None where a group has fewer than two.
 
     Interval and p are of one permutation test of the studentised difference (Horiguchi and Uno, 2020; Ditzhaus et al.,
     2023): participants are regrouped with their times, and curves, horizon and Greenwood's variance are computed again.
     If all were watched to the end, it is the test of |Welch's t| of the times, cut there.
     """
-    n = len(first.times), len(second.times)
+    n = (len(first.times), len(second.times))
     if min(n) < 2:
         return None
-    waited = SurvivalTimes(
+    pooled = SurvivalTimes(
         np.concatenate([first.times, second.times]), np.concatenate([first.observed, second.observed])
     )
-    own = _compare_means(waited, (np.arange(sum(n)) < n[0])[None].astype(float))
-    means = float(own.means[0][0]), float(own.means[1][0])
-    interval, p = _test(waited, n, own)
-    never = int((~first.observed).sum()), int((~second.observed).sum())
+    own = _compare_means(pooled, (np.arange(sum(n)) < n[0])[None].astype(float))
+    means = (float(own.means[0][0]), float(own.means[1][0]))
+    interval, p = _test(pooled, n, own)
+    censored = (int((~first.observed).sum()), int((~second.observed).sum()))
     return SurvivalComparison(
-        n, never, float(own.until[0]), means, means[0] - means[1], interval, p, logrank_p(first, second)
+        n, censored, float(own.until[0]), means, means[0] - means[1], interval, p, logrank_p(first, second)
     )
 
 
-def _test(waited: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") -> tuple[tuple[float, float], float]:
-    """The interval of the difference and its p; NaN below LEAST_EVENTS, or where no difference could have p < 0.05."""
-    refused = (math.nan, math.nan), math.nan
+def _test(pooled: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") -> tuple[tuple[float, float], float]:
+    """Test the difference: its interval and p; NaN below LEAST_EVENTS, or where none could have p < 0.05."""
+    refused = ((math.nan, math.nan), math.nan)
     if not own.enough[0] or not own.error[0] > 0:
         return refused
-    apart = np.sort(_draw_differences(waited, n))[::-1]
+    apart = np.sort(_draw_differences(pooled, n))[::-1]
     extra = int(count_regroupings(*n) > RESAMPLES)  # the groups as they were
     rank = math.ceil(ALPHA * (len(apart) + extra)) - extra
     if rank < 1 or not math.isfinite(apart[rank - 1]):
@@ -112,7 +105,8 @@ def _test(waited: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") ->
     p = (int(np.count_nonzero(apart >= observed * (1 - _TIES))) + extra) / (len(apart) + extra)
     parts = np.array([float(part[0]) for part in own.parts])
     satterthwaite = float(parts.sum() ** 2 / (parts**2 / (n[0] - 1, n[1] - 1)).sum())
-    if freedom := floor_freedom(n, satterthwaite):
+    freedom = floor_freedom(n, satterthwaite)
+    if freedom:
         p = max(p, float(2 * scipy.special.stdtr(freedom, -observed)))
         critical = max(critical, float(scipy.special.stdtrit(freedom, 1 - ALPHA / 2)))
     difference = float(own.means[0][0] - own.means[1][0])
@@ -120,17 +114,19 @@ def _test(waited: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") ->
     return (difference - half, difference + half), p
 
 
-def _draw_differences(waited: SurvivalTimes, n: tuple[int, int]) -> Values:
-    """Each regrouping's difference in standard errors; with many events from their limit."""
-    if has_limit(*n, int(waited.observed.sum())):
+def _draw_differences(pooled: SurvivalTimes, n: tuple[int, int]) -> Values:
+    """Draw each regrouping's difference in standard errors; with many events from their limit."""
+    if has_limit(*n, int(pooled.observed.sum())):
         return np.abs(np.random.default_rng(SEED).standard_normal(RESAMPLES))
-    drawn = [
-        _compare_means(waited, part)
+    batches = [
+        _compare_means(pooled, part)
         for members in draw_regroupings(*n)
         for part in np.array_split(members, members.size // _AT_ONCE + 1)
     ]
-    enough = np.concatenate([one.enough for one in drawn])  # those that would be refused say nothing of this study
-    apart: Values = np.concatenate([one.apart for one in drawn])[enough]
+    enough = np.concatenate(
+        [batch.enough for batch in batches]
+    )  # those that would be refused say nothing of this study
+    apart: Values = np.concatenate([batch.apart for batch in batches])[enough]
     return apart
 
 
@@ -149,26 +145,26 @@ class _RestrictedMeans:
 
     @property
     def apart(self) -> Values:
-        """The difference in standard errors, without its sign."""
+        """Return the difference in standard errors, without its sign."""
         difference = np.abs(self.means[0] - self.means[1])
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(difference <= _TIES * self.until, 0.0, difference / self.error)
 
 
-def _compare_means(waited: SurvivalTimes, members: Values) -> _RestrictedMeans:
-    """The restricted means of two groups; ``members`` is (regroupings, n), 1 for participants in the first."""
-    times, place = np.unique(waited.times, return_inverse=True)
+def _compare_means(pooled: SurvivalTimes, members: Values) -> _RestrictedMeans:
+    """Compute two groups' restricted means; ``members`` is (regroupings, n), 1 for participants in the first."""
+    times, place = np.unique(pooled.times, return_inverse=True)
     at = scipy.sparse.csr_array((np.ones(len(place)), (place, np.arange(len(place)))), (len(times), len(place)))
-    whole = np.bincount(place)
-    events = at @ waited.observed
+    totals = np.bincount(place)
+    events = at @ pooled.observed
     first = members.T
-    left, came = (np.asarray(at @ each, np.float64) for each in (first, waited.observed[:, None] * first))
-    groups = [_Group.follow(left, came), _Group.follow(whole[:, None] - left, events[:, None] - came)]
-    until = np.minimum(np.minimum(*(one.known_until(times) for one in groups)), times[-1])
+    left, came = (np.asarray(at @ columns, np.float64) for columns in (first, pooled.observed[:, None] * first))
+    groups = [_Group.follow(left, came), _Group.follow(totals[:, None] - left, events[:, None] - came)]
+    until = np.minimum(np.minimum(*(group.known_until(times) for group in groups)), times[-1])
     width = np.diff(np.minimum(times[:, None], until), axis=0, prepend=0.0)
     inside = times[:, None] <= until
-    enough = np.logical_and(*((one.came * inside).sum(axis=0) >= LEAST_EVENTS for one in groups))
-    (mean, part), (other_mean, other_part) = (one.mean_and_error(width) for one in groups)
+    enough = np.logical_and(*((group.came * inside).sum(axis=0) >= LEAST_EVENTS for group in groups))
+    (mean, part), (other_mean, other_part) = (group.mean_and_error(width) for group in groups)
     return _RestrictedMeans(until, (mean, other_mean), (part, other_part), enough)
 
 
@@ -186,31 +182,31 @@ class _Group:
         return cls(came, at_risk, np.cumprod(1 - came / np.maximum(at_risk, 1), axis=0).astype(np.float64))
 
     def known_until(self, times: Values) -> Values:
-        """How far the curve is known: for ever where it came to the last one of all."""
+        """Return how far the curve is known: without end where the event came to everyone."""
         last = np.count_nonzero(self.at_risk, axis=0) - 1
         return np.where(self.share[-1] <= _TIES, math.inf, times[last])
 
     def mean_and_error(self, width: Values) -> tuple[Values, Values]:
-        """The area under the curve, and its squared standard error (Greenwood, with n / (n - 1))."""
+        """Return the area under the curve, and its squared standard error (Greenwood, with n / (n - 1))."""
         area = width.copy()
         area[1:] *= self.share[:-1]
         area = np.cumsum(area, axis=0)
-        rest = area[-1] - area
+        later_area = area[-1] - area
         size = float(self.at_risk[0, 0])
-        variance = (rest**2 * self.came / np.maximum(self.at_risk * (self.at_risk - self.came), 1)).sum(axis=0)
+        variance = (later_area**2 * self.came / np.maximum(self.at_risk * (self.at_risk - self.came), 1)).sum(axis=0)
         return area[-1], variance * size / (size - 1)
 
 
 def logrank_p(first: SurvivalTimes, second: SurvivalTimes) -> float:
-    """The two-sided p of the log-rank test (Mantel, 1966): that both groups wait alike. NaN where nothing tells it."""
-    whole = np.concatenate([first.times[first.observed], second.times[second.observed]])
-    times, observed = np.unique(whole, return_counts=True)
-    a, b = (waited.waiting(times).astype(np.float64) for waited in (first, second))
+    """Return the two-sided p of the log-rank test (Mantel, 1966) of equal curves; NaN without any variance."""
+    event_times = np.concatenate([first.times[first.observed], second.times[second.observed]])
+    times, observed = np.unique(event_times, return_counts=True)
+    a, b = (group.waiting(times).astype(np.float64) for group in (first, second))
     n = a + b
     expected = float((a * observed / n).sum())
-    several = n > 1  # with one left nothing varies
+    varies = n > 1  # with one left nothing varies
     spread = a * b * observed * (n - observed)
-    variance = float((spread[several] / (n[several] ** 2 * (n[several] - 1))).sum())
+    variance = float((spread[varies] / (n[varies] ** 2 * (n[varies] - 1))).sum())
     if not variance > 0:
         return math.nan
     return float(2 * scipy.special.ndtr(-abs(first.observed.sum() - expected) / math.sqrt(variance)))

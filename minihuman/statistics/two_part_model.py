@@ -15,14 +15,8 @@ import pandas as pd
 import scipy
 from numpy.typing import NDArray
 
-from minihuman.statistics.comparison import (
-    RESAMPLES,
-    SEED,
-    Values,
-    count_regroupings,
-    draw_totals,
-    has_limit,
-)
+from minihuman.statistics.regroupings import RESAMPLES, SEED, count_regroupings, draw_totals, has_limit
+from minihuman.statistics.t_tests import Values
 
 LEVEL = 0.95
 LEAST = 3  # people a group, below whom no covariance between people is told
@@ -56,41 +50,57 @@ class TwoPartComparison:
 
 
 def has_mass_at_zero(values: Values) -> bool:
-    """Whether a measure of single episodes is 0 in some and above 0 in others."""
-    told = values[~np.isnan(values)]
-    return bool(len(told) and (told == 0).any() and (told > 0).any() and told.min() >= 0)
+    """Say whether a measure of single episodes is 0 in some and above 0 in others."""
+    known = values[~np.isnan(values)]
+    return bool(len(known) and (known == 0).any() and (known > 0).any() and known.min() >= 0)
 
 
 def compare_two_parts(rows: pd.DataFrame, measure: str, groups: tuple[str, str]) -> TwoPartComparison:
     """Compare two groups; ``rows`` has one row an episode, with group, participant and the measure."""
-    told = {group: _each(rows[rows["group"].astype(str) == group], measure) for group in groups}
-    above = {group: [one[one > 0] for one in each if (one > 0).any()] for group, each in told.items()}
+    by_group = {group: rows[rows["group"].astype(str) == group] for group in groups}
+    episodes = {group: _split_by_person(by_group[group], measure) for group in groups}
+    above = {group: _keep_above_zero(people) for group, people in episodes.items()}
     a, b = groups
-    n = len(told[a]), len(told[b])
-    shares = tuple(
-        float(np.mean([one > 0 for each in told[g] for one in each])) if told[g] else math.nan for g in groups
+    shares = (_share_above_zero(episodes[a]), _share_above_zero(episodes[b]))
+    too_few = next((f"fewer than {LEAST} people in {name}" for name in groups if len(episodes[name]) < LEAST), "")
+    any_reason = too_few or _find_constant_group(groups, shares)
+    amount_reason = too_few or next(
+        (f"fewer than {LEAST} people of {name} are above 0" for name in groups if len(above[name]) < LEAST), ""
     )
-    few = next((f"fewer than {LEAST} people in {name}" for name in groups if len(told[name]) < LEAST), "")
-    stuck = next(
-        (f"no episode of {name} is at 0" for name, share in zip(groups, shares, strict=True) if share == 1), ""
-    )
-    stuck = stuck or next(
-        (f"every episode of {name} is at 0" for name, share in zip(groups, shares, strict=True) if share == 0), ""
-    )
-    thin = next((f"fewer than {LEAST} people of {name} are above 0" for name in groups if len(above[name]) < LEAST), "")
-    happened = {group: [(each > 0).astype(float) for each in told[group]] for group in groups}
-    people = {group: summarise_people(rows[rows["group"].astype(str) == group], measure) for group in groups}
-    return TwoPartComparison(
-        first=a,
-        second=b,
-        n=n,
-        shares=(shares[0], shares[1]),
-        any=_missing(few or stuck)
-        if few or stuck
-        else _compared(fit_gee(happened[a], odds=True), fit_gee(happened[b], odds=True)),
-        amount=_missing(few or thin) if few or thin else _compared(fit_gee(above[a]), fit_gee(above[b])),
-        p=math.nan if few else two_parts_p(people[a], people[b]),
-    )
+    if any_reason:
+        any_part = _missing(any_reason)
+    else:
+        happened = {group: [(person > 0).astype(float) for person in episodes[group]] for group in groups}
+        any_part = _compare_marginals(fit_gee(happened[a], odds=True), fit_gee(happened[b], odds=True))
+    if amount_reason:
+        amount_part = _missing(amount_reason)
+    else:
+        amount_part = _compare_marginals(fit_gee(above[a]), fit_gee(above[b]))
+    p = math.nan
+    if not too_few:
+        p = two_parts_p(summarise_people(by_group[a], measure), summarise_people(by_group[b], measure))
+    return TwoPartComparison(a, b, (len(episodes[a]), len(episodes[b])), shares, any_part, amount_part, p)
+
+
+def _keep_above_zero(people: Sequence[Values]) -> list[Values]:
+    """Keep each person's episodes above 0, of those who have any."""
+    return [person[person > 0] for person in people if (person > 0).any()]
+
+
+def _share_above_zero(people: Sequence[Values]) -> float:
+    """Return the share of episodes above 0; NaN without episodes."""
+    if not people:
+        return math.nan
+    return float(np.mean(np.concatenate(people) > 0))
+
+
+def _find_constant_group(groups: tuple[str, str], shares: tuple[float, float]) -> str:
+    """Say which group's episodes are all above 0, or all at 0; "" where neither group's are."""
+    for share, reason in ((1, "no episode of {} is at 0"), (0, "every episode of {} is at 0")):
+        for name, group_share in zip(groups, shares, strict=True):
+            if group_share == share:
+                return reason.format(name)
+    return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,14 +114,14 @@ class Marginal:
 
 
 def fit_gee(people: Sequence[Values], *, odds: bool = False) -> Marginal:
-    """A group's marginal mean by generalised estimating equations, of each of its people's episodes.
+    """Fit a group's marginal mean by generalised estimating equations, of each of its people's episodes.
 
     With nothing but the group to tell episodes apart by, the equations come to a mean of people's means whose weights
     depend on the correlation of one person's episodes; Mancl and DeRouen's correction divides each person's residual by
     one less its weight.
     """
     values = np.concatenate(people)
-    n = np.array([len(one) for one in people], float)
+    n = np.array([len(person) for person in people], float)
     starts = np.concatenate([[0], np.cumsum(n[:-1])]).astype(int)
     means = np.add.reduceat(values, starts) / n
     pairs = float((n * (n - 1) / 2).sum())
@@ -133,39 +143,41 @@ def fit_gee(people: Sequence[Values], *, odds: bool = False) -> Marginal:
     return Marginal(mean, error, len(people), odds)
 
 
-def _compared(a: Marginal, b: Marginal) -> PartComparison:
-    parts = a.error**2, b.error**2
+def _compare_marginals(a: Marginal, b: Marginal) -> PartComparison:
+    """Compare two groups' marginal means by Welch's t; log odds as an odds ratio."""
+    parts = (a.error**2, b.error**2)
     if not sum(parts) > 0:
         return _missing("nobody differs from the others of the group")
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (a.people - 1) + parts[1] ** 2 / (b.people - 1))
     apart = a.at - b.at
     error = math.sqrt(sum(parts))
     half = float(scipy.special.stdtrit(freedom, (1 + LEVEL) / 2)) * error
-    told: Callable[[float], float] = math.exp if a.odds else float
+    transform: Callable[[float], float] = math.exp if a.odds else float
     p = float(2 * scipy.special.stdtr(freedom, -abs(apart) / error))
-    return PartComparison(told(apart), (told(apart - half), told(min(apart + half, 700.0))), p)
+    return PartComparison(transform(apart), (transform(apart - half), transform(min(apart + half, 700.0))), p)
 
 
-def _each(rows: pd.DataFrame, measure: str) -> list[Values]:
-    """Each person's episodes."""
-    told = rows.dropna(subset=[measure]).sort_values("participant", kind="stable")
-    who = told["participant"].to_numpy()
-    if len(told):
-        return np.split(told[measure].to_numpy(np.float64), np.flatnonzero(who[1:] != who[:-1]) + 1)
-    return []
+def _split_by_person(rows: pd.DataFrame, measure: str) -> list[Values]:
+    """Split a measure's values into one array per person, in the order of episodes."""
+    known = rows.dropna(subset=[measure]).sort_values("participant", kind="stable")
+    participants = known["participant"].to_numpy()
+    if not len(known):
+        return []
+    begins = np.flatnonzero(participants[1:] != participants[:-1]) + 1
+    return np.split(known[measure].to_numpy(np.float64), begins)
 
 
 def summarise_people(rows: pd.DataFrame, measure: str) -> Values:
-    """One row a person, (n, 2): the share of episodes above 0, and the mean of those; NaN for who has none."""
+    """Summarise each person, (n, 2): the share of episodes above 0, and the mean of those; NaN without any."""
     above = rows[measure].where(rows[measure] > 0)
-    each = pd.DataFrame({"who": rows["participant"], "any": above.notna().astype(float), "amount": above}).groupby(
+    by_person = pd.DataFrame({"who": rows["participant"], "any": above.notna().astype(float), "amount": above}).groupby(
         "who"
     )
-    return np.column_stack([each["any"].mean(), each["amount"].mean()])
+    return np.column_stack([by_person["any"].mean(), by_person["amount"].mean()])
 
 
 def two_parts_p(a: Values, b: Values) -> float:
-    """The p of no difference in either part; ``a`` and ``b`` have one row a person, (n, 2)."""
+    """Return the p of no difference in either part; ``a`` and ``b`` have one row per person, (n, 2)."""
     together = np.concatenate([a, b])
     n = len(a)
     total = len(a) + len(b)
@@ -173,10 +185,11 @@ def two_parts_p(a: Values, b: Values) -> float:
     if has_limit(n, total - n, int(np.count_nonzero(~np.isnan(together), axis=0).min())):
         return _limit_p(together, n, float(observed))
     if count_regroupings(n, total - n) <= RESAMPLES:
-        every = [
-            [*one, *(place for place in range(total) if place not in one)] for one in combinations(range(total), n)
-        ]
-        return float((_sum_of_squares(together[np.array(every)], n) >= observed - 1e-9).mean())
+        orders = []
+        for members in combinations(range(total), n):
+            second_group = [place for place in range(total) if place not in members]
+            orders.append([*members, *second_group])
+        return float((_sum_of_squares(together[np.array(orders)], n) >= observed - 1e-9).mean())
     rng = np.random.default_rng(SEED)
     at_once = max(1, _AT_ONCE // total)
     # the grouping that was observed is one of those that chance could have made
@@ -184,14 +197,14 @@ def two_parts_p(a: Values, b: Values) -> float:
     left = RESAMPLES
     while left:
         now = min(left, at_once)
-        orders = rng.random((now, total)).argsort(axis=1)
-        as_far += int((_sum_of_squares(together[orders], n) >= observed - 1e-9).sum())
+        drawn_orders = rng.random((now, total)).argsort(axis=1)
+        as_far += int((_sum_of_squares(together[drawn_orders], n) >= observed - 1e-9).sum())
         left -= now
     return as_far / (RESAMPLES + 1)
 
 
 def _limit_p(together: Values, n: int, observed: float) -> float:
-    """The same p from the distribution that regroupings' totals tend to."""
+    """Return the same p from the distribution that regroupings' totals tend to."""
     known = ~np.isnan(together)
     filled = np.where(known, together - np.nanmean(together, axis=0), 0.0)
     columns = np.concatenate([known, filled, filled**2], axis=1)
@@ -204,29 +217,30 @@ def _limit_p(together: Values, n: int, observed: float) -> float:
 
 
 def _sum_of_squares(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
-    """Squared Welch's t of both parts added up; ``values`` is (regroupings, people, 2)."""
+    """Add up squared Welch's t of both parts; ``values`` is (regroupings, people, 2)."""
     parts = [_welch_squared(values[:, :n, part], values[:, n:, part]) for part in (0, 1)]
     return parts[0] + parts[1]
 
 
 def _welch_squared(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    (mean_a, error_a), (mean_b, error_b) = _mean_and_error(a), _mean_and_error(b)
+    mean_a, error_a = _mean_and_error(a)
+    mean_b, error_b = _mean_and_error(b)
     apart = mean_a - mean_b
     error = error_a + error_b
-    found = np.where(np.abs(apart) < 1e-12, 0.0, apart**2 / np.maximum(error, 1e-12))
-    return np.where(np.isnan(found), 0.0, found)
+    squared_t = np.where(np.abs(apart) < 1e-12, 0.0, apart**2 / np.maximum(error, 1e-12))
+    return np.where(np.isnan(squared_t), 0.0, squared_t)
 
 
 def _mean_and_error(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of each row its mean and the squared error of it, NaNs excluded; NaN where fewer than two are left."""
+    """Return each row's mean and its squared error, NaNs excluded; NaN where fewer than two are left."""
     known = ~np.isnan(values)
     n = known.sum(axis=1)
     enough = n > 1
-    counted = np.where(enough, n, 2)
+    counts = np.where(enough, n, 2)
     filled = np.where(known, values, 0.0)
-    mean = filled.sum(axis=1) / counted
+    mean = filled.sum(axis=1) / counts
     squares = (np.where(known, values - mean[:, None], 0.0) ** 2).sum(axis=1)
-    error = squares / (counted - 1) / counted
+    error = squares / (counts - 1) / counts
     return np.where(enough, mean, np.nan), np.where(enough, error, np.nan)
 
 

@@ -44,7 +44,7 @@ class Database:
 
     @contextmanager
     def transaction(self) -> Iterator["psycopg.Cursor[Any]"]:
-        """A transaction; other threads wait.
+        """Open a transaction; other threads wait.
 
         Raises:
             JournalDatabaseError: if the database cannot be asked; whether it was committed is then unknown.
@@ -54,7 +54,7 @@ class Database:
 
     @contextmanager
     def ask(self) -> Iterator["psycopg.Cursor[Any]"]:
-        """A cursor on which every statement is committed by itself; other threads wait.
+        """Open a cursor on which every statement is committed by itself; other threads wait.
 
         Raises:
             JournalDatabaseError: if the database cannot be asked; whether it was committed is then unknown.

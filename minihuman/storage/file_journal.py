@@ -53,11 +53,11 @@ class FileJournal(Journal[Line]):
 
     @property
     def unchained(self) -> int:
-        """How many lines that were read have no checksum."""
+        """The number of lines read that have no checksum."""
         return self._chain.unchained
 
     def read(self) -> Sequence[Line]:
-        """All lines; of one that is being written, nothing."""
+        """Read all lines; one that is being written is left out."""
         try:
             with name_file_in_errors(self._path), self._path.open("rb") as file:
                 return self._read_on(file.fileno())
@@ -108,7 +108,7 @@ class FileJournal(Journal[Line]):
         self._chain: LineChain = LineChain(str(self._path))
 
     def _read_on(self, fd: int) -> Sequence[Line]:
-        """What is there, of an open file; another file, or one that was changed, is read from its start."""
+        """Read on in an open file; a file that was replaced or changed is read from its start."""
         with self._guard:
             now = os.fstat(fd)
             size, mtime_ns = self._size_and_mtime_ns

@@ -52,11 +52,11 @@ class LineChain:
         return line
 
     def pass_over(self, line: bytes) -> None:
-        """Take a line in as it is."""
+        """Fold a line into the state, as it is."""
         self.head = _digest(self.head.encode() + line)
 
     def open(self, line: bytes, number: int) -> bytes:
-        """Take a line in; return the JSON object in it, b"" for a line that a crash cut off.
+        """Check a line; return the JSON object in it, b"" for a line that a crash cut off.
 
         Raises:
             LogError: if the line was changed, or one before it was changed, added or removed.
@@ -163,7 +163,7 @@ class Journal(abc.ABC, Generic[Line]):
     @property
     @abc.abstractmethod
     def unchained(self) -> int:
-        """How many of the lines that were read have no checksum: earlier versions wrote them."""
+        """The number of lines read that have no checksum: earlier versions wrote them."""
 
     @abc.abstractmethod
     def keep(self, is_kept: Callable[[bytes], bool]) -> None:
@@ -175,7 +175,7 @@ class Journal(abc.ABC, Generic[Line]):
 
 
 class JournalState(Generic[Line, State]):
-    """What a journal's lines amount to, kept from one time to the next: only lines that were added are taken in.
+    """The state that a journal's lines add up to, kept between reads: only added lines are folded into it.
 
     Args:
         make: makes a state without lines.

@@ -29,7 +29,7 @@ class LeaseLostError(LogError):
 
 @dataclass(frozen=True, slots=True)
 class LeaseGrant:
-    """What the database says to whoever asks for a lease."""
+    """The database's answer to a server that asks for a lease."""
 
     fence: int
     name: str  # of the session, for its page: random, the same for every holder
@@ -40,7 +40,7 @@ class LeaseGrant:
 
 @dataclass(frozen=True, slots=True)
 class LogPiece:
-    """What a live log has from a byte on."""
+    """The bytes of a live log from a place on."""
 
     file: str
     start: int
@@ -49,7 +49,7 @@ class LogPiece:
 
 @dataclass(frozen=True, slots=True)
 class LeaseRenewal:
-    """A lease to be renewed, and what is to be added to the copy."""
+    """A lease to renew, with the bytes to add to the copy."""
 
     session: str
     fence: int
@@ -81,7 +81,7 @@ class LeaseTable(abc.ABC):
 
     @abc.abstractmethod
     def read_files(self, session: str) -> dict[str, bytes]:
-        """The copies of a session's files, by name."""
+        """Read the copies of a session's files, by name."""
 
     @abc.abstractmethod
     def release(self, session: str, fence: int, *, ended: str = "") -> bool:
@@ -93,7 +93,7 @@ class LeaseTable(abc.ABC):
 
 
 def open_lease_table(study_dir: Path) -> LeaseTable | None:
-    """The leases of a study; None where its journals are files."""
+    """Open the leases of a study; None where its journals are files."""
     if url := find_database_url(study_dir):
         return PostgresLeaseTable(url)
     return None
@@ -133,7 +133,7 @@ class PostgresLeaseTable(LeaseTable):
 
         purpose = "the session leases"
         self._database = Database(url, _TABLES, purpose, timeout_s=_TIMEOUT_S)
-        self._renewals = Database(url, _TABLES, purpose, timeout_s=_TIMEOUT_S)  # wait for nobody who acquires
+        self._renewals = Database(url, _TABLES, purpose, timeout_s=_TIMEOUT_S)  # never wait for a server that acquires
 
     def acquire(self, session: str) -> LeaseGrant | None:
         """Lease a session, or mark it as wanted; in one statement, on the clock of its start."""
@@ -204,7 +204,7 @@ class PostgresLeaseTable(LeaseTable):
             return True
 
     def read_files(self, session: str) -> dict[str, bytes]:
-        """Put the pieces together."""
+        """Join the pieces to files."""
         ask = "select file, start, data from minihuman_log_copies where session = %s order by file, start"
         copies: dict[str, bytearray] = {}
         with self._database.transaction() as cursor:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from minihuman.errors import LogError
-from minihuman.operating_system import explain_unportable_name
+from minihuman.portable_names import explain_unportable_name
 
 MAX_NAME_LETTERS = 200  # of one part; file systems take 255 bytes, and copies of a file get longer names
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
@@ -41,10 +41,10 @@ def explain_refused_name(name: str) -> str:
 
 def shorten_name(name: str) -> str:
     """Return a name from outside as a line may show it: with its control characters escaped, and not too long."""
-    shown = repr(name[:_SHOWN_LETTERS])
+    quoted = repr(name[:_SHOWN_LETTERS])
     if len(name) <= _SHOWN_LETTERS:
-        return shown
-    return f"{shown} and {len(name) - _SHOWN_LETTERS} more characters"
+        return quoted
+    return f"{quoted} and {len(name) - _SHOWN_LETTERS} more characters"
 
 
 def require_name(name: str, owner: str) -> str:

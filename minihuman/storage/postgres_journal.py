@@ -68,11 +68,11 @@ class PostgresJournal(Journal[Line], Generic[Line]):
 
     @property
     def unchained(self) -> int:
-        """How many lines that were read have no checksum."""
+        """The number of lines read that have no checksum."""
         return self._chain.unchained
 
     def read(self) -> Sequence[Line]:
-        """All lines."""
+        """Read all lines."""
         with self._asking(self._database.ask) as cursor:  # lines taken out in between change the next generation
             row = cursor.execute("select generation from minihuman_journals where name = %s", [self._name]).fetchone()
             return self._read_on(cursor, row[0]) if row else ()

@@ -71,14 +71,14 @@ class RemoteStore(abc.ABC):
 
     @abc.abstractmethod
     def versions(self, prefix: str) -> dict[str, str]:
-        """The version of each file whose name begins so: its MD5, hexadecimal, where the store has that.
+        """Return the version of each file whose name begins so: its MD5, hexadecimal, where the store has that.
 
         Raises:
             RemoteStoreError: if that cannot be.
         """
 
     def names(self, prefix: str) -> list[str]:
-        """The names of the files that begin so.
+        """List the names of the files that begin so.
 
         Raises:
             RemoteStoreError: if that cannot be.
@@ -141,11 +141,11 @@ class FolderStore(RemoteStore):
             ) from error
 
     def versions(self, prefix: str) -> dict[str, str]:
-        """The files below, each read for its MD5."""
+        """Return the versions of the files below, each read for its MD5."""
         return {name: compute_md5(join_inside(self._folder, name)) for name in self.names(prefix)}
 
     def names(self, prefix: str) -> list[str]:
-        """The files below, unread."""
+        """List the files below, unread."""
         return list_files(self._folder, prefix)
 
     def remove(self, name: str) -> None:
@@ -254,7 +254,8 @@ def list_files(folder: Path, prefix: str) -> list[str]:
     """List the files in a folder whose paths from there begin so, but for hidden ones."""
     below = folder / prefix.rpartition("/")[0]
     files = (path for path in below.rglob("*") if path.is_file() and not path.name.startswith("."))
-    return [name for path in sorted(files) if (name := path.relative_to(folder).as_posix()).startswith(prefix)]
+    names = (path.relative_to(folder).as_posix() for path in sorted(files))
+    return [name for name in names if name.startswith(prefix)]
 
 
 def compute_md5(path: Path) -> str:
@@ -273,7 +274,7 @@ _CONFLICTS = ("PreconditionFailed", "ConditionalRequestConflict", "412", "409")
 
 
 def _limit_transfer_s(size_bytes: int) -> float:
-    """How long a file's transfer may take in all."""
+    """Compute how long a file's transfer may take in all."""
     return STORE_TIMEOUT_S + size_bytes / _SLOWEST_BYTES_PER_S
 
 
@@ -313,7 +314,7 @@ class S3Store(RemoteStore):
             call_within(limit_s, lambda: self._client.put_object(Body=file, **target))
 
     def fetch(self, name: str, path: Path) -> None:
-        """Get it, beside its place first."""
+        """Download a file beside its place, then move it there."""
         with (
             self._raise_as_store_error(f"{name} cannot be fetched from"),
             replace_durably(path, new_folders=LOG_DEPTH) as file,
@@ -325,7 +326,7 @@ class S3Store(RemoteStore):
             call_within(limit_s, lambda: shutil.copyfileobj(body, file))
 
     def versions(self, prefix: str) -> dict[str, str]:
-        """The objects' entity tags, page by page."""
+        """Return the objects' entity tags, page by page."""
         with self._raise_as_store_error("nothing can be listed of"):
             paginator = self._client.get_paginator("list_objects_v2")
             pages = iter(paginator.paginate(Bucket=self._bucket, Prefix=self._prefix + prefix))

@@ -27,7 +27,7 @@ def open_journal(
     chained: bool = False,
     declaration: Line | None = None,
 ) -> Journal[Line]:
-    """A study's journal of that name; the same object for every caller in this process."""
+    """Open a study's journal of that name; the same object for every caller in this process."""
     study_dir = study_dir.absolute()
     url = find_database_url(study_dir)
     journal: Any = (
@@ -39,7 +39,7 @@ def open_journal(
 
 
 def find_database_url(study_dir: Path) -> str:
-    """The address of the database that holds a study's journals; "" where they are files."""
+    """Find the address of the database that holds a study's journals; "" where they are files."""
     study_dir = study_dir.absolute()
     path = study_dir.parent / URL_FILE_NAME
     if not path.is_file() or any((study_dir / name).exists() for name in (ENROLMENT_FILE_NAME, ARRIVALS_FILE_NAME)):

@@ -12,19 +12,19 @@ from minihuman.worlds.adapters.world import World
 
 
 class ContractError(MinihumanError, AssertionError):
-    """Something does not keep what everything of its kind promises."""
+    """A plug-in breaks a promise of its kind."""
 
     exit_code = 1  # a check failed
 
 
-def require(kept: bool, broken: str) -> None:
+def require(is_kept: bool, broken: str) -> None:
     """Raise `ContractError`, saying what is broken, unless the promise is kept."""
-    if not kept:
+    if not is_kept:
         raise ContractError(broken)
 
 
 def build_short_study(world_id: str, options: dict[str, Any], *, episodes: int, max_steps: int) -> Protocol:
-    """A protocol of one block, with every action of the world on a digit key."""
+    """Build a protocol of one block, with every action of the world on a digit key."""
     with closing(World(world_id, options, trusted=True)) as world:
         actions = world.action_names
     require(len(actions) <= len(DIGITS), f"{world_id}: {len(actions)} actions; a check has {len(DIGITS)} keys to give")
@@ -48,7 +48,7 @@ def build_short_study(world_id: str, options: dict[str, Any], *, episodes: int, 
 
 
 def build_study(tables: dict[str, Any]) -> Protocol:
-    """A protocol from the tables of its TOML file, lists for arrays of tables.
+    """Build a protocol from the tables of its TOML file, lists for arrays of tables.
 
     Raises:
         ProtocolError: if the protocol is wrong.
@@ -58,10 +58,10 @@ def build_study(tables: dict[str, Any]) -> Protocol:
 
 
 def _format_value(value: Any) -> str:
-    """A value in TOML, on one line."""
+    """Format a value as TOML, on one line."""
     match value:
         case dict():
-            return "{ " + ", ".join(f"{name} = {_format_value(one)}" for name, one in value.items()) + " }"
+            return "{ " + ", ".join(f"{name} = {_format_value(field)}" for name, field in value.items()) + " }"
         case list() | tuple():
             return f"[{', '.join(map(_format_value, value))}]"
     return msgspec.json.encode(value).decode()

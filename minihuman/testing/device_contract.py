@@ -50,18 +50,18 @@ def check_device(
         DeviceError: if the device is not there or cannot be used.
     """
     for _ in range(2):
-        made = make_device(device) if isinstance(device, str) else device()
-        require(isinstance(made, Device), f"{type(made).__name__} is not a minihuman.ext.Device")
+        opened = make_device(device) if isinstance(device, str) else device()
+        require(isinstance(opened, Device), f"{type(opened).__name__} is not a minihuman.ext.Device")
         clock = SessionClock()
-        facts = made.open(clock)
+        facts = opened.open(clock)
         try:
             require(
                 isinstance(facts, dict) and all(isinstance(text, str) for pair in facts.items() for text in pair),
                 f"open() returned {facts!r}; the log takes a dict of texts",
             )
-            samples = _read_samples(made, clock, n_samples, timeout_s, now_s)
+            samples = _read_samples(opened, clock, n_samples, timeout_s, now_s)
         finally:
-            made.close()
+            opened.close()
         for sample in samples:
             _check_shape(sample, n_channels)
 
@@ -140,10 +140,10 @@ class TypedWindow(abc.ABC):
 
     @abc.abstractmethod
     def now_ns(self) -> int:
-        """The window's clock."""
+        """Return the time of the window's clock, ns."""
 
     def hear(self, count: int) -> list[Input]:
-        """The next ``count`` inputs; fewer if they do not come within seconds."""
+        """Wait for the next ``count`` inputs; return fewer if they do not come within ten seconds."""
         heard: list[Input] = []
         until_ns = self.now_ns() + 10 * SECOND
         while len(heard) < count and self.now_ns() < until_ns:
@@ -164,21 +164,21 @@ def check_window(typed: TypedWindow) -> None:
 
 
 def list_strokes(inputs: Iterable[Input]) -> list[tuple[str, bool]]:
-    """Which keys went down and up."""
-    return [(one.key, isinstance(one, KeyDown)) for one in inputs if isinstance(one, KeyDown | KeyUp)]
+    """List which keys went down and up."""
+    return [(event.key, isinstance(event, KeyDown)) for event in inputs if isinstance(event, KeyDown | KeyUp)]
 
 
 def a_screen_is_submitted_then_flipped(typed: TypedWindow) -> None:
-    """Of every kind of screen."""
+    """Show every kind of screen."""
     for screen in SCREENS:
         before_ns = typed.now_ns()
-        shown = typed.window.show(screen)
-        in_order = before_ns <= shown.submit_ns <= shown.flip_ns == shown.t_ns <= typed.now_ns()
-        require(in_order, f"{type(screen).__name__}: shown at {before_ns} to {typed.now_ns()} ns, and says {shown}")
+        flip = typed.window.show(screen)
+        in_order = before_ns <= flip.submit_ns <= flip.flip_ns == flip.t_ns <= typed.now_ns()
+        require(in_order, f"{type(screen).__name__}: shown at {before_ns} to {typed.now_ns()} ns, and says {flip}")
 
 
 def waiting_ends_at_the_deadline_and_not_before(typed: TypedWindow) -> None:
-    """With nothing heard."""
+    """Wait while nothing is typed."""
     until_ns = typed.now_ns() + 30 * MS
     heard = typed.window.wait(until_ns)
     require(heard == [], f"nobody typed, and wait() heard {heard}")
@@ -186,55 +186,55 @@ def waiting_ends_at_the_deadline_and_not_before(typed: TypedWindow) -> None:
 
 
 def a_deadline_that_has_passed_still_hands_over_what_has_arrived(typed: TypedWindow) -> None:
-    """And nothing twice."""
+    """Type, then wait until a time that has passed, twice."""
     typed.type([("1", True), ("1", False)])
     time.sleep(0.1)  # the display server's delivery, not the window's
-    _heard([("1", True), ("1", False)], typed.window.wait(0))
-    _heard([], typed.window.wait(0))
+    _require_heard([("1", True), ("1", False)], typed.window.wait(0))
+    _require_heard([], typed.window.wait(0))
 
 
 def two_taps_within_a_frame_are_two_taps(typed: TypedWindow) -> None:
-    """Down, up, down, up."""
-    _typed(typed, [("3", True), ("3", False)] * 2)
+    """Press a key down, up, down, up."""
+    _type_and_hear(typed, [("3", True), ("3", False)] * 2)
 
 
 def rolling_from_key_to_key_keeps_the_order(typed: TypedWindow) -> None:
-    """The next key goes down before the last is up."""
-    _typed(typed, [("1", True), ("2", True), ("1", False), ("3", True), ("2", False), ("3", False)])
+    """Press the next key before the last one is up."""
+    _type_and_hear(typed, [("1", True), ("2", True), ("1", False), ("3", True), ("2", False), ("3", False)])
 
 
 def of_hundreds_of_strokes_none_is_lost_or_doubled(typed: TypedWindow) -> None:
-    """Typed at once."""
+    """Type 400 strokes at once."""
     chance = random.Random(7)
-    held: set[str] = set()
+    keys_down: set[str] = set()
     strokes = []
     for _ in range(400):
         key = chance.choice(sorted(DIGITS))
-        strokes.append((key, key not in held))
-        held ^= {key}
-    _typed(typed, strokes + [(key, False) for key in sorted(held)])
+        strokes.append((key, key not in keys_down))
+        keys_down ^= {key}
+    _type_and_hear(typed, strokes + [(key, False) for key in sorted(keys_down)])
 
 
 def strokes_during_a_flip_are_kept(typed: TypedWindow) -> None:
-    """Typed before a screen is shown, heard after it."""
+    """Type before a screen is shown, and listen after it."""
     strokes = [("4", True), ("5", True), ("4", False), ("5", False)]
     typed.type(strokes)
     typed.window.show(SCREENS[0])
-    _heard(strokes, typed.hear(4))
+    _require_heard(strokes, typed.hear(4))
 
 
 def stamps_never_go_back_and_lie_between_stroke_and_receipt(typed: TypedWindow) -> None:
-    """On the window's clock."""
+    """Compare the stamps with the window's clock."""
     before_ns = typed.now_ns()
     typed.type([("6", True), ("6", False)] * 5)
-    stamps = [one.t_ns for one in typed.hear(10)]
+    stamps = [event.t_ns for event in typed.hear(10)]
     require(stamps == sorted(stamps), f"the stamps go back: {stamps}")
     within = bool(stamps) and before_ns <= stamps[0] <= stamps[-1] <= typed.now_ns()
     require(within, f"typed at {before_ns} ns or later, heard by {typed.now_ns()} ns, stamped {stamps}")
 
 
 def facts_are_words_without_names_of_people_or_machines(typed: TypedWindow) -> None:
-    """They go into the log."""
+    """Read the facts, which go into the log."""
     facts = typed.window.facts()
     require(bool(facts.get("window")), "facts() does not say which window it is, under 'window'")
     require(all(isinstance(fact, str) for fact in facts.values()), f"facts() holds a value that is not text: {facts}")
@@ -260,16 +260,16 @@ CHECKS: Mapping[str, Callable[[TypedWindow], None]] = MappingProxyType(
 )
 
 
-def _typed(typed: TypedWindow, strokes: KeyStrokes) -> None:
+def _type_and_hear(typed: TypedWindow, strokes: KeyStrokes) -> None:
     typed.type(strokes)
     heard = typed.hear(len(strokes))
-    _heard(strokes, [one for one in heard if not getattr(one, "repeat", False)])
+    _require_heard(strokes, [event for event in heard if not getattr(event, "repeat", False)])
 
 
-def _heard(strokes: KeyStrokes, heard: Sequence[Input]) -> None:
-    found = list_strokes(heard)
-    require(found == list(strokes), f"typed {_spelt(strokes)}, heard {_spelt(found)}")
+def _require_heard(strokes: KeyStrokes, heard: Sequence[Input]) -> None:
+    heard_strokes = list_strokes(heard)
+    require(heard_strokes == list(strokes), f"typed {_spell(strokes)}, heard {_spell(heard_strokes)}")
 
 
-def _spelt(strokes: KeyStrokes) -> str:
+def _spell(strokes: KeyStrokes) -> str:
     return " ".join(f"{key}{'+' if down else '-'}" for key, down in strokes) or "nothing"

@@ -40,12 +40,12 @@ def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[s
         before = _files(folder / "data")
         (folder / "out").mkdir()
         study = folder / "data" / protocol.study.name
-        played = [episode for counted in StudySessions(study, Selection()) for episode in counted.episodes]
-        written = write(IncludedEpisodes(StudySessions(study, Selection())), folder / "out")
-        _look_at(written, folder / "out", len(played), sum(len(episode.actions) for episode in played))
+        played = [episode for session in StudySessions(study, Selection()) for episode in session.episodes]
+        export = write(IncludedEpisodes(StudySessions(study, Selection())), folder / "out")
+        _check_export(export, folder / "out", len(played), sum(len(episode.actions) for episode in played))
         require(_files(folder / "data") == before, "the exporter changed what is beside the logs")
-        others = {path.name for path in folder.iterdir()} - {"data", "out"}
-        require(not others, f"the exporter wrote beside its folder: {', '.join(sorted(others))}")
+        strays = {path.name for path in folder.iterdir()} - {"data", "out"}
+        require(not strays, f"the exporter wrote beside its folder: {', '.join(sorted(strays))}")
         (folder / "again").mkdir()
         write(IncludedEpisodes(StudySessions(study, Selection())), folder / "again")
         require(
@@ -53,21 +53,21 @@ def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[s
         )
 
 
-def _look_at(written: ExportResult, out: Path, episodes: int, steps: int) -> None:
-    require(isinstance(written, ExportResult), f"the exporter gave a {type(written).__name__}, not a Written")
-    require(bool(written.paths), "the exporter says that it wrote no file")
-    for path in written.paths:
+def _check_export(export: ExportResult, out: Path, episodes: int, steps: int) -> None:
+    require(isinstance(export, ExportResult), f"the exporter gave a {type(export).__name__}, not a Written")
+    require(bool(export.paths), "the exporter says that it wrote no file")
+    for path in export.paths:
         require(path.exists(), f"the exporter says that it wrote {path}, which does not exist")
         require(path.resolve().is_relative_to(out), f"the exporter wrote {path}, outside the folder it was given")
     require(
-        written.episodes == episodes,
-        f"{episodes} episodes count, and it says that it wrote {written.episodes}",
+        export.episodes == episodes,
+        f"{episodes} episodes count, and it says that it wrote {export.episodes}",
     )
-    require(written.steps == steps, f"they have {steps} steps, and it says that it wrote {written.steps}")
+    require(export.steps == steps, f"they have {steps} steps, and it says that it wrote {export.steps}")
 
 
 def _files(folder: Path) -> dict[str, str]:
-    """Every file but the caches, with its hash."""
+    """Hash every file but the caches."""
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.rglob("*"))

@@ -65,7 +65,7 @@ def check_learner(make: "str | Callable[[str], Learner]", settings: str = "", da
 
 
 def build_teaching_dataset() -> "Dataset":
-    """Demonstrations, a takeover, ratings and comparisons in a small grid, from its planner."""
+    """Build demonstrations, a takeover, ratings and comparisons in a small grid, from its planner."""
     from minihuman.learn.policy.observation import ObservationEncoder
     from minihuman.learn.teaching.dataset import Comparison, Dataset, LessonFragment, LessonRating
 
@@ -86,7 +86,7 @@ def build_teaching_dataset() -> "Dataset":
 
 
 def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
-    """One episode: a policy turns on the spot in its first steps where the number is odd, then the planner steers."""
+    """Play an episode: where its number is odd a policy turns on the spot first, then the planner steers."""
     from minihuman.learn.teaching.dataset import NO_QUERY, Lesson
 
     world.reset(number)
@@ -101,9 +101,9 @@ def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
         path = world.shortest_path()
         assert path
         actions.append(0 if len(actions) < n_agent else world.action_names.index(path[0]))
-        came = world.step(actions[-1])
-        rewards.append(came.reward)
-        ended = came.terminated or came.truncated
+        change = world.step(actions[-1])
+        rewards.append(change.reward)
+        ended = change.terminated or change.truncated
     n = len(actions)
     by_person = np.arange(n) >= n_agent
     return Lesson(
@@ -173,11 +173,11 @@ def _learn(
     return result
 
 
-def _require_plain(values: dict[str, Any], what: str) -> None:
+def _require_plain(values: dict[str, Any], field: str) -> None:
     try:
         json.dumps(values)
     except TypeError as error:
-        require(False, f"{what} cannot be written into the policy's file ({error}); use numbers, text and lists")
+        require(False, f"{field} cannot be written into the policy's file ({error}); use numbers, text and lists")
 
 
 def _refuse_nothing(make: "str | Callable[[str], Learner]", settings: str, dataset: "Dataset") -> None:

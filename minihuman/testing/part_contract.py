@@ -21,7 +21,8 @@ from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.windows.window import VirtualClock
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import find_kind
-from minihuman.experiment.machine.events import Answered, Event, PartEnded, SessionEnded, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import Answered, Event, PartEnded, SessionEnded
 from minihuman.experiment.machine.inputs import Input, PointerPressed, ScreenShown, TextInput
 from minihuman.experiment.machine.screens import PlayScreen, QuestionScreen, Screen
 from minihuman.experiment.machine.session import SessionMachine
@@ -38,7 +39,7 @@ from minihuman.experiment.plan.designs import (
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.random_streams import make_draw
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.experiment.replay import copy_session
+from minihuman.experiment.session_copy import copy_session
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.plugins import load_plugin
 from minihuman.runtime.session_loop import run_session
@@ -71,8 +72,8 @@ def check_question(kind: str, **fields: Any) -> None:
         ContractError: if a promise is not kept; it says which.
         ProtocolError: if no such kind is installed, or the fields are wrong.
     """
-    found = find_question_kind(kind)
-    require(found.name == kind, f"the entry point {kind!r} is a kind that calls itself {found.name!r}")
+    question_kind = find_question_kind(kind)
+    require(question_kind.name == kind, f"the entry point {kind!r} is a kind that calls itself {question_kind.name!r}")
     items = [{"name": name, "kind": kind, "ask": "What?", **fields} for name in "ab"]
     protocol = build_study({**_STUDY, "questions": [{"name": "part", "items": items}]})
     _check_copies(protocol)
@@ -94,17 +95,17 @@ def check_activity(kind: str, *, block: dict[str, Any] | None = None, **settings
         ContractError: if a promise is not kept; it says which.
         ProtocolError: if no such kind is installed, or its settings are wrong.
     """
-    found = find_kind(kind)
-    require(found.name == kind, f"the entry point {kind!r} is a kind that calls itself {found.name!r}")
-    if issubclass(found.plan, PlayPlan):
+    activity_kind = find_kind(kind)
+    require(activity_kind.name == kind, f"the entry point {kind!r} is a kind that calls itself {activity_kind.name!r}")
+    if issubclass(activity_kind.plan, PlayPlan):
         tables: dict[str, Any] = {"blocks": [{"name": "part", "kind": kind, **(block or {})}]}
     else:
         tables = {"activities": [{"name": "part", "kind": kind, "settings": settings}]}
         if block is not None:
             tables |= {"blocks": [{"name": "played", **block}]}
             tables |= {"groups": [{"name": "everyone", "parts": ["played", "part"]}]}
-        read = found.read(settings)
-        again = found.read(msgspec.json.decode(msgspec.json.encode(read)))
+        read = activity_kind.read(settings)
+        again = activity_kind.read(msgspec.json.decode(msgspec.json.encode(read)))
         require(read == again, f"the settings {read!r} are {again!r} after they were written as JSON and read")
     protocol = build_study({**_STUDY, **tables})
     list(_check_part(protocol))
@@ -146,8 +147,8 @@ class _DrawingWindow(SimulatedWindow):
     def wait(self, until_ns: int | None) -> list[Input]:
         """Count what is pressed: an activity that never ends would go on for ever."""
         self._n_inputs += 1
-        what = f"the session did not come to its end in {_MAX_INPUTS} inputs; see what simulate() gives"
-        require(self._n_inputs < _MAX_INPUTS, what)
+        problem = f"the session did not come to its end in {_MAX_INPUTS} inputs; see what simulate() gives"
+        require(self._n_inputs < _MAX_INPUTS, problem)
         return super().wait(until_ns)
 
     def show(self, screen: Screen) -> ScreenShown:
@@ -168,8 +169,8 @@ def _check_targets(draft: AnswerDraft, screen: QuestionScreen) -> None:
     targets = {spot.name for spot in draw_question(screen, _SIZE_PX).spots}
     simulated = draft.simulate(lambda count: 0, lambda: True)
     if isinstance(simulated, Click):
-        what = f"simulate() clicks on {simulated.target!r}; what is drawn has {', '.join(sorted(targets))}"
-        require(simulated.target in targets, what)
+        problem = f"simulate() clicks on {simulated.target!r}; what is drawn has {', '.join(sorted(targets))}"
+        require(simulated.target in targets, problem)
 
 
 def _check_copies(protocol: Protocol) -> None:
@@ -227,25 +228,25 @@ def check_design(
         ContractError: if a promise is not kept; it says which.
         ProtocolError: if the design refuses the settings.
     """
-    made = [_make(make, settings or {}) for _ in range(2)]
+    designs = [_make(make, settings or {}) for _ in range(2)]
     rng = np.random.default_rng(seed)
-    if isinstance(made[0], EnrolmentDesign):
+    if isinstance(designs[0], EnrolmentDesign):
         people = [
             EnrolledParticipant(str(rng.choice(["a", "b"])), str(rng.choice(["x", "y"])), round(float(rng.random()), 3))
             for _ in range(n)
         ]
-        asked = [_ask_study(made[0], people, length) for length in range(n + 1)]
-        again = [_ask_study(made[1], people, length) for length in reversed(range(n + 1))][::-1]
+        decisions = [_ask_study(designs[0], people, length) for length in range(n + 1)]
+        again = [_ask_study(designs[1], people, length) for length in reversed(range(n + 1))][::-1]
     else:
-        asked = []
+        decisions = []
         history = list[PlayedEpisode]()
         for length in range(n + 1):
-            asked.append(_ask(made[0], history[:length]))
-            options, episode_seed, *_ = asked[-1]
+            decisions.append(_ask(designs[0], history[:length]))
+            options, episode_seed, *_ = decisions[-1]
             outcome = str(rng.choice(["goal", "failure", "timeout"]))
             history.append(PlayedEpisode(dict(options), episode_seed or 0, outcome, 3, float(outcome == "goal")))
-        again = [_ask(made[1], history[:length]) for length in reversed(range(n + 1))][::-1]
-    require(asked == again, "the same history led to another decision; a design draws and keeps nothing of its own")
+        again = [_ask(designs[1], history[:length]) for length in reversed(range(n + 1))][::-1]
+    require(decisions == again, "the same history led to another decision; a design draws and keeps nothing of its own")
 
 
 def _make(make: str | type[Design | EnrolmentDesign], settings: Mapping[str, Any]) -> Design | EnrolmentDesign:
@@ -253,7 +254,7 @@ def _make(make: str | type[Design | EnrolmentDesign], settings: Mapping[str, Any
         require(issubclass(make, Design | EnrolmentDesign), f"{make.__name__} is no Design and no EnrolmentDesign")
         return make(settings)
     spec = DesignSpec(make, dict(settings))
-    kind = load_plugin(GROUP, make, ProtocolError, what="design")
+    kind = load_plugin(GROUP, make, ProtocolError, noun="design")
     if issubclass(kind, EnrolmentDesign):
         return make_enrolment_design(spec)
     return make_design(spec)
@@ -275,9 +276,9 @@ def _ask_study(design: EnrolmentDesign | Design, people: list[EnrolledParticipan
     return statistics, decided.group, decided.stop, _check_estimates(decided.estimates)
 
 
-def _check_json(value: dict[str, Any], what: str) -> dict[str, Any]:
+def _check_json(value: dict[str, Any], field: str) -> dict[str, Any]:
     back = json.loads(json.dumps(value, default=repr))
-    require(back == value, f"{what} {value!r} are not the same after JSON; use texts, numbers, lists and dicts")
+    require(back == value, f"{field} {value!r} are not the same after JSON; use texts, numbers, lists and dicts")
     return value
 
 

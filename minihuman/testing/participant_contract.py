@@ -153,11 +153,11 @@ def check_agent(
     agent = _make_agent(make, argument)
     with closing(World(world, options or {}, trusted=True)) as env:
         advice = [_play(agent, plan, env) for plan in plans]
-        for again, of in ((_make_agent(make, argument), "a new one"), (agent, "the same one")):
+        for again, whose in ((_make_agent(make, argument), "a new one"), (agent, "the same one")):
             same = [_play(again, plan, env) for plan in plans]
             require(
-                all(np.array_equal(one, other) for one, other in zip(advice, same, strict=True)),
-                f"{of} gave other probabilities in the same episode; nothing may be drawn or kept between episodes",
+                all(np.array_equal(probabilities, other) for probabilities, other in zip(advice, same, strict=True)),
+                f"{whose} gave other probabilities in the same episode; nothing may be drawn or kept between episodes",
             )
 
 
@@ -191,18 +191,24 @@ def _read_probabilities(agent: BaseAgent, world: World) -> NDArray[np.float32]:
     before = world.state_hash()
     n = len(world.action_names)
     try:
-        found = agent.action_probabilities(world)
+        probabilities = agent.action_probabilities(world)
     except MinihumanError:
         raise
     except Exception as error:
         require(False, f"action_probabilities() raised {type(error).__name__}: {error}; {_CONSEQUENCE}")
     require(world.state_hash() == before, "action_probabilities() changed the world; an agent only looks at it")
-    is_row = isinstance(found, np.ndarray) and found.shape == (n,) and found.dtype == np.float32
-    if isinstance(found, np.ndarray):
-        what = f"{found.dtype}{list(found.shape)}"
+    is_row = isinstance(probabilities, np.ndarray) and probabilities.shape == (n,) and probabilities.dtype == np.float32
+    if isinstance(probabilities, np.ndarray):
+        form = f"{probabilities.dtype}{list(probabilities.shape)}"
     else:
-        what = type(found).__name__
-    require(is_row, f"action_probabilities() gave {what}; it gives float32[{n}], one per action of the world")
-    require(bool(np.isfinite(found).all() and (found >= 0).all()), f"a probability of {found} is below 0 or no number")
-    require(abs(float(found.sum()) - 1) <= TOLERANCE, f"the probabilities sum to {float(found.sum()):.4g}, not to 1")
-    return found.copy()
+        form = type(probabilities).__name__
+    require(is_row, f"action_probabilities() gave {form}; it gives float32[{n}], one per action of the world")
+    require(
+        bool(np.isfinite(probabilities).all() and (probabilities >= 0).all()),
+        f"a probability of {probabilities} is below 0 or no number",
+    )
+    require(
+        abs(float(probabilities.sum()) - 1) <= TOLERANCE,
+        f"the probabilities sum to {float(probabilities.sum()):.4g}, not to 1",
+    )
+    return probabilities.copy()

@@ -28,7 +28,7 @@ Step = tuple[float, bool, bool, int, int]  # reward, terminated, truncated, hash
 
 @dataclass(slots=True)
 class WorldSearch:
-    """How far the search for what changes rarely came."""
+    """The coverage of the search for rare changes."""
 
     steps: int = 0
     situations: int = 0  # a place and what is seen there
@@ -39,7 +39,7 @@ class WorldSearch:
 
 @dataclass(frozen=True, slots=True)
 class WorldReport:
-    """What a check of a world covered; print it."""
+    """The coverage of a world's check; print it."""
 
     world: str
     steps: int  # of the episodes that were played twice
@@ -101,16 +101,16 @@ def check_world(
         world = World(world_id, options, trusted=True)
         actions = chance.integers(len(world.actions.numbers), size=steps).tolist()
         try:
-            _says_what_it_is(world)
-            played = _plays_alike(world, World(world_id, options, trusted=True), seeds, actions)
-            _comes_back(world, seeds[0], actions)
+            _check_description(world)
+            played = _check_determinism(world, World(world_id, options, trusted=True), seeds, actions)
+            _check_restore(world, seeds[0], actions)
             search = _search(world, seeds[0], search_steps)
-            _is_drawn(world, seeds[0], actions)
+            _check_drawing(world, seeds[0], actions)
             report = WorldReport(
                 world_id if isinstance(make, str) else getattr(make, "__qualname__", str(make)),
                 steps=played,
                 search=search,
-                refuses_after_end=_ends(world, seeds[0]),
+                refuses_after_end=_check_end(world, seeds[0]),
                 planned=_describe_plan(world, seeds[0]),
             )
         finally:
@@ -119,7 +119,7 @@ def check_world(
         return report
 
 
-def _says_what_it_is(world: World) -> None:
+def _check_description(world: World) -> None:
     names = world.action_names
     space = world.action_space
     wrong = isinstance(space, gymnasium.spaces.Discrete) and len(names) != int(space.n)
@@ -137,13 +137,13 @@ def _says_what_it_is(world: World) -> None:
 
 
 def _require_inside(world: World, call: str) -> None:
-    """The observation is in its space; if it is not, name the line that makes it."""
+    """Require that the observation is in its space; the error names the line that makes it."""
     outside = find_outside(world.observation, world.observation_space)
     require(not outside, f"{world.id}: after a {call}, {outside}{_locate_observation(world, call)}")
 
 
 def _locate_observation(world: World, call: str) -> str:
-    """Where the author's code makes observations: "; Patrol.observation (patrol.py:31) makes it"."""
+    """Find where the author's code makes observations: "; Patrol.observation (patrol.py:31) makes it"."""
     env = world.env
     layers: list[Any] = [env]
     while isinstance(env, gymnasium.Wrapper):
@@ -162,14 +162,14 @@ def _locate_observation(world: World, call: str) -> str:
 
 
 def _play(world: World, seed: int, actions: list[int]) -> list[Step]:
-    """An episode's first steps; the reset comes first, as a step that earns nothing."""
+    """Play an episode's first steps; return them after the reset, which is a step that earns nothing."""
     observed = world.reset(seed)
     _require_inside(world, "reset")
-    said: list[Step] = [(0.0, False, False, observed.observation_hash, world.state_hash())]
-    return said + list(_go_on(world, actions))
+    steps: list[Step] = [(0.0, False, False, observed.observation_hash, world.state_hash())]
+    return steps + list(_step_through(world, actions))
 
 
-def _go_on(world: World, actions: list[int]) -> Iterator[Step]:
+def _step_through(world: World, actions: list[int]) -> Iterator[Step]:
     for action in actions:
         change = world.step(action)
         _require_inside(world, "step")
@@ -178,7 +178,7 @@ def _go_on(world: World, actions: list[int]) -> Iterator[Step]:
             return
 
 
-def _plays_alike(world: World, other: World, seeds: tuple[int, int], actions: list[int]) -> int:
+def _check_determinism(world: World, other: World, seeds: tuple[int, int], actions: list[int]) -> int:
     """Play two episodes; how many steps they took."""
     first = _play(world, seeds[0], actions)
     hashes = [step[-1] for step in first]
@@ -186,32 +186,32 @@ def _plays_alike(world: World, other: World, seeds: tuple[int, int], actions: li
         len(set(hashes)) == len(hashes),
         f"{world.id}: two moments of one episode have one state hash; a step counts, and belongs to the state",
     )
-    _same(f"{world.id}: reset again with seed {seeds[0]}", first, _play(world, seeds[0], actions))
+    _require_same(f"{world.id}: reset again with seed {seeds[0]}", first, _play(world, seeds[0], actions))
     between = _play(other, seeds[1], actions)
     later = _play(other, seeds[0], actions)
-    _same(f"{world.id}: after another episode (a wrapper or the world keeps something from it)", first, later)
+    _require_same(f"{world.id}: after another episode (a wrapper or the world keeps something from it)", first, later)
     other.close()
     return len(first) + len(between) - 2
 
 
-def _comes_back(world: World, seed: int, actions: list[int]) -> None:
-    """Whatever an episode changes is saved and restored: what the log calls the state is the state."""
+def _check_restore(world: World, seed: int, actions: list[int]) -> None:
+    """Check that save and restore cover all that an episode changes: that the logged state is the whole state."""
     lasts = len(_play(world, seed, actions)) - 1
     for at in sorted({max(1, lasts * quarter // 4) for quarter in (1, 2, 3)}):
-        _comes_back_from(world, seed, actions[:at], actions[at:])
+        _check_restore_from(world, seed, actions[:at], actions[at:])
 
 
-def _comes_back_from(world: World, seed: int, before_it: list[int], after_it: list[int]) -> None:
+def _check_restore_from(world: World, seed: int, before_it: list[int], after_it: list[int]) -> None:
     if any(step[1] or step[2] for step in _play(world, seed, before_it)):
         return  # over with its first step: there is no middle to come back to
     saved = world.save()
     before = world.state_hash()
     own = _own_attributes(world)
-    first = list(_go_on(world, after_it))
+    first = list(_step_through(world, after_it))
     world.restore(saved)
     require(world.state_hash() == before, f"{world.id}: restored, it has another state hash")
     _require_restored(world, own)
-    _same(f"{world.id}: restored", first, list(_go_on(world, after_it)))
+    _require_same(f"{world.id}: restored", first, list(_step_through(world, after_it)))
     world.restore(pickle.loads(pickle.dumps(saved)))
     require(world.state_hash() == before, f"{world.id}: restored from a pickle, it has another state hash")
 
@@ -232,35 +232,35 @@ def _search(world: World, seed: int, most_steps: int) -> WorldSearch:
         return search
     first = world.reset(seed)
     waiting = deque([world.save()])
-    seen = {_situation(world, first.observation_hash)}
+    situations = {_situation(world, first.observation_hash)}
     while waiting and search.steps < most_steps:
         saved = waiting.popleft()
         world.restore(saved)
         own = _own_attributes(world)
         for action in range(len(world.action_names)):
-            taken = list(_go_on(world, [action] * (STRIDE if world.drawn else 1)))
-            reward, terminated, truncated, observed, _ = taken[-1]
-            search.steps += len(taken)
+            steps = list(_step_through(world, [action] * (STRIDE if world.drawn else 1)))
+            reward, terminated, truncated, observed, _ = steps[-1]
+            search.steps += len(steps)
             search.rewarded += reward != 0
             search.ended += terminated
             place = _situation(world, observed)
-            if not (terminated or truncated or place in seen):
-                seen.add(place)
+            if not (terminated or truncated or place in situations):
+                situations.add(place)
                 waiting.append(world.save())
             changed = [name for name, value in _own_attributes(world).items() if value != own.get(name)]
             search.changed.update(changed)
             world.restore(saved)
             if changed or reward != 0:
                 _require_restored(world, own)
-                again = list(_go_on(world, [action] * len(taken)))
-                _same(f"{world.id}: {world.action_names[action]} after a restore", taken, again)
+                again = list(_step_through(world, [action] * len(steps)))
+                _require_same(f"{world.id}: {world.action_names[action]} after a restore", steps, again)
                 world.restore(saved)
-    search.situations = len(seen)
+    search.situations = len(situations)
     return search
 
 
 def _situation(world: World, observation_hash: int) -> Hashable:
-    """Where the agent is, coarsely, and what is seen there; of what is drawn, where things stand."""
+    """Return where the agent is, coarsely, and what it sees; in a drawn world, where things stand."""
     pose = world.pose()
     assert pose is not None
     place = round(2 * pose.x), round(2 * pose.z), round(4 * pose.yaw_rad / np.pi) % 8
@@ -272,7 +272,7 @@ def _situation(world: World, observation_hash: int) -> Hashable:
 
 
 def _own_attributes(world: World) -> dict[str, bytes]:
-    """The attributes that a world's own class adds to ours, as bytes."""
+    """Return the attributes that a world's own class adds to ours, as bytes."""
     env = getattr(world.unwrapped, "team", world.unwrapped)
     if not isinstance(env, NativeWorld | TeamWorld):
         return {}
@@ -292,8 +292,8 @@ def _own_attributes(world: World) -> dict[str, bytes]:
     return own
 
 
-def _is_drawn(world: World, seed: int, actions: list[int]) -> None:
-    """Drawing changes nothing, and a participant sees what the wrappers show."""
+def _check_drawing(world: World, seed: int, actions: list[int]) -> None:
+    """Check that drawing changes nothing, and that a participant sees what the wrappers show."""
     _play(world, seed, actions[:3])
     before = world.state_hash()
     for view in ("partial", "full"):
@@ -306,25 +306,25 @@ def _is_drawn(world: World, seed: int, actions: list[int]) -> None:
             again = world.frame(view, SIZE_PX, palette)
             require(np.array_equal(picture, again), f"{world.id}: drawn twice, it looks different")
     require(world.state_hash() == before, f"{world.id}: drawing it changes its state")
-    shown = world.env
-    while isinstance(shown, gymnasium.Wrapper):
-        if "render" in vars(type(shown)) and not type(shown).__module__.startswith("gymnasium."):
+    layer = world.env
+    while isinstance(layer, gymnasium.Wrapper):
+        if "render" in vars(type(layer)) and not type(layer).__module__.startswith("gymnasium."):
             require(
                 np.array_equal(world.frame("partial", SIZE_PX), np.asarray(world.env.render())),
-                f"{world.id}: the wrapper {type(shown).__name__} draws another picture than the participant sees",
+                f"{world.id}: the wrapper {type(layer).__name__} draws another picture than the participant sees",
             )
             return
-        shown = shown.env
+        layer = layer.env
 
 
-def _ends(world: World, seed: int) -> bool:
-    """A step after the end is refused and changes nothing, in worlds of ours; whether there was an end."""
+def _check_end(world: World, seed: int) -> bool:
+    """Check that our worlds refuse a step after the end, unchanged; return whether there was an end."""
     if not isinstance(world.unwrapped, NativeWorld):
         return False
     chance = np.random.default_rng(seed)
     actions = chance.integers(len(world.action_names), size=MAX_STEPS).tolist()
-    said = _play(world, seed, actions)
-    if not (said[-1][1] or said[-1][2]):
+    steps = _play(world, seed, actions)
+    if not (steps[-1][1] or steps[-1][2]):
         return False  # an episode without an end in sight
     before = world.state_hash()
     try:
@@ -339,7 +339,7 @@ def _ends(world: World, seed: int) -> bool:
 
 
 def _describe_plan(world: World, seed: int) -> str:
-    """What the world offers simulated participants, which take the shortest path with their own mistakes."""
+    """Describe what the world offers simulated participants, which take the shortest path with mistakes."""
     world.reset(seed)
     try:
         path = world.shortest_path()
@@ -354,12 +354,12 @@ def _describe_plan(world: World, seed: int) -> str:
     return f"shortest_path() has {len(path)} steps, path_length_bounds() {bounds.at_least} to {bounds.feasible}"
 
 
-def _same(when: str, expected: list[Step], found: list[Step]) -> None:
+def _require_same(when: str, expected: list[Step], actual: list[Step]) -> None:
     names = "reward", "terminated", "truncated", "observation", "state"
-    for number, (one, other) in enumerate(zip(expected, found, strict=False)):
-        for name, a, b in zip(names, one, other, strict=True):
+    for number, (before, now) in enumerate(zip(expected, actual, strict=False)):
+        for name, a, b in zip(names, before, now, strict=True):
             require(a == b, f"{when}: step {number} has another {name}: {a} before, {b} now")
-    require(len(expected) == len(found), f"{when}: it ends after {len(found) - 1} steps, not {len(expected) - 1}")
+    require(len(expected) == len(actual), f"{when}: it ends after {len(actual) - 1} steps, not {len(expected) - 1}")
 
 
 @contextmanager

@@ -59,7 +59,8 @@ class ProgramClient(ModelClient):
             ModelUnavailableError: if it does not answer in time.
         """
         with self._changed:
-            self._prompt, self._number = prompt, self._number + 1
+            self._prompt = prompt
+            self._number += 1
             self._changed.notify_all()
         started_s = time.perf_counter()
         try:
@@ -69,7 +70,7 @@ class ProgramClient(ModelClient):
         return ChatAnswer(text, "", self.model, "", 0, 0, (time.perf_counter() - started_s) * 1_000)
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: nothing is open."""
 
     def end(self, reason: str) -> None:
         """Say that there is no further screen, and why."""
@@ -88,20 +89,23 @@ class ProgramClient(ModelClient):
         return True
 
     def read_screen(self) -> dict[str, Any]:
-        """The screen that waits for an answer, or how the session ended, as JSON values."""
+        """Return the screen that waits for an answer, or how the session ended, as JSON values."""
         with self._changed:
             self._changed.wait_for(lambda: self._prompt is not None or self.over, ANSWER_WAIT_S)
             if self._prompt is None:
                 return {"number": self._number, "over": self.over or None}
             prompt = self._prompt
             rule = self._prompt.rule
+            picture_png = None
+            if prompt.picture is not None:
+                picture_png = base64.b64encode(prompt.picture).decode()
             return {
                 "number": self._number,
                 "over": None,
                 "screen": rule.screen,
                 "read": prompt.read,
                 "text": prompt.text,
-                "picture_png": None if prompt.picture is None else base64.b64encode(prompt.picture).decode(),
+                "picture_png": picture_png,
                 "observation": prompt.observation,
                 "keys": rule.keys,
                 "actions": dict(rule.named),
@@ -112,16 +116,16 @@ class ProgramClient(ModelClient):
 
 
 class BadRequestError(MinihumanError, ValueError):
-    """A program asked for what there is not; its words are for the program."""
+    """A program's request is not valid; the text is for the program."""
 
 
 class TooManySessionsError(MinihumanError, BlockingIOError):
-    """As many sessions run as may."""
+    """The limit of concurrent sessions is reached."""
 
 
 @dataclass(slots=True)
 class ProgramSessions:
-    """The sessions of programs.
+    """Runs the sessions of programs that take part in a study.
 
     Args:
         protocol: the study.
@@ -171,13 +175,111 @@ class ProgramSessions:
 
         run = ModelRun(f"http:{client.model}", make_client, group_commit=self.group_commit)
         try:
+            reason = "complete"
             logs = play_participant(self.protocol, data, run)
-            client.end(read_log(logs[-1]).end_reason if logs else "complete")
+            if logs:
+                reason = read_log(logs[-1]).end_reason
+            client.end(reason)
         except MinihumanError as error:
             client.end(type(error).__name__)
         except Exception:
             client.end("internal_error")
             raise
+
+
+class _AgentRequestHandler(GuardedHandler):
+    """Answers a program's requests; `make_agent_server` sets what it serves."""
+
+    programs: ProgramSessions
+    host: str  # the name by which this machine may be asked, beside the local ones
+    protocol_version = "HTTP/1.1"
+    request_s = REQUEST_S
+    timeout = REQUEST_S
+    max_threads = MAX_THREADS
+
+    def do_GET(self) -> None:  # noqa: N802 - the library's name
+        """Read the screen again."""
+        if not self._is_local():
+            return
+        client = self._find_client()
+        if client is not None:
+            self._reply(200, client.read_screen())
+
+    def do_POST(self) -> None:  # noqa: N802 - the library's name
+        """Begin a session or answer its screen."""
+        if not self._is_local():
+            return
+        body = self._read_body()
+        if body is None:
+            return
+        if self.path == "/sessions":
+            self._begin(body)
+            return
+        client = self._find_client()
+        if client is not None:
+            self._answer(client, body)
+
+    def _begin(self, body: dict[str, Any]) -> None:
+        try:
+            secret, client = self.programs.begin(body.get("name"))
+        except BadRequestError as error:
+            self._reply(400, {"error": str(error)})
+        except TooManySessionsError as error:
+            self._reply(503, {"error": str(error)})
+        else:
+            self._reply(201, {"session": f"/sessions/{secret}", **client.read_screen()})
+
+    def _answer(self, client: ProgramClient, body: dict[str, Any]) -> None:
+        number = body.get("number")
+        answer = body.get("answer")
+        if not isinstance(number, int) or not isinstance(answer, str):
+            self._reply(400, {"error": 'send {"number": the screen\'s, "answer": a text}'})
+        elif not client.answer(number, answer.encode("utf-8", "replace").decode()):
+            self._reply(409, {"error": f"screen {number} does not wait for an answer", **client.read_screen()})
+        else:
+            self._reply(200, client.read_screen())
+
+    def _find_client(self) -> ProgramClient | None:
+        client = self.programs.clients.get(self.path.removeprefix("/sessions/"))
+        if client is None:
+            self._reply(404, {"error": "this session does not exist; begin a session with POST /sessions"})
+        return client
+
+    def _is_local(self) -> bool:
+        """Whether a program asks; a web page's request, or one by another name of this machine, is refused."""
+        local = is_named(self.headers.get("Host", ""), (*LOCAL_HOSTS, self.host)) and "Origin" not in self.headers
+        if not local:
+            self._refuse(403, "only programs on this machine may play; ask for http://127.0.0.1 and the port")
+        return local
+
+    def _refuse(self, status: int, error: str) -> None:
+        self.close_connection = True  # a body may follow that is not read
+        self._reply(status, {"error": error})
+
+    def _read_body(self) -> dict[str, Any] | None:
+        length = read_length(self.headers.get("Content-Length", ""), MAX_BODY_BYTES)
+        if length is None:
+            self._refuse(413, f"send a body of at most {MAX_BODY_BYTES} bytes with its length")
+            return None
+        if self.headers.get_content_type() != "application/json":
+            self._refuse(415, "send JSON, with the header Content-Type: application/json")
+            return None
+        try:
+            body = json.loads(self.rfile.read(length))
+        except (ValueError, RecursionError):
+            body = None
+        if not isinstance(body, dict):
+            self._reply(400, {"error": "send a JSON object"})
+            return None
+        return body
+
+    def _reply(self, status: int, values: dict[str, Any]) -> None:
+        content = json.dumps(values).encode()
+        self.send_response(status)
+        self.send_header("Content-Type", "application/json")
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        self.wfile.write(content)
 
 
 def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.0.0.1") -> ThreadingHTTPServer:
@@ -187,86 +289,8 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
     ...}`` answers its screen, and ``GET /sessions/SECRET`` reads it again. Each returns the screen that follows.
     """
 
-    class Handler(GuardedHandler):
-        protocol_version = "HTTP/1.1"
-        request_s = REQUEST_S
-        timeout = REQUEST_S
-        max_threads = MAX_THREADS
-
-        def do_GET(self) -> None:  # noqa: N802 - the library's name
-            """Read the screen again."""
-            if self._is_local() and (client := self._client()) is not None:
-                self._reply(200, client.read_screen())
-
-        def do_POST(self) -> None:  # noqa: N802 - the library's name
-            """Begin a session or answer its screen."""
-            if not self._is_local() or (body := self._body()) is None:
-                return
-            if self.path == "/sessions":
-                self._begin(body)
-            elif (client := self._client()) is not None:
-                number = body.get("number")
-                answer = body.get("answer")
-                if not isinstance(number, int) or not isinstance(answer, str):
-                    self._reply(400, {"error": 'send {"number": the screen\'s, "answer": a text}'})
-                elif not client.answer(number, answer.encode("utf-8", "replace").decode()):
-                    self._reply(409, {"error": f"screen {number} does not wait for an answer", **client.read_screen()})
-                else:
-                    self._reply(200, client.read_screen())
-
-        def _begin(self, body: dict[str, Any]) -> None:
-            try:
-                secret, client = programs.begin(body.get("name"))
-            except BadRequestError as error:
-                self._reply(400, {"error": str(error)})
-            except TooManySessionsError as error:
-                self._reply(503, {"error": str(error)})
-            else:
-                self._reply(201, {"session": f"/sessions/{secret}", **client.read_screen()})
-
-        def _client(self) -> ProgramClient | None:
-            found = programs.clients.get(self.path.removeprefix("/sessions/"))
-            if found is None:
-                self._reply(404, {"error": "this session does not exist; begin a session with POST /sessions"})
-            return found
-
-        def _is_local(self) -> bool:
-            """Whether a program asks; a web page's request, or one by another name of this machine, is refused."""
-            local = is_named(self.headers.get("Host", ""), (*LOCAL_HOSTS, host)) and "Origin" not in self.headers
-            if not local:
-                self._refuse(403, "only programs on this machine may play; ask for http://127.0.0.1 and the port")
-            return local
-
-        def _refuse(self, status: int, error: str) -> None:
-            self.close_connection = True  # a body may follow that is not read
-            self._reply(status, {"error": error})
-
-        def _body(self) -> dict[str, Any] | None:
-            length = read_length(self.headers.get("Content-Length", ""), MAX_BODY_BYTES)
-            if length is None:
-                self._refuse(413, f"send a body of at most {MAX_BODY_BYTES} bytes with its length")
-                return None
-            if self.headers.get_content_type() != "application/json":
-                self._refuse(415, "send JSON, with the header Content-Type: application/json")
-                return None
-            try:
-                found = json.loads(self.rfile.read(length))
-            except (ValueError, RecursionError):
-                found = None
-            if not isinstance(found, dict):
-                self._reply(400, {"error": "send a JSON object"})
-                return None
-            return found
-
-        def _reply(self, status: int, values: dict[str, Any]) -> None:
-            content = json.dumps(values).encode()
-            self.send_response(status)
-            self.send_header("Content-Type", "application/json")
-            self.send_header("Content-Length", str(len(content)))
-            self.end_headers()
-            self.wfile.write(content)
-
-    return GuardedServer((host, port), Handler)
+    handler = type("AgentRequestHandler", (_AgentRequestHandler,), {"programs": programs, "host": host})
+    return GuardedServer((host, port), handler)
 
 
 _INSTRUCTIONS = (
@@ -293,7 +317,7 @@ def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
         try:
             secret, client = programs.begin(name)
         except (BadRequestError, TooManySessionsError) as error:
-            raise ToolError(str(error)) from error  # of any other exception the client is told its tool's name alone
+            raise ToolError(str(error)) from error  # of any other exception the client gets the tool's name alone
         return _show_screen(client, session=secret)
 
     @server.tool(structured_output=False)
@@ -313,10 +337,12 @@ def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
 
 
 def _show_screen(client: ProgramClient, **more: str) -> list[Any]:
-    """A screen as JSON, and its picture."""
+    """Return a screen as JSON, and its picture."""
     from mcp.server.mcpserver import Image
 
     screen = client.read_screen()
     png = screen.pop("picture_png", None)
-    picture = [] if png is None else [Image(data=base64.b64decode(png), format="png")]
-    return [json.dumps(more | screen), *picture]
+    content: list[Any] = [json.dumps(more | screen)]
+    if png is not None:
+        content.append(Image(data=base64.b64decode(png), format="png"))
+    return content

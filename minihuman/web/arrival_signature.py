@@ -1,7 +1,7 @@
 """Signed arrivals: proof that a recruiting platform's visitor came through a link or redirect of the study's own.
 
 The signature is an HMAC-SHA256 of the study, the platform and the visitor's id there. Its key is in the environment of
-whoever makes links and of the server, and in no protocol: a protocol is published.
+the server and of the program that makes links, and in no protocol: a protocol is published.
 """
 
 import hashlib

@@ -9,6 +9,7 @@ import re
 from collections.abc import Container, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -39,7 +40,7 @@ _TOKEN = re.compile(r"[A-Za-z0-9_-]{22}")  # 16 random bytes, as secrets.token_u
 
 
 def build_link(address: str, token: str) -> str:
-    """The link that a participant gets."""
+    """Build the link that a participant gets."""
     return f"{address}#t={token}"
 
 
@@ -68,22 +69,24 @@ class PlatformVisitor:
     signature: str = ""  # that they came through a link of the study's own
 
     def __repr__(self) -> str:
-        """Without the id, which belongs in no log and no traceback."""
+        """Leave out the id, which belongs in no log and no traceback."""
         return f"Visitor({self.platform})"
 
 
 def identify_visitor(parameters: Mapping[str, str], allowed: tuple[RecruitmentPlatform, ...]) -> PlatformVisitor | None:
     """Identify a visitor by a link's parameters, on the study's platforms; None without a valid id."""
     for platform in allowed:
-        who = parameters.get(_PARAMETERS[platform], "")
-        if _ID.fullmatch(who):
+        visitor_id = parameters.get(_PARAMETERS[platform], "")
+        if _ID.fullmatch(visitor_id):
             preview = parameters.get("assignmentId") == _PREVIEW
-            return PlatformVisitor(platform, who, preview=preview, signature=parameters.get(SIGNATURE_PARAMETER, ""))
+            return PlatformVisitor(
+                platform, visitor_id, preview=preview, signature=parameters.get(SIGNATURE_PARAMETER, "")
+            )
     return None
 
 
 def build_platform_link(platform: RecruitmentPlatform, address: str) -> str:
-    """The link to be given to a platform, which puts its ids in; behind the #, where no server writes it down."""
+    """Build the link for a platform, which puts its ids in; behind the #, where no server logs it."""
     return f"{address}{_FRAGMENTS[platform]}"
 
 
@@ -92,15 +95,18 @@ RejectionReason = Literal["unknown", "closed", "full", "preview", "finished", "n
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """What the page says of who opened it."""
+    """The page's facts about the visitor who opened it."""
 
     token: str = ""  # of the link
     platform: Mapping[str, str] = field(default_factory=dict)  # the platform's parameters
     utc_offset_min: int | None = None  # of the browser's local time
 
     def __repr__(self) -> str:
-        """Without what says who they are."""
-        return f"Arrival({'token' if self.token else 'no token'}, {len(self.platform)} parameters)"
+        """Leave out what identifies them."""
+        token = "no token"
+        if self.token:
+            token = "token"
+        return f"Arrival({token}, {len(self.platform)} parameters)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +135,7 @@ class Rejection:
 
 
 class Arrivals:
-    """The people of one study.
+    """Admits visitors to one study, and plans and settles their sessions.
 
     Args:
         protocol: the study.
@@ -156,18 +162,20 @@ class Arrivals:
         Raises:
             OSError: if the study's folder cannot be read or written.
         """
-        who = identify_visitor(arrival.platform, self.protocol.web.recruitment_platforms)
-        if who is not None and who.preview:
+        platform_visitor = identify_visitor(arrival.platform, self.protocol.web.recruitment_platforms)
+        if platform_visitor is not None and platform_visitor.preview:
             return Rejection("preview")
-        if not self._is_proven(arrival, who):
+        if not self._is_proven(arrival, platform_visitor):
             return Rejection("unknown")
         try:
-            return self._admit(arrival, who)
+            return self._admit(arrival, platform_visitor)
         except LeaseHeldError:
             return Rejection("wait")
         except (AllocationError, LogError) as error:
             LOG.warning("a participant was refused: %s", error)
-            return Rejection("wait" if isinstance(error, RemoteStoreError) else "broken")
+            if isinstance(error, RemoteStoreError):
+                return Rejection("wait")
+            return Rejection("broken")
 
     def is_invited(self, token: str) -> bool:
         """Whether a link was issued: a guess is no invitation, also where an open study gives it a slot.
@@ -177,12 +185,14 @@ class Arrivals:
         """
         return is_token(token) and self.recruits.has_issued(hash_link_token(token))
 
-    def _is_proven(self, arrival: Arrival, who: PlatformVisitor | None) -> bool:
+    def _is_proven(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> bool:
         """Whether a visitor has a link of the study's, or a signature where that is required."""
         if not self.protocol.web.require_signed_arrival or self.is_invited(arrival.token):
             return True
         study = self.protocol.study.name
-        return who is not None and is_signed(self._arrival_key, study, who.platform, who.id, who.signature)
+        return platform_visitor is not None and is_signed(
+            self._arrival_key, study, platform_visitor.platform, platform_visitor.id, platform_visitor.signature
+        )
 
     def plan(self, admission: Admission) -> SessionPlan:
         """Plan a participant's next segment; a log that was cut off is finished first.
@@ -192,16 +202,19 @@ class Arrivals:
             LogError: if an earlier log is damaged, or is being written.
             OSError: if it cannot be kept where every server has it.
         """
-        leases = self.leases
-        lease = admission.lease
         return plan_next_session(
             self.protocol,
             self._data,
             participant=admission.participant,
             session=admission.session,
             utc_offset_min=admission.utc_offset_min,
-            publish=lambda log: leases.publish(lease, log) if leases is not None and lease is not None else None,
+            publish=partial(self._publish, admission.lease),
         )
+
+    def _publish(self, lease: Lease | None, log: Path) -> None:
+        """Keep a log where every server has it, if there are others."""
+        if self.leases is not None and lease is not None:
+            self.leases.publish(lease, log)
 
     def decline(self, admission: Admission, why: str) -> None:
         """Forget a visitor who left no data: the enrolment log keeps why they left, and the slot is free.
@@ -221,16 +234,22 @@ class Arrivals:
         replace_participant(self._study_dir, admission.participant, AuditNote(reason, "server"))
 
     def id_on_platform(self, participant: str) -> str:
-        """A participant's id on the platform that sent them, for the link back; "" for the others."""
-        who = self.recruits.ids().get(participant)
-        return who.id if who else ""
+        """Return a participant's id on the platform that sent them, for the link back; "" for the others."""
+        platform_visitor = self.recruits.ids().get(participant)
+        if platform_visitor is None:
+            return ""
+        return platform_visitor.id
 
-    def _admit(self, arrival: Arrival, who: PlatformVisitor | None) -> Admission | Rejection:
-        given = hash_link_token(arrival.token) if is_token(arrival.token) else ""
-        key = given or (self.recruits.hash_platform_id(who.platform, who.id) if who else "")
+    def _admit(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> Admission | Rejection:
+        link_key = ""
+        if is_token(arrival.token):
+            link_key = hash_link_token(arrival.token)
+        key = link_key
+        if not key and platform_visitor is not None:
+            key = self.recruits.hash_platform_id(platform_visitor.platform, platform_visitor.id)
         if not key and not self.protocol.web.open_access:
             return Rejection("unknown")
-        is_invited = bool(given) and self.recruits.has_issued(given)
+        is_invited = bool(link_key) and self.recruits.has_issued(link_key)
         token = ""
         if not key:
             (token,) = self.recruits.issue(1)
@@ -238,15 +257,15 @@ class Arrivals:
         participant = self.recruits.find_participant(key)
         plan = None
         if participant is None:
-            first = self._first_time(key, who)
+            first = self._first_time(key, platform_visitor)
             if isinstance(first, Rejection):
                 return first
             participant, plan = first
-        found = self._next_session(participant)
-        if isinstance(found, str):
+        leased_session = self._next_session(participant)
+        if isinstance(leased_session, str):
             last = max(1, len(self.protocol.sessions))
-            return Rejection("finished", found, last, self.id_on_platform(participant))
-        session, lease = found
+            return Rejection("finished", leased_session, last, self.id_on_platform(participant))
+        session, lease = leased_session
         try:
             admission = self._plan_admission(participant, session, plan, arrival.utc_offset_min)
         except BaseException:
@@ -278,7 +297,9 @@ class Arrivals:
             ended = self._read_end(participant, session - 1)
             return Rejection("not_today", ended, session - 1, self.id_on_platform(participant))
 
-    def _first_time(self, key: str, who: PlatformVisitor | None) -> tuple[str, SessionPlan | None] | Rejection:
+    def _first_time(
+        self, key: str, platform_visitor: PlatformVisitor | None
+    ) -> tuple[str, SessionPlan | None] | Rejection:
         """Give a new visitor the next slot; return its plan if they just got it."""
         with self.recruits.exclusive() as file:
             if key in file.standing.came:
@@ -293,14 +314,16 @@ class Arrivals:
             except AllocationError:
                 return Rejection("full")
             participant = plan.participant.id
-            if who is not None:
-                self.recruits.remember(PlatformId(participant, who.platform, who.id))
-            issued = [] if known else [LinkIssued(key, now_text())]  # made by the page, in an open study
+            if platform_visitor is not None:
+                self.recruits.remember(PlatformId(participant, platform_visitor.platform, platform_visitor.id))
+            issued = []
+            if not known:  # made by the page, in an open study
+                issued.append(LinkIssued(key, now_text()))
             file.journal.append(*issued, ParticipantArrived(key, participant, now_text()))
             return participant, plan
 
     def _next_session(self, participant: str) -> tuple[int, Lease | None] | str:
-        """The first of a participant's sessions that is not complete, leased; if all are, why the last one ended."""
+        """Find and lease a participant's first session that is not complete; if all are, return why the last ended."""
         if self.leases is None:
             with suppress(RemoteStoreError):  # it is away: what is here is what there is
                 self._sync(participant)
@@ -322,8 +345,11 @@ class Arrivals:
         lease = leases.acquire(name_session(self.protocol.study.name, participant, session))
         try:
             if not lease.grant.ended:
-                with suppress(*(() if lease.grant.copied else (RemoteStoreError,))):
+                try:
                     self._sync(participant)
+                except RemoteStoreError:
+                    if lease.grant.copied:
+                        raise
                 folder = session_folder(self._data, self.protocol.study.name, participant, session)
                 leases.restore(lease, folder)
                 if lease.grant.copied and not (folder.is_dir() and list_sessions(folder)):
@@ -339,12 +365,14 @@ class Arrivals:
         sync_logs(self._data, f"{self.protocol.study.name}/{participant}/")
 
     def _read_end(self, participant: str, session: int) -> str:
-        """Why a session ended of which nothing is left to do, by the log that is here; "" if there is anything."""
+        """Return why a session ended, by the log that is here; "" if anything of it is left to do."""
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         if not folder.is_dir() or find_leftovers(folder) or not list_sessions(folder):
             return ""
         log = read_log(folder)
-        return log.end_reason if is_session_complete(log) else ""
+        if not is_session_complete(log):
+            return ""
+        return log.end_reason
 
     def settle(self, admission: Admission) -> None:
         """Hand a session over that was not started; of one whose log turned out to be complete, say that it ended."""
@@ -363,10 +391,12 @@ class Arrivals:
             OSError: if the database or the remote store cannot be asked, or a log cannot be written.
             LogError: if a log cannot be finished.
         """
-        for part in find_leftovers(self._study_dir) if self.leases is not None else ():
+        if self.leases is None:
+            return
+        for part in find_leftovers(self._study_dir):
             with suppress(LeaseHeldError):
-                finished = self.leases and self.leases.recover(part, only_ended=True)
+                finished = self.leases.recover(part, only_ended=True)
                 if finished and finished.readable:
                     record_log_end(finished.path)
-        for log in find_unrecorded_logs(self._study_dir) if self.leases is not None else ():
+        for log in find_unrecorded_logs(self._study_dir):
             record_log_end(log)

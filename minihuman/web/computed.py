@@ -63,20 +63,24 @@ class ComputedEpisode:
         self.play = play
         self.is_elsewhere = False  # the page is, or may be
         self.sent_step = -1  # of the state that was sent last
-        self._world, self._env = play.world, play.world.unwrapped
+        self._world = play.world
+        self._env = play.world.unwrapped
         self._differs = False  # since the last step that was the same
         self._unknown = 0  # steps since then of which the page said nothing
-        describe_world: Any = _describe_grid if isinstance(self._env, GridEngine) else _describe_first_person
+        describe_world: Any = _describe_first_person
+        if isinstance(self._env, GridEngine):
+            describe_world = _describe_grid
         self._fixed, self.arrays, self._look = describe_world(self._env, play.plan, picture_px)
 
     def state(self) -> WorldState:
-        """Where the session is, for a page that has the episode's ``arrays``."""
+        """Return where the session is, for a page that has the episode's ``arrays``."""
         state: WorldState = msgspec.structs.replace(self._fixed, **msgspec.structs.asdict(self.position()))
         return state
 
     def position(self) -> WorldPosition:
-        """Where the session is, for a page that has a state of the episode."""
-        self.is_elsewhere, self.sent_step = False, self.play.steps
+        """Return where the session is, for a page that has a state of the episode."""
+        self.is_elsewhere = False
+        self.sent_step = self.play.steps
         if self._look is None:
             saved = self._env.save()
             return GridPosition(self.play.steps, _run_lengths(saved.row), list(map(str, saved.rng_state.tolist())))
@@ -86,7 +90,7 @@ class ComputedEpisode:
         )
 
     def compare(self, message: KeyMessage | TickMessage, events: Sequence[Event]) -> str:
-        """Compare a message's step in the page with the session's; how they differ, "" if known or they do not."""
+        """Compare a message's step in the page with the session's; return a difference that is not known yet, or ""."""
         stepped = next((event for event in events if isinstance(event, Stepped)), None)
         own = ""
         if stepped is not None:
@@ -104,16 +108,18 @@ class ComputedEpisode:
             return ""
         self._differs = True
         if stepped is None:
-            cause = f"key {message.key}" if isinstance(message, KeyMessage) else "time"
+            cause = "time"
+            if isinstance(message, KeyMessage):
+                cause = f"key {message.key}"
             return f"{cause} made a step of episode {self.play.plan.episode + 1} in the page, and none here"
-        where = f"step {stepped.step} of episode {stepped.episode + 1}"
-        return f"{where} was computed otherwise in the page: its digest is {message.digest}, here it is {own}"
+        place = f"step {stepped.step} of episode {stepped.episode + 1}"
+        return f"{place} was computed otherwise in the page: its digest is {message.digest}, here it is {own}"
 
 
 def _describe_grid(
     env: GridEngine, plan: EpisodePlan, picture_px: tuple[int, int]
 ) -> tuple[WorldState, list[ArraysMessage], None]:
-    """What no step changes, and the arrays that the page needs."""
+    """Return what no step changes, and the arrays that the page needs."""
     assert plan.view != "text", "no page computes it"
     tile_px, palette = env.tiles(plan.view, picture_px, plan.palette)
     tiles = pack_atlas(tile_px, palette, env.kinds)
@@ -152,11 +158,11 @@ def _run_lengths(row: NDArray[np.int32]) -> list[int]:
 @lru_cache(maxsize=16)
 def pack_atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = ()) -> ArraysMessage:
     """Draw the tiles of a size and palette once, and pack them for pages."""
-    drawn = atlas(tile_px, palette, kinds)
+    tile_atlas = atlas(tile_px, palette, kinds)
     names = ("number", "under", "tiles", "agents", "carried")
-    sizes = np.array([tile_px, drawn.carried.shape[1]], np.int32)
-    arrays = {name: getattr(drawn, name) for name in names}
-    return pack_arrays({"px": sizes, **arrays, "tiles": drawn.tiles.view(np.uint8)})
+    sizes = np.array([tile_px, tile_atlas.carried.shape[1]], np.int32)
+    arrays = {name: getattr(tile_atlas, name) for name in names}
+    return pack_arrays({"px": sizes, **arrays, "tiles": tile_atlas.tiles.view(np.uint8)})
 
 
 def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> ArraysMessage:

@@ -16,7 +16,7 @@ from minihuman.errors import LogError, WorldError
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Stop
 from minihuman.experiment.plan.session_plan import needs_gamepad
 from minihuman.experiment.words import InterfaceWords
-from minihuman.log.record.session_leases import SessionLeases
+from minihuman.log.record.session_leases import Lease, SessionLeases
 from minihuman.runtime.session_loop import CommandInbox
 from minihuman.storage.system import current_system, monotonic_s
 from minihuman.web import messages
@@ -38,7 +38,7 @@ _ACTS = messages.KeyMessage | messages.PointerMessage | messages.TextMessage | m
 
 
 class Connection(PageSession):
-    """One participant's.
+    """Connects one participant's page with their session.
 
     Args:
         admission: whose it is.
@@ -62,7 +62,9 @@ class Connection(PageSession):
         self.key = admission.key
         self.admission = admission
         self.hosted = hosted
-        self.lease = admission.lease if leases is not None else None
+        self.lease: Lease | None = None
+        if leases is not None:
+            self.lease = admission.lease
         self.recording = SessionRecording(hosted, self.lease, leases)
         self.presence = PagePresence(monotonic_s(), hosted.signs)
         self.loop = asyncio.get_running_loop()
@@ -81,12 +83,12 @@ class Connection(PageSession):
 
     @property
     def host(self) -> SessionHost:
-        """The session's host."""
+        """Return the session's host."""
         return self.hosted.host
 
     @property
     def outgoing(self) -> ServerMessages:
-        """The messages to the page; another object after a restart."""
+        """Return the messages to the page; another object after a restart."""
         return self.host.outgoing
 
     @property
@@ -127,7 +129,7 @@ class Connection(PageSession):
     async def run(self, work: Callable[..., T], *arguments: Any) -> T:
         """Do something with the session: where its worlds may keep it waiting, in a thread, after what came before.
 
-        The work is done to its end though who waits for it is cancelled.
+        The work is finished even if the task that awaits it is cancelled.
         """
         if self._threads is None:
             return work(*arguments)
@@ -175,15 +177,14 @@ class Connection(PageSession):
             self.host.note(note)
             if not self._clock.allows(hello.last, self.now_ns()):
                 self.hosted.segment = secrets.token_hex(8)  # else all that the page has kept would be refused, for ever
-        resumes = self._streams.resumes(hello.life, hello.heard, self.outgoing)
-        if resumes:
+        if self._streams.resumes(hello.life, hello.heard, self.outgoing):
             self.outgoing.acknowledge(hello.heard)
-        else:
-            self._streams.life = secrets.token_hex(4)
-            self.host.restart(computes=bool(hello.kernels) and hello.kernels == kernels_digest())
-            if self.over is not None:
-                self.outgoing.add(self.over)
-        return self._welcome(resumes=resumes), socket_number, hello.heard if resumes else 0
+            return self._welcome(resumes=True), socket_number, hello.heard
+        self._streams.life = secrets.token_hex(4)
+        self.host.restart(computes=bool(hello.kernels) and hello.kernels == kernels_digest())
+        if self.over is not None:
+            self.outgoing.add(self.over)
+        return self._welcome(resumes=False), socket_number, 0
 
     def _welcome(self, *, resumes: bool) -> messages.Welcome:
         plan = self.host.session.plan
@@ -235,10 +236,12 @@ class Connection(PageSession):
 
     def safe(self) -> int:
         """Return the last of the page's messages that may be acknowledged: no crash and no other server can undo it."""
-        return self.host.safe(None if self.lease is None else self.lease.count_acknowledgeable(monotonic_s()))
+        if self.lease is None:
+            return self.host.safe()
+        return self.host.safe(self.lease.count_acknowledgeable(monotonic_s()))
 
     def count_unsaved(self) -> int:
-        """How many of the page's messages were taken, and may not be on the disk."""
+        """Count the page's messages that were taken, and may not be on the disk."""
         return max(0, self.host.outbox.through - self.safe())
 
     def take(self, numbered: messages.NumberedMessage, *, more: bool = False) -> None:

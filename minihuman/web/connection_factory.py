@@ -46,7 +46,7 @@ LOG = logging.getLogger("minihuman")
 
 
 class ConnectionFactory:
-    """Makes the connections of a study.
+    """Makes a study's connections.
 
     Args:
         arrivals: the study, and who comes.
@@ -101,8 +101,11 @@ class ConnectionFactory:
         network = find_network(address)
         # a token that they invented is turned away
         is_invited = is_token(hello.token) and not self._web.open_access
-        network_turn = self._turns.setdefault(link_digest if is_invited else network.encode(), asyncio.Lock())
-        async with turn, network_turn if network_turn is not turn else contextlib.nullcontext():
+        async with contextlib.AsyncExitStack() as turns:
+            await turns.enter_async_context(turn)
+            if not is_invited:
+                network_turn = self._turns.setdefault(network.encode(), asyncio.Lock())
+                await turns.enter_async_context(network_turn)
             known = self._connections.get(self._connection_keys.get(link_digest, ""))
             if known is not None:
                 return known
@@ -114,7 +117,9 @@ class ConnectionFactory:
                 return self._refusals.turn_away("busy")
             connection = await self._admit_page(hello)
             if isinstance(connection, Connection):
-                connection.network = "" if connection.admission.is_invited else network
+                connection.network = network
+                if connection.admission.is_invited:
+                    connection.network = ""
                 self._connection_keys[link_digest] = connection.key
             return connection
 
@@ -129,7 +134,9 @@ class ConnectionFactory:
         if not reason:
             return None
         platform_visitor = identify_visitor(hello.platform, self._web.recruitment_platforms)
-        return self._refusals.turn_away(reason, person="" if platform_visitor is None else platform_visitor.id)
+        if platform_visitor is None:
+            return self._refusals.turn_away(reason)
+        return self._refusals.turn_away(reason, person=platform_visitor.id)
 
     def _is_full(self) -> bool:
         return len(self._connections) >= self._web.max_concurrent_sessions
@@ -146,7 +153,7 @@ class ConnectionFactory:
         """Whether a link of an open study was issued, by the experimenter or by a page that comes again."""
         try:
             return await asyncio.to_thread(self._arrivals.is_invited, token)
-        except OSError:  # the database is away: they are told where they are admitted
+        except OSError:  # the database is away, which admission reports
             return False
 
     def _is_crowded(self, network: str) -> bool:
@@ -164,9 +171,9 @@ class ConnectionFactory:
             return
         del self._connections[connection.key]
         own_key = f"{connection.key} left {next(self._isolation_numbers)}"
-        self._connection_keys = {
-            link_digest: own_key if key == connection.key else key for link_digest, key in self._connection_keys.items()
-        }
+        for link_digest, key in self._connection_keys.items():
+            if key == connection.key:
+                self._connection_keys[link_digest] = own_key
         connection.key = own_key
         self._connections[own_key] = connection
 
@@ -196,10 +203,16 @@ class ConnectionFactory:
         except (MinihumanError, OSError) as error:
             await asyncio.to_thread(self._arrivals.settle, admission)
             LOG.warning("a session was not started: %s", error)
-            # no database, or a log that another server left was complete: the page comes again, and is told
+            # no database, or a log that another server left was complete: the page tries again, and gets the reason
             if isinstance(error, OSError | AllocationError):
                 return WAIT
             return self._refusals.turn_away("broken")
+        connection = self._make_connection(admission, hosted)
+        opened.append(connection)
+        wake()
+        return connection
+
+    def _make_connection(self, admission: Admission, hosted: HostedSession) -> Connection:
         connection = Connection(
             admission,
             hosted,
@@ -209,8 +222,6 @@ class ConnectionFactory:
             threads=self._threads,
         )
         self._connections[admission.key] = connection
-        opened.append(connection)
-        wake()
         return connection
 
     def _collect_facts(self, hello: Hello) -> dict[str, str]:
@@ -229,10 +240,7 @@ class ConnectionFactory:
         hosted = self._start_or_resume(admission, facts, wake, ask_team)
         if admission.lease is not None:
             hosted.segment = name_segment(Path(admission.lease.grant.name), hosted.host.session.plan)
-            files = hosted.files
-            admission.lease.follow(
-                lambda: files[0].where.part if files else None, lambda: hosted.recorder.durable_writes
-            )
+            admission.lease.follow(hosted.find_live_log, lambda: hosted.recorder.durable_writes)
         return hosted
 
     def _start_or_resume(

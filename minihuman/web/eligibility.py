@@ -37,11 +37,12 @@ _TEXTS = {
 _NUMBERS = ("timer_step_ms", "refresh_hz", "pixel_ratio")
 _WINDOW_SIZE = re.compile(r"(\d{1,5}) x (\d{1,5})")
 _MAX_UTC_OFFSET_MIN = 18 * 60
+_YES_OR_NO = {True: "yes", False: "no"}
 _TRUTHS = ("isolated", "touch", "mouse")
 
 
 def collect_browser_facts(facts_given: Mapping[str, bool | float | str]) -> dict[str, str]:
-    """The facts among what a page says; whatever does not look like one is left out."""
+    """Collect the facts among what a page says; what has not a fact's form is left out."""
     facts = {"window": "web", "key_times": "the browser's (event.timeStamp)", "key_identity": "position (event.code)"}
     for name, shape in _TEXTS.items():
         value = facts_given.get(name)
@@ -56,23 +57,29 @@ def collect_browser_facts(facts_given: Mapping[str, bool | float | str]) -> dict
     for name in _TRUTHS:
         value = facts_given.get(name)
         if isinstance(value, bool):
-            facts[name] = "yes" if value else "no"
+            facts[name] = _YES_OR_NO[value]
     return facts
 
 
 def find_utc_offset_min(facts_given: Mapping[str, bool | float | str]) -> int | None:
-    """How many minutes a browser's local time is ahead of UTC; None where it says no such thing."""
-    told = facts_given.get("utc_offset_min")  # a whole number, which arrives as a float
-    if not isinstance(told, int | float) or isinstance(told, bool) or not abs(told) <= _MAX_UTC_OFFSET_MIN:
+    """Find how many minutes a browser's local time is ahead of UTC; None where it does not say so."""
+    offset_min = facts_given.get("utc_offset_min")  # a whole number, which arrives as a float
+    if (
+        not isinstance(offset_min, int | float)
+        or isinstance(offset_min, bool)
+        or not abs(offset_min) <= _MAX_UTC_OFFSET_MIN
+    ):
         return None
-    return int(told) if told == int(told) else None
+    if offset_min != int(offset_min):
+        return None
+    return int(offset_min)
 
 
 Ineligibility = Literal["", "browser", "window", "latency", "keyboard", "gamepad"]
 
 
 class BrowserProperties(msgspec.Struct, frozen=True):
-    """What the page finds out before anything else; no more of it is kept than the log's facts say."""
+    """The properties of a browser that eligibility depends on; only the log's facts are kept."""
 
     browser: str = "other"  # the family
     window_px: tuple[int, int] = (0, 0)
@@ -84,15 +91,20 @@ class BrowserProperties(msgspec.Struct, frozen=True):
 def read_browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserProperties:
     """Read what eligibility depends on from a page's facts."""
     family = str(facts.get("browser", "other")).lower()
-    size = _WINDOW_SIZE.fullmatch(str(facts.get("window_px", "")))
+    window_px = (0, 0)
+    if size := _WINDOW_SIZE.fullmatch(str(facts.get("window_px", ""))):
+        window_px = (int(size[1]), int(size[2]))
     known = next((name for name in ("chrome", "edge", "firefox", "safari") if name in family), "other")
     if "chromium" in family:
         known = "chrome"
     rtt = facts.get("rtt_ms")
+    rtt_ms = None
+    if isinstance(rtt, int | float):
+        rtt_ms = float(rtt)
     return BrowserProperties(
         browser=known,
-        window_px=(int(size[1]), int(size[2])) if size else (0, 0),
-        rtt_ms=float(rtt) if isinstance(rtt, int | float) else None,
+        window_px=window_px,
+        rtt_ms=rtt_ms,
         keyboard=facts.get("mouse") is not False or facts.get("touch") is not True,
         gamepad=facts.get("gamepad") is True,
     )
@@ -101,7 +113,7 @@ def read_browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserP
 def check_eligibility(
     online: WebSpec, browser: BrowserProperties, *, needs_keyboard: bool = False, needs_gamepad: bool = False
 ) -> Ineligibility:
-    """Why a browser is not eligible; "" if it is.
+    """Check a browser; return why it is not eligible, "" if it is.
 
     Args:
         online: what the study requires.
@@ -140,7 +152,7 @@ def requires_gamepad(protocol: Protocol) -> bool:
 
 
 def list_touch_keys(plan: SessionPlan) -> dict[str, str]:
-    """The keys that buttons stand for on a touch screen, each with its words; none where there are too many."""
+    """List the keys that have buttons on a touch screen, each with its words; none where there are too many."""
     if len(plan.key_pool) > MAX_TOUCH_KEYS:
         return {}
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
@@ -164,7 +176,7 @@ _ENDS: dict[str, WebEnding] = {
 
 @dataclass(frozen=True, slots=True)
 class Completion:
-    """What the page says at last."""
+    """The page's last message: how the session ended, and the code."""
 
     end: WebEnding
     code: str = ""
@@ -172,7 +184,7 @@ class Completion:
 
 
 def classify_ending(reason: EndReason, *, agreed: bool, part_kind: str = "") -> WebEnding:
-    """What an end is to the participant.
+    """Classify a session's end for its participant.
 
     Args:
         reason: the session's.
@@ -187,14 +199,14 @@ def classify_ending(reason: EndReason, *, agreed: bool, part_kind: str = "") -> 
 
 
 def get_session_code(protocol: Protocol, session: int) -> str:
-    """The completion code of a session's own; "" where it has none."""
+    """Return a session's own completion code; "" where it has none."""
     if session <= len(protocol.sessions):
         return protocol.sessions[session - 1].completion_code
     return ""
 
 
 def build_completion(online: WebSpec, end: WebEnding, *, session_code: str = "", person: str = "") -> Completion:
-    """The code and the address for an end.
+    """Build the code and the address for an end.
 
     Args:
         online: the study's codes, and where the page leads.
@@ -213,10 +225,10 @@ def build_completion(online: WebSpec, end: WebEnding, *, session_code: str = "",
 
 @cache
 def load_page_texts() -> dict[str, dict[str, str]]:
-    """By language, by key."""
+    """Load the page's texts, by language and key."""
     return tomllib.loads(files(__package__).joinpath("page_texts.toml").read_text(encoding="utf-8"))
 
 
 def get_page_texts(language: str) -> dict[str, str]:
-    """What the page says in a language; English where it is none of ours."""
+    """Return what the page says in a language; English where we have no translation."""
     return load_page_texts().get(language, load_page_texts()[ENGLISH])

@@ -21,7 +21,7 @@ _STEPPING = (messages.KeyMessage, messages.TickMessage)
 
 
 class EpisodeAhead:
-    """The episode that the page has the rules of, computed by the page or looked ahead in.
+    """Goes ahead of the session in the episode whose rules the page has: computed by the page, or by look-ahead.
 
     Args:
         make_world: makes worlds to look ahead in.
@@ -61,16 +61,21 @@ class EpisodeAhead:
                 self.computed = ComputedEpisode(play, self._picture_px)
             return -1
         self.computed = None
+        own_world = None
+        actual: World | None = play.world
+        if self._lends:
+            own_world = self._find_world(play.plan)
+            actual = None
         self.graph = LookAheadGraph(
             play.plan,
             self._make_world,
             actions,
             self._picture_px,
             images,
-            world=self._find_world(play.plan) if self._lends else None,
+            world=own_world,
             # a team's ticks also have the others' actions; where keys combine, any step is possible
             blind=(play.is_joint and play.real_time) or play.repeats_held or not play.world.actions.is_discrete,
-            actual=None if self._lends else play.world,
+            actual=actual,
         )
         if play.steps:
             self.graph.move_to(play.world)
@@ -88,7 +93,9 @@ class EpisodeAhead:
             return -1
         if play is None:
             edge = self.graph.root.edges.get(action)
-            return -1 if edge is None else edge[0].name
+            if edge is None:
+                return -1
+            return edge[0].name
         if play.is_joint:  # others acted, too
             self.graph.move_to(play.world)
             return self.graph.root.name

@@ -13,7 +13,7 @@ UNKNOWN_SCENE = -1
 
 
 class EpisodeSteps:
-    """The scenes of the latest episode's steps.
+    """Keeps the scenes of the latest episode's steps.
 
     Args:
         logged: the events of the log that a session is resumed from.

@@ -52,7 +52,7 @@ _RULES = (
 
 @dataclass(frozen=True, slots=True)
 class HostStorage:
-    """Where sessions are recorded.
+    """The storage that sessions are recorded to, and what their hosts share.
 
     Args:
         protocol: the study; the policies of its agents lie beside it.
@@ -71,7 +71,7 @@ class HostStorage:
 
 @dataclass(slots=True)
 class HostedSession:
-    """A session host, and what it records to."""
+    """A session host with its recorder and its log."""
 
     host: SessionHost
     recorder: Recorder
@@ -79,6 +79,12 @@ class HostedSession:
     segment: str  # what the page calls the segment: it says nothing of whose it is
     files: list[McapRecorder] = field(default_factory=list)  # its log, once there is one
     signs: LifeSigns = field(default_factory=LifeSigns)  # of its page and participant
+
+    def find_live_log(self) -> Path | None:
+        """Find the log that is being written; None before there is one."""
+        if not self.files:
+            return None
+        return self.files[0].segment_path.part
 
 
 def start_host(
@@ -163,7 +169,9 @@ def resume_host(
 
 def _refuse_other_rules(part: Path, events: Sequence[Event], facts: Mapping[str, str]) -> None:
     """Refuse what another release began, or another state of the worlds."""
-    began = events[0].facts if events and isinstance(events[0], SessionStarted) else {}
+    began: Mapping[str, str] = {}
+    if events and isinstance(events[0], SessionStarted):
+        began = events[0].facts
     for name in {*began, *facts}:
         if (name in _RULES or name.startswith(SOURCE_FACT)) and began.get(name) != facts.get(name):
             raise LogError(
@@ -178,7 +186,7 @@ def name_segment(data: Path, plan: SessionPlan) -> str:
 
 
 class SessionRecording:
-    """What a session is recorded to once it is over, or its server stops: its log and lease. Blocks for the disk.
+    """Finishes or leaves a session's log and lease, once it is over or its server stops. Blocks for the disk.
 
     Args:
         hosted: the session.
@@ -208,7 +216,10 @@ class SessionRecording:
         reason = self._hosted.host.session.end_reason
         is_final = bool(self._hosted.files) and reason in FINAL_END_REASONS
         if not self._is_closed:
-            self._end_lease(str(reason) if is_final else "")
+            final_reason = ""
+            if is_final:
+                final_reason = str(reason)
+            self._end_lease(final_reason)
             self._close_log()
         if self.log is not None:
             self._store_log(self.log, is_final=is_final)
@@ -243,9 +254,13 @@ class SessionRecording:
         is_in_store = _seal(log)
         if self._leases is None or self._lease is None:
             return
-        has_store = (study_folder(log).parent / STORE_URL_FILE_NAME).is_file()
-        is_kept_elsewhere = is_in_store if has_store else is_final
-        self._leases.store(self._lease, None if is_kept_elsewhere else log)
+        is_needed = not is_final
+        if (study_folder(log).parent / STORE_URL_FILE_NAME).is_file():
+            is_needed = not is_in_store
+        if is_needed:
+            self._leases.store(self._lease, log)
+        else:
+            self._leases.store(self._lease, None)
 
     def leave(self, *, is_dismissed: bool) -> None:
         """Make the log durable and go: the next server goes on with it.
@@ -263,7 +278,7 @@ class SessionRecording:
         if is_dismissed:
             with suppress(OSError):  # else it is put aside when the session is leased here again
                 for file in self._hosted.files:
-                    put_aside(file.where.part, SUPERSEDED)
+                    put_aside(file.segment_path.part, SUPERSEDED)
 
 
 def _seal(log: Path) -> bool:

@@ -58,7 +58,7 @@ _SHORT: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Press | _Shown | _Tick
 
 
 def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck | Ping | Farewell:
-    """A message of the page's.
+    """Decode a message of the page's.
 
     Raises:
         MessageError: if it is none, or over its limits.
@@ -79,16 +79,22 @@ def _expand(short: Any) -> NumberedMessage:
     kind = type(short)
     if kind is _Tick:
         return NumberedMessage(short.n, at_ns, TickMessage(short.digest))
-    if (short.ago if kind is _Press else max(short.flip, short.submit)) > short.at:
-        raise ValueError("a time is before the session's start")
     if kind is _Press:
+        _require_since_start(short.ago, short.at)
         stamp_ns = at_ns - 1000 * short.ago
-        what = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
-        return NumberedMessage(short.n, at_ns, what)
+        press = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
+        return NumberedMessage(short.n, at_ns, press)
+    _require_since_start(max(short.flip, short.submit), short.at)
     flip_ns = at_ns - 1000 * short.flip
     submit_ns = at_ns - 1000 * short.submit
-    shown = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
-    return NumberedMessage(short.n, at_ns, shown)
+    display = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
+    return NumberedMessage(short.n, at_ns, display)
+
+
+def _require_since_start(ago_us: int, at_us: int) -> None:
+    """Refuse a time, so long before a message's, that is before the session's start."""
+    if ago_us > at_us:
+        raise ValueError("a time is before the session's start")
 
 
 _ENCODER = msgspec.json.Encoder()
@@ -100,7 +106,7 @@ class _NumberedServerMessage(msgspec.Struct):
 
 
 def encode_numbered(number: int, message: ServerMessage | PictureMessage) -> bytes:
-    """A message of the server's stream, as part of a batch."""
+    """Encode a message of the server's stream, as part of a batch."""
     if isinstance(message, PictureMessage):
         head = _PICTURE.pack(number, message.number, message.encoding, 0, message.width, message.height)
         return _PART.pack(1, len(head) + len(message.data)) + head + message.data
@@ -108,11 +114,11 @@ def encode_numbered(number: int, message: ServerMessage | PictureMessage) -> byt
 
 
 def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
-    """A message beside the stream."""
+    """Encode a message beside the stream."""
     return _ENCODER.encode(message).decode()
 
 
 def encode_text(message: _NumberedServerMessage | ServerAck | Pong) -> bytes:
-    """A message as the bytes of a text, to be sent together with others."""
+    """Encode a message as the bytes of a text, to be sent together with others."""
     text = _ENCODER.encode(message)
     return _PART.pack(0, len(text)) + text

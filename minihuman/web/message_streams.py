@@ -14,21 +14,21 @@ Message = TypeVar("Message")
 
 
 class OutgoingStream(Generic[Message]):
-    """This side's messages, from 1 on."""
+    """Numbers this side's messages, from 1 on, and keeps them until they are acknowledged."""
 
     def __init__(self) -> None:
-        self._kept: deque[tuple[int, Message]] = deque()
+        self._unacknowledged: deque[tuple[int, Message]] = deque()
         self.last_number = 0  # of the last message
 
     @property
-    def kept(self) -> int:
-        """How many messages are not acknowledged yet."""
-        return len(self._kept)
+    def n_unacknowledged(self) -> int:
+        """Return how many messages are not acknowledged yet."""
+        return len(self._unacknowledged)
 
     def add(self, message: Message) -> None:
         """Number a message and keep it until it is acknowledged."""
         self.last_number += 1
-        self._kept.append((self.last_number, message))
+        self._unacknowledged.append((self.last_number, message))
 
     def acknowledge(self, number: int) -> None:
         """Forget the messages up to a number: the other side has them.
@@ -40,16 +40,16 @@ class OutgoingStream(Generic[Message]):
             raise MessageError(
                 f"message {number} was acknowledged, but the last one sent is {self.last_number}; reload the page"
             )
-        while self._kept and self._kept[0][0] <= number:
-            self._kept.popleft()
+        while self._unacknowledged and self._unacknowledged[0][0] <= number:
+            self._unacknowledged.popleft()
 
     def after(self, number: int) -> Iterator[tuple[int, Message]]:
-        """The kept messages behind a number."""
-        return (kept for kept in tuple(self._kept) if kept[0] > number)
+        """Yield the unacknowledged messages after a number."""
+        return (numbered for numbered in tuple(self._unacknowledged) if numbered[0] > number)
 
 
 class IncomingStream:
-    """The other side's messages, received up to a number."""
+    """Counts the other side's messages, which are received up to a number."""
 
     def __init__(self, received: int = 0) -> None:
         self.received = received

@@ -25,7 +25,7 @@ from minihuman.web.traffic_limits import PREFETCH_BACKLOG
 
 @dataclass(frozen=True, slots=True)
 class PageSettings:
-    """What of the protocol is about pages."""
+    """The protocol's settings of pages."""
 
     picture_px: tuple[int, int] = (400, 300)
     encoding: ImageEncoding = "auto"
@@ -64,7 +64,7 @@ class Outbox:
 
     @property
     def outgoing(self) -> OutgoingStream[messages.ServerMessage | messages.PictureMessage]:
-        """The messages to the page; another object after a restart."""
+        """Return the messages to the page; another object after a restart."""
         return self._page.outgoing
 
     def is_present(self, message: messages.DisplayedMessage) -> bool:
@@ -113,7 +113,9 @@ class Outbox:
 
     def follow(self, events: list[Event]) -> None:
         """Move the look-ahead where the session went; ``send_state`` then tells the page."""
-        next_play = None if self._session.over else self._session.part.next_play
+        next_play = None
+        if not self._session.over:
+            next_play = self._session.part.next_play
         for event in events:
             match event:
                 case EpisodeStep() if event.episode == self.steps.episode:
@@ -124,7 +126,9 @@ class Outbox:
             self._begin_episode(next_play)
 
     def _follow_step(self, step: EpisodeStep, *, ended: bool) -> None:
-        play = None if ended else self._session.play
+        play = None
+        if not ended:
+            play = self._session.play
         self.steps.append(self._ahead.step(step.action, play))
         if self._ahead.graph is not None and play is not None:
             self._page.send_scenes(self._ahead.graph)
@@ -137,8 +141,11 @@ class Outbox:
         self.send_prefetched()  # as long as its pictures are known
         self.steps.begin(play)
         actions = {key: play.world.action_names.index(name) for key, name in plan.key_map.keys.items()}
-        noop = None if plan.noop is None else play.world.action_names.index(plan.noop)
-        possible = [*actions.values()] if noop is None else [*actions.values(), noop]
+        possible = list(actions.values())
+        noop = None
+        if plan.noop is not None:
+            noop = play.world.action_names.index(plan.noop)
+            possible.append(noop)
         self._page.images.forget()
         keep = self._page.images.next
         scene = self._ahead.begin(play, possible, self._page.images, computes=self._computes(play))
@@ -149,11 +156,17 @@ class Outbox:
     def _send_rules(self, play: RunningEpisode, actions: dict[str, int], noop: int | None, keep: int) -> None:
         plan = play.plan
         part_plan = self._session.part.part.plan
-        limits = [plan.max_steps] + ([] if play.world.step_limit is None else [play.world.step_limit])
+        most_steps = plan.max_steps
+        if play.world.step_limit is not None:
+            most_steps = min(most_steps, play.world.step_limit)
         team: messages.JointPace = ""
-        if play.is_joint:
-            team = "ticks" if play.real_time else "turns"
-        computed = self._ahead.computed
+        if play.is_joint and play.real_time:
+            team = "ticks"
+        elif play.is_joint:
+            team = "turns"
+        world_state = None
+        if self._ahead.computed is not None:
+            world_state = self._page.send_world_state(self._ahead.computed)
         self.outgoing.add(
             messages.EpisodeRules(
                 episode=plan.episode,
@@ -162,12 +175,12 @@ class Outbox:
                 period=max(1, round(plan.step_period_ms * 1e6)),
                 noop=noop,
                 auto_repeat=plan.auto_repeat,
-                most_steps=min(limits),
+                most_steps=most_steps,
                 team=team,
                 held=getattr(part_plan, "hold_ms", 0.0) > 0,
                 keep=keep,
                 motion=getattr(part_plan, "motion_ms", None) or 0.0,
-                computed=None if computed is None else self._page.send_world_state(computed),
+                computed=world_state,
             )
         )
 
@@ -188,7 +201,7 @@ class Outbox:
         ``send_prefetched`` sends what was found. ``rtt_ns`` is the round trip.
         """
         session = self._session
-        if session.over or self.outgoing.kept > PREFETCH_BACKLOG:
+        if session.over or self.outgoing.n_unacknowledged > PREFETCH_BACKLOG:
             return False
         if self._page.grow(session, rtt_ns):
             return True
@@ -202,18 +215,18 @@ class Outbox:
         self._page.send_prefetched()
         self._page.send_scenes(self._ahead.graph)
 
-    def restart(self, asked: Iterable[int], *, begun: bool) -> None:
+    def restart(self, open_questions: Iterable[int], *, has_begun: bool) -> None:
         """Tell everything from the start.
 
         Args:
-            asked: what the page was asked and has not answered.
-            begun: whether there is anything to tell.
+            open_questions: the numbers of the questions that the page has not answered.
+            has_begun: whether there is anything to send.
         """
         self._page = PageContents(self._settings.encoding, self._ahead.lend)
-        for number in asked:
+        for number in open_questions:
             self.outgoing.add(messages.CommandMessage(number))
         self._ahead.forget(keeps_computed=self.page_computes)
-        if not self._session.over and begun:
+        if not self._session.over and has_begun:
             play = self._session.part.play or self._session.part.next_play  # also behind a pause
             if play is not None:
                 self._begin_episode(play)
@@ -221,19 +234,28 @@ class Outbox:
 
     def send_state(self) -> None:
         """Tell the page what it does not know of where the session is."""
-        play = None if self._session.over else self._session.play
+        play = self._present_play
         tick_ns = self._next_tick_ns
         computed = self._ahead.computed
         knows_screen = computed is not None and play is not None and play is self._page.screen_play  # but for its step
         self._page.screen_play = play
         if not knows_screen:
             self._send_screen(tick_ns)
-        steering = None if play is None else self._session.part.describe_steering(play)
-        if play is not None and steering is not None:
-            self._send_control(steering, play.plan.episode)
+        steering = None
+        if play is not None:
+            steering = self._session.part.describe_steering(play)
+            if steering is not None:
+                self._send_control(steering, play.plan.episode)
         if computed is not None:
             self._correct(computed, play)
         self._send_position(play, steering, tick_ns)
+
+    @property
+    def _present_play(self) -> RunningEpisode | None:
+        """Return the episode that is played now; None where none is."""
+        if self._session.over:
+            return None
+        return self._session.play
 
     def _send_screen(self, tick_ns: int | None) -> None:
         session = self._session
@@ -254,21 +276,28 @@ class Outbox:
 
     def _send_position(self, play: RunningEpisode | None, steering: Steering | None, tick_ns: int | None) -> None:
         """Tell where the session is in its episode; the page knows how far it went where it computes."""
-        step = -1 if play is None else play.steps
-        who = ""
+        step = -1
+        episode = -1
+        waited_for = 0
+        controller = ""
         limit_ns = None
-        action = None if play is None else play.open_action
+        action = None
+        if play is not None:
+            step = play.steps
+            episode = self.steps.episode
+            waited_for = self.moved
+            action = play.open_action
         if steering is not None:
-            who = steering.controller
+            controller = steering.controller
             limit_ns = steering.limit_ns
             action = steering.action
         if action is None:
             action = -1
-        known_step = min(step, 0) if self.is_computed else step
-        waited_for = 0 if play is None else self.moved
-        if self._page.has_state((tick_ns, waited_for, known_step, who, action, limit_ns)):
+        known_step = step
+        if self.is_computed:
+            known_step = min(step, 0)
+        if self._page.has_state((tick_ns, waited_for, known_step, controller, action, limit_ns)):
             return
-        episode = -1 if play is None else self.steps.episode
         self.outgoing.add(
             messages.EpisodeState(
                 self.through,
@@ -276,7 +305,7 @@ class Outbox:
                 episode,
                 step,
                 self.steps.find_scene(step),
-                who,
+                controller,
                 action,
                 limit_ns,
                 self._pace_ns,
@@ -285,7 +314,7 @@ class Outbox:
 
     @property
     def _next_tick_ns(self) -> int | None:
-        """When the page is to tell the time; the steps of real time that it computes it makes by itself."""
+        """Return when the page is to send a tick; it makes the real-time steps that it computes by itself."""
         session = self._session
         if session.over:
             return None

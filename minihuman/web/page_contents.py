@@ -6,7 +6,7 @@ A page that knows nothing has contents of its own, anew.
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.session import SessionMachine
-from minihuman.experiment.replay import WorldLender
+from minihuman.experiment.session_copy import WorldLender
 from minihuman.web import messages
 from minihuman.web.computed import ComputedEpisode
 from minihuman.web.message_streams import OutgoingStream
@@ -15,7 +15,7 @@ from minihuman.web.screen_values import ImageCache, ImageEncoding
 
 
 class PageContents:
-    """What a page has, and what is on its way to it.
+    """Tracks what a page has, and what is on its way to it.
 
     Args:
         encoding: of pictures.
@@ -91,7 +91,9 @@ class PageContents:
 
     def send_scenes(self, graph: LookAheadGraph | None) -> None:
         """Send the scenes that were found ahead."""
-        update = None if graph is None else graph.take_new()
+        update = None
+        if graph is not None:
+            update = graph.take_new()
         self.send_pictures()
         if update is not None:
             self.outgoing.add(update)

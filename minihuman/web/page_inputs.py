@@ -29,19 +29,19 @@ class PageInputs:
         for event in known:
             if isinstance(event, KeyPressed) and event.down:
                 self._remember(event.t_ns - event.waited_ns, event.key)
-        self._last_asked = 0
-        self._asked: dict[int, MakeInput] = {}  # what happens at the page's echo
+        self._last_question = 0
+        self._questions: dict[int, MakeInput] = {}  # by number; what happens at the page's echo
 
     @property
-    def asked(self) -> tuple[int, ...]:
-        """What the page was asked and has not answered."""
-        return tuple(self._asked)
+    def open_questions(self) -> tuple[int, ...]:
+        """Return the numbers of the questions that the page has not answered."""
+        return tuple(self._questions)
 
     def ask(self, make_input: MakeInput) -> int:
         """Make an input at the time that the page says when it is asked; return the number of the question."""
-        self._last_asked += 1
-        self._asked[self._last_asked] = make_input
-        return self._last_asked
+        self._last_question += 1
+        self._questions[self._last_question] = make_input
+        return self._last_question
 
     def convert(self, message: messages.PageMessage, at_ns: int, *, is_present: bool) -> inputs.Input | None:
         """Convert a message; None where it is no input.
@@ -68,15 +68,17 @@ class PageInputs:
                 return inputs.AxisChanged(min(message.stamp, at_ns), message.axis, message.value)
             case messages.FocusMessage():
                 return inputs.FocusChanged(at_ns, message.focused)
-            case messages.CommandEcho() if message.number in self._asked:
-                return self._asked.pop(message.number)(at_ns)
+            case messages.CommandEcho() if message.number in self._questions:
+                return self._questions.pop(message.number)(at_ns)
         return None
 
     def _convert_key(self, message: messages.KeyMessage, at_ns: int) -> inputs.Input:
         """Convert a key; a cause that does not fit, which our page never says, counts as a finger."""
         stamp_ns = min(message.stamp, at_ns)
         if not message.down:
-            release_cause: inputs.KeyReleaseCause = "focus_loss" if message.cause == "focus_loss" else "finger"
+            release_cause: inputs.KeyReleaseCause = "finger"
+            if message.cause == "focus_loss":
+                release_cause = "focus_loss"
             return inputs.KeyUp(stamp_ns, message.key, message.symbol, release_cause)
         self._remember(stamp_ns, message.key)
         cause = "finger" if message.cause == "focus_loss" else message.cause

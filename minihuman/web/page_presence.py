@@ -3,20 +3,22 @@
 from minihuman.experiment.machine.life_signs import LifeSigns
 from minihuman.experiment.plan.session_plan import SessionPlan
 
-MAX_SIGN_INTERVAL_S = 4.5  # between two pings, where nobody waits for the participant
+MAX_SIGN_INTERVAL_S = 4.5  # between two pings, where no other participant waits
 _GOING_AWAY = 1001  # a browser closes a socket with this code when its page is closed or gives way to another
 
 
 class PagePresence:
-    """The newest socket of a connection, and when the page was here last. Times are monotonic, s.
+    """Tracks a connection's newest socket, and when its page was last heard of. Times are monotonic, s.
 
     Args:
         now_s: the present time.
-        signs: of life, for whoever waits for this participant.
+        signs: of life, for those who wait for this participant.
     """
 
     def __init__(self, now_s: float, signs: LifeSigns | None = None) -> None:
-        self.signs = LifeSigns() if signs is None else signs
+        if signs is None:
+            signs = LifeSigns()
+        self.signs = signs
         self.is_here = False  # the newest socket is open
         self.dismissal_code = 0  # with this code the page was sent away: another server has the session
         self._sockets = 0  # how many there have been; the newest counts
@@ -43,7 +45,10 @@ class PagePresence:
         if self.is_newest(number):
             self.is_here = False
             if self.signs.page == "open":
-                self.signs.lose_page("closed" if code == _GOING_AWAY else "offline", now_s)
+                if code == _GOING_AWAY:
+                    self.signs.lose_page("closed", now_s)
+                else:
+                    self.signs.lose_page("offline", now_s)
 
     def hear(self, now_s: float) -> None:
         """Take note that something came from the page."""
@@ -51,7 +56,10 @@ class PagePresence:
 
     def bid_farewell(self, now_s: float, *, is_left: bool) -> None:
         """Take note that the page says that it goes: closed, or left for another in its place."""
-        self.signs.lose_page("left" if is_left else "closed", now_s)
+        if is_left:
+            self.signs.lose_page("left", now_s)
+        else:
+            self.signs.lose_page("closed", now_s)
 
     def turn_focus(self, now_s: float, *, has_focus: bool) -> None:
         """Take note that the page lost the keyboard, or has it again."""
@@ -74,7 +82,9 @@ class PagePresence:
 
     def absence_s(self, now_s: float) -> float:
         """Return for how long there has been no page; 0 while it is here."""
-        return 0.0 if self.is_here else now_s - self._seen_s
+        if self.is_here:
+            return 0.0
+        return now_s - self._seen_s
 
     def inactivity_s(self, now_s: float) -> float:
         """Return for how long the participant has done nothing."""

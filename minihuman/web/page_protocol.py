@@ -20,7 +20,7 @@ ServerMessages = OutgoingStream[messages.ServerMessage | messages.PictureMessage
 
 
 class StreamNames:
-    """Which stream of the page's is received, and which numbering of the server's its page follows."""
+    """Tracks which of the page's streams is received, and which of the server's numberings the page follows."""
 
     def __init__(self) -> None:
         self.incoming = IncomingStream()
@@ -41,14 +41,14 @@ class StreamNames:
 
 
 class PageSession(abc.ABC):
-    """A page's session, as its protocol needs it."""
+    """The port by which a page's protocol uses its session."""
 
     ping: tuple[int, int] | None = None  # of a text: when it was sent and received; answered with the rest
 
     @property
     @abc.abstractmethod
     def outgoing(self) -> ServerMessages:
-        """The messages to the page; another object after a restart."""
+        """Return the messages to the page; another object after a restart."""
 
     @abc.abstractmethod
     def now_ns(self) -> int:
@@ -89,14 +89,14 @@ class PageSession(abc.ABC):
 
 @dataclass(frozen=True, slots=True)
 class TextEffect:
-    """What a page's text led to."""
+    """The effect of a page's text."""
 
     has_answer: bool  # there is something to send: messages, or an acknowledgement
     wants_more: bool  # there is more to look for ahead
 
 
 class PageProtocol:
-    """What one socket of a page and its session exchange.
+    """Speaks the protocol between one socket of a page and its session.
 
     Args:
         session: the page's.
@@ -164,7 +164,7 @@ class PageProtocol:
 
     def _acknowledge(self, number: int) -> None:
         outgoing = self._session.outgoing
-        was_behind = outgoing.kept > PREFETCH_BACKLOG
+        was_behind = outgoing.n_unacknowledged > PREFETCH_BACKLOG
         outgoing.acknowledge(number)
         self._was_behind |= was_behind
 
@@ -175,7 +175,7 @@ class PageProtocol:
             MessageError: if too many of the server's messages have not been acknowledged.
         """
         outgoing = self._session.outgoing
-        if outgoing.kept > MAX_BACKLOG:
+        if outgoing.n_unacknowledged > MAX_BACKLOG:
             self._session.forget()
             raise messages.MessageError(f"more than {MAX_BACKLOG} messages have not been acknowledged; reload the page")
         has_grown = outgoing.last_number != self._last_number

@@ -8,15 +8,17 @@ A field that has a default is optional where the page sends it; the server sends
 import dataclasses
 import inspect
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NotRequired, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 import msgspec
 
+from minihuman.experiment.machine.activity import find_kind, list_kinds
 from minihuman.experiment.machine.screens import AnswerWidget
 from minihuman.web import messages
-from minihuman.web.screen_types import PageType, ScreenValues
+from minihuman.web.screen_types import PageType, PlayValues, ScreenValues
 
 PATH = Path(__file__).with_name("page") / "messages.d.ts"
 FROM_PAGE = messages.Hello | messages.NumberedMessage | messages.PageAck | messages.Ping | messages.Farewell
@@ -89,8 +91,10 @@ class _Writer:
         if annotation in _PRIMITIVES:
             return _PRIMITIVES[annotation]
         if origin is Annotated:
-            forms = [extra.form for extra in arguments[1:] if isinstance(extra, PageType)]
-            return self._write_type(forms[0] if forms else arguments[0])
+            for extra in arguments[1:]:
+                if isinstance(extra, PageType):
+                    return self._write_type(extra.form)
+            return self._write_type(arguments[0])
         if origin is NotRequired:
             return self._write_type(arguments[0])
         if origin is Literal:
@@ -133,7 +137,9 @@ class _Writer:
 
 
 def _enclose(text: str) -> str:
-    return f"({text})" if " | " in text else text
+    if " | " in text:
+        return f"({text})"
+    return text
 
 
 def _list_fields(form: type) -> Iterator[_Field]:
@@ -141,14 +147,22 @@ def _list_fields(form: type) -> Iterator[_Field]:
         for field in msgspec.structs.fields(form):
             yield _Field(field.encode_name, field.type, not field.required)
     elif is_typeddict(form):
-        for name, annotation in get_type_hints(form, include_extras=True).items():
-            yield _Field(name, annotation, get_origin(annotation) is NotRequired)
+        added = _load_page_fields() if form is PlayValues else []
+        for part in (form, *added):
+            for name, annotation in get_type_hints(part, include_extras=True).items():
+                yield _Field(name, annotation, get_origin(annotation) is NotRequired)
     elif dataclasses.is_dataclass(form):
         hints = get_type_hints(form, include_extras=True)
         for own_field in dataclasses.fields(form):
             yield _Field(own_field.name, hints[own_field.name], False)
     else:
         raise TypeError(f"{form!r} is not a type that a page can have")
+
+
+def _load_page_fields() -> list[type]:
+    """Load what kinds of block add to the screen of play."""
+    places = [find_kind(name).page_fields.partition(":") for name in list_kinds(lambda kind: bool(kind.page_fields))]
+    return [getattr(import_module(module), name) for module, _, name in places]
 
 
 def _list_structs(annotation: Any) -> set[type]:

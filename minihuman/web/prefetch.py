@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from minihuman.errors import MinihumanError, WorldError
 from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown, Tick
-from minihuman.experiment.machine.running_episode import WorldFailedError, catch_world_errors
+from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFailedError, catch_world_errors
 from minihuman.experiment.machine.screens import (
     BlankScreen,
     FilmsScreen,
@@ -33,7 +33,7 @@ from minihuman.experiment.machine.screens import (
 )
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.session_plan import EpisodePlan
-from minihuman.experiment.replay import WorldLender, can_copy_session, copy_session
+from minihuman.experiment.session_copy import WorldLender, can_copy_session, copy_session
 from minihuman.web.messages import FilmFrame, LookAheadUpdate, PrefetchedScreen, ScreenPrefetch
 from minihuman.web.screen_values import ImageCache, NumberPicture, convert_screen
 from minihuman.worlds.adapters.world import World
@@ -44,7 +44,7 @@ _NAME_BITS = 2**52 - 1  # of a scene's hash: what a page's numbers hold
 
 @dataclass(slots=True, eq=False)
 class SceneNode:
-    """A state of the world but for its age."""
+    """A state of the world, whatever its age in steps."""
 
     hash: int
     picture: int
@@ -54,12 +54,12 @@ class SceneNode:
 
     @property
     def name(self) -> int:
-        """What the page calls it: the same in every graph."""
+        """Return the page's name of the scene: the same in every graph."""
         return name_scene(self.hash)
 
 
 def name_scene(scene_hash: int) -> int:
-    """What the page calls a scene."""
+    """Return the page's name of a scene."""
     return scene_hash & _NAME_BITS
 
 
@@ -108,7 +108,7 @@ class LookAheadGraph:
         self.root = self._scene(self.world)
 
     def step(self, action: int, actual: World) -> SceneNode:
-        """The session made a step: go where it went.
+        """Follow a step of the session.
 
         Args:
             action: what it did.
@@ -124,7 +124,7 @@ class LookAheadGraph:
         return self.root
 
     def move_to(self, actual: World) -> None:
-        """Be where the session is, by its own world."""
+        """Move to where the session is, by its own world."""
         self.root = self._scene(actual)
 
     def grow(self) -> bool:
@@ -147,18 +147,18 @@ class LookAheadGraph:
         if truncated and not terminated:
             root.closed = True  # the copy is too old to go on from; nothing is known of a younger one
             return False
-        found = self._scene(world, closed=terminated)
-        root.edges[action] = found, terminated
-        self._new_edges.append((root.name, action, found.name, terminated))
+        scene = self._scene(world, closed=terminated)
+        root.edges[action] = scene, terminated
+        self._new_edges.append((root.name, action, scene.name, terminated))
         return True
 
     @property
     def picture_hash(self) -> int:
-        """The hash of the picture that the page shows where the session is; 0 where none was taken."""
+        """Return the hash of the picture that the page shows where the session is; 0 where none was taken."""
         return self._picture_hashes.get(self.root.name, 0)
 
     def take_new(self) -> LookAheadUpdate | None:
-        """What the page does not know yet."""
+        """Take what the page does not know yet."""
         nodes = self._new_nodes
         edges = self._new_edges
         self._new_nodes = []
@@ -168,9 +168,9 @@ class LookAheadGraph:
         return None
 
     def _scene(self, world: World, *, closed: bool = False) -> SceneNode:
-        """The scene that a world is in."""
-        here = world.scene_hash()
-        known = self._scenes.get(here)
+        """Find the scene that a world is in; add it if it is new."""
+        scene_hash = world.scene_hash()
+        known = self._scenes.get(scene_hash)
         if known is not None and (closed or not known.closed):
             return known
         look = (self.plan.view, self._picture_px, self.plan.palette)
@@ -180,16 +180,17 @@ class LookAheadGraph:
         if tiles is not None:
             picture = cache.number_tiles(tiles)
         else:
-            drawn = np.ascontiguousarray(world.frame(*look))
-            picture_hash = 0 if world.is_built_in else hash_picture(drawn)
-            picture = cache.number(drawn, picture_hash=picture_hash)
+            pixels = np.ascontiguousarray(world.frame(*look))
+            if not world.is_built_in:
+                picture_hash = hash_picture(pixels)
+            picture = cache.number(pixels, picture_hash=picture_hash)
         saved = None
         if not closed and not self.blind:
             try:
                 saved = world.save()
             except MinihumanError:
                 self.blind = True
-        scene = self._scenes[here] = SceneNode(here, picture, saved, closed or self.blind)
+        scene = self._scenes[scene_hash] = SceneNode(scene_hash, picture, saved, closed or self.blind)
         self.pictures[scene.name] = picture
         self._picture_hashes[scene.name] = picture_hash
         self._new_nodes.append((scene.name, picture))
@@ -214,7 +215,7 @@ class _CopiedScreen:
 
 
 class ScreenPrefetcher:
-    """Which screens inputs lead to, from where a session is.
+    """Finds the screens that inputs lead to from where a session is.
 
     Args:
         number: numbers a picture, which is sent before the screen that has it.
@@ -233,7 +234,7 @@ class ScreenPrefetcher:
         self._new_edges: list[tuple[int, str, int]] = []
 
     def start_from(self, session: SessionMachine, name: int) -> None:
-        """The session shows another screen."""
+        """Start from another screen of the session."""
         self._to_do.clear()
         self._left = _MOST_TRIES
         self._looked_from = set()
@@ -242,7 +243,9 @@ class ScreenPrefetcher:
 
     def grow(self, rtt_ns: int) -> bool:
         """Try one input; False where there is none that is worth it."""
-        deepest = 1 if rtt_ns < NEAR_RTT_NS else 3
+        deepest = 3
+        if rtt_ns < NEAR_RTT_NS:
+            deepest = 1
         while self._to_do and self._left:
             copied, input_name = self._to_do.popleft()
             if copied.depth < deepest:
@@ -252,12 +255,14 @@ class ScreenPrefetcher:
         return False
 
     def take_new(self) -> ScreenPrefetch | None:
-        """What the page does not know yet."""
+        """Take what the page does not know yet."""
         screens = self._new_screens
         edges = self._new_edges
         self._new_screens = []
         self._new_edges = []
-        return ScreenPrefetch(screens, edges) if edges else None
+        if not edges:
+            return None
+        return ScreenPrefetch(screens, edges)
 
     def _look_at(self, copied: _CopiedScreen) -> None:
         if copied.name not in self._looked_from:
@@ -280,17 +285,23 @@ class ScreenPrefetcher:
         playing = tried.play
         if name not in self._screens:
             due_ns = tried.next_tick_ns
-            after_ns = None if due_ns is None else max(0, due_ns - at_ns)
-            episode, scene = (
-                (-1, -1) if playing is None else (playing.plan.episode, name_scene(playing.world.scene_hash()))
-            )
+            after_ns = None
+            if due_ns is not None:
+                after_ns = max(0, due_ns - at_ns)
             self._screens.add(name)
-            self._new_screens.append(PrefetchedScreen(name, values, after_ns, episode, scene))
+            self._new_screens.append(PrefetchedScreen(name, values, after_ns, *_locate_beginning(playing)))
         if self._edges.get((copied.name, input_name)) != name:
             self._edges[copied.name, input_name] = name
             self._new_edges.append((copied.name, input_name, name))
         if playing is None:
             self._look_at(_CopiedScreen(name, tried, copied.depth + 1))
+
+
+def _locate_beginning(play: RunningEpisode | None) -> tuple[int, int]:
+    """Return the episode that begins with a screen, and the scene that it begins in; -1 where none does."""
+    if play is None:
+        return -1, -1
+    return play.plan.episode, name_scene(play.world.scene_hash())
 
 
 def describe_screen(session: SessionMachine, number: NumberPicture, known: int = 0) -> tuple[dict[str, Any], int]:
@@ -304,18 +315,22 @@ def describe_screen(session: SessionMachine, number: NumberPicture, known: int =
     screen = session.screen
     if isinstance(screen, FilmsScreen):
         name = _name(screen.identity, session)
-        return ({} if name == known else convert_screen(screen, number)), name
+        if name == known:
+            return {}, name
+        return convert_screen(screen, number), name
     values = convert_screen(screen, number)
     if isinstance(screen, PlayScreen) and session.play is None:
         values["picture"] = number(screen.picture)
-    left_out = ("picture", *_MOVING) if advances_by_itself(session) else ("picture",)
+    left_out = {"picture"}
+    if advances_by_itself(session):
+        left_out.update(_MOVING)
     looks = {key: value for key, value in values.items() if key not in left_out}
     return values, _name(looks, session)
 
 
 def _name(looks: object, session: SessionMachine) -> int:
-    stands = (session.part.number, session.phase, session.next_episode)
-    digest = hashlib.blake2b(msgspec.json.encode((looks, stands)), digest_size=8).digest()
+    position = (session.part.number, session.phase, session.next_episode)
+    digest = hashlib.blake2b(msgspec.json.encode((looks, position)), digest_size=8).digest()
     return name_scene(int.from_bytes(digest, "little"))
 
 
@@ -325,7 +340,7 @@ def advances_by_itself(session: SessionMachine) -> bool:
 
 
 def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
-    """What somebody may well do next, the likeliest first, as the page says it: "key:enter", "point:go_on", "tick"."""
+    """List likely next inputs, the likeliest first, as the page names them: "key:enter", "point:go_on", "tick"."""
     screen: Screen = session.screen
     if session.next_tick_ns is not None:
         yield _TICK
@@ -340,18 +355,30 @@ def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
         case QuestionScreen(item=item, buttons=buttons):
             yield from ("key:enter", "key:tab", "point:go_on")
             yield from _answers(item)
-            yield from (one for button in buttons if button.name == "back" for one in ("key:page_up", "point:back"))
+            yield from (
+                input_name
+                for button in buttons
+                if button.name == "back"
+                for input_name in ("key:page_up", "point:back")
+            )
 
 
 def _answers(item: object) -> Iterator[str]:
     match item:
-        case OptionList(options=options) | RatingScale(points=options):
-            for number in range(min(9, len(options))):
-                yield f"key:{number + 1}"
-                yield f"point:option:{number}"
-            yield from ("key:down", "key:up") if isinstance(item, OptionList) else ("key:right", "key:left")
+        case OptionList(options=options):
+            yield from _choices(len(options))
+            yield from ("key:down", "key:up")
+        case RatingScale(points=points):
+            yield from _choices(len(points))
+            yield from ("key:right", "key:left")
         case ShapeCanvas(shapes=shapes):
             yield from (f"point:{shape.target}" for shape in shapes if shape.target)
+
+
+def _choices(count: int) -> Iterator[str]:
+    for number in range(min(9, count)):
+        yield f"key:{number + 1}"
+        yield f"point:option:{number}"
 
 
 def _mark_shown(session: SessionMachine) -> tuple[int, int]:
@@ -363,17 +390,17 @@ def _mark_shown(session: SessionMachine) -> tuple[int, int]:
 
 
 def _input(input_name: str, at_ns: int) -> Input:
-    kind, _, what = input_name.partition(":")
+    kind, _, target = input_name.partition(":")
     match kind:
         case "key":
-            return KeyDown(at_ns, what, "")
+            return KeyDown(at_ns, target, "")
         case "point":
-            return PointerPressed(at_ns, 0.5, 0.5, what, 0.5)
+            return PointerPressed(at_ns, 0.5, 0.5, target, 0.5)
     return Tick(at_ns)
 
 
 class FilmPrefetcher:
-    """What is left to be drawn of the films on the screen.
+    """Draws what is left of the films on the screen, a picture at a time.
 
     Args:
         number: numbers a picture, which is sent before the frame that has it.
@@ -391,7 +418,8 @@ class FilmPrefetcher:
         self._films = ()
         step = 0
         if isinstance(screen, FilmsScreen):
-            self._films, step = screen.films, screen.shown_step
+            self._films = screen.films
+            step = screen.shown_step
         places = [
             ((copied - min(step, len(film) - 1)) % len(film), side, copied)
             for side, film in enumerate(self._films)

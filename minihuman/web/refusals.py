@@ -1,4 +1,7 @@
-"""What a page is told when its participant may not take part, and the code that some get all the same. No I/O."""
+"""Refusals: what a page says when its participant may not take part, and the code that some get all the same.
+
+No I/O.
+"""
 
 from minihuman.experiment.machine.events import FINAL_END_REASONS
 from minihuman.experiment.protocol.protocol import Protocol
@@ -56,7 +59,9 @@ class RefusalTexts:
             return WAIT
         if not rejection.ended:
             return self.turn_away(rejection.reason)
-        end = classify_ending("complete" if rejection.ended not in FINAL_END_REASONS else rejection.ended, agreed=True)  # type: ignore[arg-type]
+        end = classify_ending("complete", agreed=True)
+        if rejection.ended in FINAL_END_REASONS:
+            end = classify_ending(rejection.ended, agreed=True)  # type: ignore[arg-type]
         code = get_session_code(self._protocol, rejection.session)
         completion = build_completion(self._web, end, session_code=code, person=rejection.person)
         if rejection.reason == "finished":

@@ -6,7 +6,7 @@ What is not in every screen of a kind is not required.
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NotRequired, TypedDict
 
-from minihuman.experiment.machine.screens import AnswerWidget, ControlIndicator, OutcomeMark, PlayMessages
+from minihuman.experiment.machine.screens import AnswerWidget, ControlIndicator, OutcomeMark
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,10 @@ class BlankValues(ScreenLocale):
 
 
 class PlayValues(ScreenLocale):
-    """What is around an episode's picture; the picture itself only where it is held, since scenes have theirs."""
+    """What is around an episode's picture; the picture itself only where it is held, since scenes have theirs.
+
+    Kinds of block add fields of their own: `ActivityKind.page_fields`.
+    """
 
     kind: Literal["play"]
     progress: str
@@ -77,7 +80,6 @@ class PlayValues(ScreenLocale):
     mission: str
     legend: list[tuple[str, str, str]]  # what a key's cap says, what stands above it, the action
     pointer: NotRequired[bool]
-    messages: NotRequired[PlayMessages]
     picture: NotRequired[int]
 
 

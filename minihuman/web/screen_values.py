@@ -57,7 +57,7 @@ def _locale(screen: screens.Screen) -> ScreenLocale:
 
 
 def _activity(screen: screens.ActivityScreen, number: NumberPicture) -> dict[str, Any]:
-    """A kind's own screen; as a page with a picture where the kind says nothing of the page."""
+    """Convert a kind's own screen; to a page with a picture where the kind has no view for pages."""
     view = screen.page_view
     if view is None:
         return dict(_picture(screen, number))
@@ -106,7 +106,7 @@ def _blank(screen: screens.BlankScreen, number: NumberPicture) -> BlankValues:
     return {"kind": "blank", **_locale(screen), "cross": screen.cross}
 
 
-def _play(screen: screens.PlayScreen, number: NumberPicture) -> PlayValues:
+def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
     labels = {key: (cap, above) for key, cap, above in screen.labels}
     values: PlayValues = {
         "kind": "play",
@@ -123,15 +123,16 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> PlayValues:
     }
     if screen.accepts_pointer:
         values["pointer"] = True
-    if screen.messages:
-        values["messages"] = screen.messages
-    return values
+    return {**values, **screen.page_fields}
 
 
 def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
     """Number the picture of a film that is seen; the others, which are drawn later, are `PENDING_PICTURE`."""
-    seen = min(step, len(pictures) - 1)
-    return [number(pictures[index]) if index == seen else PENDING_PICTURE for index in range(len(pictures))]
+    current = min(step, len(pictures) - 1)
+    numbers = [PENDING_PICTURE] * len(pictures)
+    if pictures:
+        numbers[current] = number(pictures[current])
+    return numbers
 
 
 def _page(screen: screens.PageScreen, number: NumberPicture) -> PageValues:
@@ -190,26 +191,26 @@ _LEVEL = 1  # of ISA-L's four: a tenth of zlib's time at its first, and smaller
 _FLAT = 0.12  # of its bytes: what zlib makes smaller than this is drawn of few colours, and stays exact
 _EVERY = 8  # rows; a picture is judged by these first,
 _ROWS = 12  # or by so many of a tall one
-_SHARED_BYTES = 32 * 2**20  # of packed pictures that are kept for everybody
+_SHARED_BYTES = 32 * 2**20  # of packed pictures that are cached for all sessions
 
 
 class _SharedImages:
     """Packed pictures by what they show, the latest: in grids many people see the same ones."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[tuple[bytes, ImageEncoding], tuple[int, bytes]] = OrderedDict()
+        self._packed: OrderedDict[tuple[bytes, ImageEncoding], tuple[int, bytes]] = OrderedDict()
         self._bytes = 0
 
     def of(self, digest: bytes, encoding: ImageEncoding, picture: NDArray[np.uint8]) -> tuple[int, bytes]:
-        """A picture's packing and its bytes."""
-        known = self._kept.get((digest, encoding))
+        """Pack a picture, or find it packed; return its encoding and its bytes."""
+        known = self._packed.get((digest, encoding))
         if known is not None:
-            self._kept.move_to_end((digest, encoding))
+            self._packed.move_to_end((digest, encoding))
             return known
-        packed = self._kept[digest, encoding] = _encode_picture(encoding, picture)
+        packed = self._packed[digest, encoding] = _encode_picture(encoding, picture)
         self._bytes += len(packed[1])
         while self._bytes > _SHARED_BYTES:
-            self._bytes -= len(self._kept.popitem(last=False)[1][1])
+            self._bytes -= len(self._packed.popitem(last=False)[1][1])
         return packed
 
 
@@ -241,12 +242,15 @@ class ImageCache:
         raw = np.ascontiguousarray(picture)
         digest = (picture_hash or hash_picture(raw)).to_bytes(8, "little") + bytes(str(picture.shape), "ascii")
         if digest not in self._numbers:
-            packing, packed = _SHARED.of(digest, "lossless" if is_tile else self._encoding, raw)
+            encoding = self._encoding
+            if is_tile:
+                encoding = "lossless"
+            packing, packed = _SHARED.of(digest, encoding, raw)
             self._add(digest, packing, raw.shape[1], raw.shape[0], packed)
         return self._numbers[digest]
 
     def number_tiles(self, tiles: PictureTiles) -> int:
-        """The number of a picture of tiles, which have numbers of their own: only those that are new are packed."""
+        """Number a picture of tiles, which have numbers of their own: only new ones are packed."""
         new = dict.fromkeys(key for key in tiles.keys if key not in self._tiles)
         self._tiles |= {key: self.number(tiles.draw(*key), is_tile=True) for key in new}
         data = np.array([self._tiles[key] for key in tiles.keys], "<u4").tobytes()
@@ -262,12 +266,12 @@ class ImageCache:
         self.next += 1
 
     def forget(self) -> None:
-        """The page lets go of what it has: a picture that comes again is a new one."""
+        """Forget all pictures, as the page does: one that comes again is new."""
         self._numbers.clear()
         self._tiles.clear()
 
     def take_new(self) -> list[PictureMessage]:
-        """What is to be sent."""
+        """Take the pictures that are to be sent."""
         new = self._new
         self._new = []
         return new

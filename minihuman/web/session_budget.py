@@ -8,17 +8,17 @@ from minihuman.experiment.plan.session_plan import SessionPlan, needs_gamepad
 MESSAGE_COST_BYTES = 400  # of a message in a log, beyond its own text
 _STEP_BYTES = 4 * (60 + MESSAGE_COST_BYTES)  # a key down and up, a tick and a picture
 _CHARACTER_BYTES = 60 + MESSAGE_COST_BYTES  # a message of its own
-_MAX_STEPS = 20_000  # of one episode, whatever the protocol's limit: nobody plays more
+_MAX_STEPS = 20_000  # of one episode, whatever the protocol's limit: no participant plays more
 _PART_BYTES = 50_000  # pages turned, sliders moved, keys tried
 _FACTOR = 2
 _BASE_BYTES = 1_000_000
 _RATE_BYTES_PER_S = 3_000  # five keys, pressed and released in vain, every second
-_CHAT_BYTES_PER_S = 10 * _CHARACTER_BYTES
+_TEXT_BYTES_PER_S = 10 * _CHARACTER_BYTES
 _GAMEPAD_BYTES_PER_S = 60 * 2 * (60 + MESSAGE_COST_BYTES)  # both axes of a stick, once a frame
 
 
 class SessionBudget:
-    """The bytes of one session.
+    """Limits the bytes of one session.
 
     Args:
         plan: what is played.
@@ -30,8 +30,8 @@ class SessionBudget:
         self._bytes_per_s = _RATE_BYTES_PER_S
         if needs_gamepad(plan):
             self._bytes_per_s += _GAMEPAD_BYTES_PER_S
-        if any(getattr(getattr(part.plan, "team", None), "chat", False) for part in plan.parts):
-            self._bytes_per_s += _CHAT_BYTES_PER_S
+        if any(getattr(part.plan, "has_text_entry", False) for part in plan.parts):
+            self._bytes_per_s += _TEXT_BYTES_PER_S
 
     def spend(self, n_bytes: int, session_ns: int) -> bool:
         """Take the bytes of a message into account; False once they are more than the session can need by now."""

@@ -16,7 +16,7 @@ _NEVER_NS = 1 << 62
 
 
 class SegmentClock:
-    """A segment's time by the server's clock, which bounds the times that a page claims.
+    """Tells a segment's time by the server's clock, which bounds the times that a page claims.
 
     Args:
         zero_ns: the server's monotonic time at the session's time 0.

@@ -51,7 +51,9 @@ class SessionHost:
         unwritten: Sequence[Event] = (),
     ) -> None:
         self.session = session
-        self._mark_ns = logged[-1].t_ns if logged else 0  # what is not later is in the log, or never will be
+        self._mark_ns = 0  # what is not later is in the log, or never will be
+        if logged:
+            self._mark_ns = logged[-1].t_ns
         self.last_at_ns = self._mark_ns
         self.outbox = Outbox(session, make_world, settings, logged)
         self.link = PageClock()
@@ -60,7 +62,7 @@ class SessionHost:
         self._is_announced = False  # the page was asked when it is to be taken
         self._inputs = PageInputs((*logged, *unwritten))
         self._writer = SessionWriter(session, recorder)
-        self._begun = bool(logged)  # the session knows what time it is
+        self._has_begun = bool(logged)  # the session knows what time it is
         self._draws = True  # the page does not know the screen
         self._notes: list[str] = []  # of the page, that come with its next message
         self.has_stepped = any(isinstance(event, Stepped) for event in logged)
@@ -76,7 +78,7 @@ class SessionHost:
 
     @property
     def outgoing(self) -> OutgoingStream[messages.ServerMessage | messages.PictureMessage]:
-        """The messages to the page; another object after a restart."""
+        """Return the messages to the page; another object after a restart."""
         return self.outbox.outgoing
 
     @property
@@ -149,12 +151,7 @@ class SessionHost:
         play = self.session.play
         computes = self.outbox.is_computed
         self._draws = play is None  # else when the page is told where the session is, if it is
-        events = self._find_events(message, at_ns, arrival_ns)
-        if difference := self.outbox.compare(message, events):
-            events = [Noted(at_ns, BROWSER_NOTE, difference), *events]
-        if self._notes:
-            events = [*(Noted(at_ns, BROWSER_NOTE, note) for note in self._notes), *events]
-            self._notes.clear()
+        events = self._add_notes(message, at_ns, self._find_events(message, at_ns, arrival_ns))
         waits = more and play is not None and self.session.play is play and (computes or not leads)
         if waits:
             self._writer.write_later(events)
@@ -169,6 +166,14 @@ class SessionHost:
         self.has_stepped |= is_step
         return is_step
 
+    def _add_notes(self, message: messages.PageMessage, at_ns: int, events: list[Event]) -> list[Event]:
+        """Put notes of the page before a message's events, and how its step differed from the session's."""
+        notes = self._notes
+        self._notes = []
+        if difference := self.outbox.compare(message, events):
+            notes.append(difference)
+        return [*(Noted(at_ns, BROWSER_NOTE, note) for note in notes), *events]
+
     def _advance(self, number: int, at_ns: int, message: messages.PageMessage, arrival_ns: int | None) -> None:
         """Let the session's time be a message's."""
         if at_ns <= self.last_at_ns:
@@ -180,9 +185,9 @@ class SessionHost:
         self.outbox.at_ns = at_ns
         if arrival_ns is not None:
             self.note(self.link.arrive(at_ns, arrival_ns))
-        if not self._begun and not isinstance(message, messages.TickMessage):
+        if not self._has_begun and not isinstance(message, messages.TickMessage):
             self._writer.write(self.session.receive(inputs.Tick(at_ns)))
-        self._begun = True
+        self._has_begun = True
 
     def stop(self, stop: inputs.Stop | inputs.ExperimenterCommand) -> None:
         """End the session from outside, or do what the experimenter asks while no page is there.
@@ -192,9 +197,9 @@ class SessionHost:
         """
         self._writer.write(self.session.receive(stop))
 
-    def ask(self, what: str, text: str) -> None:
+    def ask(self, command: str, text: str) -> None:
         """Let the page say when the experimenter's wish reached it."""
-        self._ask_page(lambda at_ns: inputs.ExperimenterCommand(at_ns, what, text))  # type: ignore[arg-type]
+        self._ask_page(lambda at_ns: inputs.ExperimenterCommand(at_ns, command, text))  # type: ignore[arg-type]
 
     def _ask_page(self, make_input: MakeInput) -> None:
         self.outgoing.add(messages.CommandMessage(self._inputs.ask(make_input)))
@@ -221,7 +226,7 @@ class SessionHost:
 
     def poll(self) -> bool:
         """See whether others, or what takes long, have an answer; True if there is something to tell the page."""
-        request = None if self.session.over else self.session.request
+        request = self._request
         if request is not None and request.awaits_others:
             count = self._writer.count
             self._answer()
@@ -237,9 +242,16 @@ class SessionHost:
         return True
 
     @property
+    def _request(self) -> ActivityRequest | None:
+        """Return what a part of the session wants from outside."""
+        if self.session.over:
+            return None
+        return self.session.request
+
+    @property
     def _long_request(self) -> ActivityRequest | None:
-        """The request whose answer takes long, where it can be taken now; while an episode is played it has to wait."""
-        request = None if self.session.over else self.session.request
+        """Return the request whose answer takes long, where it can be taken now; during an episode it has to wait."""
+        request = self._request
         if request is not None and request.takes_long:
             return request
         return None
@@ -259,20 +271,23 @@ class SessionHost:
         match message:
             case messages.RoundTripMessage():
                 linked = self.link.linked(at_ns, message)
-                self.note("" if arrival_ns is None else self.link.look(linked, arrival_ns))
+                if arrival_ns is not None:
+                    self.note(self.link.look(linked, arrival_ns))
                 return [linked]
             case messages.GamepadMessage(id=name, axes=axes, buttons=buttons):
-                what = f"{axes} axes of -1 to 1, {buttons} buttons, dead zone {PAD_DEAD_ZONE}, read once a frame"
-                return [Noted(at_ns, BROWSER_NOTE, f"gamepad {name}: {what}")]
+                detail = f"{axes} axes of -1 to 1, {buttons} buttons, dead zone {PAD_DEAD_ZONE}, read once a frame"
+                return [Noted(at_ns, BROWSER_NOTE, f"gamepad {name}: {detail}")]
             case messages.LateInputMessage():
                 self._unheard += 1
                 if self._unheard > _MOST_UNHEARD:
                     return []
                 return [Noted(at_ns, BROWSER_NOTE, f"not taken: {message.text}")]
             case messages.KeyMessage(trusted=False):
-                what = "down" if message.down else "up"
+                detail = "up"
+                if message.down:
+                    detail = "down"
                 note = Noted(
-                    at_ns, BROWSER_NOTE, f"key {message.key} {what} at {message.stamp} ns was made by a script"
+                    at_ns, BROWSER_NOTE, f"key {message.key} {detail} at {message.stamp} ns was made by a script"
                 )
                 return [note, *self._play(message, at_ns)]
             case messages.DisplayedMessage(step=step) if step >= 0:
@@ -297,9 +312,11 @@ class SessionHost:
         if correction is not None:
             return [correction]
         difference = steps.difference(message)
-        notes: list[Event] = [Noted(at_ns, BROWSER_NOTE, difference)] if difference else []
-        shown = inputs.ScreenShown(at_ns, submit_ns, flip_ns, message.step)
-        return [*notes, *self.session.receive(shown, at_ns=at_ns, draws=self._draws)]
+        notes: list[Event] = []
+        if difference:
+            notes.append(Noted(at_ns, BROWSER_NOTE, difference))
+        display = inputs.ScreenShown(at_ns, submit_ns, flip_ns, message.step)
+        return [*notes, *self.session.receive(display, at_ns=at_ns, draws=self._draws)]
 
     # Messages to the page
 
@@ -314,8 +331,8 @@ class SessionHost:
         """
         if computes is not None:
             self.outbox.page_computes = computes
-        self.outbox.restart(self._inputs.asked, begun=self._begun)
-        if not self.over and self._begun:
+        self.outbox.restart(self._inputs.open_questions, has_begun=self._has_begun)
+        if not self.over and self._has_begun:
             self._answer()
 
     def close_agent(self) -> None:

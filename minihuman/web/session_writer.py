@@ -32,7 +32,7 @@ class SessionWriter:
         self._recorder = recorder
         self._before_plan: list[Event] = []  # of the page's own, until the group is drawn
         self._unwritten: list[Event] = []  # of messages that others came with
-        self._taken: deque[_PendingMessage] = deque()
+        self._pending: deque[_PendingMessage] = deque()
         self._settled = 0  # the last message of the page's that is safe
 
     def write(self, events: Sequence[Event]) -> None:
@@ -58,7 +58,7 @@ class SessionWriter:
     def begin_stream(self, settled: int) -> None:
         """Begin with another stream of the page's, whose messages up to a number were acknowledged."""
         self._settled = settled
-        self._taken.clear()
+        self._pending.clear()
 
     def record_taken(self, number: int, *, with_next: bool = False) -> None:
         """Take note of a message of the page's whose events were handed in.
@@ -68,7 +68,7 @@ class SessionWriter:
             with_next: it is safe once the next write is.
         """
         is_unwritten = with_next or bool(self._unwritten) or awaits_allocation(self._session)
-        self._taken.append(_PendingMessage(number, self.count + is_unwritten))
+        self._pending.append(_PendingMessage(number, self.count + is_unwritten))
 
     def safe(self, durable: int | None = None) -> int:
         """Return the last of the page's messages that may be acknowledged, and all before it: those on the disk.
@@ -76,7 +76,8 @@ class SessionWriter:
         Args:
             durable: how many of the recorder's writes count, if not all on the disk; -1: not even those before it.
         """
-        durable = self._recorder.durable_writes if durable is None else durable
-        while self._taken and self._taken[0].write <= durable:
-            self._settled = self._taken.popleft().number
+        if durable is None:
+            durable = self._recorder.durable_writes
+        while self._pending and self._pending[0].write <= durable:
+            self._settled = self._pending.popleft().number
         return self._settled

@@ -17,7 +17,7 @@ MAX_BACKLOG = 3_000  # and above which the page starts anew
 
 @dataclass(slots=True)
 class RateLimit:
-    """How many messages a socket may still send: a rate per second, and a burst."""
+    """Limits the messages of a socket: a rate per second, and a burst."""
 
     now_s: float  # of the last message
     left: float = MESSAGE_BURST

@@ -37,7 +37,7 @@ _KINDS = (("Grid", GRID_WORLDS), ("BabyAI", BABYAI_WORLDS), ("First person", FIR
 
 @dataclass(frozen=True, slots=True)
 class PackSummary:
-    """What a folder of packed worlds holds."""
+    """The contents of a folder of packed worlds."""
 
     worlds: tuple[str, ...]
     skipped: tuple[str, ...]  # worlds whose rules are Python
@@ -63,15 +63,20 @@ def pack_worlds(folder: Path, seeds: range, names: Collection[str] = ()) -> Pack
     packed: list[dict[str, Any]] = []
     skipped: list[str] = []
     for kind, entry in entries:
-        options = PAGE_SINE if kind == "First person" else {}
+        options: dict[str, Any] = {}
+        if kind == "First person":
+            options = PAGE_SINE
         env = _make_world(entry, options)
         if not env.is_compiled:
             skipped.append(entry.name)
             continue
-        write = _write_scenes if isinstance(env, FirstPersonEnv) else _write_rows
+        if isinstance(env, FirstPersonEnv):
+            starts = _write_scenes(folder, env, entry, seeds)
+        else:
+            starts = _write_rows(folder, env, entry, seeds)
         title = {"kind": kind, "title": f"{entry.name}: {entry.summary}", "name": entry.name, "options": options}
         seed_range = {"first_seed": seeds.start, "seeds": len(seeds)}
-        packed.append(title | seed_range | {"actions": list(env.action_names)} | write(folder, env, entry, seeds))
+        packed.append(title | seed_range | {"actions": list(env.action_names)} | starts)
     if names and skipped:
         raise WorldError(f"{', '.join(skipped)}: the rules are Python, which no page computes; pack another world")
     index = {"version": PACK_VERSION, "atlas": _write_atlas(folder), "worlds": packed}
@@ -122,7 +127,9 @@ def _write_rows(folder: Path, env: GridEngine, entry: CatalogueEntry, seeds: Seq
         rows.append(state.row)
         words.append(state.rng_state)
         missions.append(observation["mission"])
-    distinct = missions[:1] if len(set(missions)) == 1 else missions
+    distinct = missions
+    if len(set(missions)) == 1:
+        distinct = missions[:1]
     content = np.stack(words).tobytes() + np.stack(rows).tobytes() + json.dumps(distinct).encode()
     (folder / "starts" / f"{entry.name}.z").write_bytes(zlib.compress(content, 9))
     return {"row_length": len(rows[0]), "view_size": env.image_shape[0]}
@@ -188,13 +195,14 @@ def _write_texture(folder: Path, pixels: bytes) -> str:
 
 def _write_atlas(folder: Path) -> dict[str, Any]:
     """Pack the tiles; return where each array of theirs begins."""
-    drawn = atlas(TILE_PX, "classic")
+    tile_atlas = atlas(TILE_PX, "classic")
     content = b""
     arrays: dict[str, Any] = {}
     for name in ("number", "under", "tiles", "agents", "carried"):
-        array = getattr(drawn, name)
-        array = array.view(np.uint8) if name == "tiles" else array
+        array = getattr(tile_atlas, name)
+        if name == "tiles":
+            array = array.view(np.uint8)
         arrays[name] = {"at": len(content), "bytes": array.nbytes, "kind": str(array.dtype)}
         content += array.tobytes()
     (folder / "atlas.z").write_bytes(zlib.compress(content, 9))
-    return {"tile_px": TILE_PX, "small_px": drawn.carried.shape[1], "arrays": arrays}
+    return {"tile_px": TILE_PX, "small_px": tile_atlas.carried.shape[1], "arrays": arrays}

@@ -1,7 +1,7 @@
 """The catalogue: every world of ours by name, and its registration with Gymnasium.
 
 Minigrid's, BabyAI's and Miniworld's worlds under their names. `-v0` keeps what decides results, even where it is odd;
-where an accident of Minigrid's changes results, `-v1` does what the instruction says (`docs/instructions.md` lists
+where an accident of Minigrid's changes results, `-v1` does what the instruction says (`docs/grid-worlds.md` lists
 both). Importing it imports no world.
 """
 

@@ -12,7 +12,6 @@ PACKAGE = Path(minihuman.__file__).parent
 EXCEPTIONS = Path(__file__).with_name("known_kinds.tsv")  # which module imports which kind's folder: only ever shorter
 NAME_EXCEPTIONS = {  # modules that name a kind, with why; no module may join them
     "experiment/machine/events.py": "the kind of a note, which is no kind of activity, can be 'page'",
-    "reporting/trial_methods.py": "the report's methods text asks whether a block is one of trials",
     "experiment/replay.py": "the kind of a note, which is no kind of activity, can be 'page'",
     "experiment/plan/part_plans.py": "the protocol's own tables, [[pages]] and [[questions]], are parts of these kinds",
 }

@@ -34,6 +34,6 @@ def test_worlds_load_no_activity():
 @pytest.mark.parametrize("name", list_built_in_kinds())
 def test_what_a_kind_names_is_in_its_folder_or_one_that_it_shares(name):
     kind = find_kind(name)
-    named = (kind.messages, kind.tables, kind.report, kind.simulator)
+    named = (kind.messages, kind.tables, kind.page_fields, kind.measures, kind.report, kind.simulator)
     assert all(path.startswith("minihuman.activities.") for path in named if path)
     assert kind.activity.__module__.startswith("minihuman.activities.")

@@ -11,8 +11,7 @@ import pytest
 from minihuman.worlds.outcomes import normalize_outcome_rule, parse_outcome_rule
 from tests.worlds.odd.contract import PYTHON_WORDS
 
-ROOT = Path(__file__).parents[2]
-FOLDER = ROOT / "analysis"
+FOLDER = Path(__file__).parents[2] / "analysis"
 SCRIPT = FOLDER / "public_environments.py"
 
 
@@ -29,7 +28,7 @@ def read_rows(folder: Path = FOLDER) -> list[dict[str, str]]:
 def test_the_page_says_what_the_table_has(script: dict[str, Any], tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     script["write_page"](FOLDER, page)
-    assert page.read_text() == (ROOT / "docs/public-environments.md").read_text()
+    assert page.read_text() == (FOLDER / "public_environments.md").read_text()
 
 
 def test_every_public_environment_was_played_and_proven_or_refused_in_a_sentence() -> None:

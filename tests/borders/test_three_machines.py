@@ -18,7 +18,7 @@ from minihuman.admin.manifest import record_log_end, write_manifest
 from minihuman.admin.recorded_outputs import NOTICE_FILE_NAME
 from minihuman.admin.remote_logs import sync_logs
 from minihuman.admin.status import list_problems
-from minihuman.admin.verify.log import verify_manifest
+from minihuman.admin.verify.study import verify_manifest
 from minihuman.admin.withdrawal import withdraw_participant
 from minihuman.cli.keep import gather
 from minihuman.dataset.sessions import StudySessions

@@ -151,7 +151,7 @@ def test_the_report_its_curves_and_its_statistics(study, counting, tmp_path):
         pd.read_parquet(tmp_path / f"out/tables/{name}.parquet") for name in ("episodes", "blocks", "participants")
     ]
     found = compute_results(*frames)
-    assert found.kept == (9, len(counting))
+    assert found.included == (9, len(counting))
     assert sum(block.subjects["episodes"].sum() for block in found.blocks) == len(counting)
     (reward,) = [one for one in found.target_block.comparisons if one.measure == "reward_mean"]
     assert sum(reward.n) == 9
@@ -202,7 +202,7 @@ def test_what_is_left_out_can_be_taken_back_in_and_one_version_taken_alone(study
     assert count(with_=("exclude", "unfinished", "rules")) == 28
     assert count(version=("1",)) + count(version=("2",)) == 25
     (first,) = {
-        format_version(one.log.plan) for one in StudySessions(study, Selection(version=("1",))) if any(one.asked)
+        format_version(one.log.plan) for one in StudySessions(study, Selection(version=("1",))) if any(one.selected)
     }
     assert count(version=(first,)) == count(version=("1",))
 

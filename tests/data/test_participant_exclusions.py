@@ -13,8 +13,9 @@ from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import TABLES
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
-from minihuman.reporting.results import PRACTICE_ALONE, exclude_practice_alone, list_exclusions
-from minihuman.reporting.sections import exclusions_section, flow_section
+from minihuman.reporting.exclusions import PRACTICE_ALONE, exclude_practice_alone, list_exclusions
+from minihuman.reporting.participant_flow import flow_section
+from minihuman.reporting.sections import exclusions_section
 from minihuman.runtime.simulated_session import simulate
 from tests.study.studies import two_days
 

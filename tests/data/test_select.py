@@ -83,3 +83,16 @@ def test_an_exporter_that_asks_for_the_store_gets_it_with_a_warning(study):
         store = IncludedEpisodes(StudySessions(study, processes=1)).store()
     with store:
         assert store.tables.count("episodes") == 3
+
+
+def test_an_exporter_that_uses_the_old_names_of_the_selection_gets_it_with_a_warning(study):
+    logs = []
+    sessions = StudySessions(study, processes=1)
+    with pytest.warns(DeprecationWarning, match=r"is now IncludedEpisodes\(on_included=...\)"):
+        included = IncludedEpisodes(sessions, taken=lambda log, facts: logs.append(log))
+    session = next(included.counted())
+    assert logs
+    with pytest.warns(DeprecationWarning, match=r"is now SelectedSession\.selected"):
+        assert session.asked == session.selected
+    with pytest.warns(DeprecationWarning, match=r"is now SelectedSession\.is_selected"):
+        assert session.wanted is session.is_selected

@@ -31,7 +31,7 @@ def test_the_committed_result_holds_the_bars_and_is_what_the_docs_print():
     assert abs(float(sequential["share"]) - 0.05) <= 0.01
     replayed = rows["replayed, 40 trials of QUEST+"]
     assert (replayed["n"], replayed["share"]) == ("500", "1")
-    docs = (Path(__file__).parents[2] / "docs" / "designs.md").read_text(encoding="utf-8")
+    docs = (Path(__file__).parents[2] / "docs" / "trials.md").read_text(encoding="utf-8")
     percent = [
         f"{100 * float(rows[f'questplus, 40 trials, guess {guess}']['median_error']):.2g} %" for guess in (0.5, 0)
     ]

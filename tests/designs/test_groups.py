@@ -8,7 +8,10 @@ import pytest
 from minihuman.admin.design_decisions import verify_design_decisions
 from minihuman.admin.enrolment_entries import LookTaken, read_enrolled, read_enrolment_log
 from minihuman.admin.next_session import plan_next_session
-from minihuman.admin.verify.log import _LogSegment, _slot, find_log_differences, verify_enrolment
+from minihuman.admin.verify.contents import LogSegment
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.admin.verify.plan import compare_slot
+from minihuman.admin.verify.study import verify_enrolment
 from minihuman.admin.withdrawal import withdraw_participant
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
@@ -17,7 +20,7 @@ from minihuman.experiment.plan.enrolment_designs import GroupSequential
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.methods import build_methods
-from minihuman.reporting.sections import looks_table
+from minihuman.reporting.participant_flow import looks_table
 from minihuman.runtime.simulated_session import simulate
 from minihuman.worlds.adapters.world import World
 
@@ -109,8 +112,8 @@ def test_each_assignment_is_in_the_log_without_codes_and_follows_from_its_statis
 def test_the_report_says_what_was_adaptive(study):
     protocol, folder, _ = study
     with StudyStore(StudySessions(folder, processes=1), with_shortest=False) as store:
-        outlines = [kept.outline for kept in store.kept]
-        said = build_methods(outlines, [kept.quality for kept in store.kept], 8, protocols=[protocol])
+        outlines = [kept.outline for kept in store.cached_sessions]
+        said = build_methods(outlines, [kept.quality for kept in store.cached_sessions], 8, protocols=[protocol])
     name = protocol.allocation.design.name
     assert f"Groups were assigned by the adaptive design {name}" in said[1]
     assert "Enrolment could be stopped by the adaptive design group-sequential (looks = [4, 8]" in said[1]
@@ -141,14 +144,14 @@ def test_a_group_that_does_not_follow_from_its_statistics_is_named(study):
     plan = read_log(path).plan
     other = {"good": "bad", "bad": "good"}[plan.participant.group]
     swapped = msgspec.structs.replace(plan.participant, group=other)
-    segment = _LogSegment({})
-    [found] = _slot(protocol, segment, msgspec.structs.replace(plan, participant=swapped))
+    segment = LogSegment({})
+    [found] = compare_slot(protocol, segment, msgspec.structs.replace(plan, participant=swapped))
     assert found == (
         f"plan: participant's group {other!r}, by the statistics of {protocol.allocation.design.name} "
         f"{plan.participant.group!r}"
     )
     unassigned = msgspec.structs.replace(plan.participant, assigned=None)
-    [found] = _slot(protocol, segment, msgspec.structs.replace(plan, participant=unassigned))
+    [found] = compare_slot(protocol, segment, msgspec.structs.replace(plan, participant=unassigned))
     assert found == "plan: the group's assignment is not by the protocol's design"
 
 

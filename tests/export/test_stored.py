@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from minihuman.cli.command_line import make_command_line
 from minihuman.dataset.selection import Selection
 from minihuman.errors import ExportError, LogError
-from minihuman.experiment.machine.events import find_violations
+from minihuman.experiment.machine.event_rules import find_violations
 from minihuman.exporters.exporter import export_study
 from minihuman.log.read.session_reader import read_events, read_log
 from tests.export import changing

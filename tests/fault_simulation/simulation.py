@@ -21,7 +21,8 @@ from unittest.mock import patch
 from minihuman.admin.enrolment_entries import SlotTaken, list_taken_slots, read_enrolment_log
 from minihuman.admin.manifest import record_missing_heads
 from minihuman.admin.recruitment import Recruitment, hash_link_token
-from minihuman.admin.verify.log import verify_enrolment, verify_session
+from minihuman.admin.verify.log import verify_session
+from minihuman.admin.verify.study import verify_enrolment
 from minihuman.errors import MinihumanError
 from minihuman.experiment.machine.events import KeyPressed, Noted, Stepped
 from minihuman.experiment.plan.allocation import build_allocation_list

@@ -81,7 +81,7 @@ def test_a_session_that_resumes_behind_a_failed_fsync_makes_durable_what_it_resu
         with pytest.raises(LogError, match="recording stopped"):
             recorder.drain()
         disk.kill()
-    part = recorder.where.part
+    part = recorder.segment_path.part
     disk, system = machine.start()
     with use_system(system):
         left = resume_segment(part)

@@ -16,7 +16,7 @@ from minihuman.figures.estimation import (
 from minihuman.figures.learning_curves import mean_and_band
 from minihuman.figures.style import save_figure
 from minihuman.figures.survival_curves import draw_survival, survival_band
-from minihuman.statistics.comparison import permutation_tests
+from minihuman.statistics.permutation import permutation_tests
 from minihuman.statistics.survival import SurvivalTimes, kaplan_meier
 
 

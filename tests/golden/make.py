@@ -257,7 +257,7 @@ def _keep(recorder: McapRecorder, part: Path) -> None:
     """What lies on the disk at this moment, as it would after a power cut."""
     recorder.drain()
     part.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(recorder.where.part, part)
+    shutil.copyfile(recorder.segment_path.part, part)
 
 
 def make(data: Path) -> None:

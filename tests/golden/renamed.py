@@ -1,6 +1,6 @@
 """What has another name now than in the frozen tables; a value that changed is no name, and stands nowhere here."""
 
-from minihuman.dataset.table_columns import COLUMN_ALIASES
+from minihuman.dataset.column_aliases import COLUMN_ALIASES
 
 TABLES: dict[str, str] = {}  # a table's name then: now
 COLUMNS: dict[str, str] = dict(

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from minihuman.admin.next_session import plan_next_session
-from minihuman.admin.verify.log import verify_enrolment
+from minihuman.admin.verify.study import verify_enrolment
 from minihuman.admin.withdrawal import replace_participant, withdraw_participant
 from minihuman.cli.command_line import make_command_line
 from minihuman.dataset.log_files import list_readable_logs

@@ -11,7 +11,7 @@ from minihuman.admin.status import count_participant_flow, format_status
 from minihuman.admin.withdrawal import replace_participant, withdraw_participant
 from minihuman.experiment.machine.inputs import PointerPressed, PointerReleased
 from minihuman.experiment.protocol.protocol import decode_protocol
-from minihuman.reporting.sections import FlowSection, flow_section
+from minihuman.reporting.participant_flow import FlowSection, flow_section
 from minihuman.runtime.simulated_session import simulate
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from tests.lab.test_due import TWO_DAYS

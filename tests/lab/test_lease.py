@@ -165,12 +165,12 @@ def test_a_server_that_renews_hands_over_when_another_asks(servers: tuple[Server
     for _ in range(10):
         clock.now_s += RENEWAL_INTERVAL_S
         one.renew()
-    assert not one.lease.wanted
+    assert not one.lease.is_requested
     with pytest.raises(LeaseHeldError):
         other.host()
     one.record(b"the last")
     one.renew()
-    assert one.lease.wanted
+    assert one.lease.is_requested
     one.record(b" word")
     one.leases.release(one.lease)
     other.host()
@@ -301,7 +301,7 @@ def leave_ended_session(
         at_sync=lambda: None,
     )
     lease = one.leases.acquire(name_session("tried", "sub-01", 1))
-    lease.follow(lambda: made.files[0].where.part, lambda: made.recorder.durable_writes)
+    lease.follow(lambda: made.files[0].segment_path.part, lambda: made.recorder.durable_writes)
     keys = [(1 + number) * 400_000_000 for number in range(8)]
     presses = [(t, key, True) for t, key in zip(keys, ["enter", *"1231", *["enter"] * 3], strict=True)]
     PageModel(made.host, presses[:3], frame_ns=16_000_000).run()

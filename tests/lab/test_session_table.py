@@ -86,14 +86,14 @@ def test_a_live_session_has_a_row_that_grows(tmp_path: Path) -> None:
     recorder.write(events[:20])
     recorder.drain()
     (row,) = read_session_index(tmp_path)
-    assert row.path == recorder.where.part
+    assert row.path == recorder.segment_path.part
     assert row.summary is not None
     assert (row.summary.steps, row.summary.clean, row.summary.end_reason) == (4, False, "cut_off")
     assert [line.split()[-1] for line in format_status(tmp_path) if plan.participant.id in line] == ["running"]
     recorder.write(events[20:])
     recorder.close()
     (row,) = read_session_index(tmp_path)
-    assert row.path == recorder.where.log
+    assert row.path == recorder.segment_path.log
     assert row.summary is not None
     assert (row.summary.steps, row.summary.clean) == (10, True)
 
@@ -226,7 +226,7 @@ def test_the_index_is_read_while_a_report_has_the_tables_open(tmp_path: Path, ca
             ran = subprocess.run([sys.executable, "-c", READ_ALL, study], capture_output=True, text=True, check=True)
             assert (ran.stdout.split()[0], ran.stderr) == ("2", "")
         assert [row.path.relative_to(tmp_path) for row in read_session_index(study)] == logs
-        assert len(store.kept) == 2
+        assert len(store.cached_sessions) == 2
     assert (caplog.messages, sessions.account.notes) == ([], [])
 
 

@@ -10,7 +10,8 @@ from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.recruitment import ParticipantArrived, hash_link_token
 from minihuman.admin.remote_logs import sync_logs, upload_log
 from minihuman.admin.status import list_problems
-from minihuman.admin.verify.log import find_log_differences, verify_enrolment
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.admin.verify.study import verify_enrolment
 from minihuman.admin.withdrawal import withdraw_participant
 from minihuman.experiment.machine.inputs import Stop
 from minihuman.experiment.protocol.protocol import decode_protocol

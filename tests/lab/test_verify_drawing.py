@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image, ImageDraw
 
-from minihuman.admin.verify.log import _differ_by_a_pixel
+from minihuman.admin.verify.messages import _differ_by_a_pixel
 
 
 def _drawn(x: float, radius: float, colour: str = "#0072b2"):

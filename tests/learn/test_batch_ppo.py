@@ -95,7 +95,7 @@ def test_advantages_are_those_of_gae_and_a_step_limit_is_no_end():
     rollout = run._collect()
     values = rollout["values"].double().numpy()
     with torch.no_grad():
-        last = policy.think(run._seen)[1].squeeze(1).double().numpy()
+        last = policy.think(run._observations)[1].squeeze(1).double().numpy()
         beyond = np.zeros_like(values)
         for t, (limited, _, infos) in enumerate(truncated):
             for i in np.flatnonzero(limited):

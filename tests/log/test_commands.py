@@ -248,8 +248,8 @@ def _cut_off(data: Path) -> Path:
     recorder = McapRecorder(data, PLAN, started_ns=STARTED_NS)
     recorder.write(session_events(PLAN)[:30])
     recorder.drain()
-    content = recorder.where.part.read_bytes()
+    content = recorder.segment_path.part.read_bytes()
     recorder.close()
-    recorder.where.log.unlink()
-    recorder.where.part.write_bytes(content)
-    return recorder.where.part
+    recorder.segment_path.log.unlink()
+    recorder.segment_path.part.write_bytes(content)
+    return recorder.segment_path.part

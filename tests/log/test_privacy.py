@@ -47,7 +47,7 @@ def test_a_log_says_nothing_of_the_person_or_machine_that_wrote_it(
     assert isinstance(start, SessionStarted)
     recorder.write([replace(start, facts={"player": "human", **collect_machine_facts()}), *rest])
     recorder.drain()
-    live = recorder.where.part.read_bytes()
+    live = recorder.segment_path.part.read_bytes()
     log = recorder.close()
     assert log is not None
     private = {"jane-7f3a", "host-7f3a", str(Path.home()), str(tmp_path), os.getcwd()}

@@ -53,7 +53,7 @@ def test_any_events_written_are_read_in_the_same_order(start: ev.SessionStarted,
         for event in events:
             recorder.write([event])
         recorder.drain()
-        assert list(read_events(recorder.where.part)) == events
+        assert list(read_events(recorder.segment_path.part)) == events
         log = recorder.close()
         assert log is not None
         assert list(read_events(log)) == events

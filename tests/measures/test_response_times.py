@@ -70,7 +70,7 @@ def test_a_real_time_block_without_an_onset_has_no_response_time(tmp_path):
     assert np.isnan(response_ms(log.episodes[0])).all()
     assert (row["response_mean_ms"], row["response_median_ms"]) == (None, None)
     assert not math.isnan(row["reaction_median_ms"])
-    assert SessionMeasures.of(log, skip_path_bounds).over([0])["response_median_ms"] is None
+    assert SessionMeasures.of(log, skip_path_bounds).aggregate([0])["response_median_ms"] is None
 
 
 def test_a_block_may_name_the_first_picture_as_the_onset(tmp_path):

@@ -76,8 +76,8 @@ PLANTED = (
     Mutant(
         "the page does not show an end at the step limit",
         "web/outbox.py",
-        "most_steps=min(limits),",
-        "most_steps=max(limits) + 1,",
+        "most_steps=most_steps,",
+        "most_steps=most_steps + 1,",
         ("tests/web/test_ahead.py", "tests/web/test_computed.py", "tests/web/test_seat.py"),
     ),
     Mutant(
@@ -90,8 +90,8 @@ PLANTED = (
     Mutant(
         'the report says "p < 0.001" of anything below 0.01',
         "reporting/template.py",
-        '"< 0.001" if value < 0.001',
-        '"< 0.001" if value < 0.01',
+        "if value < 0.001:",
+        "if value < 0.01:",
         ("tests/report/test_elements.py", "tests/report/test_results.py"),
     ),
     Mutant(

@@ -20,7 +20,7 @@ from minihuman.log.read.session_reader import read_log
 from tests.builders import session, write_log
 from tests.export.study import recorded
 
-PAGE = Path(__file__).parents[2] / "docs" / "notebook.md"
+PAGE = Path(__file__).parents[2] / "docs" / "api.md"
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from minihuman.errors import PlayerFailedError
 from minihuman.experiment.machine.events import SessionEnded
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_events, read_log
-from minihuman.reporting.sections import flow_table
+from minihuman.reporting.participant_flow import flow_table
 from minihuman.runtime import simulated_window
 from minihuman.runtime.simulated_session import simulate
 from tests.counts import PATIENCE_S

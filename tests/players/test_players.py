@@ -6,7 +6,8 @@ import pytest
 
 from minihuman.display.windows.window import VirtualClock
 from minihuman.errors import SimulationError
-from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, KeyPressed, Stepped, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, KeyPressed, Stepped
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import decode_protocol

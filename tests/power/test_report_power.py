@@ -20,9 +20,12 @@ from minihuman.planning.report_power import (
     make_report_pool,
     plan_report_power,
 )
+from minihuman.reporting.block_measures import MEASURES
+from minihuman.reporting.block_results import compute_block_results
 from minihuman.reporting.interactions import compute_interaction
-from minihuman.reporting.results import MEASURES, compare_within, compute_block_results
-from minihuman.statistics.comparison import permutation_tests, t_test_power
+from minihuman.reporting.within_results import compare_within
+from minihuman.statistics.permutation import permutation_tests
+from minihuman.statistics.t_tests import t_test_power
 from tests.counts import count
 from tests.power.test_command import PROTOCOL
 

@@ -6,7 +6,7 @@ import pytest
 
 from minihuman.errors import ReportError
 from minihuman.planning.power import MEASURES, Effect, compute_values, parse_group_sizes, power_curve
-from minihuman.statistics.comparison import t_test_power
+from minihuman.statistics.t_tests import t_test_power
 from tests.counts import count
 
 POOL = 4_000  # people: so many that drawing from them is drawing from the normal distribution

@@ -158,8 +158,8 @@ def test_a_flipped_bit_of_a_live_log_ends_as_a_failed_check(tmp_path: Path) -> N
             tmp_path / str(trial), plan, started_ns=STARTED_NS, settings=RecorderSettings(sync=lambda _fd: None)
         )
         recorder.write(events[:40])
-        with recorder.where.part.open("r+b") as file:
-            at = int(rng.integers(8, recorder.where.part.stat().st_size))
+        with recorder.segment_path.part.open("r+b") as file:
+            at = int(rng.integers(8, recorder.segment_path.part.stat().st_size))
             file.seek(at)
             byte = file.read(1)[0] ^ 1 << int(rng.integers(8))
             file.seek(at)
@@ -168,10 +168,10 @@ def test_a_flipped_bit_of_a_live_log_ends_as_a_failed_check(tmp_path: Path) -> N
             recorder.write([event])
         with pytest.raises(DataLossError, match="an unchanged copy is "):
             recorder.close()
-        kept = list(read_events(recorder.where.log))
+        kept = list(read_events(recorder.segment_path.log))
         assert _is_part(kept, events)
         assert len(kept) >= len(events) - 40
-        assert not read_log(recorder.where.log).clean
+        assert not read_log(recorder.segment_path.log).clean
 
 
 def _is_part(kept: list[Event], of: list[Event]) -> bool:

@@ -1,7 +1,7 @@
 import numpy as np
 import pandas as pd
 
-from minihuman.reporting.sections import clauses_table, count_clauses
+from minihuman.reporting.instruction_clauses import clauses_table, count_clauses
 from tests.report.pages import page
 
 

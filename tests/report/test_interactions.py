@@ -8,7 +8,7 @@ from minihuman.errors import ProtocolError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.protocol.study_design import derive_design
 from minihuman.reporting.interactions import compute_interaction, state_interaction
-from minihuman.statistics.comparison import permutation_tests
+from minihuman.statistics.permutation import permutation_tests
 
 GROUPS = '[[groups]]\nname = "a"\nblocks = ["low", "high"]\n[[groups]]\nname = "b"\nblocks = ["low", "high"]\n'
 BLOCK = """

@@ -11,7 +11,7 @@ from minihuman.dataset.tables import select
 from minihuman.errors import ProtocolError, ReportError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
-from minihuman.reporting.results import compare_adjusted
+from minihuman.reporting.block_results import compare_adjusted
 from minihuman.reporting.study_measures import add_measures, find_measure
 from minihuman.runtime.simulated_session import simulate
 from tests.lab_package import EXTENDING, install_lab as install_lab

@@ -9,9 +9,10 @@ import pytest
 
 import minihuman
 from minihuman.errors import ReportError
-from minihuman.reporting.sections import FlowSection
+from minihuman.reporting.participant_flow import FlowSection
 from minihuman.reporting.template import AnswerCounts, Table
 from tests.report.pages import page
+from tests.sources import parse_source
 
 PACKAGE = Path(minihuman.__file__).parent
 
@@ -111,7 +112,7 @@ def test_no_python_of_the_package_writes_html() -> None:
     found = [
         f"{path.relative_to(PACKAGE)}:{text.lineno}: {text.value[:60]!r}"
         for path in sorted(PACKAGE.rglob("*.py"))
-        for text in _texts(ast.parse(path.read_text(encoding="utf-8")))
+        for text in _texts(parse_source(path))
         if TAG.search(text.value) and any(letter in string.ascii_letters for letter in text.value)
     ]
     assert found == []

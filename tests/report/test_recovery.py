@@ -14,7 +14,7 @@ from minihuman.dataset.sessions import StudySessions
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.reporting.results import compute_results
 from minihuman.runtime.simulated_session import simulate
-from minihuman.statistics.comparison import permutation_tests
+from minihuman.statistics.permutation import permutation_tests
 from tests.builders import made, plan, session_of
 from tests.counts import count
 

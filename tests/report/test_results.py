@@ -6,16 +6,12 @@ import pytest
 
 from minihuman.experiment.protocol import specs
 from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.reporting.block_measures import FORMULAS, MEASURES
+from minihuman.reporting.block_results import compute_block_results, summarise_group_rewards
+from minihuman.reporting.exclusions import list_exclusions
 from minihuman.reporting.page import read_published_subjects
-from minihuman.reporting.results import (
-    FORMULAS,
-    MEASURES,
-    compute_block_results,
-    find_target_block,
-    list_exclusions,
-    summarise_group_rewards,
-)
-from minihuman.reporting.sections import difference_statement
+from minihuman.reporting.results import find_target_block
+from minihuman.reporting.statements import difference_statement
 from minihuman.statistics.survival import kaplan_meier
 
 
@@ -156,7 +152,7 @@ def test_who_never_found_every_key_is_waited_for_to_the_last_step():
     (found,) = compute_block_results("grid", rows, episodes, ["a", "b"], AnalysisSpec()).waits.compared
     a, b, compared = found
     assert (a, b) == ("a", "b")
-    assert compared.never == (0, 12)
+    assert compared.censored == (0, 12)
     assert compared.difference == pytest.approx(5.0 - 30.0)
     assert compared.logrank_p < 0.001
     assert math.isnan(compared.p), "nobody of b found them: no mean can be told from another"

@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 
 from minihuman.errors import ReportError
-from minihuman.reporting.results import MEASURES, compute_results
+from minihuman.reporting.block_measures import MEASURES
+from minihuman.reporting.results import compute_results
 from minihuman.reporting.scripts import write_scripts
 from tests.machine import need, needs
 

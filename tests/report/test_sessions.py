@@ -12,8 +12,9 @@ from minihuman.dataset.tables import select
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.figures.figure_data import collect_learning_curves
-from minihuman.reporting.results import MEASURES, BlockResults, compute_block_results
-from minihuman.reporting.sections import session_changes_table, session_table
+from minihuman.reporting.block_measures import MEASURES
+from minihuman.reporting.block_results import BlockResults, compute_block_results
+from minihuman.reporting.result_tables import session_changes_table, session_table
 from minihuman.runtime.simulated_session import simulate
 from tests.report.reports import write_report
 

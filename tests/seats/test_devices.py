@@ -12,7 +12,8 @@ from minihuman.admin.verify.episodes import verify_episodes
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.errors import DeviceError, LogError
-from minihuman.experiment.machine.events import Sampled, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import Sampled
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.protocol.specs import DeviceSpec as Wanted

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from minihuman.activities.agent_blocks.events import LearnerAsked, PolicyGiven
-from minihuman.activities.preferences.requests import ClipRequest
+from minihuman.activities.clip_requests import ClipRequest
 from minihuman.admin.policies import PolicyStore
 from minihuman.admin.verify.log import verify_session
 from minihuman.display.windows.window import VirtualClock
@@ -102,7 +102,7 @@ def test_whatever_becomes_of_the_learner_every_episode_is_played_and_nothing_is_
     seat = AgentHost(
         PolicyStore(tmp_path / "taught"),
         {},
-        logs=lambda: [recorder.where.part],
+        logs=lambda: [recorder.segment_path.part],
         learner=worker(tmp_path, kind),
         patient=True,  # the learner's time is real time, and the session's is not
         unhurried=False,

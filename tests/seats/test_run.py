@@ -8,6 +8,7 @@ import pytest
 
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.errors import LogError
+from minihuman.experiment.machine.event_rules import find_violations
 from minihuman.experiment.machine.events import (
     EpisodeEnded,
     Event,
@@ -15,7 +16,6 @@ from minihuman.experiment.machine.events import (
     KeyPressed,
     SessionEnded,
     Stepped,
-    find_violations,
 )
 from minihuman.experiment.machine.inputs import FocusChanged, Input, KeyDown, KeyUp
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen

@@ -7,7 +7,8 @@ from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.status import list_problems
 from minihuman.admin.verify.episodes import verify_episodes
 from minihuman.errors import SimulationError
-from minihuman.experiment.machine.events import SessionStarted, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import SessionStarted
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.runtime import simulated_session

@@ -8,19 +8,11 @@ import pandas as pd
 import pytest
 import scipy
 
-from minihuman.statistics import comparison
-from minihuman.statistics.comparison import (
-    RESAMPLES,
-    SEED,
-    compare_groups,
-    compare_means,
-    compute_power,
-    holm_correction,
-    permutation_tests,
-    smallest_p,
-    standardise,
-    t_test_power,
-)
+from minihuman.statistics import regroupings
+from minihuman.statistics.comparison import compare_groups, holm_correction, standardise
+from minihuman.statistics.permutation import permutation_tests, smallest_p
+from minihuman.statistics.regroupings import RESAMPLES, SEED
+from minihuman.statistics.t_tests import compare_means, compute_power, t_test_power
 from tests.counts import count
 
 
@@ -65,7 +57,7 @@ KINDS = {
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_p_is_scipys_to_the_last_bit_whichever_pairs_are_asked_for_together(kind, monkeypatch):
-    monkeypatch.setattr(comparison, "_AT_ONCE", 60_000)  # several batches
+    monkeypatch.setattr(regroupings, "_AT_ONCE", 60_000)  # several batches
     rng = np.random.default_rng(1)
     sizes = [(2, 2), (5, 5), (9, 30), (2, 9), (9, 30), (8, 8), (60, 50)]  # three of which are drawn from
     pairs = [(KINDS[kind](rng.normal(0, 1, n)), KINDS[kind](rng.normal(0.4, 2, m))) for n, m in sizes]

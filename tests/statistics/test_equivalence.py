@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import scipy
 
-from minihuman.statistics.comparison import check_equivalence
+from minihuman.statistics.t_tests import check_equivalence
 from tests.counts import count
 
 

@@ -6,15 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from minihuman.statistics import comparison
-from minihuman.statistics.comparison import (
-    LARGEST_REGROUPED,
-    RESAMPLES,
-    adjust_groups,
-    count_regroupings,
-    has_limit,
-    permutation_tests,
-)
+from minihuman.statistics import regroupings
+from minihuman.statistics.permutation import adjust_groups, permutation_tests
+from minihuman.statistics.regroupings import LARGEST_REGROUPED, RESAMPLES, count_regroupings, has_limit
 from minihuman.statistics.survival import SurvivalTimes, compare_survival
 from minihuman.statistics.two_part_model import two_parts_p
 
@@ -30,7 +24,7 @@ def both(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], li
     def run(work: Callable[[], object]) -> list[object]:
         assert N + M < LARGEST_REGROUPED
         found = [work()]
-        monkeypatch.setattr(comparison, "LARGEST_REGROUPED", N)
+        monkeypatch.setattr(regroupings, "LARGEST_REGROUPED", N)
         return [*found, work()]
 
     return run

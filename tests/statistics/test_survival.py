@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from minihuman.statistics.comparison import permutation_tests
+from minihuman.statistics.permutation import permutation_tests
 from minihuman.statistics.survival import SurvivalTimes, compare_survival, kaplan_meier, logrank_p
 from tests.counts import count
 
@@ -61,7 +61,7 @@ def test_watched_to_the_end_the_test_is_that_of_the_times_cut_there():
     assert found.p == pytest.approx(test.p())
     assert found.interval == pytest.approx(test.interval(), abs=0.05)
     assert np.mean(found.interval) == pytest.approx(test.difference)
-    assert (found.n, found.never, found.until) == ((6, 8), (1, 3), 30.0)
+    assert (found.n, found.censored, found.until) == ((6, 8), (1, 3), 30.0)
 
 
 def studentised(a, b):

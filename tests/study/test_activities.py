@@ -5,7 +5,8 @@ import pytest
 
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import Activity, ActivityKind, PartEnding
-from minihuman.experiment.machine.events import PartEnded, PartStarted, SessionEnded, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import PartEnded, PartStarted, SessionEnded
 from minihuman.experiment.machine.inputs import Input, KeyDown
 from minihuman.experiment.machine.screens import TextScreen
 from minihuman.experiment.machine.transitions import Phase

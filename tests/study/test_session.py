@@ -3,6 +3,7 @@ import dataclasses
 import pytest
 
 from minihuman.errors import AllocationError
+from minihuman.experiment.machine.event_rules import find_violations
 from minihuman.experiment.machine.events import (
     EpisodeEnded,
     EpisodeStarted,
@@ -16,7 +17,6 @@ from minihuman.experiment.machine.events import (
     SessionEnded,
     SessionStarted,
     Stepped,
-    find_violations,
 )
 from minihuman.experiment.machine.inputs import KeyDown, Stop
 from minihuman.experiment.machine.screen_texts import find_stop_code

@@ -2,7 +2,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given, settings
 
-from minihuman.experiment.machine.events import find_violations
+from minihuman.experiment.machine.event_rules import find_violations
 from minihuman.experiment.machine.inputs import FocusChanged, Input, KeyDown, KeyUp, ScreenShown, Stop, Tick
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.worlds.adapters.world import World

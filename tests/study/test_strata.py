@@ -71,16 +71,16 @@ def test_a_number_is_cut_and_an_optional_one_may_be_missing():
 def test_the_answer_that_counts_is_the_last_before_the_part_is_over_for_good():
     strata = build_strata(study(HAND))
     said = [answered("hand", '"left"'), answered("hand", '"right"')]
-    assert strata.drawn(said) is None
-    assert strata.drawn([*said, PartEnded(2, 0, "again", 0)]) is None
+    assert strata.find_stratum(said) is None
+    assert strata.find_stratum([*said, PartEnded(2, 0, "again", 0)]) is None
     later = [answered("hand", '"both"', attempt=2), PartEnded(3, 0, "done", 1), answered("hand", '"left"', attempt=3)]
-    assert strata.drawn([*said, PartEnded(2, 0, "again", 0), *later]) == "both"
+    assert strata.find_stratum([*said, PartEnded(2, 0, "again", 0), *later]) == "both"
 
 
 def test_a_score_is_the_number_of_right_answers_at_the_first_try():
     strata = build_strata(study('[allocation]\nstratify_by = "you"\ncut_points = [1]\n'))
     wrong, right = answered("hand", '"left"', right=False), answered("hand", '"right"', attempt=2, right=True)
-    assert strata.drawn([wrong, right, PartEnded(2, 0, "done", 1)]) == "below 1"
+    assert strata.find_stratum([wrong, right, PartEnded(2, 0, "done", 1)]) == "below 1"
 
 
 @pytest.mark.parametrize("allocated", [HAND, AGE])

@@ -3,6 +3,7 @@ import dataclasses
 import msgspec
 import pytest
 
+from minihuman.experiment.machine.event_rules import find_violations
 from minihuman.experiment.machine.events import (
     EpisodeEnded,
     KeyMapDrawn,
@@ -10,7 +11,6 @@ from minihuman.experiment.machine.events import (
     Resumed,
     SessionEnded,
     Stepped,
-    find_violations,
 )
 from minihuman.worlds.hashing import hash64
 from tests.study.sessions import Desk, corridor_plan

@@ -7,7 +7,6 @@ import socket
 import subprocess
 import sys
 import time
-from functools import cache
 from pathlib import Path
 
 import msgspec
@@ -20,8 +19,6 @@ from minihuman.errors import AllocationError, LogError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.operating_system import (
-    explain_unportable_name,
-    find_case_twin,
     is_sharing_violation,
     lock_descriptor,
     open_file,
@@ -30,10 +27,12 @@ from minihuman.operating_system import (
     retry_when_shared,
     windows_disposition,
 )
+from minihuman.portable_names import explain_unportable_name, find_case_twin
 from minihuman.storage.durable_files import write_atomically
 from tests.counts import PATIENCE_S
 from tests.disks import fill, small_disk
 from tests.log.samples import STARTED_NS, session_plan
+from tests.sources import parse_source
 
 PACKAGE = Path(minihuman.__file__).parent
 ONE_MODULE = PACKAGE / "operating_system.py"
@@ -55,11 +54,10 @@ CTYPES = {  # a library of C, each at home in one module
 }
 
 
-@cache
 def parse_package() -> dict[str, ast.Module]:
     """Return every module of the package that is not generated, parsed, by its path."""
     return {
-        path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
+        path.relative_to(PACKAGE).as_posix(): parse_source(path)
         for path in PACKAGE.rglob("*.py")
         if not path.stem.endswith("_pb2")
     }

@@ -37,8 +37,8 @@ def test_what_is_kept_for_everybody_has_a_bound(monkeypatch) -> None:
     for number in range(50):
         noise = rng.integers(0, 256, (24, 24, 3)).astype(np.uint8)
         shared.of(bytes([number]), "lossless", noise)
-        assert sum(len(packed) for _, packed in shared._kept.values()) == shared._bytes <= 20_000
-    assert (bytes([49]), "lossless") in shared._kept, "the latest stay"
+        assert sum(len(packed) for _, packed in shared._packed.values()) == shared._bytes <= 20_000
+    assert (bytes([49]), "lossless") in shared._packed, "the latest stay"
 
 
 def test_a_picture_that_was_hashed_for_the_log_is_not_hashed_again_and_is_sent_once(monkeypatch) -> None:

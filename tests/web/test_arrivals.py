@@ -199,7 +199,7 @@ def test_a_session_that_runs_or_was_cut_off_is_named_by_its_live_log(tmp_path):
     recorder = McapRecorder(tmp_path, seat.plan, started_ns=1)
     recorder.write([SessionStarted(0, seat.plan, {})])
     again = door.arrive(Arrival(token))
-    assert (again.key, again.plan, again.part) == (seat.key, None, recorder.where.part)
+    assert (again.key, again.plan, again.part) == (seat.key, None, recorder.segment_path.part)
     recorder.close()
     assert door.arrive(Arrival(token)).plan.segment == 2
 

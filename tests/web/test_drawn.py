@@ -8,7 +8,8 @@ from minihuman.admin.enrolment_entries import read_enrolled
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.status import count_participant_flow
 from minihuman.admin.verify.log import find_log_differences
-from minihuman.experiment.machine.events import Linked, SessionStarted, Stepped, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import Linked, SessionStarted, Stepped
 from minihuman.experiment.machine.inputs import Stop
 from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol

@@ -13,7 +13,7 @@ from minihuman.experiment.machine.inputs import KeyDown, ScreenShown, Tick
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
-from minihuman.experiment.replay import copy_session
+from minihuman.experiment.session_copy import copy_session
 from minihuman.log.read.session_reader import read_events
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.web import messages

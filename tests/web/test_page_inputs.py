@@ -62,8 +62,8 @@ def test_a_question_to_the_page_is_answered_once() -> None:
     page_inputs = PageInputs(())
     number = page_inputs.ask(inputs.Tick)
     other = page_inputs.ask(inputs.Tick)
-    assert page_inputs.asked == (number, other)
+    assert page_inputs.open_questions == (number, other)
     echo = messages.CommandEcho(number)
     assert page_inputs.convert(echo, 50, is_present=False) == inputs.Tick(50)
     assert page_inputs.convert(echo, 60, is_present=False) is None
-    assert page_inputs.asked == (other,)
+    assert page_inputs.open_questions == (other,)

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
+from minihuman.experiment.machine.event_rules import find_violations
 from minihuman.experiment.machine.events import (
     Event,
     KeyPressed,
@@ -16,7 +17,6 @@ from minihuman.experiment.machine.events import (
     Noted,
     SessionStarted,
     Stepped,
-    find_violations,
 )
 from minihuman.experiment.machine.inputs import KeyDown, KeyUp, Stop
 from minihuman.experiment.machine.session import SessionMachine
@@ -291,11 +291,11 @@ def test_a_page_that_hears_nothing_is_not_told_ever_more(tmp_path: Path) -> None
     )
     page = PageModel(seat, script(count=300), frame_ns=FRAME_NS)
     page.hears = False
-    page.run(lambda: seat.outgoing.kept > PREFETCH_BACKLOG)
-    assert seat.outgoing.kept > PREFETCH_BACKLOG
+    page.run(lambda: seat.outgoing.n_unacknowledged > PREFETCH_BACKLOG)
+    assert seat.outgoing.n_unacknowledged > PREFETCH_BACKLOG
     assert not seat.grow()
     seat.outgoing.acknowledge(seat.outgoing.last_number)
-    assert seat.outgoing.kept == 0
+    assert seat.outgoing.n_unacknowledged == 0
     seat.close()
 
 

@@ -8,16 +8,16 @@ import pytest
 
 from minihuman.activities.agent_blocks.events import Advised, ControlChanged, PolicyGiven
 from minihuman.activities.agent_blocks.requests import Advice, AdviceRequest, NewPolicy, PolicyRequest
+from minihuman.activities.clip_requests import ClipRequest, EpisodeRequest
 from minihuman.activities.correction.events import CorrectionSeen
-from minihuman.activities.correction.requests import EpisodeRequest
 from minihuman.activities.episode_clips import ClipOffered, EpisodeClip
 from minihuman.activities.preferences.events import PairSeen, Preferred
-from minihuman.activities.preferences.requests import ClipRequest
 from minihuman.activities.rating.events import Rated
 from minihuman.agents.agent import BaseAgent, make_agent
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
-from minihuman.experiment.machine.events import Event, Stepped, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import Event, Stepped
 from minihuman.experiment.machine.inputs import ActivityInput, KeyDown, KeyUp, Stop
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.session import SessionMachine

@@ -18,7 +18,8 @@ from minihuman.admin.enrolment_entries import read_enrolled
 from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.remote_logs import sync_logs
 from minihuman.admin.status import list_problems
-from minihuman.admin.verify.log import find_log_differences, verify_enrolment
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.admin.verify.study import verify_enrolment
 from minihuman.experiment.machine.events import KeyPressed
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.storage.remote_store import STORE_URL_FILE_NAME

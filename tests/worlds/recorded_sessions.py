@@ -188,7 +188,7 @@ def try_recording(one: Recording, folder: Path) -> str:
     kinds = len({*episode.actions_taken})
     assert kinds > 3 or one.world.startswith("ALE"), "the world was played"
     study = folder / "data" / "recorded"
-    figures = list(draw_all_figures(select(study), folder / "figures", each=True))
+    figures = list(draw_all_figures(select(study), folder / "figures", each_session=True))
     assert [path for path in figures if path.stat().st_size > 1000]
     minihuman.export("minari", study, folder / "minari")
     minihuman.export("lerobot", study, folder / "lerobot")

@@ -233,7 +233,7 @@ class Faulty(GridWorld):
 
 
 def test_all_promises_that_a_world_breaks_are_told_at_once():
-    world = "tests/Faulty-v0"
+    world = "tests/BreaksPromises-v0"
     gymnasium.register(world, entry_point=Faulty)
     try:
         broken = broken_promises(world, PROMISES[1:])

@@ -113,7 +113,7 @@ class AgentPlayActivity(PlayActivity):
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
-        """The policy and the advice that came from outside."""
+        """Return the policy and the advice that came from outside."""
         match event:
             case PolicyGiven():
                 return NewPolicy(event.t_ns, event.policy, event.failure)
@@ -154,7 +154,7 @@ class AgentPlayActivity(PlayActivity):
         self.context.emit(self.advised)
 
     def _choose(self, advice: Advice) -> int | None:
-        """One of the actions that have a key, by the policy's probabilities; None where it gives them no chance."""
+        """Choose an action that has a key, by the policy's probabilities; None where it gives them no chance."""
         if len(advice.probabilities) != len(self._current.world.action_names):
             return None
         play = self._current
@@ -233,15 +233,20 @@ class AgentPlayActivity(PlayActivity):
     def _episode_started(self) -> None:
         self.policy = self._next_policy
         self._due_ns = self.advised = None
-        agent_acts = bool(self.policy) or self.acts_without_policy
-        self._steer("agent" if agent_acts else "person", "start" if self.policy else "no_policy")
+        if self.policy:
+            self._steer("agent", "start")
+        elif self.acts_without_policy:
+            self._steer("agent", "no_policy")
+        else:
+            self._steer("person", "no_policy")
 
     def _steer(self, controller: Controller, reason: ControlReason, pressed_ns: int | None = None) -> None:
         play = self._current
         now_ns = self.context.now_ns
         self.controller = controller
         self._due_ns = None
-        pressed_ns = now_ns if pressed_ns is None else pressed_ns
+        if pressed_ns is None:
+            pressed_ns = now_ns
         self.context.emit(ControlChanged(now_ns, play.plan.episode, play.steps, controller, reason, pressed_ns))
 
     def _between_episodes(self) -> None:
@@ -255,8 +260,10 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def learning_s(self) -> float:  # type: ignore[override]
-        """How long the next episode waits for the learner."""
-        return self.agent.wait_s if self._learning else 0.0
+        """The time that the next episode waits for the learner."""
+        if self._learning:
+            return self.agent.wait_s
+        return 0.0
 
     # What is seen
 
@@ -282,7 +289,7 @@ class AgentPlayActivity(PlayActivity):
         return Steering(self.controller, action, self.limit_ns, rules)
 
     def control_text(self, controller: Controller) -> str:
-        """The text below the picture."""
+        """Return the text below the picture."""
         return self.context.words[f"steers.{controller}"]
 
     @property

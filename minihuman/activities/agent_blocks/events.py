@@ -29,7 +29,7 @@ class LearnerAsked(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class Advised(ActivityEvent):
-    """What the policy would do after a step, whoever is in control."""
+    """The action that the policy would take after a step, also while the person is in control."""
 
     episode: int
     step: int  # that it follows, 0 for the reset
@@ -39,7 +39,7 @@ class Advised(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class ControlChanged(ActivityEvent):
-    """Who is in control from now on."""
+    """The controller from now on."""
 
     episode: int
     step: int  # that it follows

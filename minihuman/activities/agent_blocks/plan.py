@@ -1,11 +1,13 @@
 """Plans of blocks that an agent plays."""
 
-from typing import Literal
+from collections.abc import Container
+from typing import ClassVar, Literal
 
 import msgspec
 
 from minihuman.activities.play.plan import PlayPlan
 
+AGENT_HOST = "minihuman.runtime.agent_host:make_policy_host"
 LATEST_POLICY = "latest"  # the policy that an earlier part of the session ended with
 
 
@@ -27,4 +29,14 @@ class AgentPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class AgentPlayPlan(PlayPlan, frozen=True):
     """A block that an agent plays."""
 
+    host: ClassVar[str] = AGENT_HOST
     agent: AgentPlan = AgentPlan()
+
+    @property
+    def needs_learner(self) -> bool:
+        """Whether a learner makes the next policies."""
+        return bool(self.agent.learner)
+
+    def plays_policy_file(self, files: Container[str]) -> bool:
+        """Whether a policy plays that a learner makes, or that is one of the protocol's files."""
+        return bool(self.agent.learner) or self.agent.policy in files

@@ -19,7 +19,7 @@ _MS_PER_MIN = 60_000.0
 
 
 def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
-    """The episodes with an agent, by block."""
+    """Group the episodes with an agent by block."""
     episodes_by_block: dict[str, list[TaughtEpisode]] = defaultdict(list)
     for episode in log.episodes:
         if episode.taught is not None and len(episode.actions):
@@ -28,7 +28,7 @@ def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
 
 
 def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
-    """Minutes in which the person steered, without pauses."""
+    """Count the minutes in which the person steered, without pauses."""
     begins = episode.t_ns[:-1]
     ends = episode.t_ns[1:]
     took = ends - begins
@@ -38,17 +38,19 @@ def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
 
 
 def policy_agreement(episodes: Sequence[TaughtEpisode]) -> float:
-    """The share of the person's steps at which the policy would have done the same; NaN without any."""
-    agreements = []
+    """Return the share of the person's steps at which the policy would have done the same; NaN without any."""
+    agreements = [np.zeros(0, np.bool_)]
     for episode, taught in episodes:
         advised_steps = taught.by_person & (taught.policy_actions != NO_ADVICE)
         agreements.append(taught.policy_actions[advised_steps] == episode.actions[advised_steps])
-    steps = np.concatenate(agreements) if agreements else np.zeros(0)
-    return float(steps.mean()) if len(steps) else float("nan")
+    steps = np.concatenate(agreements)
+    if len(steps):
+        return float(steps.mean())
+    return float("nan")
 
 
 def autonomy_gain_per_min(episodes: Sequence[TaughtEpisode]) -> float:
-    """By how much the agent's share of an episode's steps grew with each minute that the person had steered before.
+    """Return how much the agent's share of an episode's steps grew per minute that the person had steered before.
 
     The slope of a least-squares line; NaN where the person's minutes do not tell episodes apart.
     """
@@ -106,7 +108,7 @@ grew per minute of the person's earlier control (slope of a line). Good, bad: ra
 
 
 def measure_teaching(episodes: Sequence[TaughtEpisode]) -> dict[str, float]:
-    """The measures of a session's block that a protocol can name as ``teaching:NAME``."""
+    """Measure what a protocol can name as ``teaching:NAME``, for a session's block."""
     steps = np.concatenate([taught.by_person for _, taught in episodes])
     return {
         "takeovers": sum(taught.interventions for _, taught in episodes) / len(episodes),
@@ -118,7 +120,7 @@ def measure_teaching(episodes: Sequence[TaughtEpisode]) -> dict[str, float]:
 
 
 def tabulate_teaching(logs: Mapping[str, SessionLog]) -> pd.DataFrame:
-    """A row per session and block with an agent: participant, session, block and the measures of teaching."""
+    """Tabulate a row per session and block with an agent: participant, session, block and the measures of teaching."""
     rows = [
         {
             "participant": log.plan.participant.id,

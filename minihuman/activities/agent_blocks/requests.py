@@ -26,7 +26,7 @@ class PolicyRequest(ActivityRequest):
 
 @dataclass(frozen=True, slots=True)
 class AdviceRequest(ActivityRequest):
-    """What would the policy do in the world as it is now?"""
+    """A request for the policy's action in the world as it is now."""
 
     policy: str  # SHA-256 of its file, or its name
     step: int
@@ -42,7 +42,7 @@ class NewPolicy(ActivityInput):
 
 @dataclass(frozen=True, slots=True)
 class Advice(ActivityInput):
-    """How likely the policy thinks each of the world's actions to be best; float32 numbers."""
+    """The policy's probabilities of the world's actions, as float32 numbers."""
 
     step: int  # the step that the world was in
     probabilities: tuple[float, ...]  # by the world's action number

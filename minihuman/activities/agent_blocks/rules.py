@@ -11,7 +11,7 @@ _KEY_FIELDS = ("hand_back", "good", "bad")
 
 
 class AgentBlock(Protocol):
-    """What of a protocol's block the rules look at."""
+    """The fields of a protocol's block that the rules look at."""
 
     kind: str
     pace: str

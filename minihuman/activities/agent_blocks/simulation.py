@@ -15,7 +15,7 @@ from minihuman.simulation.participant import KeyPress, SimulatedTeacher, Watched
 
 
 def build_watched_step(part: AgentPlayActivity, play: RunningEpisode, t_ns: int) -> WatchedStep:
-    """What a teacher sees of a state."""
+    """Build what a teacher sees of a state."""
     advised = part.advised
     action = "" if advised is None else play.world.action_names[advised.action]
     has_reached_goal = play.outcome == "goal"
@@ -55,7 +55,9 @@ class AgentBlockSimulator(PartSimulator):
         if isinstance(participant, SimulatedTeacher):
             with name_failures():
                 press = participant.watch(play.world, build_watched_step(part, play, self.person.now_ns))
-            return None if press is None else check_press(press)
+            if press is None:
+                return None
+            return check_press(press)
         if part.controller == "person":
             return ask_key(participant, play)
         return None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from minihuman.activities.clip_requests import EpisodeRequest
 from minihuman.activities.correction.events import (
     CorrectionBegun,
     CorrectionEnded,
@@ -19,7 +20,6 @@ from minihuman.activities.correction.events import (
     NothingToCorrect,
 )
 from minihuman.activities.correction.plan import CorrectionPlan
-from minihuman.activities.correction.requests import EpisodeRequest
 from minihuman.activities.correction.screens import FilmScreen
 from minihuman.activities.episode_clips import ClipOffered, EpisodeClip, EpisodeFilm
 from minihuman.experiment.machine import screen_texts
@@ -42,7 +42,7 @@ class CorrectionActivity(Activity):
         self._plan: CorrectionPlan = self.part.plan
         self._number = 0
         self._corrections = 0
-        self._drawn: tuple[object, Screen] | None = None
+        self._cached_screen: tuple[object, Screen] | None = None
         self._wait()
 
     def _wait(self) -> None:
@@ -64,7 +64,7 @@ class CorrectionActivity(Activity):
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
-        """The episodes from the session host, and when pictures were shown."""
+        """Return the episodes from the session host, and when pictures were shown."""
         match event:
             case EpisodeLookedAt():
                 return ClipOffered(event.t_ns, event.stretch)
@@ -176,11 +176,9 @@ class CorrectionActivity(Activity):
             emit_key(press, "unmapped", self.phase)
 
     def _seen(self, screen_shown: ScreenShown) -> None:
-        now = self._step if self.play is None else self.play.steps
-        if screen_shown.step is None or self.play is None:
-            step = now
-        else:
-            step = min(screen_shown.step, now)
+        step = self._current_step
+        if self.play is not None and screen_shown.step is not None:
+            step = min(screen_shown.step, step)
         place = (self.number, self._number, step)
         self.context.emit(CorrectionSeen(self.context.now_ns, *place, screen_shown.submit_ns, screen_shown.flip_ns))
 
@@ -221,7 +219,7 @@ class CorrectionActivity(Activity):
         elif press.repeat and (action is None or not play.plan.auto_repeat):
             emit_key(press, "repeat", self.phase, action)
         elif action is None:
-            emit_key(press, "spare" if press.key in play.plan.key_map.spare_keys else "unmapped", self.phase)
+            emit_key(press, play.plan.key_map.judge_idle_key(press.key), self.phase)
         else:
             emit_key(press, "accepted", self.phase, action)
             stepped = play.step(context.now_ns, action, key=press.key, key_t_ns=press.t_ns)
@@ -260,15 +258,26 @@ class CorrectionActivity(Activity):
 
     # What is seen
 
+    @property
+    def _current_step(self) -> int:
+        """The step of the correction that runs, or of the episode that is looked at."""
+        if self.play is None:
+            return self._step
+        return self.play.steps
+
     def screen(self) -> Screen:
-        """The episode's picture and the keys, or the correction."""
+        """Build the episode's picture and the keys, or the correction."""
         if self._film is None:
             return screen_texts.build_wait_screen(self.context.words)
-        steps = self.play.steps if self.play is not None else self._step
-        now = (self.phase, self._number, self._corrections, steps)
-        if self._drawn is None or self._drawn[0] != now:
-            self._drawn = (now, self._film_screen(self._film) if self.play is None else self._play_screen(self.play))
-        return self._drawn[1]
+        state = (self.phase, self._number, self._corrections, self._current_step)
+        if self._cached_screen is None or self._cached_screen[0] != state:
+            self._cached_screen = (state, self._build_screen(self._film))
+        return self._cached_screen[1]
+
+    def _build_screen(self, film: EpisodeFilm) -> Screen:
+        if self.play is None:
+            return self._film_screen(film)
+        return self._play_screen(self.play)
 
     def _film_screen(self, film: EpisodeFilm) -> FilmScreen:
         words = self.context.words

@@ -37,7 +37,7 @@ class KeyboardCheckActivity(Activity):
             self.ended = PartEnding()
 
     def screen(self) -> TextScreen:
-        """The keys, where they lie to each other."""
+        """Build the screen of the keys, where they lie to each other."""
         return build_keyboard_check_screen(self.context.words, self.part.plan.keys, frozenset(self._arrived))
 
 

@@ -32,14 +32,18 @@ _PROMPTS: dict[StrEnum, str] = {  # of the last page
 def _find_phase(plan: PagePlan) -> Phase:
     if plan.agree:
         return Phase.CONSENT
-    return Phase.CLOSING if plan.closing else Phase.PAGE
+    if plan.closing:
+        return Phase.CLOSING
+    return Phase.PAGE
 
 
 def _find_direction(key: str) -> int:
-    """By how many pages a key turns."""
+    """Find by how many pages a key turns."""
     if key in FORWARD_KEYS:
         return 1
-    return -1 if key in BACK_KEYS else 0
+    if key in BACK_KEYS:
+        return -1
+    return 0
 
 
 class PagesActivity(Activity):
@@ -67,19 +71,19 @@ class PagesActivity(Activity):
             case ScreenShown():
                 self.context.emit(build_page_shown(self.number, self._reader, happened))
             case KeyDown(key=key):
-                has_moved = self._moved(_find_direction(key), by_enter=key in ENTER_KEYS)
+                has_moved = self._turn(_find_direction(key), by_enter=key in ENTER_KEYS)
                 self.context.emit_key(happened, "accepted" if has_moved else "unmapped", self.phase)
                 self._note_agreement()
             case PointerPressed(target="go_on"):
-                self._moved(1, by_enter=True)
+                self._turn(1, by_enter=True)
                 self._note_agreement()
             case PointerPressed(target="back"):
-                self._moved(-1, by_enter=False)
+                self._turn(-1, by_enter=False)
             case PointerPressed(target="decline") if self.part.plan.agree:
                 self.ended = PartEnding("failed", reason="declined", detail="the participant did not agree")
 
-    def _moved(self, by: int, *, by_enter: bool) -> bool:
-        """Whether it led anywhere. The last page is left by Enter or its button only, never by an arrow too many."""
+    def _turn(self, by: int, *, by_enter: bool) -> bool:
+        """Turn the page; tell whether that led anywhere. Only Enter or its button leaves the last page, no arrow."""
         if not by:
             return False
         if self._reader.turn(by):
@@ -96,7 +100,7 @@ class PagesActivity(Activity):
             self.context.emit(Noted(self.context.now_ns, "consent", text))
 
     def screen(self) -> PageScreen:
-        """The open page."""
+        """Return the open page."""
         if self._open is None or self._open.page != self._reader.page + 1:
             self._open = self._screen()
         return self._open
@@ -105,22 +109,27 @@ class PagesActivity(Activity):
         plan: PagePlan = self.part.plan
         words = self.context.words
         reader = self._reader
+        decline_label = ""
+        button = words["button.go_on"]
+        if plan.agree:
+            decline_label = words["consent.decline"]
+            button = words["consent.button"]
         return build_page_screen(
             words,
             title=plan.title,
-            decline_label=words["consent.decline"] if plan.agree else "",
+            decline_label=decline_label,
             body=fill_score_fields(self.context, plan.pages[reader.page] if plan.pages else ""),
             page=reader.page,
             pages=reader.pages,
             last=words[_PROMPTS[self.phase]],
-            button=words["consent.button"] if plan.agree else words["button.go_on"],
+            button=button,
             picture=self._pictures.get(reader.page),
             marks=self._marks if reader.page == 0 else (),
         )
 
 
 def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArray[np.uint8], tuple[PictureLabel, ...]]:
-    """The world from above, and where in it the marked things are."""
+    """Draw the world from above; return where in it the marked things are, too."""
     world = context.world(example.world, example.options)
     with catch_world_errors():
         world.reset(example.seed)

@@ -9,7 +9,7 @@ BACK_KEYS = ("left", "page_up", "backspace")
 
 
 class PageReader:
-    """Which page is open, and which were: shared by every text that has pages."""
+    """The open page and those that were open, shared by every text that has pages."""
 
     def __init__(self, pages: int) -> None:
         self.pages = max(1, pages)

@@ -20,17 +20,20 @@ def build_page_screen(
     marks: tuple[PictureLabel, ...] = (),
     decline_label: str = "",
 ) -> PageScreen:
-    """A page of a text; ``last`` is the last page's prompt, ``button`` what its button says.
+    """Build a page of a text; ``last`` is the last page's prompt, ``button`` what its button says.
 
     ``decline_label`` is the label of the button that declines; "" shows no such button.
     """
-    at_end = page == pages - 1
-    buttons: tuple[Button, ...] = (Button("back", words["button.back"]),) if page else ()
-    buttons += (Button("decline", decline_label),) if decline_label else ()
-    buttons += (Button("go_on", button if at_end else words["button.next"]),)
-    if pages > 1:
-        progress = words.fill("page.progress", page=page + 1, pages=pages)
+    buttons: list[Button] = []
+    if page:
+        buttons.append(Button("back", words["button.back"]))
+    if decline_label:
+        buttons.append(Button("decline", decline_label))
+    if page == pages - 1:
+        prompt = last
+        buttons.append(Button("go_on", button))
     else:
-        progress = ""
-    prompt = last if at_end else words["page.prompt"]
-    return PageScreen(title, body, page + 1, pages, prompt, buttons, progress, picture, marks, words.locale)
+        prompt = words["page.prompt"]
+        buttons.append(Button("go_on", words["button.next"]))
+    progress = words.fill("page.progress", page=page + 1, pages=pages) if pages > 1 else ""
+    return PageScreen(title, body, page + 1, pages, prompt, tuple(buttons), progress, picture, marks, words.locale)

@@ -197,7 +197,9 @@ class PlayActivity(Activity):
     @property
     def limit_ns(self) -> int | None:  # type: ignore[override]
         """When the time for the episode, or for the block, is over; None while nothing is played or without a limit."""
-        return self._limits.due_ns if self.playing else None
+        if self.playing:
+            return self._limits.due_ns
+        return None
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
@@ -211,7 +213,7 @@ class PlayActivity(Activity):
         return self._timer.due_ns(self.phase, self.context.now_ns)
 
     def screen(self) -> Screen:
-        """What belongs to the phase."""
+        """Build the screen of the phase."""
         steps = self._play and self._play.steps
         rest_s = self._timer.left_s(self.context.now_ns)
         now = (self.phase, self._reader.page, self._play, steps, rest_s, self._look)
@@ -270,7 +272,7 @@ class PlayActivity(Activity):
         if press.repeat and (play.real_time or not play.plan.auto_repeat or action is None):
             emit_key(press, "repeat", self.phase, action)
         elif action is None:
-            emit_key(press, "spare" if press.key in play.plan.key_map.spare_keys else "unmapped", self.phase)
+            emit_key(press, play.plan.key_map.judge_idle_key(press.key), self.phase)
         elif play.real_time:
             play.queue(press.t_ns, press.key, action)
             emit_key(press, "queued", self.phase, action)
@@ -359,10 +361,10 @@ class PlayActivity(Activity):
         self._episode_started()
 
     def _episode_started(self) -> None:
-        """Called when an episode has begun; subclasses override it."""
+        """React to the start of an episode; subclasses override it."""
 
     def _between_episodes(self) -> None:
-        """Called when an episode is over; subclasses override it."""
+        """React to the end of an episode; subclasses override it."""
 
     def _stepped(self, stepped: Stepped) -> None:
         play = self._current

@@ -23,16 +23,16 @@ class BlockTimeLimits:
         self._running_since_ns: int | None = None
 
     def begin(self, now_ns: int) -> None:
-        """An episode starts."""
+        """Start the clocks for an episode."""
         self._played_ns = 0
         self._running_since_ns = now_ns
 
     def resume(self, now_ns: int) -> None:
-        """It goes on."""
+        """Let the clocks run again."""
         self._running_since_ns = now_ns
 
     def stop(self, now_ns: int) -> None:
-        """It pauses or is over."""
+        """Stop for a pause, or as the episode is over."""
         if self._running_since_ns is not None:
             ran_ns = now_ns - self._running_since_ns
             self._played_ns += ran_ns
@@ -41,13 +41,13 @@ class BlockTimeLimits:
 
     @property
     def due_ns(self) -> int | None:
-        """When the next limit is reached; None: there is none, or the clocks stand."""
+        """The time of the next limit; None: there is none, or the clocks stand."""
         if self._running_since_ns is None or not (self._episode_ns or self._block_ns):
             return None
         return self._running_since_ns + max(0, min(limit - played for limit, played in self._pairs if limit))
 
     def over(self, now_ns: int) -> EndCause:
-        """Which limit has been reached; "" for none."""
+        """Return which limit has been reached; "" for none."""
         due_ns = self.due_ns
         if due_ns is None or now_ns < due_ns:
             return ""
@@ -56,7 +56,7 @@ class BlockTimeLimits:
         return "max_s"
 
     def block_is_over(self, now_ns: int) -> bool:
-        """Whether the block's time has been played."""
+        """Tell whether the block's time has been played."""
         if self._running_since_ns is None:
             running_ns = 0
         else:
@@ -96,30 +96,30 @@ class PhaseTimer:
             self._until_ns = now_ns + round(self._plan.rest_s * NS_PER_S)
 
     def note_seen(self, phase: StrEnum, flip_ns: int) -> None:
-        """Count its time from when its screen reached the display; learning lasts however late that was."""
+        """Count the phase's time from when its screen reached the display; learning lasts however late that was."""
         if phase in self._timed and phase is not Phase.LEARNING and self._until_ns is not None:
             self._until_ns = flip_ns + self._lasts_ns(phase)
 
     def suspend(self, phase: StrEnum) -> None:
-        """Stop its time, as something is in front; a rest goes on even so."""
+        """Stop the phase's time, as something is in front; a rest goes on even so."""
         if phase in self._timed:
             self._until_ns = None
 
     def resume(self, phase: StrEnum, now_ns: int) -> None:
-        """Begin its whole time anew."""
+        """Restart the phase's time in full."""
         if phase in self._timed:
             self._until_ns = now_ns + self._lasts_ns(phase)
 
     def over(self, phase: StrEnum, now_ns: int) -> bool:
-        """Whether a phase that time ends has stood long enough."""
+        """Tell whether a phase that time ends has lasted long enough."""
         return phase in self._timed and self._until_ns is not None and now_ns >= self._until_ns
 
     def ends(self, phase: StrEnum) -> bool:
-        """Whether time ends a phase, and no key."""
+        """Tell whether time ends a phase, and no key."""
         return phase in self._timed
 
     def due_ns(self, phase: StrEnum, now_ns: int) -> int | None:
-        """When something changes by itself, a rest's next second too; None: never."""
+        """Return when something changes by itself, a rest's next second too; None: never."""
         if self._until_ns is None or now_ns >= self._until_ns:
             return None
         if phase is Phase.REST:
@@ -127,7 +127,7 @@ class PhaseTimer:
         return self._until_ns
 
     def left_s(self, now_ns: int) -> int:
-        """Seconds that are left, begun ones counted whole."""
+        """Count the seconds that are left, begun ones whole."""
         return max(0, -(-((self._until_ns or 0) - now_ns) // NS_PER_S))
 
     def _lasts_ns(self, phase: StrEnum) -> int:

@@ -1,5 +1,7 @@
 """A block's design, asked before each episode."""
 
+from typing import Any
+
 import msgspec
 
 from minihuman.experiment.machine.activity import SessionContext
@@ -31,19 +33,23 @@ class BlockDesign:
         self.history: list[PlayedEpisode] = []
 
     def add_episode(self, play: RunningEpisode) -> None:
-        """An episode is over."""
+        """Add an episode that is over."""
         plan = play.plan
         outcome = play.outcome
         assert outcome is not None
         self.history.append(PlayedEpisode(plan.options, plan.seed, outcome, play.steps, play.return_))
 
     def decide(self, *, goes_on: bool) -> bool:
-        """Ask about the next episode, or for the last estimates; whether the design ends the block."""
+        """Ask about the next episode, or for the last estimates; tell whether the design ends the block."""
         context = self._context
         plan = self._context.plan
         purpose = f"design-{self._name}-session-{plan.session}-episode-{context.next_episode}"
         decision = self._design.decide(self.history, make_draw(plan.study_seed, purpose, plan.participant.index))
-        options, seed = (dict(decision.options), decision.seed) if goes_on and not decision.stop else ({}, None)
+        options: dict[str, Any] = {}
+        seed: int | None = None
+        if goes_on and not decision.stop:
+            options = dict(decision.options)
+            seed = decision.seed
         self._decided = DesignDecided(
             *(context.now_ns, self._number, context.next_episode, self._spec.name, self._design.version),
             options=options,
@@ -56,8 +62,9 @@ class BlockDesign:
         return decision.stop and goes_on
 
     def resolve(self, plan: EpisodePlan) -> EpisodePlan:
-        """The next episode as the design wants it."""
+        """Return the next episode as the design wants it."""
         assert self._decided is not None, "a design decides before each episode"
-        options = plan.options | self._decided.options
-        seed = self._decided.seed
-        return msgspec.structs.replace(plan, options=options, seed=plan.seed if seed is None else seed)
+        resolved = msgspec.structs.replace(plan, options=plan.options | self._decided.options)
+        if self._decided.seed is None:
+            return resolved
+        return msgspec.structs.replace(resolved, seed=self._decided.seed)

@@ -15,16 +15,21 @@ def find_early_blocks(plan: SessionPlan) -> Iterator[tuple[int, PlannedPart]]:
     count = len(plan.texts)
     for number, text in enumerate(plan.texts):
         episodes = [episode for episode in plan.episodes if episode.block == number]
-        is_last = number + 1 == count
+        title = words.fill("progress.part", part=number + 1, parts=count) if count > 1 else ""
+        rest_text = ""
+        rest_s = 0.0
+        if number + 1 < count:
+            rest_text = text.rest
+            rest_s = text.rest_s
         block = PlayPlan(
             block=number,
             blocks=count,
             first=episodes[0].episode,
             count=len(episodes),
-            title="" if count < 2 else words.fill("progress.part", part=number + 1, parts=count),
+            title=title,
             instruction=(text.instruction.strip(),) if text.instruction else (),
             feedback=dict.fromkeys(_OUTCOMES, text.feedback) if text.feedback else {},
-            rest="" if is_last else text.rest,
-            rest_s=0.0 if is_last else text.rest_s,
+            rest=rest_text,
+            rest_s=rest_s,
         )
         yield 2, PlannedPart("play", episodes[0].block_name, block)

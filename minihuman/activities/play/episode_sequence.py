@@ -41,7 +41,7 @@ class EpisodeSequence:
 
     @property
     def interval_ms(self) -> float:
-        """How long the screen is empty before the next episode."""
+        """The time that the screen is empty before the next episode."""
         intervals_ms = self._plan.trial.intervals_ms if self._plan.trial else ()
         place = self._context.next_episode - self._plan.first
         if place < len(intervals_ms):  # after the last episode there is none
@@ -50,7 +50,7 @@ class EpisodeSequence:
 
     @property
     def last_points(self) -> float:
-        """What the last episode was worth."""
+        """The points of the last episode."""
         return self._tally.scored
 
     def resume(self) -> None:

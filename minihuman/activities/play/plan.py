@@ -20,12 +20,12 @@ class CriterionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     otherwise: Literal["go_on", "end"] = "go_on"  # what follows if it is never met
 
     def is_met(self, outcomes: Sequence[str]) -> bool:
-        """Whether the last outcomes are good enough; fewer than ``of`` may be."""
+        """Tell whether the last outcomes are good enough; fewer than ``of`` may be."""
         return sum(outcome == "goal" for outcome in outcomes[-self.of :]) >= self.successes
 
 
 class PointsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What an episode is worth."""
+    """The points that an episode earns."""
 
     goal: float = 0.0
     timeout: float = 0.0
@@ -39,7 +39,7 @@ class PointsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return len({self.goal, self.timeout, self.failure}) > 1
 
     def compute(self, outcome: str, steps: int, reward: float) -> float:
-        """The points of an episode; none for one that was abandoned or whose agent failed."""
+        """Compute the points of an episode; none for one that was abandoned or whose agent failed."""
         if outcome in ("abandoned", "agent_failed"):
             return 0.0
         by_outcome = {"goal": self.goal, "timeout": self.timeout, "failure": self.failure}
@@ -88,7 +88,7 @@ ReadyPolicy = Literal["each", "first", "none"]
 
 
 class TrialRules(msgspec.Struct, frozen=True):
-    """What makes episodes into trials: they follow each other by the clock. In a plan where a block says so alone."""
+    """The rules of trials, which follow each other by the clock; in a plan only where its block has some."""
 
     ready: ReadyPolicy = "each"  # which episodes wait for Enter
     feedback_ms: float = 0.0  # the feedback goes by itself; 0: by Enter

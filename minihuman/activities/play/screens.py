@@ -34,7 +34,7 @@ OUTCOME_MARKS: dict[Outcome | None, OutcomeMark] = {"goal": "good", "timeout": "
 
 
 def format_progress(context: "SessionContext", block: PlayPlan, episode: EpisodePlan, points: float | None) -> str:
-    """Where in the session an episode is: "Part 1 of 2, episode 3 of 10", and the points so far."""
+    """Format where in the session an episode is, "Part 1 of 2, episode 3 of 10", and the points so far."""
     words = context.words
     fields = {
         "part": block.block + 1,
@@ -54,7 +54,7 @@ def format_progress(context: "SessionContext", block: PlayPlan, episode: Episode
 def build_feedback_screen(
     words: InterfaceWords, block: PlayPlan, played: RunningEpisode, progress_line: str, points: float, total: float
 ) -> TextScreen:
-    """The block's feedback for this outcome, its fields filled in."""
+    """Build the screen of the block's feedback for an outcome, its fields filled in."""
     outcome = played.outcome or "abandoned"
     body = block.feedback[outcome].format(
         outcome=words[f"outcome.{outcome}"],
@@ -71,7 +71,7 @@ def build_feedback_screen(
 
 
 def build_rest_screen(words: InterfaceWords, text: str, left_s: int) -> TextScreen:
-    """The rest after a block, with the seconds that must still pass."""
+    """Build the screen of the rest after a block, with the seconds that must still pass."""
     prompt = words["go_on"] if left_s <= 0 else words.fill("rest.wait", seconds=left_s)
     return TextScreen(words["rest.title"], text.strip() or words["rest.body"], prompt, locale=words.locale)
 
@@ -92,7 +92,7 @@ class BlockScreens:
         self._last_view: tuple[int, int, Pose | None] | None = None  # the latest step's episode, number and pose
 
     def before(self, phase: StrEnum, reader: PageReader) -> Screen | None:
-        """A screen without an episode; None where the phase shows one."""
+        """Build a screen without an episode; None where the phase shows one."""
         words = self._context.words
         match phase:
             case Phase.INSTRUCTIONS:
@@ -114,11 +114,11 @@ class BlockScreens:
         return None
 
     def rest(self, left_s: int) -> TextScreen:
-        """The rest after the block."""
+        """Build the screen of the rest after the block."""
         return build_rest_screen(self._context.words, fill_score_fields(self._context, self._plan.rest), left_s)
 
     def ready(self, play: RunningEpisode) -> TextScreen:
-        """The last screen before an episode."""
+        """Build the last screen before an episode."""
         words = self._context.words
         mission = screen_texts.capitalise(self._mission(play))
         return TextScreen(
@@ -126,7 +126,7 @@ class BlockScreens:
         )
 
     def feedback(self, play: RunningEpisode, scored: float) -> TextScreen:
-        """The feedback on an episode."""
+        """Build the screen of the feedback on an episode."""
         return build_feedback_screen(
             self._context.words, self._plan, play, self._progress(play), scored, self._context.points
         )
@@ -135,6 +135,12 @@ class BlockScreens:
         """Build an episode's picture; the last one, which stays, says what the episode was worth."""
         words = self._context.words
         legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
+        mark: OutcomeMark = ""
+        score_text = ""
+        if is_last and self._plan.marks:
+            mark = OUTCOME_MARKS.get(play.outcome, "")
+        if is_last and self._plan.points is not None:
+            score_text = format_score(words, points)
         return PlayScreen(
             picture=play.picture() if is_last or self._context.renders_steps else EMPTY_IMAGE,
             mission=self._mission(play),
@@ -143,15 +149,15 @@ class BlockScreens:
             episode=play.plan.episode,
             step=play.steps,
             locale=words.locale,
-            mark=OUTCOME_MARKS.get(play.outcome, "") if is_last and self._plan.marks else "",
-            score_text=format_score(words, points) if is_last and self._plan.points is not None else "",
+            mark=mark,
+            score_text=score_text,
             labels=words.labels(tuple(key for key, _ in legend)),
             accepts_pointer=play.takes_clicks,
             motion=self._motion(play) if self._plan.motion_ms and self._context.renders_steps else None,
         )
 
     def _motion(self, play: RunningEpisode) -> Motion | None:
-        """How the view gets to a step's picture from the one before."""
+        """Return how the view gets to a step's picture from the one before."""
         before = self._last_view
         self._last_view = (play.plan.episode, play.steps, play.world.pose())
         if before is None or before[2] is None or before[:2] != (play.plan.episode, play.steps - 1):

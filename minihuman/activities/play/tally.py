@@ -36,7 +36,7 @@ class BlockTally:
             self.skip = "time"
 
     def has_next(self, next_episode: int) -> bool:
-        """Whether the block goes on with that episode."""
+        """Tell whether the block goes on with that episode."""
         return self.skip is None and next_episode < self._plan.first + self._plan.count
 
     @property

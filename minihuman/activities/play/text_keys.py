@@ -16,7 +16,7 @@ _TEXT_PHASES = (Phase.READY, Phase.FEEDBACK)
 
 @dataclass(frozen=True, slots=True)
 class TextKeyEffect:
-    """What a key does."""
+    """The effect of a key."""
 
     verdict: KeyVerdict
     turns: int = 0  # pages, forward above 0

@@ -7,6 +7,7 @@ the first clips. Clips repeat until the participant answers.
 import json
 from typing import Any
 
+from minihuman.activities.clip_requests import ClipRequest
 from minihuman.activities.episode_clips import ClipOffered, EpisodeClip, EpisodeFilm
 from minihuman.activities.preferences.events import (
     NothingToCompare,
@@ -17,11 +18,10 @@ from minihuman.activities.preferences.events import (
     StretchShown,
 )
 from minihuman.activities.preferences.plan import PreferencesPlan
-from minihuman.activities.preferences.requests import ClipRequest
 from minihuman.activities.preferences.screens import PairScreen
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.activity import Activity, ActivityKind, ActivityRequest, PartEnding
-from minihuman.experiment.machine.events import ActivityEvent, Noted, PauseReason
+from minihuman.experiment.machine.events import ActivityEvent, KeyVerdict, Noted, PauseReason
 from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
 from minihuman.experiment.machine.running_episode import NS_PER_MS, catch_world_errors
 from minihuman.experiment.machine.screens import Screen
@@ -36,7 +36,7 @@ class PreferencesActivity(Activity):
         """Wait for the first pair."""
         self._plan: PreferencesPlan = self.part.plan
         self._pair = 0
-        self._drawn: tuple[object, Screen] | None = None
+        self._cached_screen: tuple[object, Screen] | None = None
         plan = self.context.plan
         session = self.context.plan.session
         purpose = f"pair-sides-{self.part.name}-session-{session}"
@@ -69,7 +69,7 @@ class PreferencesActivity(Activity):
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
-        """The clips from the session host, and when their pictures were shown."""
+        """Return the clips from the session host, and when their pictures were shown."""
         match event:
             case PairSeen():
                 return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns)
@@ -174,10 +174,11 @@ class PreferencesActivity(Activity):
             plan.equal: "equal",
             plan.cannot_tell: "cannot_tell",
         }
+        early_verdict: KeyVerdict = "not_playing" if press.key in answers else "unmapped"
         if press.repeat:
             emit_key(press, "repeat", self.phase)
         elif self.phase is not Phase.COMPARING:
-            emit_key(press, "not_playing" if press.key in answers else "unmapped", self.phase)
+            emit_key(press, early_verdict, self.phase)
         elif press.key == plan.again:
             emit_key(press, "accepted", self.phase)
             self._step = 0
@@ -190,18 +191,18 @@ class PreferencesActivity(Activity):
             self._pair += 1
             self._wait()
         else:  # both are to be seen to their ends first
-            emit_key(press, "not_playing" if press.key in answers else "unmapped", self.phase)
+            emit_key(press, early_verdict, self.phase)
 
     # What is seen
 
     def screen(self) -> Screen:
-        """Both clips at the same step, or the waiting screen."""
+        """Build both clips at the same step, or the waiting screen."""
         if self.phase is not Phase.COMPARING:
             return screen_texts.build_wait_screen(self.context.words)
         now = (self._pair, self._step, self._replays)
-        if self._drawn is None or self._drawn[0] != now:
-            self._drawn = (now, self._screen())
-        return self._drawn[1]
+        if self._cached_screen is None or self._cached_screen[0] != now:
+            self._cached_screen = (now, self._screen())
+        return self._cached_screen[1]
 
     def _screen(self) -> PairScreen:
         words = self.context.words

@@ -29,7 +29,7 @@ class StretchShown(ActivityEvent):
 
     @property
     def stretch(self) -> EpisodeClip:
-        """What was shown."""
+        """The clip that was shown."""
         return EpisodeClip(self.episode, self.attempt, self.first, self.world, self.options, self.seed, self.actions)
 
 

@@ -1,18 +1,19 @@
 """Plans of comparisons of clips."""
 
-from typing import Literal
+from collections.abc import Container
+from typing import ClassVar, Literal
 
-import msgspec
-
-from minihuman.experiment.plan.session_plan import ShownView
+from minihuman.activities.agent_blocks.plan import AGENT_HOST
+from minihuman.experiment.plan.session_plan import PartPlan, ShownView
 from minihuman.worlds.contract import Palette
 
 PairingPolicy = Literal["random", "disagreement"]  # any pair, or one that an ensemble of reward models disagrees on
 
 
-class PreferencesPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class PreferencesPlan(PartPlan, frozen=True, forbid_unknown_fields=True):
     """``plan`` of an activity of kind "preferences"."""
 
+    host: ClassVar[str] = AGENT_HOST
     source: str  # the block of this session whose episodes are compared
     pairs: int = 20
     steps: int = 12  # of a stretch
@@ -26,3 +27,12 @@ class PreferencesPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     again: str = "r"
     view: ShownView = "partial"
     palette: Palette = "classic"
+
+    @property
+    def needs_learner(self) -> bool:
+        """Whether a learner says which pairs are disagreed on."""
+        return self.pairing == "disagreement"
+
+    def plays_policy_file(self, files: Container[str]) -> bool:
+        """Whether a policy plays in it: none does."""
+        return False

@@ -47,20 +47,20 @@ class PairScreen(FilmsScreen):
 
     @property
     def length(self) -> int:
-        """How many steps the longer film has."""
+        """The number of steps of the longer film."""
         return max(len(self.lefts), len(self.rights))
 
     @property
     def left(self) -> NDArray[np.uint8]:
-        """What is on the left now."""
+        """The picture on the left now."""
         return self.lefts[min(self.step, len(self.lefts) - 1)]
 
     @property
     def right(self) -> NDArray[np.uint8]:
-        """What is on the right now."""
+        """The picture on the right now."""
         return self.rights[min(self.step, len(self.rights) - 1)]
 
     @property
     def along(self) -> float:
-        """How far the films have come, 0..1."""
+        """The share of the films that was shown, 0..1."""
         return min(1.0, self.step / max(1, self.length - 1))

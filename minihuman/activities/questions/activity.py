@@ -187,7 +187,7 @@ class QuestionsActivity(Activity):
             self._ask_all()
 
     def screen(self) -> QuestionScreen | TextScreen:
-        """The question that is asked, or that something was wrong."""
+        """Build the question that is asked, or the note that something was wrong."""
         words = self.context.words
         if self._wrong:
             return build_wrong_answer_screen(words, self._plan.wrong)

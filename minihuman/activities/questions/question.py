@@ -115,16 +115,16 @@ class AnswerDraft(abc.ABC):
 
     @property
     def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
-        """What is logged once it is given: a name, a value and the words that were seen; several of a matrix."""
+        """The name, value and words to log once the answer is given; several for a matrix."""
         return ((self.question.name, self.value, self.display_text),)
 
     @abc.abstractmethod
     def widget(self) -> AnswerWidget:
-        """What windows and the page draw."""
+        """Build what windows and the page draw."""
 
     @abc.abstractmethod
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | str | None:
-        """The next input of a simulated participant: a click, text to type, or None when the answer can be given.
+        """Give the next input of a simulated participant: a click, text to type, or None when the answer can be given.
 
         Args:
             choose: draws a number below its argument.
@@ -133,7 +133,7 @@ class AnswerDraft(abc.ABC):
 
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
-        """Why the answer cannot be given: the key of an interface word and its fields."""
+        """The reason why the answer cannot be given: the key of an interface word and its fields."""
         if self.question.required and self.value is None:
             return ("note.required", {})
         return None
@@ -171,12 +171,12 @@ class QuestionKind:
 
 @remember_by_name
 def find_question_kind(name: str) -> QuestionKind:
-    """The kind of question of that name.
+    """Find the kind of question of that name.
 
     Raises:
         ProtocolError: if none is installed.
     """
-    kind = load_plugin(QUESTION_GROUP, name, ProtocolError, what="question kind")
+    kind = load_plugin(QUESTION_GROUP, name, ProtocolError, noun="question kind")
     if not isinstance(kind, QuestionKind):
         raise ProtocolError(
             f"question kind {name!r} is of type {type(kind).__name__}; register an instance of "
@@ -186,7 +186,7 @@ def find_question_kind(name: str) -> QuestionKind:
 
 
 def build_draft(question: QuestionItemSpec, *, rtl: bool, language: str | None = None) -> AnswerDraft:
-    """An empty answer to a question; ``language`` as in `AnswerDraft`."""
+    """Build an empty answer to a question; ``language`` as in `AnswerDraft`."""
     kind = find_question_kind(question.kind)
     if kind.settings is None:
         settings = None
@@ -230,7 +230,7 @@ def check_range(item: QuestionItemSpec) -> ItemErrors:
 
 
 def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
-    """Whether an answer is the right one; None where there is none."""
+    """Tell whether an answer is the right one; None where there is none."""
     if question.right is None:
         return None
     if isinstance(value, list):
@@ -243,7 +243,7 @@ def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
 
 
 def parse_digit(key: str) -> int:
-    """The number on a digit key, of the keypad too; 0 for any other key."""
+    """Parse the number on a digit key, of the keypad too; 0 for any other key."""
     plain = key.removeprefix("kp_")
     if plain.isdecimal() and len(plain) == 1:
         return int(plain)
@@ -251,7 +251,7 @@ def parse_digit(key: str) -> int:
 
 
 def parse_option(target: str) -> int | None:
-    """The number of the option that a target names; None if it names none."""
+    """Parse the number of the option that a target names; None if it names none."""
     kind, _, number = target.partition(":")
     if kind == "option" and number.isdecimal():
         return int(number)
@@ -259,6 +259,8 @@ def parse_option(target: str) -> int | None:
 
 
 def horizontal_step(key: str, *, rtl: bool) -> int:
-    """How far an arrow key moves in reading order: 1, -1, or 0 for any other key."""
+    """Return how far an arrow key moves in reading order: 1, -1, or 0 for any other key."""
     by = {"left": -1, "right": 1}.get(key, 0)
-    return -by if rtl else by
+    if rtl:
+        return -by
+    return by

@@ -14,7 +14,6 @@ _MS_PER_NS = 1e-6
 def _build_answer_row(event: Answered, log: SessionLog) -> TableRow:
     answer = json.loads(event.value)
     is_number = isinstance(answer, int | float) and not isinstance(answer, bool)
-    was_shown = bool(event.shown_ns)
     return {
         "part": event.part + 1,
         "questions": event.part_name,
@@ -26,10 +25,17 @@ def _build_answer_row(event: Answered, log: SessionLog) -> TableRow:
         "said": event.words,
         "right": event.right,
         "shown_ns": event.shown_ns or None,
-        "first_ms": (event.first_ns - event.shown_ns) * _MS_PER_NS if event.first_ns and was_shown else None,
-        "answer_ms": (event.t_ns - event.shown_ns) * _MS_PER_NS if was_shown else None,
+        "first_ms": _find_latency_ms(event.shown_ns, event.first_ns),
+        "answer_ms": _find_latency_ms(event.shown_ns, event.t_ns),
         "changes": event.changes,
     }
+
+
+def _find_latency_ms(shown_ns: int, t_ns: int) -> float | None:
+    """Return the time from a question's display; None where either time is unknown, which is 0."""
+    if not shown_ns or not t_ns:
+        return None
+    return (t_ns - shown_ns) * _MS_PER_NS
 
 
 def _format_answer(answer: object) -> str:

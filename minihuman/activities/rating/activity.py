@@ -56,7 +56,7 @@ class RatingActivity(AgentPlayActivity):
         self._flash_until_ns = now_ns + FLASH_NS
 
     def _key_in_play(self, press: KeyDown) -> None:
-        """The keys of actions do nothing: only the agent acts."""
+        """Emit the key without an effect: only the agent acts."""
         self.context.emit_key(press, "repeat" if press.repeat else "unmapped", self.phase)
 
     @property
@@ -90,7 +90,9 @@ class RatingActivity(AgentPlayActivity):
     @property
     def rated_episode(self) -> RunningEpisode | None:
         """The episode whose last picture stays."""
-        return self._current if self.phase is Phase.HOLD else None
+        if self.phase is Phase.HOLD:
+            return self._current
+        return None
 
     @property
     def rating_keys(self) -> tuple[str, str]:
@@ -105,7 +107,7 @@ class RatingActivity(AgentPlayActivity):
         return replace(super()._play_screen(), flash=_find_mark(self._flash))
 
     def control_text(self, controller: Controller) -> str:
-        """The text below the picture: the rating keys."""
+        """Return the text below the picture: the rating keys."""
         words = self.context.words
         good, bad = (cap for _, cap, _ in words.labels(self.rating_keys))
         return words.fill("rating.prompt", good=good, bad=bad)
@@ -114,7 +116,9 @@ class RatingActivity(AgentPlayActivity):
 def _find_mark(rating: float) -> OutcomeMark:
     if not rating:
         return ""
-    return "good" if rating > 0 else "bad"
+    if rating > 0:
+        return "good"
+    return "bad"
 
 
 RATING = ActivityKind(

@@ -33,10 +33,12 @@ class TakeoverActivity(AgentPlayActivity):
     @property
     def hand_back_key(self) -> str:
         """The key that gives the agent control back; "" where there is no agent to give it to."""
-        return self.agent.hand_back if self.policy else ""
+        if self.policy:
+            return self.agent.hand_back
+        return ""
 
     def control_text(self, controller: Controller) -> str:
-        """The text below the picture, with how to hand back."""
+        """Return the text below the picture, with how to hand back."""
         words = self.context.words
         text = super().control_text(controller)
         if controller == "agent" or not self.policy:

@@ -328,8 +328,10 @@ class TeamPlayActivity(PlayActivity):
         """Whether an agent has the seat of another person, and the session is by the rules that say so."""
         if self.formed is None or self.context.facts.get("presence_rules", "1") != PRESENCE_RULES:
             return False
-        others = [seat for seat, kind in enumerate(self.formed.seats) if kind == PERSON and seat != self.formed.seat]
-        return any(self._holders[seat] == "agent" for seat in others)
+        partner_seats = [
+            seat for seat, kind in enumerate(self.formed.seats) if kind == PERSON and seat != self.formed.seat
+        ]
+        return any(self._holders[seat] == "agent" for seat in partner_seats)
 
     def _describe_role(self) -> tuple[str, ...]:
         roles = self.plan.team.roles
@@ -348,7 +350,7 @@ class TeamPlayActivity(PlayActivity):
 
     def _play_screen(self) -> PlayScreen:
         words = self.context.words
-        screen = replace(super()._play_screen(), messages=self._messages.look(self._play))
+        screen = replace(super()._play_screen(), page_fields=self._messages.list_page_fields(self._play))
         text = "  ".join(self._describe_role())
         if self.playing and self.formed is not None and self._holders[self.formed.seat] == "agent":
             text = words["team.replaced"]
@@ -368,6 +370,7 @@ TEAM = ActivityKind(
     messages="minihuman.activities.team.rows:TEAM_ROWS",
     tables="minihuman.activities.team.tables:TEAM_TABLES",
     report="minihuman.activities.team.report:build_section",
+    page_fields="minihuman.activities.team.screens:TeamPageFields",
     check_block=check_block,
     is_for_players=True,
 )

@@ -136,7 +136,7 @@ class TeamEpisode(RunningEpisode):
                 joint.actions[self.team.seat],
                 key="" if key is None else key.key,
                 key_t_ns=t_ns if key is None or not key.key else key.key_t_ns,
-                held={} if key is not None and not key.is_new else None,
+                held_keys={} if key is not None and not key.is_new else None,
             )
         self.joint_actions.append(joint.actions)
         self.sources.append(joint.sources)

@@ -12,12 +12,12 @@ from minihuman.activities.questions.free_text.draft import TextDraft
 from minihuman.activities.questions.question import QuestionItemSpec
 from minihuman.activities.team.message_events import MessageShown
 from minihuman.activities.team.plan import REPORT_KEY, TeamPlan
+from minihuman.activities.team.screens import PlayMessages, TeamPageFields
 from minihuman.experiment.keys import key_label
 from minihuman.experiment.machine.activity import ENTER_KEYS, SessionContext
 from minihuman.experiment.machine.events import KeyVerdict, Noted
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.running_episode import RunningEpisode
-from minihuman.experiment.machine.screens import PlayMessages
 from minihuman.experiment.machine.transitions import Phase
 
 MESSAGE_LETTERS = 200  # at most, in a message
@@ -139,6 +139,11 @@ class TeamMessages:
             "cells": [(mark.cell[0], mark.cell[1], mark.seat == self.seat) for mark in marks],
             "bounds": play.world.unwrapped.map().bounds if play and marks else (),
         }
+
+    def list_page_fields(self, play: RunningEpisode | None) -> TeamPageFields:
+        """List what they add to the screen of play in a page."""
+        messages = self.look(play)
+        return {"messages": messages} if messages else {}
 
     @property
     def _hints(self) -> list[str]:

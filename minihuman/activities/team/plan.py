@@ -1,6 +1,6 @@
 """Plans of blocks that a team plays: who sits where."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import msgspec
 
@@ -64,6 +64,7 @@ def find_seat_agent(kind: str) -> str:
 class TeamPlayPlan(PlayPlan, frozen=True):
     """A block that a team plays."""
 
+    host: ClassVar[str] = "minihuman.runtime.team_member:make_team_member"
     team: TeamPlan = TeamPlan()
     seeds: Literal["new", "same", "listed"] = "new"  # of a team's episodes: drawn for it, one for all, or the plan's
 
@@ -71,3 +72,8 @@ class TeamPlayPlan(PlayPlan, frozen=True):
     def sign_interval_s(self) -> float:
         """A part of what partners wait for a sign of life."""
         return self.team.partner_wait_s / PINGS_PER_WAIT
+
+    @property
+    def has_text_entry(self) -> bool:
+        """Whether people write to each other."""
+        return bool(self.team.chat)

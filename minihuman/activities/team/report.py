@@ -25,23 +25,23 @@ def build_section(source: SectionSource) -> ReportSection | None:
         return None
     rows = [_describe_block(block, played) for block, played in teams.groupby("block", sort=False)]
     heads = ("block", "team episodes", "person", "idle", "agent", "mean absent", f"absent over {_ABSENT_ENOUGH:.0%}")
-    found = [row for row in rows if row is not None]
-    if found:
-        return ReportSection("Who played", [CaptionedTable(Table(heads, found), _CAPTION)])
+    filled_rows = [row for row in rows if row is not None]
+    if filled_rows:
+        return ReportSection("Who played", [CaptionedTable(Table(heads, filled_rows), _CAPTION)])
     return None
 
 
 def _describe_block(block: object, episodes: pd.DataFrame) -> tuple[str, ...] | None:
-    once = episodes.drop_duplicates(["team", "session", "episode", "digest"])
+    team_episodes = episodes.drop_duplicates(["team", "session", "episode", "digest"])
     steps: Counter[str] = Counter()
-    for kinds, played_by in zip(once["seats"], once["played_by"], strict=True):
+    for kinds, played_by in zip(team_episodes["seats"], team_episodes["played_by"], strict=True):
         steps.update(_sum_steps(json.loads(kinds), json.loads(played_by)))
     if not steps:
         return None
-    shares = once["absent_share"].dropna()
+    shares = team_episodes["absent_share"].dropna()
     n_absent = int((shares > _ABSENT_ENOUGH).sum())
     counts = [_format_share(steps[source], steps.total()) for source in ("person", "late", "agent")]
-    return (str(block), str(len(once)), *counts, _format_percent(float(shares.mean())), str(n_absent))
+    return (str(block), str(len(team_episodes)), *counts, _format_percent(float(shares.mean())), str(n_absent))
 
 
 def _sum_steps(kinds: Iterable[str], played_by: Iterable[dict[str, int]]) -> Counter[str]:

@@ -21,6 +21,8 @@ TRIAL_BLOCK = ActivityKind(
     TrialsPlan,
     TrialsActivity,
     tables="minihuman.activities.trials.tables:TRIAL_TABLES",
+    measures="minihuman.activities.trials.trial_measures:MEASURES",
     report="minihuman.activities.trials.report:build_section",
     is_played_alone=True,
+    has_trials=True,
 )

@@ -30,8 +30,8 @@ from minihuman.reporting.template import (
     format_p_value,
     format_pair,
 )
-from minihuman.statistics.comparison import compare_groups
-from minihuman.statistics.paired import compare_conditions
+from minihuman.statistics.comparison import GroupComparison, compare_groups
+from minihuman.statistics.paired import PairedComparison, compare_conditions
 from minihuman.worlds.catalogue import TRIAL_WORLDS
 
 _QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
@@ -79,7 +79,9 @@ def build_section(source: SectionSource) -> ReportSection | None:
 
 
 def _name_level(label: str, level: str) -> str:
-    return "all trials" if not label else f"{label} = {level}"
+    if not label:
+        return "all trials"
+    return f"{label} = {level}"
 
 
 def _iterate_levels(people: pd.DataFrame) -> Iterator[tuple[str, str, str, str, pd.DataFrame]]:
@@ -96,17 +98,17 @@ def _format_over_people(rows: pd.DataFrame, measure: str) -> str:
 
 
 def _tabulate(people: pd.DataFrame, measures: Sequence[str], caption: str) -> list[CaptionedTable]:
-    shown = [measure for measure in measures if people[measure].notna().any()]
-    if not shown:
+    present_measures = [measure for measure in measures if people[measure].notna().any()]
+    if not present_measures:
         return []
     rows = [
         (
             block, group, _name_level(label, level), str(len(part)), format_number(float(part["trials"].mean()), 1),
-            *(_format_over_people(part, measure) for measure in shown),
+            *(_format_over_people(part, measure) for measure in present_measures),
         )
         for block, group, label, level, part in _iterate_levels(people)
     ]  # fmt: skip
-    heads = ("block", "group", "trials of", "n", "trials each", *(_HEADS[measure] for measure in shown))
+    heads = ("block", "group", "trials of", "n", "trials each", *(_HEADS[measure] for measure in present_measures))
     return [CaptionedTable(Table(heads, rows, words=3), caption)]
 
 
@@ -122,20 +124,20 @@ def _tabulate_conditions(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
-    told = people[people["d_prime"].notna()]
+    measured = people[people["d_prime"].notna()]
     caption = (
         "Signal detection, where to withhold the response is correct in some trials: hits, responses where one is "
         "correct; false alarms, responses where none is. d' and criterion c of the equal-variance normal model "
         "(Macmillan and Creelman, 2005), for every participant with the log-linear correction: 0.5 added to each count "
         "and 1 to the trials (Hautus, 1995). Mean (standard deviation) over participants."
     )
-    if len(told):
-        return _tabulate(told, _DETECTION, caption)
+    if len(measured):
+        return _tabulate(measured, _DETECTION, caption)
     return []
 
 
 def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
-    """Differences between the levels of each label, within participants: the congruency effect for instance."""
+    """Tabulate differences between the levels of a label, within participants: the congruency effect for instance."""
     rows = []
     for block, labels in people[people["label"].ne("")].groupby("block", sort=False):
         for label, part in labels.groupby("label", sort=False):
@@ -145,13 +147,9 @@ def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
                 if part[measure].notna().any()
             }
             rows += [
-                (
-                    str(block), str(label), MEASURES[one.measure], format_pair(one.first, one.second), str(one.n),
-                    format_difference(one.difference, one.interval, is_log=False, sign="+"), format_p_value(one.p),
-                    format_p_value(one.p_holm),
-                )
-                for one in compare_conditions(values)
-            ]  # fmt: skip
+                (str(block), str(label), *_format_comparison(comparison, str(comparison.n)))
+                for comparison in compare_conditions(values)
+            ]
     heads = ("block", "label", "measure", "levels", "n", "difference (95 %)", "p", "p (Holm)")
     caption = (
         "Levels of each label compared within participants, over those who have both. Difference, 95 % interval and p: "
@@ -180,7 +178,7 @@ def compute_effects(people: pd.DataFrame, measure: str) -> pd.DataFrame:
 
 
 def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:
-    """Groups compared on all trials, and on the differences between levels: the interaction of group and label."""
+    """Tabulate groups on all trials, and on the differences between levels: the interaction of group and label."""
     overall = people[people["label"].eq("")]
     if overall["group"].nunique() < 2:
         return []
@@ -209,13 +207,21 @@ def _format_group_comparisons(
     if rows["group"].nunique() < 2:
         return []
     return [
-        (
-            block, trials, MEASURES[one.measure], format_pair(one.first, one.second), f"{one.n[0]}, {one.n[1]}",
-            format_difference(one.difference, one.interval, is_log=False, sign="+"), format_p_value(one.p),
-            format_p_value(one.p_holm),
-        )
-        for one in compare_groups(rows, measures)
-    ]  # fmt: skip
+        (block, trials, *_format_comparison(comparison, f"{comparison.n[0]}, {comparison.n[1]}"))
+        for comparison in compare_groups(rows, measures)
+    ]
+
+
+def _format_comparison(comparison: GroupComparison | PairedComparison, count: str) -> tuple[str, ...]:
+    """Format the cells of a comparison: measure, what is compared, count, difference, p and corrected p."""
+    return (
+        MEASURES[comparison.measure],
+        format_pair(comparison.first, comparison.second),
+        count,
+        format_difference(comparison.difference, comparison.interval, is_log=False, sign="+"),
+        format_p_value(comparison.p),
+        format_p_value(comparison.p_holm),
+    )
 
 
 def _tabulate_quarters(people: pd.DataFrame) -> list[CaptionedTable]:
@@ -226,7 +232,7 @@ def _tabulate_quarters(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_quantiles(trials: pd.DataFrame) -> list[CaptionedTable]:
-    """The distribution of correct response times."""
+    """Tabulate the distribution of correct response times."""
     rows = []
     for block, part in trials.groupby("block", sort=False):
         levels_by_label = {"": pd.Series(ALL, part.index), **read_labels(part)}

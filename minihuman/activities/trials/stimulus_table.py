@@ -85,28 +85,25 @@ def find_option_names(world: str) -> OptionNames | None:
     module, _, name = TRIAL_WORLDS[world].partition(":")
     world_class = getattr(import_module(module), name)
     parameters = inspect.signature(world_class).parameters.values()
-    names = tuple(one.name for one in parameters if one.kind is one.KEYWORD_ONLY)
-    takes_more = any(one.kind is one.VAR_KEYWORD for one in parameters)
+    names = tuple(parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY)
+    takes_more = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
     return OptionNames(names, world_class.option_prefix if takes_more else "")
-
-
-def name_label_column(label: str) -> str:
-    """Name a label's column in tables: in letters, digits and underscores, as every format takes them."""
-    return f"label_{re.sub(r'[^a-zA-Z0-9]+', '_', label).strip('_')}"
 
 
 def clean_label(cell: Any) -> Any:
     """Return a label without the spaces around it, which nobody sees in a spreadsheet."""
-    return cell.strip() if isinstance(cell, str) else cell
+    if isinstance(cell, str):
+        return cell.strip()
+    return cell
 
 
 def _read_csv(content: bytes, name: str) -> Iterator[TableRow]:
     text = _decode(content, name)
-    first_line, _, rest = text.partition("\n")
+    first_line, _, remaining_text = text.partition("\n")
     states_separator = re.fullmatch(r"sep=(.)\r?", first_line, re.IGNORECASE)  # by which Excel is told it
     skipped = 0
     if states_separator:
-        text = rest
+        text = remaining_text
         skipped = 1
     if states_separator:
         separator = states_separator[1]
@@ -156,8 +153,8 @@ def _find_separator(text: str, name: str) -> str:
     most = max(counts.values())
     used = [separator for separator, count in counts.items() if count == most]
     if most and len(used) > 1:
-        both = " and ".join(_SEPARATORS[separator] for separator in used)
-        raise ProtocolError(f"{name}:1: the header has {both}; use one of them between cells")
+        separators = " and ".join(_SEPARATORS[separator] for separator in used)
+        raise ProtocolError(f"{name}:1: the header has {separators}; use one of them between cells")
     return used[0]
 
 
@@ -191,7 +188,7 @@ def _read_row(cells: Sequence[str], columns: Sequence[str], place: str, separato
 
 
 def _read_cell(cell: str, *, decimal_comma: bool) -> str | int | float:
-    """A cell as a number where it is written as one and no other way: "007", "1_0" and "nan" are texts."""
+    """Read a cell as a number where it is written as one and no other way: "007", "1_0" and "nan" are texts."""
     if decimal_comma and _DECIMAL_COMMA.fullmatch(cell):
         return float(cell.replace(",", "."))
     for kind in (int, float):

@@ -7,7 +7,7 @@ from minihuman.activities.play.tables import PLAY_TABLES
 from minihuman.activities.trials.columns import TRIAL_COLUMNS
 from minihuman.dataset.activity_tables import ActivityTable, TableRow
 from minihuman.dataset.measures import response_ms
-from minihuman.experiment.stimuli import NO_RESPONSE
+from minihuman.experiment.trial_responses import NO_RESPONSE
 from minihuman.log.model.session_log import EpisodeLog
 from minihuman.worlds.catalogue import TRIAL_WORLDS
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pandas as pd
 
-from minihuman.experiment.stimuli import NO_RESPONSE
+from minihuman.experiment.trial_responses import NO_RESPONSE
 from minihuman.statistics.signal_detection import measure_detection
 
 ANTICIPATION_MS = 150.0  # a response before it cannot follow from the stimulus
@@ -70,8 +70,8 @@ def measure_conditions(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def _measure_level(trials: pd.DataFrame, label: str, levels: "pd.Series[str]") -> Iterator[dict[str, object]]:
-    told = levels[levels != ""].rename("level")
-    for key, part in trials.loc[told.index].groupby([*_PERSON, told], sort=False):
+    stated_levels = levels[levels != ""].rename("level")
+    for key, part in trials.loc[stated_levels.index].groupby([*_PERSON, stated_levels], sort=False):
         *person, level = key
         yield dict(zip(_PERSON, person, strict=True)) | {"label": label, "level": level} | measure_trials(part)
 
@@ -94,13 +94,12 @@ def measure_trials(trials: pd.DataFrame) -> dict[str, float]:
     is_detection_task = bool((~is_signal).any())
     times = trials["response_ms"]
     correct_times = times[trials["is_correct"].eq(True)] if len(known) else times
-    trimmed = times[trials["is_trimmed"]]
     return {
         "trials": len(trials),
-        "accuracy": float(is_correct.mean()) if len(known) else math.nan,
-        "response_mean_ms": float(trimmed.mean()) if len(trimmed) else math.nan,
+        "accuracy": _find_mean(is_correct),
+        "response_mean_ms": _find_mean(times[trials["is_trimmed"]]),
         "response_median_ms": float(correct_times.median()),
-        "omissions": float((~is_made)[is_signal].mean()) if is_signal.any() else math.nan,
+        "omissions": _find_mean((~is_made)[is_signal]),
         "hit_rate": detection.hit_rate if is_detection_task else math.nan,
         "false_alarm_rate": detection.false_alarm_rate,
         "d_prime": detection.d_prime,
@@ -108,8 +107,15 @@ def measure_trials(trials: pd.DataFrame) -> dict[str, float]:
     }
 
 
+def _find_mean(values: "pd.Series[float] | pd.Series[bool]") -> float:
+    """Return the mean; NaN of no values."""
+    if len(values):
+        return float(values.mean())
+    return math.nan
+
+
 def average_sessions(measured: pd.DataFrame) -> pd.DataFrame:
-    """A row per participant, block, label and level: the mean over sessions."""
+    """Average over sessions: a row per participant, block, label and level."""
     keys = ["participant", "group", "block", "label", "level"]
     return measured.groupby(keys, sort=False)[["trials", *MEASURES]].mean().reset_index()
 

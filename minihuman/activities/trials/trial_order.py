@@ -71,7 +71,9 @@ def find_longest_run(levels: Sequence[Hashable]) -> int:
     """Find how many equal levels follow each other at most."""
     longest = current = 0
     for place, level in enumerate(levels):
-        current = current + 1 if place and level == levels[place - 1] else 1
+        if place == 0 or level != levels[place - 1]:
+            current = 0
+        current += 1
         longest = max(longest, current)
     return longest
 
@@ -86,8 +88,8 @@ def _take_balanced(table: Sequence[int], levels: Sequence[Hashable], count: int)
     by_remainder = sorted(exact, key=lambda level: shares[level] - exact[level])  # stable: first shown, first taken
     for level in by_remainder[: count - sum(shares.values())]:
         shares[level] += 1
-    taken = sorted(place for level, rows in places.items() for place in rows[: shares[level]])
-    return [table[place] for place in taken]
+    chosen = sorted(place for level, rows in places.items() for place in rows[: shares[level]])
+    return [table[place] for place in chosen]
 
 
 def _break_runs(
@@ -125,7 +127,7 @@ def _break_runs(
 
 
 class _Runs:
-    """Which trials end a run that is too long, of an order that changes."""
+    """The runs of an order that changes, to find the trials that end one that is too long."""
 
     def __init__(self, order: Sequence[int], columns: CellsByColumn, max_run: Mapping[str, int]) -> None:
         self._order = order

@@ -3,7 +3,7 @@
 The logs of a team's members are compared with each other too; a member who withdrew is only named.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import groupby, permutations
@@ -27,7 +27,7 @@ from minihuman.worlds.source_digest import rules_digest
 
 @dataclass(frozen=True, slots=True)
 class EpisodeVerification:
-    """What playing a log again gave."""
+    """The outcome of replaying a log's episodes."""
 
     episodes: int
     steps: int
@@ -36,7 +36,7 @@ class EpisodeVerification:
 
 
 def describe_other_rules(log: SessionLog) -> str:
-    """What to know before a log is compared: that other sources of worlds than ours made it; "" if ours did.
+    """Say that other sources of worlds than ours made a log, to be known before it is compared; "" if ours did.
 
     Also "" for logs of before there were digests, and for a world of somebody else's: its sources are not ours.
     """
@@ -63,7 +63,7 @@ def verify_episodes(log: SessionLog, make_world: WorldFactory = World) -> Episod
         with closing(make_world(world_id, options)) as world:
             unlike = world.drawn and not same
             for episode in group:
-                difference = _first_difference(episode, world, seen=not unlike)
+                difference = _first_difference(episode, world, compare_observations=not unlike)
                 if difference:
                     return EpisodeVerification(episodes, steps, difference, n_other_renderer)
                 n_other_renderer += unlike
@@ -72,10 +72,17 @@ def verify_episodes(log: SessionLog, make_world: WorldFactory = World) -> Episod
     return EpisodeVerification(episodes, steps, "", n_other_renderer)
 
 
-def _first_difference(episode: EpisodeLog, world: World, *, seen: bool) -> str:
+def _first_difference(episode: EpisodeLog, world: World, *, compare_observations: bool) -> str:
     differences = _differences(episode, world)
     try:
-        return next((each for each in differences if seen or " observation hash " not in each), "")
+        return next(
+            (
+                difference
+                for difference in differences
+                if compare_observations or " observation hash " not in difference
+            ),
+            "",
+        )
     except WorldFailedError as error:
         return f"{episode.name}: the world raises {error}"
 
@@ -85,16 +92,16 @@ def _differences(episode: EpisodeLog, world: World) -> Iterator[str]:
     play = RunningEpisode(plan, world, picture_px=None)
     yield from _at_start(episode.start, play.start(episode.start.t_ns), f"{episode.name} reset")
     for index, action in enumerate(episode.actions_taken):
-        where = f"{episode.name} step {index + 1}"
+        place = f"{episode.name} step {index + 1}"
         if play.outcome is not None:
-            yield f"{where}: logged, but the episode now ends at step {index} with {play.outcome!r}"
+            yield f"{place}: logged, but the episode now ends at step {index} with {play.outcome!r}"
         again = play.step(0, action, key=episode.step_keys[index], key_t_ns=0)
-        yield from _at_step(episode, index, again, where)
+        yield from _at_step(episode, index, again, place)
         if episode.team is not None and not np.array_equal(
             episode.team.rewards[index], world.unwrapped.rewards, equal_nan=True
         ):
             rewards = episode.team.rewards[index].tolist()
-            yield f"{where}: rewards {rewards} in the log, now {list(world.unwrapped.rewards)}"
+            yield f"{place}: rewards {rewards} in the log, now {list(world.unwrapped.rewards)}"
     if episode.team is not None:
         if difference := episode.team.find_difference(plan.seed):
             yield f"{episode.name}: {difference}"
@@ -106,39 +113,45 @@ def _differences(episode: EpisodeLog, world: World) -> Iterator[str]:
         yield f"{episode.name}: outcome {episode.outcome!r} in the log, now {play.outcome!r}"
 
 
-def _at_start(logged: EpisodeStarted, again: EpisodeStarted, where: str) -> Iterator[str]:
+def _at_start(logged: EpisodeStarted, again: EpisodeStarted, place: str) -> Iterator[str]:
     for name in ("action_names", "mission", "map", "pose"):
         if getattr(logged, name) != getattr(again, name):
-            yield f"{where}: {name} {getattr(logged, name)!r} in the log, now {getattr(again, name)!r}"
-    yield from _hashes(where, logged.state_hash, again.state_hash, logged.observation_hash, again.observation_hash)
+            yield f"{place}: {name} {getattr(logged, name)!r} in the log, now {getattr(again, name)!r}"
+    yield from _hashes(place, logged.state_hash, again.state_hash, logged.observation_hash, again.observation_hash)
 
 
-def _at_step(episode: EpisodeLog, index: int, again: Stepped, where: str) -> Iterator[str]:
+def _at_step(episode: EpisodeLog, index: int, again: Stepped, place: str) -> Iterator[str]:
     yield from _hashes(
-        where,
+        place,
         int(episode.state_hashes[index + 1]),
         again.state_hash,
         int(episode.observation_hashes[index + 1]),
         again.observation_hash,
     )
-    said = np.nan if episode.successes is None else episode.successes[index]
     for name, logged, now in (
-        ("success", None if np.isnan(said) else bool(said), again.success),
+        ("success", _logged_success(episode, index), again.success),
         ("reward", float(episode.rewards[index]), again.reward),
         ("terminated", bool(episode.terminated[index]), again.terminated),
         ("truncated", bool(episode.truncated[index]), again.truncated),
     ):
         if logged != now and not (logged != logged and now != now):  # NaN equals NaN
-            yield f"{where}: {name} {logged!r} in the log, now {now!r}"
+            yield f"{place}: {name} {logged!r} in the log, now {now!r}"
     pose = pose_as_row(again.pose)
     if not np.array_equal(episode.poses[index + 1], pose, equal_nan=True):
-        yield f"{where}: pose {episode.poses[index + 1].tolist()} in the log, now {list(pose)}"
+        yield f"{place}: pose {episode.poses[index + 1].tolist()} in the log, now {list(pose)}"
 
 
-def _hashes(where: str, state: int, state_now: int, observation: int, observation_now: int) -> Iterator[str]:
+def _logged_success(episode: EpisodeLog, index: int) -> bool | None:
+    """Return whether a step was a success by the log; None where it says nothing of that."""
+    if episode.successes is None or np.isnan(episode.successes[index]):
+        return None
+    return bool(episode.successes[index])
+
+
+def _hashes(place: str, state: int, state_now: int, observation: int, observation_now: int) -> Iterator[str]:
     for name, logged, now in (("state", state, state_now), ("observation", observation, observation_now)):
         if logged != now:
-            yield f"{where}: {name} hash {logged:016x} in the log, now {now:016x}"
+            yield f"{place}: {name} hash {logged:016x} in the log, now {now:016x}"
 
 
 _Played = dict[tuple[int, int], tuple[EpisodeLog, TeamRecord]]  # by episode and attempt
@@ -157,22 +170,24 @@ def verify_teams(study: Path) -> Iterator[tuple[str, bool]]:
         if len(people) < 2:
             continue
         logs = {seat: _read_member(study, entry, str(seat)) for seat in people}
-        found = {seat: _find_episodes(log, entry) for seat, log in logs.items()}
-        where = f"team {entry.team}, block {entry.block}"
+        played_by_seat = {seat: _find_episodes(log, entry) for seat, log in logs.items()}
+        place = f"team {entry.team}, block {entry.block}"
         gone = [seat for seat in people if str(seat) not in entry.members]
-        wrong = [*_compare_members(found), *_compare_messages(logs, found)]
-        yield from ((f"{where}: {line}", False) for line in wrong)
+        wrong = [*_compare_members(played_by_seat), *_compare_messages(logs, played_by_seat)]
+        yield from ((f"{place}: {line}", False) for line in wrong)
         for seat in gone:
-            yield f"{where}: seat {seat} withdrawn", True
+            yield f"{place}: seat {seat} withdrawn", True
         if not wrong:
-            here = {seat: played for seat, played in found.items() if played}
-            steps = max((sum(len(team.actions) for _, team in played.values()) for played in here.values()), default=0)
-            seats = " and ".join(map(str, here)) or "none"
-            yield f"{where}: {steps} joint steps, the same in each log here (seats {seats})", True
+            present = {seat: played for seat, played in played_by_seat.items() if played}
+            steps = max(
+                (sum(len(team.actions) for _, team in played.values()) for played in present.values()), default=0
+            )
+            seats = " and ".join(map(str, present)) or "none"
+            yield f"{place}: {steps} joint steps, the same in each log here (seats {seats})", True
 
 
 def _read_member(study: Path, entry: TeamRecorded, seat: str) -> SessionLog | None:
-    """A member's log; None of one who withdrew or has none."""
+    """Read a member's log; None of one who withdrew or has none."""
     code = entry.members.get(seat)
     if code is None:
         folder = None
@@ -184,73 +199,79 @@ def _read_member(study: Path, entry: TeamRecorded, seat: str) -> SessionLog | No
 
 
 def _find_episodes(log: SessionLog | None, entry: TeamRecorded) -> _Played:
+    if log is None:
+        return {}
     return {
         (episode.plan.episode_in_block, episode.attempt): (episode, episode.team)
-        for episode in (log.episodes if log is not None else ())
+        for episode in log.episodes
         if episode.team is not None and (episode.team.team, episode.plan.block_name) == (entry.team, entry.block)
     }
 
 
-def _compare_members(found: dict[int, _Played]) -> Iterator[str]:
-    """Where the logs of two seats differ: each pair's, as a member may have left, withdrawn, or come back.
+def _compare_members(played_by_seat: dict[int, _Played]) -> Iterator[str]:
+    """Yield where the logs of two seats differ: of each pair, as a member may have left, withdrawn, or come back.
 
     The same joint steps can be the first attempt at an episode in one log and the second in another. So an attempt is
     compared with that of the other seat which agrees longest, and with none where the other seat did not act in it.
     """
     lines = dict[str, None]()  # in order, each once
-    for (seat, played), (other_seat, others) in permutations(found.items(), 2):
+    for (seat, played), (other_seat, other_played) in permutations(played_by_seat.items(), 2):
         for (number, attempt), (episode, team) in played.items():
-            acted = any(sources[other_seat] != "agent" for sources in team.sources)
-            if acted:
-                attempts = {at: one for (of, at), one in others.items() if of == number}
-            else:
-                attempts = {}
+            if all(sources[other_seat] == "agent" for sources in team.sources):
+                continue
+            attempts = {key[1]: record for key, record in other_played.items() if key[0] == number}
             if not attempts:
                 continue
-            same = {at: _count_same(team, one) for at, (_, one) in attempts.items()}
-            best = max(same, key=lambda at: (same[at], at == attempt))
-            other, theirs = attempts[best]
-            n = min(len(team.actions), len(theirs.actions))
-            both = sorted(((seat, episode, team), (other_seat, other, theirs)), key=lambda one: one[0])
-            seats = " and ".join(str(one[0]) for one in both)
-            where = f"episode {number + 1} of the block"
-            hashes = episode.state_hashes[: n + 1] == other.state_hashes[: n + 1]
-            if same[best] < n:
-                logged = ", ".join(f"seat {one} logged {its.actions[same[best]].tolist()}" for one, _, its in both)
-                lines[f"{where} step {same[best] + 1}: {logged}"] = None
-            elif not hashes.all():
-                lines[f"{where} step {int((~hashes).argmax())}: seats {seats} logged different states"] = None
-            elif len(team.actions) == len(theirs.actions) and team.digest != theirs.digest:
-                lines[f"{where}: seats {seats} logged different digests"] = None
+            n_same = {key: _count_same(team, other_team) for key, (_, other_team) in attempts.items()}
+            best = max(n_same, key=lambda key: (n_same[key], key == attempt))
+            records = {seat: (episode, team), other_seat: attempts[best]}
+            difference = _find_record_difference(dict(sorted(records.items())), n_same[best])
+            if difference:
+                lines[f"episode {number + 1} of the block{difference}"] = None
     yield from lines
 
 
-def _compare_messages(logs: dict[int, SessionLog | None], found: dict[int, _Played]) -> Iterator[str]:
-    """Which messages came onto a screen that their author's log, if it is here and whole, does not have."""
-    shown = {
-        seat: [
-            one
-            for played in [{episode.plan.episode for episode, _ in found[seat].values()}]
-            for one in log.part_events
-            if isinstance(one, MessageShown) and one.episode in played
-        ]
-        for seat, log in logs.items()
-        if log is not None
+def _find_record_difference(records: Mapping[int, tuple[EpisodeLog, TeamRecord]], n_same: int) -> str:
+    """Say where two seats' records of an episode differ, whose first joint steps are the same; "" if nowhere."""
+    (episode, team), (other, other_team) = records.values()
+    seats = " and ".join(map(str, records))
+    n = min(len(team.actions), len(other_team.actions))
+    if n_same < n:
+        logged = (f"seat {seat} logged {record.actions[n_same].tolist()}" for seat, (_, record) in records.items())
+        return f" step {n_same + 1}: {', '.join(logged)}"
+    is_equal = episode.state_hashes[: n + 1] == other.state_hashes[: n + 1]
+    if not is_equal.all():
+        return f" step {int((~is_equal).argmax())}: seats {seats} logged different states"
+    if len(team.actions) == len(other_team.actions) and team.digest != other_team.digest:
+        return f": seats {seats} logged different digests"
+    return ""
+
+
+def _compare_messages(logs: dict[int, SessionLog | None], played_by_seat: dict[int, _Played]) -> Iterator[str]:
+    """Name the messages that a seat was shown, but that their author's log, if here and whole, does not have."""
+    shown_messages = {
+        seat: _list_shown_messages(log, played_by_seat[seat]) for seat, log in logs.items() if log is not None
     }
     sent = {
-        seat: {one.digest for one in shown[seat] if one.seat == seat}
+        seat: {message.digest for message in shown_messages[seat] if message.seat == seat}
         for seat, log in logs.items()
         if log is not None and log.segments[-1].clean
     }
     yield from (
-        f"episode {one.episode + 1}: seat {seat} was shown a message that seat {one.seat} did not send"
-        for seat, messages in shown.items()
-        for one in messages
-        if one.digest not in sent.get(one.seat, {one.digest})
+        f"episode {message.episode + 1}: seat {seat} was shown a message that seat {message.seat} did not send"
+        for seat, messages in shown_messages.items()
+        for message in messages
+        if message.digest not in sent.get(message.seat, {message.digest})
     )
 
 
-def _count_same(one: TeamRecord, other: TeamRecord) -> int:
-    """How many joint steps of two records agree before the first that differs."""
-    n = min(len(one.actions), len(other.actions))
-    return int((one.actions[:n] == other.actions[:n]).all(axis=1).cumprod().sum())
+def _list_shown_messages(log: SessionLog, played: _Played) -> list[MessageShown]:
+    """List the messages that a seat was shown in the team's episodes."""
+    episodes = {episode.plan.episode for episode, _ in played.values()}
+    return [event for event in log.part_events if isinstance(event, MessageShown) and event.episode in episodes]
+
+
+def _count_same(record: TeamRecord, other: TeamRecord) -> int:
+    """Count the joint steps of two records that agree before the first that differs."""
+    n = min(len(record.actions), len(other.actions))
+    return int((record.actions[:n] == other.actions[:n]).all(axis=1).cumprod().sum())

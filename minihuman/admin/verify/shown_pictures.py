@@ -28,7 +28,7 @@ _NOT_COMPARED = ("version_minihuman", "version_mcap")  # which draw nothing of w
 
 @dataclass(frozen=True, slots=True)
 class PictureVerification:
-    """What drawing the shown pictures again gave.
+    """The outcome of drawing the shown pictures again.
 
     Attributes:
         verdict: of them all.
@@ -69,15 +69,15 @@ def verify_pictures(log: SessionLog, make_world: WorldFactory = World) -> Pictur
             if world.is_built_in:
                 continue
             for episode in group:
-                shown = find_shown_pictures(episode)
-                if not shown:
+                hashes = find_shown_pictures(episode)
+                if not hashes:
                     verdict = verdict or "not recorded"
                     continue
                 recorded = facts[episode.segment]
-                difference = _find_difference(episode, shown, world, _find_picture_size(recorded))
+                difference = _find_difference(episode, hashes, world, _find_picture_size(recorded))
                 if difference:
                     return _judge_difference(recorded, episode, difference, pictures)
-                pictures += len(shown)
+                pictures += len(hashes)
                 verdict = "equal"
     if verdict is None:
         return None
@@ -97,23 +97,23 @@ def _find_picture_size(recorded: Mapping[str, str]) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def _find_difference(episode: EpisodeLog, shown: Mapping[int, int], world: World, size_px: tuple[int, int]) -> str:
+def _find_difference(episode: EpisodeLog, hashes: Mapping[int, int], world: World, size_px: tuple[int, int]) -> str:
     """Play an episode again, and return the first picture that differs; "" if none does."""
     try:
-        return next(_differences(episode, shown, world, size_px), "")
+        return next(_differences(episode, hashes, world, size_px), "")
     except WorldError as error:
         return f"{episode.name}: {error}"
 
 
 def _differences(
-    episode: EpisodeLog, shown: Mapping[int, int], world: World, size_px: tuple[int, int]
+    episode: EpisodeLog, hashes: Mapping[int, int], world: World, size_px: tuple[int, int]
 ) -> Iterator[str]:
     plan = episode.plan
     world.reset(plan.seed)
     for step in range(len(episode.actions) + 1):
         if step:
             world.step(episode.actions_taken[step - 1])
-        if step in shown and hash_picture(world.frame(plan.view, size_px, plan.palette)) != shown[step]:
+        if step in hashes and hash_picture(world.frame(plan.view, size_px, plan.palette)) != hashes[step]:
             yield f"{episode.name} step {step}: the picture that was shown is not the one that is drawn now"
 
 
@@ -131,12 +131,12 @@ def _judge_difference(
 
 
 def _draws(fact: str) -> bool:
-    """Whether what a fact says may change pictures."""
+    """Tell whether what a fact says may change pictures."""
     return fact in _STATION_FACTS or (fact.startswith(_VERSION) and fact not in _NOT_COMPARED)
 
 
 def _find_fact(name: str) -> str:
-    """Return what a fact is here, but for the release of the system."""
+    """Return a fact of this machine, but for the release of the system."""
     if name in _STATION_FACTS:
         return _STATION_FACTS[name]()
     try:

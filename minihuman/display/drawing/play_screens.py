@@ -45,7 +45,7 @@ _MARKS = {"good": theme.GOOD, "bad": theme.BAD, "neutral": theme.MUTED_INK}
 
 @dataclass(frozen=True, slots=True)
 class PlayFrame:
-    """What of a play screen stays while an episode is played."""
+    """The parts of a play screen that stay while an episode is played."""
 
     mission: str
     progress: str
@@ -55,7 +55,7 @@ class PlayFrame:
 
 
 def picture_size_px(size_px: Size) -> Size:
-    """The room for a world's picture in a window: the largest width and height it may have to be shown as it is.
+    """Return the room for a world's picture in a window: the largest width and height that are shown as they are.
 
     It is 4:3, the shape of what agents see: on a wide screen a person would see more of a 3D world than they do.
     """
@@ -75,9 +75,9 @@ def paint_picture(frame: NDArray[np.uint8], picture: NDArray[np.uint8]) -> Box:
 
 
 def locate_picture(picture: NDArray[np.uint8], size_px: Size) -> Box:
-    """Where a world's picture is drawn."""
-    shown = _fit(picture, *picture_size_px(size_px))
-    return _place(shown.shape[1], shown.shape[0], size_px)
+    """Return where a world's picture is drawn."""
+    fitted = _fit(picture, *picture_size_px(size_px))
+    return _place(fitted.shape[1], fitted.shape[0], size_px)
 
 
 def _place(width: int, height: int, size_px: Size) -> Box:
@@ -98,12 +98,16 @@ def _fit(picture: NDArray[np.uint8], room_width: int, room_height: int) -> NDArr
     factor = min(room_width / width, room_height / height)
     if scale == 1 and factor < _WORTH_ENLARGING:
         return picture
-    how = Image.Resampling.BILINEAR if scale else Image.Resampling.BOX
-    return np.asarray(Image.fromarray(picture).resize((max(1, int(width * factor)), max(1, int(height * factor))), how))
+    resampling = Image.Resampling.BOX
+    if scale:
+        resampling = Image.Resampling.BILINEAR
+    return np.asarray(
+        Image.fromarray(picture).resize((max(1, int(width * factor)), max(1, int(height * factor))), resampling)
+    )
 
 
 def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:
-    """All of a play screen but the world."""
+    """Draw all of a play screen but the world."""
     width, height = size_px
     sheet = Sheet(size_px, play_frame.locale)
     wide = width - 2 * height * MARGIN
@@ -115,13 +119,16 @@ def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:
 
 
 def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
-    """A frame around the held picture in the outcome's colour, and its sign and sum in a corner; the rest clear."""
+    """Draw a frame around the held picture in the outcome's colour, and its sign and sum below its upper edge.
+
+    The rest of the layer is clear.
+    """
     height, width = screen.picture.shape[:2]
     if width:
-        shown = _fit(screen.picture, *picture_size_px(size_px))
+        fitted = _fit(screen.picture, *picture_size_px(size_px))
     else:
-        shown = screen.picture
-    left, top, width, height = _place(shown.shape[1], shown.shape[0], size_px)
+        fitted = screen.picture
+    left, top, width, height = _place(fitted.shape[1], fitted.shape[0], size_px)
     layer = Image.new("RGBA", size_px, (0, 0, 0, 0))
     draw = ImageDraw.Draw(layer)
     colour = _MARKS[screen.mark]
@@ -148,7 +155,7 @@ def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
 def _sign(
     draw: ImageDraw.ImageDraw, mark: str, place: tuple[float, float], reach: float, colour: theme.Colour, stroke: int
 ) -> None:
-    """A tick, a cross or a bar, distinct without colour."""
+    """Draw a tick, a cross or a bar, distinct without colour."""
     x, y = place
     if mark == "good":
         draw.line([(x - reach, y), (x - reach * 0.2, y + reach * 0.7), (x + reach, y - reach * 0.8)], colour, stroke)
@@ -160,7 +167,7 @@ def _sign(
 
 
 def _legend(sheet: Sheet, play_frame: PlayFrame) -> None:
-    """Keys and what they do, side by side in one centred line; smaller when there are many, then in several."""
+    """Draw keys and what they do, side by side in one centred line; smaller when there are many, then in several."""
     width, height = sheet.size_px
     printed = {key: f"{above} {cap}".strip() for key, cap, above in play_frame.labels}
     keys = [(printed.get(key, key_label(key)), action.replace("_", " ")) for key, action in play_frame.legend]
@@ -170,7 +177,9 @@ def _legend(sheet: Sheet, play_frame: PlayFrame) -> None:
         type_px -= 1
     while len(rows := _rows(sheet, keys, type_px, wide)) > _MOST_ROWS and type_px > 8:
         type_px -= 1
-    tall = type_px * (2.0 if len(rows) == 1 else 1.3)
+    tall = type_px * 1.3
+    if len(rows) == 1:
+        tall = type_px * 2.0
     above_px = height * 0.004 * (len(rows) - 1)  # the progress line is right below
     for number, row in enumerate(rows):
         x = (width - _length(sheet, row, type_px)) / 2
@@ -184,7 +193,7 @@ def _legend(sheet: Sheet, play_frame: PlayFrame) -> None:
 
 
 def _rows(sheet: Sheet, keys: list[_Key], type_px: int, wide: float) -> list[list[_Key]]:
-    """Keys in lines that are no longer than ``wide``."""
+    """Break keys into lines that are no longer than ``wide``."""
     rows: list[list[_Key]] = [[]]
     for key in keys:
         if rows[-1] and _length(sheet, [*rows[-1], key], type_px) > wide:
@@ -194,12 +203,12 @@ def _rows(sheet: Sheet, keys: list[_Key], type_px: int, wide: float) -> list[lis
 
 
 def _cap_px(sheet: Sheet, cap: str, type_px: int) -> float:
-    """How wide a key is drawn."""
+    """Return how wide a key is drawn."""
     return max(type_px * 2.0, (sheet.width_px(cap, type_px) + type_px) * 1.1)
 
 
 def _length(sheet: Sheet, keys: list[_Key], type_px: int) -> float:
-    """How long a line of the legend is."""
+    """Return how long a line of the legend is."""
     lengths = [_cap_px(sheet, cap, type_px) + type_px * 0.6 + sheet.width_px(word, type_px) for cap, word in keys]
     return sum(lengths) + type_px * _GAP * (len(keys) - 1)
 
@@ -220,14 +229,17 @@ _DASH = 4  # of the frame's thickness
 
 
 def draw_steering(frame: NDArray[np.uint8], screen: PlayScreen, picture: Box) -> Box:
-    """Draw it into a frame around the place of the picture; returns what may have changed, the picture included."""
+    """Draw who steers into a frame around the picture; return what may have changed, the picture included."""
     height, width = frame.shape[:2]
     stroke = max(3, height // 144)
     left, top, wide, high = picture
     box = (left - stroke, top - stroke, wide + 2 * stroke, high + 2 * stroke)
     colour = sheet.find_colour(_FLASHES.get(screen.flash) or _COLOURS[screen.controller], screen.locale.theme)
     ground = sheet.find_colour(sheet.BACKGROUND, screen.locale.theme)
-    _edges(frame, box, stroke, colour, ground if screen.controller == "agent" and not screen.flash else colour)
+    gap_colour = colour
+    if screen.controller == "agent" and not screen.flash:  # dashed
+        gap_colour = ground
+    _edges(frame, box, stroke, colour, gap_colour)
     text = _SIGNS.get(screen.flash, screen.controller_text)
     line = _line(text, screen.locale.language, colour, ground, box[2], round(height * _LINE))
     below = box[1] + box[3]
@@ -250,7 +262,7 @@ def _edges(frame: NDArray[np.uint8], box: Box, stroke: int, colour: sheet.Colour
 
 @lru_cache(maxsize=16)
 def _dashes(length: int, stroke: int, colour: sheet.Colour, gap: sheet.Colour) -> NDArray[np.uint8]:
-    """A side of the frame, uint8[length, 3]: it begins and ends with a dash, so that corners are whole."""
+    """Draw a side of the frame, uint8[length, 3]: it begins and ends with a dash, so that corners are whole."""
     side = np.full((length, 3), colour, np.uint8)
     gaps = max(1, round((length / (stroke * _DASH) - 1) / 2))
     side[np.floor(np.arange(length) / length * (2 * gaps + 1)) % 2 == 1] = gap
@@ -261,7 +273,7 @@ def _dashes(length: int, stroke: int, colour: sheet.Colour, gap: sheet.Colour) -
 def _line(
     text: str, language: str, colour: sheet.Colour, ground: sheet.Colour, width: int, height: int
 ) -> NDArray[np.uint8]:
-    """The line, uint8[height, width or more, 3]."""
+    """Draw the line below the picture, uint8[height, width or more, 3]."""
     faces = select_typefaces(language)
     size_px = max(8, round(height / _LINE * MIN_TYPE_SIZE))
     width = max(width, 2 * round(measure_width_px(text, faces, size_px) / 2 + size_px))
@@ -275,7 +287,7 @@ RectPx = tuple[float, float, float, float]  # left, top, right, bottom
 
 
 def paste_picture(sheet: Sheet, picture: NDArray[np.uint8], box: RectPx) -> None:
-    """A picture as large as its half lets it be, a thin line round it."""
+    """Paste a picture as large as its half lets it be, with a thin line round it."""
     left, top, right, bottom = box
     height, width = picture.shape[:2]
     if not height or not width:
@@ -284,6 +296,8 @@ def paste_picture(sheet: Sheet, picture: NDArray[np.uint8], box: RectPx) -> None
     size = max(1, round(width * scale)), max(1, round(height * scale))
     x = round((left + right - size[0]) / 2)
     y = round((top + bottom - size[1]) / 2)
-    resampling = Image.Resampling.BOX if scale < 1 else Image.Resampling.NEAREST
+    resampling = Image.Resampling.NEAREST
+    if scale < 1:
+        resampling = Image.Resampling.BOX
     sheet.page.paste(Image.fromarray(picture).resize(size, resampling), (x, y))
     sheet.draw.rectangle((x - 2, y - 2, x + size[0] + 1, y + size[1] + 1), outline=theme.EDGE, width=2)

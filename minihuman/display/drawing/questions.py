@@ -20,7 +20,7 @@ _BOTTOM = 0.82
 
 
 def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
-    """Draw it."""
+    """Draw a question."""
     sheet = Sheet(size_px, screen.locale)
     width, height = size_px
     high = sheet.high
@@ -73,7 +73,7 @@ def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
 
 
 def _room(screen: QuestionScreen) -> float:
-    """How much of the height the question's own words have."""
+    """Return how much of the height the question's own words have."""
     if isinstance(screen.item, RatingMatrix):
         return 0.10
     if not isinstance(screen.item, OptionList):
@@ -84,7 +84,7 @@ def _room(screen: QuestionScreen) -> float:
 
 
 def _option_rows(sheet: Sheet, item: OptionList, wide: float, high: float) -> tuple[list[list[str]], int] | None:
-    """Every option's lines, and the type in which all of them fit; None if none does."""
+    """Return every option's lines and the type in which all of them fit; None if none does."""
     for type_px in range(round(sheet.high * _TYPE), sheet.min_type_px - 1, -1):
         rows = [sheet.wrap(option, type_px, wide - type_px * 4) for option in item.options]
         if sum(len(row) * type_px * 1.2 + type_px * 0.75 for row in rows) <= high:
@@ -93,87 +93,114 @@ def _option_rows(sheet: Sheet, item: OptionList, wide: float, high: float) -> tu
 
 
 def _choices(sheet: Sheet, item: OptionList, box: tuple[float, float, float, float]) -> None:
-    """Options below each other, each with its number and a circle, or a box to tick."""
+    """Draw options below each other, each with its number and a circle, or a box to tick."""
     left, top, right, bottom = box
-    found = _option_rows(sheet, item, right - left, bottom - top)
+    fitted = _option_rows(sheet, item, right - left, bottom - top)
     type_px = sheet.min_type_px
-    rows, type_px = found or ([[option] for option in item.options], type_px)
+    rows, type_px = fitted or ([[option] for option in item.options], type_px)
     y = top
     for number, lines in enumerate(rows):
         tall = len(lines) * type_px * 1.2 + type_px * 0.6
-        chosen = number in item.chosen
-        if chosen:
-            outline = theme.HIGHLIGHT
-        elif number != item.cursor:
-            outline = theme.EDGE
-        else:
-            outline = theme.MUTED_INK
-        stroke = max(1, round(sheet.high / (240 if chosen else 450)))
+        is_chosen = number in item.chosen
+        outline, stroke = _option_outline(sheet, is_chosen=is_chosen, has_cursor=number == item.cursor)
         sheet.draw.rounded_rectangle(
             (left, y, right, y + tall), radius=type_px * 0.35, fill=theme.SURFACE, outline=outline, width=stroke
         )
         sheet.spots.append(Spot(f"option:{number}", left, y, right, y + tall))
-        _tick(sheet, item.many, chosen, (left, right), y + tall / 2, type_px)
-        start = left + type_px * 2.6
-        end = right - type_px * 2.6
+        tick_x = sheet.from_start(left, right, type_px * 1.3)
+        _tick(sheet, (tick_x, y + tall / 2), type_px, is_chosen=is_chosen, is_box=item.many)
+        line_x = sheet.from_start(left, right, type_px * 2.6)
         line_y = y + type_px * 0.3 + type_px * 0.6
         for line in lines:
-            place = (end, line_y) if sheet.locale.rtl else (start, line_y)
-            sheet.put(place, line, type_px, theme.INK, "r" if sheet.locale.rtl else "l")
+            sheet.put((line_x, line_y), line, type_px, theme.INK, sheet.start_anchor)
             line_y += type_px * 1.2
         if number < 9:
-            where = left + type_px * 0.9 if sheet.locale.rtl else right - type_px * 0.9
+            number_x = sheet.from_end(left, right, type_px * 0.9)
             small = max(sheet.min_type_px, round(type_px * 0.75))
-            sheet.put((where, y + tall / 2), str(number + 1), small, theme.MUTED_INK, "m")
+            sheet.put((number_x, y + tall / 2), str(number + 1), small, theme.MUTED_INK, "m")
         y += tall + type_px * 0.15
 
 
-def _tick(sheet: Sheet, many: bool, chosen: bool, sides: tuple[float, float], y: float, type_px: int) -> None:
-    x = sides[1] - type_px * 1.3 if sheet.locale.rtl else sides[0] + type_px * 1.3
+def _option_outline(sheet: Sheet, *, is_chosen: bool, has_cursor: bool) -> tuple[theme.Colour, int]:
+    """Return the colour and the width of the line round an option."""
+    if is_chosen:
+        return theme.HIGHLIGHT, max(1, round(sheet.high / 240))
+    stroke = max(1, round(sheet.high / 450))
+    if has_cursor:
+        return theme.MUTED_INK, stroke
+    return theme.EDGE, stroke
+
+
+def _tick(sheet: Sheet, place: tuple[float, float], type_px: int, *, is_chosen: bool, is_box: bool) -> None:
+    x, y = place
     reach = type_px * 0.42
     stroke = max(2, round(type_px / 10))
     box = (x - reach, y - reach, x + reach, y + reach)
-    if not many:
-        sheet.draw.ellipse(box, outline=theme.HIGHLIGHT if chosen else theme.MUTED_INK, width=stroke)
-        if chosen:
+    if not is_box:
+        sheet.draw.ellipse(box, outline=_choice_outline(is_chosen), width=stroke)
+        if is_chosen:
             sheet.draw.ellipse((x - reach / 2, y - reach / 2, x + reach / 2, y + reach / 2), fill=theme.HIGHLIGHT)
         return
-    sheet.draw.rectangle(box, outline=theme.HIGHLIGHT if chosen else theme.MUTED_INK, width=stroke)
-    if chosen:
+    sheet.draw.rectangle(box, outline=_choice_outline(is_chosen), width=stroke)
+    if is_chosen:
         tick = [(x - reach * 0.6, y), (x - reach * 0.1, y + reach * 0.5), (x + reach * 0.65, y - reach * 0.5)]
         sheet.draw.line(tick, fill=theme.HIGHLIGHT, width=stroke + 1)
 
 
+def _choice_fill(is_chosen: bool) -> theme.Colour:
+    if is_chosen:
+        return theme.HIGHLIGHT
+    return theme.SURFACE
+
+
+def _choice_outline(is_chosen: bool) -> theme.Colour:
+    if is_chosen:
+        return theme.HIGHLIGHT
+    return theme.MUTED_INK
+
+
+def _choice_ink(is_chosen: bool) -> theme.Colour:
+    """Return the colour of words on what can be chosen."""
+    if is_chosen:
+        return theme.BACKGROUND
+    return theme.INK
+
+
+def _has_words(scale: RatingScale | RatingMatrix) -> bool:
+    """Whether every point of a scale has words; else they are numbers."""
+    return all(not point.isdecimal() for point in scale.points)
+
+
 def _scale(sheet: Sheet, item: RatingScale, box: tuple[float, float, float, float]) -> None:
-    """Points side by side in reading order; words at the ends, or below each point."""
+    """Draw points side by side in reading order; words at the ends, or below each point."""
     left, top, right, _ = box
     count = len(item.points)
     unit = (right - left) / count
     reach = min(unit * 0.36, sheet.high * 0.04)
     y = top + sheet.high * 0.10
-    words = all(not point.isdecimal() for point in item.points)
+    has_words = _has_words(item)
     small = sheet.min_type_px
     for number, point in enumerate(item.points):
-        place = count - 1 - number if sheet.locale.rtl else number
-        x = left + unit * (place + 0.5)
-        chosen = number == item.chosen
-        fill = theme.HIGHLIGHT if chosen else theme.SURFACE
+        x = left + unit * (sheet.place_from_left(number, count) + 0.5)
+        is_chosen = number == item.chosen
         sheet.draw.ellipse(
             (x - reach, y - reach, x + reach, y + reach),
-            fill=fill,
-            outline=theme.HIGHLIGHT if chosen else theme.MUTED_INK,
+            fill=_choice_fill(is_chosen),
+            outline=_choice_outline(is_chosen),
             width=max(2, round(sheet.high / 360)),
         )
-        ink = theme.BACKGROUND if chosen else theme.INK
-        sheet.put((x, y), str(number + 1) if words else point, max(small, round(reach * 0.95)), ink, "m")
+        label = point
+        if has_words:
+            label = str(number + 1)
+        sheet.put((x, y), label, max(small, round(reach * 0.95)), _choice_ink(is_chosen), "m")
         bottom = y + reach * 1.4
-        if words:
+        if has_words:
             lines = sheet.wrap(point, small, unit * 0.94)
             for row, line in enumerate(lines):
                 sheet.put((x, bottom + small * (row * 1.2 + 0.8)), line, small, theme.INK, "m")
             bottom += small * 1.2 * len(lines)
         sheet.spots.append(Spot(f"option:{number}", x - unit / 2, y - reach * 1.6, x + unit / 2, bottom + small))
-    if not words:
+    if not has_words:
         _ends(sheet, item.low, item.high, (left, right), y + reach * 1.4 + small)
 
 
@@ -185,61 +212,80 @@ def _statement_lines(sheet: Sheet, item: RatingMatrix, wide: float) -> list[list
 
 
 def _matrix(sheet: Sheet, item: RatingMatrix, box: tuple[float, float, float, float]) -> None:
-    """A row for each statement, its points beside it in reading order; what they mean stands above them."""
+    """Draw a row for each statement, its points beside it in reading order, and above them what they mean."""
     left, top, right, bottom = box
-    rtl = sheet.locale.rtl
     small = sheet.min_type_px
     wide = right - left
-    low, high = (left, right - wide * _STATEMENT_SHARE) if rtl else (left + wide * _STATEMENT_SHARE, right)
-    unit = (high - low) / len(item.points)
-    words = all(not point.isdecimal() for point in item.points)
-    if words:
-        heads = [sheet.wrap(point, small, unit * 0.96) for point in item.points]
+    if sheet.locale.rtl:
+        columns = (left, right - wide * _STATEMENT_SHARE)
     else:
-        heads = []
-    if words:
-        for place, lines in enumerate(reversed(heads) if rtl else heads):
-            for number, line in enumerate(lines):
-                sheet.put((low + unit * (place + 0.5), top + small * (number * 1.2 + 0.6)), line, small, theme.INK, "m")
-    else:
-        _ends(sheet, item.low, item.high, (low, high), top)
-    top += small * 1.2 * max(2, *map(len, heads)) + small * 0.6 if heads else small * 2.4
+        columns = (left + wide * _STATEMENT_SHARE, right)
+    top += _matrix_heads(sheet, item, columns, top)
     tall = min((bottom - top) / len(item.rows), sheet.high * 0.09)
-    reach = min(unit * 0.36, tall * 0.36)
     for row, lines in enumerate(_statement_lines(sheet, item, wide)):
         y = top + tall * (row + 0.5)
         if row == item.cursor:
             stripe = (left, y - tall * 0.46, right, y + tall * 0.46)
             sheet.draw.rounded_rectangle(stripe, radius=small * 0.4, outline=theme.EDGE)
-        x = right - sheet.high * 0.015 if rtl else left + sheet.high * 0.015
+        x = sheet.from_start(left, right, sheet.high * 0.015)
         for number, line in enumerate(lines):
             offset = (number - (len(lines) - 1) / 2) * small * 1.2
-            sheet.put((x, y + offset), line, small, theme.INK, "r" if rtl else "l")
-        for point, label in enumerate(item.points):
-            place = len(item.points) - 1 - point if rtl else point
-            x = low + unit * (place + 0.5)
-            chosen = item.chosen[row] == point
-            circle = (x - reach, y - reach, x + reach, y + reach)
-            fill, outline = (theme.HIGHLIGHT,) * 2 if chosen else (theme.SURFACE, theme.MUTED_INK)
-            sheet.draw.ellipse(circle, fill=fill, outline=outline, width=max(2, round(sheet.high / 360)))
-            if not words:
-                sheet.put((x, y), label, small, theme.BACKGROUND if chosen else theme.INK, "m")
-            cell = (low + unit * place, y - tall / 2, low + unit * (place + 1), y + tall / 2)
-            sheet.spots.append(Spot(f"option:{row * len(item.points) + point}", *cell))
+            sheet.put((x, y + offset), line, small, theme.INK, sheet.start_anchor)
+        _matrix_points(sheet, item, row, columns, y, tall)
+
+
+def _matrix_heads(sheet: Sheet, matrix: RatingMatrix, columns: tuple[float, float], top: float) -> float:
+    """Write what the points mean above their columns; return the height of it."""
+    small = sheet.min_type_px
+    if not _has_words(matrix):
+        _ends(sheet, matrix.low, matrix.high, columns, top)
+        return small * 2.4
+    unit = (columns[1] - columns[0]) / len(matrix.points)
+    heads = [sheet.wrap(point, small, unit * 0.96) for point in matrix.points]
+    for point, lines in enumerate(heads):
+        x = columns[0] + unit * (sheet.place_from_left(point, len(heads)) + 0.5)
+        for number, line in enumerate(lines):
+            sheet.put((x, top + small * (number * 1.2 + 0.6)), line, small, theme.INK, "m")
+    return small * 1.2 * max(2, *map(len, heads)) + small * 0.6
+
+
+def _matrix_points(
+    sheet: Sheet, matrix: RatingMatrix, row: int, columns: tuple[float, float], y: float, tall: float
+) -> None:
+    """Draw the points of one statement, and make each a spot."""
+    unit = (columns[1] - columns[0]) / len(matrix.points)
+    reach = min(unit * 0.36, tall * 0.36)
+    has_words = _has_words(matrix)
+    for point, label in enumerate(matrix.points):
+        place = sheet.place_from_left(point, len(matrix.points))
+        x = columns[0] + unit * (place + 0.5)
+        is_chosen = matrix.chosen[row] == point
+        sheet.draw.ellipse(
+            (x - reach, y - reach, x + reach, y + reach),
+            fill=_choice_fill(is_chosen),
+            outline=_choice_outline(is_chosen),
+            width=max(2, round(sheet.high / 360)),
+        )
+        if not has_words:
+            sheet.put((x, y), label, sheet.min_type_px, _choice_ink(is_chosen), "m")
+        cell = (columns[0] + unit * place, y - tall / 2, columns[0] + unit * (place + 1), y + tall / 2)
+        sheet.spots.append(Spot(f"option:{row * len(matrix.points) + point}", *cell))
 
 
 def _ends(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: float) -> None:
-    """Words at a scale's two ends, each within its half."""
+    """Write words at a scale's two ends, each within its half."""
     left, right = sides
     small = round(sheet.high / 36)
-    at_left, at_right = (high, low) if sheet.locale.rtl else (low, high)
-    for words, x, anchor in ((at_left, left, "l"), (at_right, right, "r")):
+    ends = [low, high]
+    if sheet.locale.rtl:
+        ends.reverse()
+    for words, x, anchor in zip(ends, sides, "lr", strict=True):
         for row, line in enumerate(sheet.wrap(words, small, (right - left) * 0.46)):
             sheet.put((x, y + small * (row * LINE_HEIGHT + 0.5)), line, small, theme.INK, anchor)
 
 
 def _slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) -> None:
-    """A line with ticks and a mark, which is not there until it is set."""
+    """Draw a line with ticks and a mark, which is not there until it is set."""
     left, top, right, _ = box
     y = top + sheet.high * 0.12
     rtl = sheet.locale.rtl
@@ -247,11 +293,14 @@ def _slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) 
     sheet.draw.line([(left, y), (right, y)], fill=theme.MUTED_INK, width=stroke)
     for tick in range(item.ticks + 1):
         x = left + (right - left) * tick / item.ticks
-        tall = sheet.high * (0.022 if tick in (0, item.ticks) or tick * 2 == item.ticks else 0.012)
+        is_long = tick in (0, item.ticks) or tick * 2 == item.ticks
+        tall = sheet.high * (0.022 if is_long else 0.012)
         sheet.draw.line([(x, y - tall), (x, y + tall)], fill=theme.MUTED_INK, width=stroke)
     if item.position is not None:
-        position = 1 - item.position if rtl else item.position
-        x = left + (right - left) * position
+        share = item.position
+        if rtl:
+            share = 1 - share
+        x = left + (right - left) * share
         reach = sheet.high * 0.022
         sheet.draw.ellipse(
             (x - reach, y - reach, x + reach, y + reach), fill=theme.HIGHLIGHT, outline=theme.INK, width=stroke
@@ -263,7 +312,7 @@ def _slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) 
 
 
 def _shapes(sheet: Sheet, item: ShapeCanvas, box: tuple[float, float, float, float]) -> None:
-    """Boxes and ellipses with their labels, on the largest canvas there is room for."""
+    """Draw boxes and ellipses with their labels, on the largest canvas there is room for."""
     left, top, right, bottom = box
     wide = min(right - left, (bottom - top) * item.aspect)
     left = (left + right - wide) / 2
@@ -273,40 +322,56 @@ def _shapes(sheet: Sheet, item: ShapeCanvas, box: tuple[float, float, float, flo
         x = left + shape.x * wide
         y = top + shape.y * high
         corners = (x, y, x + shape.width * wide, y + shape.height * high)
-        draw = sheet.draw.ellipse if shape.is_round else sheet.draw.rectangle
-        draw(corners, fill=theme.HIGHLIGHT if shape.chosen else theme.SURFACE, outline=theme.EDGE, width=stroke)
+        if shape.is_round:
+            draw = sheet.draw.ellipse
+        else:
+            draw = sheet.draw.rectangle
+        draw(corners, fill=_choice_fill(shape.chosen), outline=theme.EDGE, width=stroke)
         if shape.label:
             middle = ((corners[0] + corners[2]) / 2, (corners[1] + corners[3]) / 2)
-            ink = theme.BACKGROUND if shape.chosen else theme.INK
+            ink = _choice_ink(shape.chosen)
             sheet.put_line(middle, shape.label, round(sheet.high / 36), shape.width * wide, ink)
         if shape.target:
             sheet.spots.append(Spot(shape.target, *corners))
 
 
 def _entry(sheet: Sheet, item: TextField, box: tuple[float, float, float, float]) -> None:
-    """A field with what was typed and the caret; a long text shows its last lines."""
+    """Draw a field with its text and the caret; a long text shows its last lines."""
     left, top, right, bottom = box
     type_px = round(sheet.high * _TYPE)
     pad = type_px * 0.6
-    tall = bottom - top if item.long else type_px * 2.2
-    if not item.long:
+    if item.long:
+        tall = bottom - top
+    else:
+        tall = type_px * 2.2
         top += sheet.high * 0.06
-    field = (left, top, right if not item.unit else right - sheet.width_px(item.unit, type_px) - pad * 2, top + tall)
+    if item.unit:
+        right = right - sheet.width_px(item.unit, type_px) - pad * 2
+    field = (left, top, right, top + tall)
     sheet.draw.rounded_rectangle(
         field, radius=type_px * 0.3, fill=theme.SURFACE, outline=theme.MUTED_INK, width=max(2, round(sheet.high / 360))
     )
     sheet.spots.append(Spot("field", *field))
     before = item.text[: item.caret]
-    wide = field[2] - field[0] - 2 * pad
-    lines = sheet.wrap(item.text, type_px, wide) if item.text else [""]
+    wide = right - left - 2 * pad
+    lines = _entry_lines(sheet, item.text, type_px, wide)
     room = max(1, int((tall - pad) / (type_px * LINE_HEIGHT)))
-    shown = lines[-room:]
-    sheet.column(shown, left + pad, field[2] - pad, top + (tall - room * type_px * LINE_HEIGHT) / 2, type_px)
-    caret_lines = sheet.wrap(before, type_px, wide) if before else [""]
-    row = min(len(shown) - 1, max(0, len(caret_lines) - 1 - (len(lines) - len(shown))))
-    x = sheet.width_px(caret_lines[-1] + (" " if before.endswith(" ") else ""), type_px)
-    x = field[2] - pad - x if sheet.locale.rtl else left + pad + x
+    visible_lines = lines[-room:]
+    sheet.column(visible_lines, left + pad, right - pad, top + (tall - room * type_px * LINE_HEIGHT) / 2, type_px)
+    caret_lines = _entry_lines(sheet, before, type_px, wide)
+    row = min(len(visible_lines) - 1, max(0, len(caret_lines) - 1 - (len(lines) - len(visible_lines))))
+    caret_line = caret_lines[-1]
+    if before.endswith(" "):
+        caret_line += " "
+    x = sheet.from_start(left + pad, right - pad, sheet.width_px(caret_line, type_px))
     y = top + (tall - room * type_px * LINE_HEIGHT) / 2 + (row + 0.5) * type_px * LINE_HEIGHT
     sheet.draw.line([(x, y - type_px * 0.55), (x, y + type_px * 0.55)], fill=theme.ACCENT, width=max(2, type_px // 12))
     if item.unit:
-        sheet.put((field[2] + pad, top + tall / 2), item.unit, type_px, theme.INK)
+        sheet.put((right + pad, top + tall / 2), item.unit, type_px, theme.INK)
+
+
+def _entry_lines(sheet: Sheet, text: str, type_px: int, wide: float) -> list[str]:
+    """Break a field's text into lines; an empty text has one."""
+    if not text:
+        return [""]
+    return sheet.wrap(text, type_px, wide)

@@ -67,25 +67,25 @@ def compose_screen(screen: Screen, size_px: Size) -> NDArray[np.uint8]:
             return np.array(getattr(import_module(module), function)(screen, size_px).page)
 
 
-def repaint_screen(frame: NDArray[np.uint8], shown: Screen | None, screen: Screen) -> Box:
+def repaint_screen(frame: NDArray[np.uint8], previous: Screen | None, screen: Screen) -> Box:
     """Make a frame that shows one screen show the next one; the box is what changed, so only that need travel.
 
     Args:
         frame: uint8[H, W, 3], written to.
-        shown: what it shows; None if nothing of use.
+        previous: what it shows; None if nothing of use.
         screen: what it is to show.
     """
     height, width = frame.shape[:2]
-    if isinstance(shown, PlayScreen) and isinstance(screen, PlayScreen) and not (shown.mark or screen.mark):
-        same = shown.picture.shape == screen.picture.shape and _play_frame(shown) == _play_frame(screen)
-        if same and bool(shown.controller) == bool(screen.controller):
+    if isinstance(previous, PlayScreen) and isinstance(screen, PlayScreen) and not (previous.mark or screen.mark):
+        same = previous.picture.shape == screen.picture.shape and _play_frame(previous) == _play_frame(screen)
+        if same and bool(previous.controller) == bool(screen.controller):
             return _paint(frame, screen)
     frame[:] = compose_screen(screen, (width, height))
     return 0, 0, width, height
 
 
 def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, float]:
-    """What lies at (x, y), 0..1 of the picture: the name of the spot, "" for none, and how far along it, 0..1."""
+    """Find the spot at (x, y), 0..1 of the picture: its name, "" for none, and how far along it, 0..1."""
     if not isinstance(screen, PageScreen | QuestionScreen):
         return "", 0.0
     spot = next((spot for spot in _sheet(screen, size_px).spots if spot.holds(x * size_px[0], y * size_px[1])), None)
@@ -95,7 +95,7 @@ def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, f
 
 
 def locate_in_picture(screen: PlayScreen, size_px: Size, x: float, y: float) -> tuple[float, float] | None:
-    """Where (x, y), 0..1 of the screen, lies in the world's picture, 0..1 of it; None beside it."""
+    """Return where (x, y), 0..1 of the screen, lies in the world's picture, 0..1 of it; None beside it."""
     left, top, width, height = locate_picture(screen.picture, size_px)
     inside = (x * size_px[0] - left) / width, (y * size_px[1] - top) / height
     if all(0 <= share < 1 for share in inside):
@@ -104,15 +104,17 @@ def locate_in_picture(screen: PlayScreen, size_px: Size, x: float, y: float) -> 
 
 
 def measure_along_spot(screen: Screen, size_px: Size, name: str, x: float) -> float:
-    """How far along a named spot x is, 0..1, also beside it: for a pointer that was pressed in it and has moved on."""
-    for spot in _sheet(screen, size_px).spots if isinstance(screen, PageScreen | QuestionScreen) else ():
+    """Return how far along a named spot x is, 0..1; also beside it, for a pointer that was pressed in it and moved."""
+    if not isinstance(screen, PageScreen | QuestionScreen):
+        return 0.0
+    for spot in _sheet(screen, size_px).spots:
         if spot.name == name:
             return spot.along(x * size_px[0])
     return 0.0
 
 
 def _paint(frame: NDArray[np.uint8], screen: PlayScreen) -> Box:
-    """What changes while an episode is played: the world's picture, and who steers where an agent may."""
+    """Paint what changes while an episode is played: the world's picture, and who steers where an agent may."""
     box = paint_picture(frame, screen.picture)
     if screen.controller:
         return draw_steering(frame, screen, box)
@@ -127,7 +129,7 @@ def _put(frame: NDArray[np.uint8], layer: Image.Image) -> None:
 
 
 def _play_frame(screen: PlayScreen) -> PlayFrame:
-    """What of a play screen stays while an episode is played."""
+    """Return what of a play screen stays while an episode is played."""
     return PlayFrame(screen.mission, screen.progress, screen.legend, screen.labels, screen.locale)
 
 
@@ -149,10 +151,11 @@ def _sheet(screen: PageScreen | QuestionScreen, size_px: Size) -> Sheet:
 
 
 def _blank(screen: BlankScreen, size_px: Size) -> Image.Image:
-    """Nothing, or a cross of a thirtieth of the height."""
+    """Draw nothing, or a cross of a thirtieth of the height."""
     blank = sheet.Sheet(size_px, screen.locale)
     if screen.cross:
-        (width, height), draw = size_px, blank.draw
+        width, height = size_px
+        draw = blank.draw
         reach = height / 60
         stroke = max(2, round(height / 240))
         draw.line([(width / 2 - reach, height / 2), (width / 2 + reach, height / 2)], fill=sheet.INK, width=stroke)

@@ -49,22 +49,22 @@ OVERFLOW_TYPE_SIZE = 1 / 60  # a text too long even so is set smaller rather tha
 
 
 def find_colour(colour: Colour, theme: str) -> Colour:
-    """What a colour of the dark theme is in a theme."""
+    """Return what a colour of the dark theme is in a theme."""
     if theme == "light":
         return LIGHT.get(colour, colour)
     return colour
 
 
 class LightDraw(ImageDraw.ImageDraw):
-    """Draws in the light theme what is asked for in the dark one's colours."""
+    """Translates the dark theme's colours to the light theme's as it draws."""
 
 
 def _draw_light(draw: Callable[..., None]) -> Callable[..., None]:
-    def drawn(self: LightDraw, *args: Any, **named: Any) -> None:
+    def draw_in_light(self: LightDraw, *args: Any, **named: Any) -> None:
         light = {name: find_colour(value, "light") for name, value in named.items() if name in ("fill", "outline")}
         draw(self, *args, **{**named, **light})
 
-    return drawn
+    return draw_in_light
 
 
 for _name in ("bitmap", "ellipse", "line", "rectangle", "rounded_rectangle"):
@@ -73,7 +73,7 @@ for _name in ("bitmap", "ellipse", "line", "rectangle", "rounded_rectangle"):
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """A box that can be pointed at, in pixels; ``rtl`` says from which end ``along`` counts."""
+    """A box that can be pointed at, in pixels; with ``rtl``, ``along`` counts from the right."""
 
     name: str
     left: float
@@ -87,9 +87,11 @@ class Spot:
         return self.left <= x < self.right and self.top <= y < self.bottom
 
     def along(self, x: float) -> float:
-        """How far along it a point is, 0..1."""
+        """Return how far along it a point is, 0..1."""
         share = min(1.0, max(0.0, (x - self.left) / max(1.0, self.right - self.left)))
-        return 1.0 - share if self.rtl else share
+        if self.rtl:
+            return 1.0 - share
+        return share
 
 
 class Sheet:
@@ -102,30 +104,62 @@ class Sheet:
             select_typefaces(locale.language, bold=bold, fonts=locale.fonts) for bold in (False, True)
         )
         self.page = Image.new("RGB", size_px, find_colour(BACKGROUND, locale.theme))
-        self.draw = (LightDraw if locale.theme == "light" else ImageDraw.ImageDraw)(self.page)
+        if locale.theme == "light":
+            self.draw: ImageDraw.ImageDraw = LightDraw(self.page)
+        else:
+            self.draw = ImageDraw.ImageDraw(self.page)
         self.spots: list[Spot] = []
 
     @property
     def high(self) -> float:
-        """The height that lengths are shares of: a window narrower than 4:3 counts as lower than it is."""
+        """Return the height that lengths are shares of: a window narrower than 4:3 counts as lower than it is."""
         width, height = self.size_px
         return min(float(height), width * 3 / 4)
 
     @property
     def min_type_px(self) -> int:
-        """The smallest type for what must be read."""
+        """Return the smallest type for what must be read."""
         return max(8, round(self.high * MIN_TYPE_SIZE))
 
+    # Reading order
+
+    @property
+    def start_anchor(self) -> str:
+        """Return the anchor of a line that begins where the language's lines do."""
+        if self.locale.rtl:
+            return "r"
+        return "l"
+
+    def from_start(self, left: float, right: float, offset: float) -> float:
+        """Return the x that lies so far in from the side on which the language's lines begin."""
+        if self.locale.rtl:
+            return right - offset
+        return left + offset
+
+    def from_end(self, left: float, right: float, offset: float) -> float:
+        """Return the x that lies so far in from the side on which the language's lines end."""
+        if self.locale.rtl:
+            return left + offset
+        return right - offset
+
+    def place_from_left(self, index: int, count: int) -> int:
+        """Return the place, from the left, of one of so many things side by side in reading order."""
+        if self.locale.rtl:
+            return count - 1 - index
+        return index
+
+    # Words
+
     def width_px(self, words: str, type_px: int) -> float:
-        """How long a line is."""
+        """Return how long a line is."""
         if EMPHASIS_MARK not in words:
             return measure_width_px(words, self.faces, type_px)
         return sum(measure_width_px(piece, faces, type_px) for piece, faces, _ in self._pieces(words))
 
     def _pieces(self, words: str) -> list[tuple[str, TypefaceSet, bool]]:
-        """The pieces of a line, with their typefaces and whether each is emphasised."""
-        pieces = [(piece, bool(number % 2)) for number, piece in enumerate(words.split(EMPHASIS_MARK))]
-        return [(piece, self.bold if is_strong else self.faces, is_strong) for piece, is_strong in pieces]
+        """Return the pieces of a line, with their typefaces and whether each is emphasised."""
+        faces = (self.faces, self.bold)
+        return [(piece, faces[number % 2], bool(number % 2)) for number, piece in enumerate(words.split(EMPHASIS_MARK))]
 
     def put(self, place: tuple[float, float], words: str, type_px: int, colour: Colour, anchor: str = "l") -> None:
         """Set a line: ``place`` is the middle of its height at its left end, middle ("m") or right end ("r")."""
@@ -135,8 +169,12 @@ class Sheet:
             return
         pieces = self._pieces(words)
         x = place[0] - {"l": 0.0, "m": 0.5, "r": 1.0}[anchor] * self.width_px(words, type_px)
-        for piece, faces, is_strong in reversed(pieces) if rtl else pieces:
-            ink = ACCENT if is_strong else colour
+        if rtl:
+            pieces.reverse()
+        for piece, faces, is_strong in pieces:
+            ink = colour
+            if is_strong:
+                ink = ACCENT
             draw_line(self.draw, (x, place[1]), piece, faces=faces, size_px=type_px, colour=ink, rtl=rtl)
             x += measure_width_px(piece, faces, type_px)
 
@@ -187,14 +225,19 @@ class Sheet:
         x = (self.size_px[0] - sum(widths) - gap * (len(widths) - 1)) / 2
         tall = type_px * 2.0
         placed = list(zip(buttons, widths, strict=True))
-        for button, wide in reversed(placed) if self.locale.rtl else placed:
+        if self.locale.rtl:
+            placed.reverse()
+        for button, wide in placed:
             box = (x, y - tall / 2, x + wide, y + tall / 2)
-            main = button.name == "go_on"
-            outline = ACCENT if main else EDGE
+            outline = EDGE
+            ink = INK
+            if button.name == "go_on":
+                outline = ACCENT
+                ink = ACCENT
             self.draw.rounded_rectangle(
                 box, radius=tall * 0.25, fill=SURFACE, outline=outline, width=max(1, round(self.high / 400))
             )
-            self.put((x + wide / 2, y), button.label, type_px, ACCENT if main else INK, "m")
+            self.put((x + wide / 2, y), button.label, type_px, ink, "m")
             self.spots.append(Spot(button.name, *box))
             x += wide + gap
 
@@ -242,7 +285,7 @@ _CAPS: Mapping[str, Keycap] = _layout()
 
 
 def arrange_keycaps(keys: Sequence[str]) -> tuple[list[Keycap], float, float]:
-    """Where keys lie to each other, from (0, 0): the caps, the width and the height of them all, in key widths.
+    """Arrange keys as they lie on a keyboard, from (0, 0); return the caps, their width and height in key widths.
 
     Rows without any of the keys are left out; keys this layout has no place for come in a row of their own.
     """
@@ -254,6 +297,13 @@ def arrange_keycaps(keys: Sequence[str]) -> tuple[list[Keycap], float, float]:
     caps += [Keycap(key, 2.0 * place, float(len(rows)), 2.0) for place, key in enumerate(strangers)]
     width = max((cap.x + cap.width for cap in caps), default=0.0)
     return caps, width, float(len(rows) + bool(strangers))
+
+
+def _fit_type(words: str, faces: TypefaceSet, size_px: int, least_px: int, wide: float) -> int:
+    """Return the largest type, up to ``size_px``, in which words are at most ``wide``; ``least_px`` if none is."""
+    while size_px > least_px and measure_width_px(words, faces, size_px) > wide:
+        size_px -= 1
+    return size_px
 
 
 def draw_keycap(
@@ -272,30 +322,32 @@ def draw_keycap(
     """
     left, top, right, bottom = box
     height = bottom - top
-    ink = BACKGROUND if pressed else INK
-    draw.rounded_rectangle(
-        box,
-        radius=height * 0.16,
-        fill=HIGHLIGHT if pressed else SURFACE,
-        outline=HIGHLIGHT if pressed else EDGE,
-        width=max(1, round(height / 28)),
-    )
+    ink = INK
+    fill = SURFACE
+    outline = EDGE
+    if pressed:
+        ink = BACKGROUND
+        fill = HIGHLIGHT
+        outline = HIGHLIGHT
+    draw.rounded_rectangle(box, radius=height * 0.16, fill=fill, outline=outline, width=max(1, round(height / 28)))
     bold = select_typefaces(language, bold=True)
     plain = select_typefaces(language)
-    size_px = max(least_px, round(height * 0.48))
-    while size_px > least_px and measure_width_px(words, bold, size_px) > (right - left) * 0.8:
-        size_px -= 1
+    size_px = _fit_type(words, bold, max(least_px, round(height * 0.48)), least_px, (right - left) * 0.8)
     middle = (left + right) / 2
+    baseline = top + height * 0.5
     if above:
+        baseline = top + height * 0.6
         small_px = max(least_px, min(round(height * 0.2), round((right - left) * 0.2)))
-        while small_px > least_px and measure_width_px(above, plain, small_px) > (right - left) * 0.9:
-            small_px -= 1
+        small_px = _fit_type(above, plain, small_px, least_px, (right - left) * 0.9)
         draw_line(draw, (middle, top + height * 0.22), above, faces=plain, size_px=small_px, colour=ink, anchor="m")
-    place = (middle, top + height * (0.6 if above else 0.5))
-    draw_line(draw, place, words, faces=bold, size_px=size_px, colour=ink, anchor="m")
+    draw_line(draw, (middle, baseline), words, faces=bold, size_px=size_px, colour=ink, anchor="m")
     if pressed:
-        x = right - height * 0.24
-        y = top + height * 0.2
-        reach = height * 0.07
-        tick = [(x - reach, y), (x - reach * 0.2, y + reach * 0.8), (x + reach * 1.2, y - reach)]
-        draw.line(tick, fill=ink, width=max(1, round(height / 22)))
+        _draw_tick(draw, (right - height * 0.24, top + height * 0.2), height, ink)
+
+
+def _draw_tick(draw: ImageDraw.ImageDraw, place: tuple[float, float], height: float, colour: Colour) -> None:
+    """Draw the tick of a pressed key whose cap has that height."""
+    x, y = place
+    reach = height * 0.07
+    tick = [(x - reach, y), (x - reach * 0.2, y + reach * 0.8), (x + reach * 1.2, y - reach)]
+    draw.line(tick, fill=colour, width=max(1, round(height / 22)))

@@ -27,7 +27,7 @@ _MEASURE = 1.25  # longest line of running text
 
 
 def draw_text(screen: TextScreen, size_px: Size) -> Sheet:
-    """Draw it."""
+    """Draw a text screen."""
     width, height = size_px
     sheet = Sheet(size_px, screen.locale)
     wide = min(width - 4 * height * MARGIN, height * _MEASURE)
@@ -42,8 +42,14 @@ def draw_text(screen: TextScreen, size_px: Size) -> Sheet:
 
 
 def measure_text_box(screen: TextScreen, height: int) -> tuple[float, float]:
-    """Where running text begins and ends."""
-    return height * (0.20 if screen.title else 0.08), height * (0.40 if screen.keys else 0.80)
+    """Return where running text begins and ends."""
+    top = height * 0.08
+    bottom = height * 0.80
+    if screen.title:
+        top = height * 0.20
+    if screen.keys:
+        bottom = height * 0.40
+    return top, bottom
 
 
 def text_fits(screen: TextScreen, size_px: Size) -> bool:
@@ -71,7 +77,7 @@ def _paragraphs(sheet: Sheet, body: str, box: tuple[float, float, float, float])
 
 
 def _narrowest(sheet: Sheet, body: str, type_px: int, wide: float, lines: int) -> float:
-    """The narrowest column, to a letter or so, that needs no more lines: no last word left alone."""
+    """Find the narrowest column, to a letter or so, that needs no more lines, so that no last word stands alone."""
     if lines > 3:
         return wide
     while len(sheet.wrap(body, type_px, wide - type_px)) <= lines and wide > 12 * type_px:
@@ -80,7 +86,7 @@ def _narrowest(sheet: Sheet, body: str, type_px: int, wide: float, lines: int) -
 
 
 def _keyboard(sheet: Sheet, screen: TextScreen, box: tuple[float, float, float, float]) -> None:
-    """The keys to be checked, where they lie to each other; pressed ones lit."""
+    """Draw the keys to be checked as they lie on a keyboard; pressed ones are lit."""
     left, top, right, bottom = box
     pressed = dict(screen.keys)
     printed = {key: (cap, above) for key, cap, above in screen.labels}
@@ -103,7 +109,7 @@ def _keyboard(sheet: Sheet, screen: TextScreen, box: tuple[float, float, float, 
 
 
 def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
-    """Draw it. Lines are those of the reference, whatever the window's size: a smaller one only draws them smaller."""
+    """Draw a page. Its lines break as in the reference, whatever the window's size; only their size changes."""
     sheet = Sheet(size_px, screen.locale)
     width, height = size_px
     high = sheet.high
@@ -115,11 +121,15 @@ def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
     y = top + high * text.TEXT_TOP
     room = high * (text.TEXT_BOTTOM - text.TEXT_TOP)
     if screen.picture is not None:
-        tall = high * (text.PAGE_PICTURE_HEIGHT - 0.03) if screen.body else room
+        tall = room
+        if screen.body:
+            tall = high * (text.PAGE_PICTURE_HEIGHT - 0.03)
         _picture(sheet, screen.picture, screen.marks, (left, y, right, y + tall))
         y += high * text.PAGE_PICTURE_HEIGHT
         room -= high * text.PAGE_PICTURE_HEIGHT
-    lines = text.style_lines(text.break_page_lines(screen.body)) if screen.body else []
+    lines: list[str] = []
+    if screen.body:
+        lines = text.style_lines(text.break_page_lines(screen.body))
     type_px = _type_px(sheet, lines, wide)
     if screen.pages == 1:  # a short text stands in the middle
         y += max(0.0, (room - len(lines) * type_px * LINE_HEIGHT) / 2)
@@ -136,7 +146,7 @@ def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
 
 
 def _type_px(sheet: Sheet, lines: list[str], wide: float) -> int:
-    """The reference's type for this height; a pixel less where hinting would make a line too long."""
+    """Return the reference's type for this height; a pixel less where hinting would make a line too long."""
     type_px = max(8, round(sheet.high * text.PAGE_TYPE_SIZE))
     while type_px > 8 and any(sheet.width_px(line, type_px) > wide * 1.03 for line in lines):
         type_px -= 1
@@ -146,10 +156,13 @@ def _type_px(sheet: Sheet, lines: list[str], wide: float) -> int:
 def _picture(
     sheet: Sheet, picture: NDArray[np.uint8], marks: tuple[PictureLabel, ...], box: tuple[float, float, float, float]
 ) -> None:
-    """A picture as large as the box lets it be, with words beside what they are about and a line to it."""
+    """Paste a picture as large as the box lets it be, with words beside what they are about and a line to it."""
     left, top, right, bottom = box
     height, width = picture.shape[:2]
-    scale = min((right - left) * (0.5 if marks else 1.0) / width, (bottom - top) / height)
+    share = 1.0
+    if marks:
+        share = 0.5
+    scale = min((right - left) * share / width, (bottom - top) / height)
     size = max(1, round(width * scale)), max(1, round(height * scale))
     x0 = (left + right - size[0]) / 2
     y0 = (top + bottom - size[1]) / 2
@@ -158,22 +171,38 @@ def _picture(
     else:
         resampling = Image.Resampling.LANCZOS
     sheet.page.paste(Image.fromarray(picture).resize(size, resampling), (round(x0), round(y0)))
-    type_px = round(sheet.high / 36)
-    reach = sheet.high * 0.02
     for mark in sorted(marks, key=lambda mark: mark.y):
-        x = x0 + mark.x * size[0]
-        y = y0 + mark.y * size[1]
-        on_right = mark.x >= 0.5
-        end = x0 + size[0] + reach if on_right else x0 - reach
-        stroke = max(2, round(sheet.high / 360))
-        sheet.draw.line([(x, y), (end, y)], fill=theme.ACCENT, width=stroke)
-        sheet.draw.ellipse((x - stroke * 2, y - stroke * 2, x + stroke * 2, y + stroke * 2), fill=theme.ACCENT)
-        room = (right - end if on_right else end - left) - reach * 0.4
-        size_px = type_px
-        while size_px > sheet.min_type_px and sheet.width_px(mark.label, size_px) > room:
-            size_px -= 1
-        beside = end + reach * 0.4 if on_right else end - reach * 0.4
-        lines = sheet.wrap(mark.label, size_px, room)
-        for row, line in enumerate(lines):
-            place = (beside, y + (row - (len(lines) - 1) / 2) * size_px * TIGHT_LINE_HEIGHT)
-            sheet.put(place, line, size_px, theme.ACCENT, "l" if on_right else "r")
+        _mark(sheet, mark, (x0, y0, x0 + size[0], y0 + size[1]), size, (left, right))
+
+
+def _mark(
+    sheet: Sheet,
+    mark: PictureLabel,
+    picture_box: tuple[float, float, float, float],
+    size: tuple[int, int],
+    sides: tuple[float, float],
+) -> None:
+    """Write a picture's label beside it, with a line to what it is about."""
+    x = picture_box[0] + mark.x * size[0]
+    y = picture_box[1] + mark.y * size[1]
+    reach = sheet.high * 0.02
+    if mark.x >= 0.5:
+        end = picture_box[2] + reach
+        room = sides[1] - end - reach * 0.4
+        label_x = end + reach * 0.4
+        anchor = "l"
+    else:
+        end = picture_box[0] - reach
+        room = end - sides[0] - reach * 0.4
+        label_x = end - reach * 0.4
+        anchor = "r"
+    stroke = max(2, round(sheet.high / 360))
+    sheet.draw.line([(x, y), (end, y)], fill=theme.ACCENT, width=stroke)
+    sheet.draw.ellipse((x - stroke * 2, y - stroke * 2, x + stroke * 2, y + stroke * 2), fill=theme.ACCENT)
+    size_px = round(sheet.high / 36)
+    while size_px > sheet.min_type_px and sheet.width_px(mark.label, size_px) > room:
+        size_px -= 1
+    lines = sheet.wrap(mark.label, size_px, room)
+    for row, line in enumerate(lines):
+        place = (label_x, y + (row - (len(lines) - 1) / 2) * size_px * TIGHT_LINE_HEIGHT)
+        sheet.put(place, line, size_px, theme.ACCENT, anchor)

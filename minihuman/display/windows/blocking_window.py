@@ -86,7 +86,7 @@ class KeyRepeater:
         return [KeyUp(t_ns, key, symbol)]
 
     def release_all(self, t_ns: int) -> list[KeyUp]:
-        """Release every key as the focus goes: when a finger leaves it, another window is told."""
+        """Release every key as the focus goes: the release itself goes to another window."""
         self._repeating = None
         keys = self._down
         self._down = {}
@@ -96,17 +96,21 @@ class KeyRepeater:
 
     @property
     def next_repeat_ns(self) -> int | None:
-        """When the held key repeats next; None: no key is held."""
-        return self._repeating.due_ns if self._repeating else None
+        """Return when the held key repeats next; None: no key is held."""
+        if self._repeating is None:
+            return None
+        return self._repeating.due_ns
 
     def repeats(self, now_ns: int) -> list[KeyDown]:
-        """The repeat that is due, if one is. A loop that came late gets one, not all that it missed."""
-        held = self._repeating
-        if held is None or now_ns < held.due_ns:
+        """Return the repeat that is due, if one is. A loop that came late gets one, not all that it missed."""
+        repeating = self._repeating
+        if repeating is None or now_ns < repeating.due_ns:
             return []
-        on_time = now_ns - held.due_ns < REPEAT_PERIOD_NS
-        held.due_ns = (held.due_ns if on_time else now_ns) + REPEAT_PERIOD_NS
-        return [KeyDown(now_ns, held.key, held.symbol, repeat=True)]
+        is_late = now_ns - repeating.due_ns >= REPEAT_PERIOD_NS
+        if is_late:
+            repeating.due_ns = now_ns
+        repeating.due_ns += REPEAT_PERIOD_NS
+        return [KeyDown(now_ns, repeating.key, repeating.symbol, repeat=True)]
 
 
 DEFAULT_SIZE_PX: Size = (1280, 720)
@@ -119,9 +123,9 @@ class BlockingWindow(Window):
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._held = KeyRepeater()
+        self._repeater = KeyRepeater()
         self._focused = False
-        self._shown: Screen | None = None
+        self._screen: Screen | None = None
         self._frame = np.zeros((0, 0, 3), np.uint8)  # what the display shows
         self._last_key_ns = -(1 << 62)
         self._accepts = (False, False)  # text, pointer
@@ -133,7 +137,7 @@ class BlockingWindow(Window):
     @property
     @abc.abstractmethod
     def size_px(self) -> Size:
-        """Width and height of what is drawn."""
+        """Return width and height of what is drawn."""
 
     @abc.abstractmethod
     def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
@@ -156,28 +160,30 @@ class BlockingWindow(Window):
 
     @property
     def picture_px(self) -> Size:
-        """The largest picture of a world there is room for."""
+        """Return the largest picture of a world there is room for."""
         return picture_size_px(self.size_px)
 
     def show(self, screen: Screen) -> ScreenShown:
         """Draw a screen, flip, and say when it was submitted and when the flip returned."""
         return self.show_after(screen, lambda: None)
 
-    def show_after(self, screen: Screen, written: Callable[[], None]) -> ScreenShown:
-        """Draw a screen, wait for ``written``, and flip. One that moves goes on while the window waits for input.
+    def show_after(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown:
+        """Draw a screen, wait for ``await_log``, and flip. One that moves goes on while the window waits for input.
 
         Raises:
-            LogError: as ``written`` does; the display stays as it is.
+            LogError: as ``await_log`` does; the display stays as it is.
         """
         if isinstance(screen, PlayScreen) and screen.motion:
             self._moving = screen
         else:
             self._moving = None
         self._moves_from_ns = self._clock()
-        return self._put(screen if self._moving is None else self._on_its_way(self._moving), written)
+        if self._moving is not None:
+            return self._put(self._on_its_way(self._moving), await_log)
+        return self._put(screen, await_log)
 
     def _on_its_way(self, moving: PlayScreen) -> PlayScreen:
-        """A moving screen as it will be a frame from now; at the end, the screen itself."""
+        """Return a moving screen as it will be a frame from now; at the end, the screen itself."""
         assert moving.motion is not None
         share = (self._clock() + _FRAME_NS - self._moves_from_ns) / moving.motion.lasts_ns
         if share < 1:
@@ -185,20 +191,22 @@ class BlockingWindow(Window):
         self._moving = None
         return moving
 
-    def _put(self, screen: Screen, written: Callable[[], None]) -> ScreenShown:
+    def _put(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown:
         width, height = self.size_px
         if self._frame.shape[:2] != (height, width):
-            self._shown, self._frame = None, np.empty((height, width, 3), np.uint8)
-        changed = repaint_screen(self._frame, self._shown, screen)
-        self._shown = screen
+            self._screen = None
+            self._frame = np.empty((height, width, 3), np.uint8)
+        changed = repaint_screen(self._frame, self._screen, screen)
+        self._screen = screen
         if self._accepts != (screen.accepts_text, screen.accepts_pointer):
             self._accepts = (screen.accepts_text, screen.accepts_pointer)
             self._pressed_in = None
             self._want(text=screen.accepts_text, pointer=screen.accepts_pointer)
         try:
-            written()
+            await_log()
         except BaseException:
-            self._shown, self._frame = None, self._frame[:0]  # never shown: the next is drawn anew
+            self._screen = None  # never shown: the next is drawn anew
+            self._frame = self._frame[:0]
             raise
         submit_ns = self._clock()
         self._flip(self._frame, changed)
@@ -207,24 +215,28 @@ class BlockingWindow(Window):
 
     def _repaint(self) -> None:
         """Bring what is shown to the display once more, all of it: it was covered, or the window has another size."""
-        if self._shown is None:
+        if self._screen is None:
             return
         width, height = self.size_px
-        self._frame = compose_screen(self._shown, (width, height))
+        self._frame = compose_screen(self._screen, (width, height))
         self._flip(self._frame, (0, 0, width, height))
 
     def wait(self, until_ns: int | None) -> list[Input]:
         """Block until an input comes or the clock reaches ``until_ns``; what has arrived is returned even so."""
         while True:
-            due_ns = min((t for t in (until_ns, self._held.next_repeat_ns) if t is not None), default=None)
-            timeout_ns = None if due_ns is None else max(0, due_ns - self._clock())
-            arrived = self._arrived(timeout_ns if self._moving is None else _FRAME_NS // 2)
+            due_ns = min((t for t in (until_ns, self._repeater.next_repeat_ns) if t is not None), default=None)
+            timeout_ns = None
+            if due_ns is not None:
+                timeout_ns = max(0, due_ns - self._clock())
+            if self._moving is not None:
+                timeout_ns = _FRAME_NS // 2
+            arrived = self._arrived(timeout_ns)
             if arrived:
                 return arrived
             if self._moving is not None:
                 self._put(self._on_its_way(self._moving), lambda: None)
             now_ns = self._clock()
-            if repeats := self._held.repeats(now_ns):
+            if repeats := self._repeater.repeats(now_ns):
                 return list(repeats)
             if until_ns is not None and now_ns >= until_ns:
                 return []
@@ -233,8 +245,8 @@ class BlockingWindow(Window):
         """Convert a key event to inputs. Its time is at least a nanosecond after that of the key before."""
         t_ns = max(t_ns, self._last_key_ns + 1)
         if down:
-            return self._ordered(self._held.press(t_ns, key, symbol, cause))
-        return self._ordered(self._held.release(t_ns, key, symbol))
+            return self._ordered(self._repeater.press(t_ns, key, symbol, cause))
+        return self._ordered(self._repeater.release(t_ns, key, symbol))
 
     def _ordered(self, inputs: Sequence[KeyDown | KeyUp]) -> list[Input]:
         """Take note of the last key's time."""
@@ -243,7 +255,7 @@ class BlockingWindow(Window):
         return [*inputs]
 
     def _find_held_keys(self) -> Sequence[str]:
-        """The keys that were down when the window got the focus; none where the toolkit cannot know."""
+        """Find the keys that were down when the window got the focus; none where the toolkit cannot know."""
         return ()
 
     def _typed(self, text: str) -> list[Input]:
@@ -262,20 +274,23 @@ class BlockingWindow(Window):
         cause: PointerCause = "finger",
     ) -> list[Input]:
         """Convert an event of the main mouse button at (x, y), 0..1 of the picture from its top left."""
-        if not self._accepts[1] or self._shown is None or (kind is PointerPressed) != (self._pressed_in is None):
+        if not self._accepts[1] or self._screen is None or (kind is PointerPressed) != (self._pressed_in is None):
             return []
-        if isinstance(self._shown, PlayScreen):
-            inside = locate_in_picture(self._shown, self.size_px, x, y)
-            self._pressed_in = self._pressed_in if kind is PointerMoved else None  # a press that led here is over
+        if isinstance(self._screen, PlayScreen):
+            inside = locate_in_picture(self._screen, self.size_px, x, y)
+            if kind is not PointerMoved:  # a press that led here is over
+                self._pressed_in = None
             if kind is PointerPressed and inside:
                 return [kind(t_ns, *inside, "picture", cause=cause)]
             return []
         if self._pressed_in is None:
-            target, along = find_spot(self._shown, self.size_px, x, y)
+            target, along = find_spot(self._screen, self.size_px, x, y)
         else:
             target = self._pressed_in
-            along = measure_along_spot(self._shown, self.size_px, self._pressed_in, x)
-        self._pressed_in = None if kind is PointerReleased else target
+            along = measure_along_spot(self._screen, self.size_px, self._pressed_in, x)
+        self._pressed_in = target
+        if kind is PointerReleased:
+            self._pressed_in = None
         self._pointer_at = (x, y)
         return [kind(t_ns, x, y, target, along, cause)]
 
@@ -285,9 +300,9 @@ class BlockingWindow(Window):
             return []
         self._focused = focused
         if focused:
-            held = [self._key(True, key, "", t_ns, "held_before_focus") for key in self._find_held_keys()]
-            return [FocusChanged(t_ns, True), *chain.from_iterable(held)]
-        released = self._ordered(self._held.release_all(max(t_ns, self._last_key_ns + 1)))
+            presses = [self._key(True, key, "", t_ns, "held_before_focus") for key in self._find_held_keys()]
+            return [FocusChanged(t_ns, True), *chain.from_iterable(presses)]
+        released = self._ordered(self._repeater.release_all(max(t_ns, self._last_key_ns + 1)))
         if self._pressed_in is not None:
             released += self._pointer(PointerReleased, *self._pointer_at, t_ns, "cancelled")
         return [*released, FocusChanged(t_ns, False)]
@@ -300,7 +315,7 @@ _FIRST_CHOICE = ("pygame", "pyglet")  # pygame knows every key by position, on e
 
 
 def list_windows() -> tuple[str, ...]:
-    """What can be asked for beside "auto", in the order in which auto tries them."""
+    """List what can be asked for beside "auto", in the order in which auto tries them."""
     installed = set(list_plugin_names(WINDOW_GROUP))
     first = tuple(name for name in _FIRST_CHOICE if name in installed)
     return first + tuple(sorted(installed.difference(first)))
@@ -337,7 +352,7 @@ def _open(name: str, clock: Clock, *, fullscreen: bool, size_px: Size) -> Window
         Window,  # type: ignore[type-abstract]
         WindowError,
         clock,
-        what="window",
+        noun="window",
         fullscreen=fullscreen,
         size_px=size_px,
     )

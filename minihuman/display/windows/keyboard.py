@@ -74,22 +74,22 @@ _BY_SYMBOL: Mapping[str, str] = (
 
 
 def key_from_scancode(scancode: int) -> str:
-    """Our name for an SDL scancode; "scancode_50" for one without."""
+    """Return our name for an SDL scancode; "scancode_50" for one without."""
     return _BY_SCANCODE.get(scancode, f"scancode_{scancode}")
 
 
 def key_to_scancode(key: str) -> int:
-    """The SDL scancode of one of our names."""
+    """Return the SDL scancode of one of our names."""
     return next(scancode for scancode, name in _BY_SCANCODE.items() if name == key)
 
 
 def key_from_xkb(position: str, keycode: int) -> str:
-    """Our name for XKB's name of a position; "keycode_94" for one without."""
+    """Return our name for XKB's name of a position; "keycode_94" for one without."""
     return _BY_XKB.get(position, f"keycode_{keycode}")
 
 
 def key_from_symbol(name: str) -> str:
-    """Our name for a pyglet symbol, taken to sit where it sits on a US keyboard; "symbol_plus" for one without."""
+    """Return our name for a pyglet symbol by its place on a US keyboard; "symbol_plus" for one without."""
     known = _BY_SYMBOL.get(name, name.lower())
     if known in KEY_NAMES:
         return known
@@ -131,7 +131,7 @@ class _Description(ctypes.Structure):
 
 
 def read_key_positions(xlib: Any, display: Any) -> dict[int, str]:
-    """Keycode to position name ("AE01", "SPCE"), asked of the X server; empty if it does not speak XKB.
+    """Ask the X server for the position ("AE01", "SPCE") of each keycode; empty if it does not speak XKB.
 
     Args:
         xlib: the loaded libX11.

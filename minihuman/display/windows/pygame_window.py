@@ -76,11 +76,13 @@ class Gamepad:
 
     @staticmethod
     def _open() -> "controller.Controller | None":
-        found = [number for number in range(controller.get_count()) if controller.is_controller(number)]
-        return controller.Controller(found[0]) if found else None
+        numbers = [number for number in range(controller.get_count()) if controller.is_controller(number)]
+        if not numbers:
+            return None
+        return controller.Controller(numbers[0])
 
     def facts(self) -> dict[str, str]:
-        """Device, axes, dead zone and how often it is read."""
+        """Return device, axes, dead zone and how often it is read."""
         assert self._pad is not None
         return {
             "gamepad": self._pad.name,
@@ -90,12 +92,11 @@ class Gamepad:
         }
 
     def read(self, event: pygame.event.Event) -> Iterator[tuple[str, bool | float]]:
-        """The buttons that an event presses (True) or releases (False), and the axis that it moves, by name."""
+        """Yield the buttons that an event presses (True) or releases (False), and the axis that it moves, by name."""
         match event.type:
             case pygame.CONTROLLERBUTTONDOWN | pygame.CONTROLLERBUTTONUP:
-                name = _BUTTONS[event.button] if event.button < len(_BUTTONS) else ""
-                if name:
-                    yield name, event.type == pygame.CONTROLLERBUTTONDOWN
+                if event.button < len(_BUTTONS) and _BUTTONS[event.button]:
+                    yield _BUTTONS[event.button], event.type == pygame.CONTROLLERBUTTONDOWN
             case pygame.CONTROLLERAXISMOTION if event.axis < len(PAD_AXES):
                 value, buttons = self._axes.move(PAD_AXES[event.axis], event.value / _FULL)
                 if value is not None and PAD_AXES[event.axis] not in self._held_axes:
@@ -186,7 +187,9 @@ class PygameWindow(BlockingWindow):
         self._gamepad: Gamepad | None = None
         self._down_at_focus: list[str] = []  # and still are
         self._down_in_sdl: set[str] = set()  # keys whose press SDL saw
-        self._record = _open_record(clock) if driver == "x11" else None
+        self._record: X11InputRecord | None = None
+        if driver == "x11":
+            self._record = _open_record(clock)
         pygame.mouse.set_visible(False)
         pygame.key.stop_text_input()  # an input method would swallow keys
         pygame.event.set_blocked(None)
@@ -197,10 +200,11 @@ class PygameWindow(BlockingWindow):
         """Open with vsync where the display has a refresh rate and the driver grants it, else without."""
         screen_px = pygame.display.get_desktop_sizes()[0]
         if fullscreen:
+            flags = pygame.FULLSCREEN
             size_px = screen_px
         else:
+            flags = pygame.RESIZABLE
             size_px = (min(size_px[0], screen_px[0]), min(size_px[1], screen_px[1]))
-        flags = pygame.FULLSCREEN if fullscreen else pygame.RESIZABLE
         if any(pygame.display.get_desktop_refresh_rates()):
             try:
                 pygame.display.set_mode(size_px, flags | pygame.SCALED, vsync=1)
@@ -211,7 +215,7 @@ class PygameWindow(BlockingWindow):
 
     @property
     def size_px(self) -> Size:
-        """Width and height of what is drawn."""
+        """Return width and height of what is drawn."""
         return _surface().get_size()
 
     def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
@@ -244,30 +248,30 @@ class PygameWindow(BlockingWindow):
 
     def _release_unseen_key(self, key: str, t_ns: int) -> list[Input]:
         self._down_at_focus = [other for other in self._down_at_focus if other != key]
-        if self._held.is_down(key):
+        if self._repeater.is_down(key):
             return self._key(False, key, "", t_ns)
         return []
 
     def _timed(self, events: list[pygame.event.Event]) -> Iterator[tuple[pygame.event.Event, KeyMove]]:
-        """Events and what the X server, if any, says of them: SDL tells no times, and invents presses and releases."""
-        names = [name for event in events if (name := _name_move(event)) is not None]
-        moves = iter(self._record.find_moves(names) if self._record and names else ())
+        """Yield each event with what the X server, if any, says of it: SDL tells no times, and invents some moves."""
+        names = [name for name in map(_name_move, events) if name is not None]
+        moves: Iterator[KeyMove] = iter(())
+        if self._record and names:
+            moves = iter(self._record.find_moves(names))
         for event in events:
-            is_move = _name_move(event) is not None
-            yield event, next(moves, _UNKNOWN) if is_move else _UNKNOWN
+            move = _UNKNOWN
+            if _name_move(event) is not None:
+                move = next(moves, _UNKNOWN)
+            yield event, move
 
     def _inputs(self, event: pygame.event.Event, move: KeyMove, now_ns: int) -> list[Input]:
-        t_ns = now_ns if move.t_ns is None else move.t_ns
+        """Convert an event to inputs; what the X server does not time is stamped ``now_ns``."""
+        t_ns = move.t_ns
+        if t_ns is None:
+            t_ns = now_ns
         match event.type:
             case pygame.KEYDOWN:
-                cause = self._find_cause(event, move)
-                pressed_ns = now_ns if cause == "held_before_focus" else t_ns  # no press of this window has that time
-                key = key_from_scancode(event.scancode)
-                is_new = cause != "held_before_focus" and move.t_ns is not None and key not in self._down_in_sdl
-                came_up = is_new and key in self._down_at_focus
-                released = self._release_unseen_key(key, t_ns) if came_up else []
-                self._down_in_sdl.add(key)
-                return [*released, *self._key(True, key, _symbol(event), pressed_ns, cause)]
+                return self._press_key(event, move, now_ns)
             case pygame.KEYUP:
                 key = key_from_scancode(event.scancode)
                 self._down_in_sdl.discard(key)
@@ -275,26 +279,52 @@ class PygameWindow(BlockingWindow):
             case pygame.WINDOWFOCUSGAINED:
                 return self._focus(now_ns, True)
             case pygame.WINDOWFOCUSLOST:
-                self._down_in_sdl.clear()
-                moved = self._gamepad.lose_focus() if self._gamepad else []
-                return [*(AxisChanged(now_ns, axis, 0.0) for axis in moved), *self._focus(now_ns, False)]
+                return self._lose_focus(now_ns)
             case pygame.TEXTINPUT:
                 return self._typed(event.text)
-            case pygame.MOUSEBUTTONDOWN if event.button == pygame.BUTTON_LEFT:
-                pointer_cause: PointerCause = "finger" if move.is_in_window else "held_before_focus"
-                return self._pointer(PointerPressed, *self._along(event.pos), t_ns, pointer_cause)
-            case pygame.MOUSEMOTION:
-                return self._pointer(PointerMoved, *self._along(event.pos), t_ns)
-            case pygame.MOUSEBUTTONUP if event.button == pygame.BUTTON_LEFT:
-                return self._pointer(PointerReleased, *self._along(event.pos), t_ns)
+            case kind if kind in _POINTER:
+                return self._read_mouse(event, move, t_ns)
             case pygame.QUIT:
                 return [Stop(t_ns, "window_closed")]
             case kind if self._gamepad is not None and kind in GAMEPAD_EVENTS:
                 return self._read_gamepad(self._gamepad, event, t_ns)
         return []
 
+    def _press_key(self, event: pygame.event.Event, move: KeyMove, now_ns: int) -> list[Input]:
+        """Convert a press; before it, release the key if it was down as the focus came and SDL dropped its release."""
+        cause = self._find_cause(event, move)
+        key = key_from_scancode(event.scancode)
+        pressed_ns = now_ns  # no press of this window has the time of one that was held before
+        released: list[Input] = []
+        if cause != "held_before_focus" and move.t_ns is not None:
+            pressed_ns = move.t_ns
+            if key not in self._down_in_sdl and key in self._down_at_focus:
+                released = self._release_unseen_key(key, pressed_ns)
+        self._down_in_sdl.add(key)
+        return [*released, *self._key(True, key, _symbol(event), pressed_ns, cause)]
+
+    def _lose_focus(self, now_ns: int) -> list[Input]:
+        """Bring the gamepad's axes to rest, and release every key."""
+        self._down_in_sdl.clear()
+        axes: list[str] = []
+        if self._gamepad is not None:
+            axes = self._gamepad.lose_focus()
+        return [*(AxisChanged(now_ns, axis, 0.0) for axis in axes), *self._focus(now_ns, False)]
+
+    def _read_mouse(self, event: pygame.event.Event, move: KeyMove, t_ns: int) -> list[Input]:
+        if event.type == pygame.MOUSEMOTION:
+            return self._pointer(PointerMoved, *self._along(event.pos), t_ns)
+        if event.button != pygame.BUTTON_LEFT:
+            return []
+        if event.type == pygame.MOUSEBUTTONUP:
+            return self._pointer(PointerReleased, *self._along(event.pos), t_ns)
+        cause: PointerCause = "held_before_focus"
+        if move.is_in_window:
+            cause = "finger"
+        return self._pointer(PointerPressed, *self._along(event.pos), t_ns, cause)
+
     def _find_cause(self, event: pygame.event.Event, move: KeyMove) -> PressCause:
-        """Whether a key was pressed here, before, or beside Ctrl, Alt or Meta, which AltGr is not."""
+        """Tell whether a key was pressed here, before, or beside Ctrl, Alt or Meta, which AltGr is not."""
         if not move.is_in_window:
             return "held_before_focus"
         modifiers = getattr(event, "mod", 0) & _SHORTCUT_MODIFIERS  # a posted event has no such field
@@ -316,7 +346,9 @@ class PygameWindow(BlockingWindow):
         return inputs
 
     def _find_held_keys(self) -> Sequence[str]:
-        self._down_at_focus = self._record.find_held_keys() if self._record else []
+        self._down_at_focus = []
+        if self._record is not None:
+            self._down_at_focus = self._record.find_held_keys()
         return self._down_at_focus
 
     def open_gamepad(self) -> dict[str, str]:
@@ -333,10 +365,17 @@ class PygameWindow(BlockingWindow):
         return (place_px[0] + 0.5) / width, (place_px[1] + 0.5) / height
 
     def _want(self, *, text: bool, pointer: bool) -> None:
-        (pygame.key.start_text_input if text else pygame.key.stop_text_input)()  # an input method swallows keys
+        if text:
+            pygame.key.start_text_input()
+            pygame.event.set_allowed(pygame.TEXTINPUT)
+        else:
+            pygame.key.stop_text_input()  # an input method swallows keys
+            pygame.event.set_blocked(pygame.TEXTINPUT)
         pygame.mouse.set_visible(pointer)
-        (pygame.event.set_allowed if text else pygame.event.set_blocked)(pygame.TEXTINPUT)
-        (pygame.event.set_allowed if pointer else pygame.event.set_blocked)(_POINTER)
+        if pointer:
+            pygame.event.set_allowed(_POINTER)
+        else:
+            pygame.event.set_blocked(_POINTER)
 
     def post_key(self, key: str) -> None:
         """Put a press and a release of a key into SDL's queue; from any thread."""
@@ -344,7 +383,7 @@ class PygameWindow(BlockingWindow):
             pygame.event.post(pygame.event.Event(kind, scancode=key_to_scancode(key), key=pygame.K_UNKNOWN))
 
     def facts(self) -> dict[str, str]:
-        """Toolkit, version, display size, refresh rate, how keys are identified."""
+        """Return toolkit, version, display size, refresh rate, and how keys are identified."""
         width, height = self.size_px
         return {
             "window": "pygame",
@@ -370,7 +409,7 @@ class PygameWindow(BlockingWindow):
 
 
 def _open_record(clock: Clock) -> X11InputRecord | None:
-    """The X server's record of keys; None where there is none."""
+    """Open the X server's record of keys; None where there is none."""
     try:
         return X11InputRecord(clock, pygame.display.get_wm_info()["window"])
     except OSError:
@@ -378,14 +417,14 @@ def _open_record(clock: Clock) -> X11InputRecord | None:
 
 
 def _surface() -> pygame.Surface:
-    """What is drawn on; another one after each change of size."""
+    """Return what is drawn on; another one after each change of size."""
     surface = pygame.display.get_surface()
     assert surface is not None, "the window is open"
     return surface
 
 
 def _name_move(event: pygame.event.Event) -> tuple[str, bool] | None:
-    """The key, or the mouse's main button, that an event is about, and whether it went down; None: neither."""
+    """Name the key, or the mouse's main button, of an event, and say whether it went down; None: neither."""
     if event.type in _KEYS:
         return key_from_scancode(event.scancode), event.type == pygame.KEYDOWN
     is_click = event.type in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP) and event.button == pygame.BUTTON_LEFT
@@ -398,16 +437,16 @@ def _drop_invented_releases(
     timed: list[tuple[pygame.event.Event, KeyMove]],
 ) -> list[tuple[pygame.event.Event, KeyMove]]:
     """Drop the releases that SDL makes up as the focus goes, just before it says so: the window marks its own."""
-    kept: list[tuple[pygame.event.Event, KeyMove]] = []
+    real_moves: list[tuple[pygame.event.Event, KeyMove]] = []
     for event, move in timed:
         if event.type == pygame.WINDOWFOCUSLOST:
-            releases = list(takewhile(lambda pair: pair[0].type == pygame.KEYUP, reversed(kept)))
-            kept = kept[: len(kept) - len(releases)]
-            kept += [pair for pair in reversed(releases) if pair[1].t_ns is not None and pair[1].is_in_window]
-        kept.append((event, move))
-    return kept
+            releases = list(takewhile(lambda pair: pair[0].type == pygame.KEYUP, reversed(real_moves)))
+            real_moves = real_moves[: len(real_moves) - len(releases)]
+            real_moves += [pair for pair in reversed(releases) if pair[1].t_ns is not None and pair[1].is_in_window]
+        real_moves.append((event, move))
+    return real_moves
 
 
 def _symbol(event: pygame.event.Event) -> str:
-    """What the key is called on this layout, without modifiers."""
+    """Return what the key is called on this layout, without modifiers."""
     return pygame.key.name(event.key, use_compat=False)

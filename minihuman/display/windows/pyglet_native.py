@@ -34,9 +34,10 @@ EVENT_HANDLED = pyglet.event.EVENT_HANDLED
 
 
 def find_screen() -> Any:
-    """The screen that windows open on."""
-    displays = pyglet.canvas if hasattr(pyglet, "canvas") else pyglet.display  # pyglet 1.5, pyglet 2
-    return displays.get_display().get_default_screen()
+    """Find the screen that windows open on."""
+    if hasattr(pyglet, "canvas"):  # pyglet 1.5
+        return pyglet.canvas.get_display().get_default_screen()
+    return pyglet.display.get_display().get_default_screen()
 
 
 def _is_modifier(keysym: int) -> bool:
@@ -74,7 +75,8 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         if ON_X11:
             self._positions = read_key_positions(xlib._lib, self.display._display)
         self._frame_size: Size | None = None
-        self._texture, self._framebuffer = gl.GLuint(), gl.GLuint()
+        self._texture = gl.GLuint()
+        self._framebuffer = gl.GLuint()
 
     # Keys on X11
 
@@ -132,8 +134,10 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
 
     @property
     def x11_window(self) -> int | None:
-        """The X server's number of the window; None on other systems."""
-        return int(self._window) if ON_X11 else None
+        """Return the X server's number of the window; None on other systems."""
+        if not ON_X11:
+            return None
+        return int(self._window)
 
     # Pictures
 
@@ -154,7 +158,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         gl.glFinish()  # a flip only queues the frame
 
     def _make_frame(self, width: int, height: int) -> None:
-        """A texture the frame is uploaded into, bound for reading until there is another of another size."""
+        """Make a texture for the frame, bound for reading until a frame has another size."""
         for delete, name in ((gl.glDeleteFramebuffers, self._framebuffer), (gl.glDeleteTextures, self._texture)):
             delete(1, ctypes.byref(name))  # 0, which there is before the first, is passed over
         texture, framebuffer = self._texture, self._framebuffer = gl.GLuint(), gl.GLuint()
@@ -169,11 +173,11 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         self._frame_size = (width, height)
 
     def renderer(self) -> str:
-        """Who draws, as OpenGL names it."""
+        """Return who draws, as OpenGL names it."""
         return (ctypes.cast(gl.glGetString(gl.GL_RENDERER), ctypes.c_char_p).value or b"unknown").decode()
 
     def refresh_hz(self) -> str:
-        """What the display claims; "unknown" where it claims nothing."""
+        """Return the rate that the display claims; "unknown" where it claims none."""
         mode = self.screen.get_mode()
         if mode is not None and mode.rate:
             return str(mode.rate)

@@ -68,7 +68,7 @@ class PygletWindow(BlockingWindow):
             on_resize=lambda width, height: self._repaint_soon(),
         )
         if self._record is not None and self._record.is_focused:
-            self._on_focus(True)  # pyglet said so while the window opened, when nobody listened
+            self._on_focus(True)  # pyglet's event came while the window opened, before there were handlers
 
     @property
     def _window(self) -> "PygletNativeWindow":
@@ -78,7 +78,7 @@ class PygletWindow(BlockingWindow):
 
     @property
     def size_px(self) -> Size:
-        """Width and height of what is drawn."""
+        """Return width and height of what is drawn."""
         width, height = self._window.get_framebuffer_size()
         return int(width), int(height)
 
@@ -89,7 +89,10 @@ class PygletWindow(BlockingWindow):
         import pyglet
 
         if not self._inputs:
-            pyglet.app.platform_event_loop.step(None if timeout_ns is None else timeout_ns * 1e-9)
+            timeout_s = None
+            if timeout_ns is not None:
+                timeout_s = timeout_ns * 1e-9
+            pyglet.app.platform_event_loop.step(timeout_s)
         if self._to_repaint:
             self._to_repaint = False
             self._repaint()
@@ -101,15 +104,19 @@ class PygletWindow(BlockingWindow):
         t_ns = self._time(server_ms)
         if not down:
             self._inputs += self._key(False, key, symbol, t_ns)
-        elif not self._held.is_down(key):  # else it is the system's auto-repeat
-            cause: PressCause = "shortcut" if is_shortcut else "finger"
-            if (
-                self._record is not None
-                and server_ms is not None
-                and not self._record.is_press_in_window(key, server_ms)
-            ):
+        elif not self._repeater.is_down(key):  # else it is the system's auto-repeat
+            cause: PressCause = "finger"
+            if is_shortcut:
+                cause = "shortcut"
+            if not self._is_press_in_window(key, server_ms):
                 cause = "held_before_focus"
             self._inputs += self._key(True, key, symbol, t_ns, cause)
+
+    def _is_press_in_window(self, name: str, server_ms: int | None) -> bool:
+        """Tell whether a press was made in this window; where the X server says nothing of it, it was."""
+        if self._record is None or server_ms is None:
+            return True
+        return self._record.is_press_in_window(name, server_ms)
 
     def _find_held_keys(self) -> Sequence[str]:
         if self._record:
@@ -117,10 +124,9 @@ class PygletWindow(BlockingWindow):
         return ()
 
     def _time(self, server_ms: int | None) -> int:
-        event_ms = server_ms if self._server_time else None
-        if event_ms is None:
+        if server_ms is None or not self._server_time:
             return self._clock()
-        return convert_server_time(event_ms, self._clock)
+        return convert_server_time(server_ms, self._clock)
 
     def _on_text(self, text: str) -> None:
         self._inputs += self._typed(text)
@@ -130,13 +136,12 @@ class PygletWindow(BlockingWindow):
     ) -> None:
         if buttons & _LEFT:
             width, height = self._window.get_size()  # pyglet counts from the bottom
-            button_ms = None if kind is PointerMoved else self._window.button_ms
+            button_ms = self._window.button_ms
+            if kind is PointerMoved:
+                button_ms = None
             cause: PointerCause = "finger"
-            if kind is PointerPressed and self._record is not None and button_ms is not None:
-                if self._record.is_press_in_window(MAIN_BUTTON, button_ms):
-                    cause = "finger"
-                else:
-                    cause = "held_before_focus"
+            if kind is PointerPressed and not self._is_press_in_window(MAIN_BUTTON, button_ms):
+                cause = "held_before_focus"
             self._inputs += self._pointer(kind, (x + 0.5) / width, 1 - (y + 0.5) / height, self._time(button_ms), cause)
 
     def _want(self, *, text: bool, pointer: bool) -> None:
@@ -161,7 +166,7 @@ class PygletWindow(BlockingWindow):
             pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "", None, False)
 
     def facts(self) -> dict[str, str]:
-        """Toolkit, version, display size, refresh rate, how keys are identified."""
+        """Return toolkit, version, display size, refresh rate, and how keys are identified."""
         import pyglet
 
         from minihuman.display.windows.pyglet_native import ON_X11
@@ -190,7 +195,7 @@ class PygletWindow(BlockingWindow):
 
 
 def _open_record(clock: Clock, window: int | None) -> X11InputRecord | None:
-    """The X server's record of keys; None where there is none."""
+    """Open the X server's record of keys; None where there is none."""
     if window is None:
         return None
     try:
@@ -207,7 +212,10 @@ def _open(*, fullscreen: bool, size_px: Size) -> "PygletNativeWindow":
             raise WindowError("pyglet is in headless mode, so it cannot open a window; use --window pygame")
         from minihuman.display.windows.pyglet_native import PygletNativeWindow
 
-        window = PygletNativeWindow(TITLE, None if fullscreen else size_px)
+        if fullscreen:
+            window = PygletNativeWindow(TITLE, None)
+        else:
+            window = PygletNativeWindow(TITLE, size_px)
         pyglet.app.platform_event_loop.start()
     except WindowError:
         raise

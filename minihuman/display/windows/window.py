@@ -21,15 +21,15 @@ class Window(abc.ABC):
     def show(self, screen: Screen) -> ScreenShown:
         """Draw a screen, flip, and say when it was submitted and when the flip returned."""
 
-    def show_after(self, screen: Screen, written: Callable[[], None]) -> ScreenShown | None:
-        """Show a screen when ``written`` has returned; until then a window may draw it, but not flip.
+    def show_after(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown | None:
+        """Show a screen once ``await_log`` has returned; until then a window may draw it, but not flip.
 
         None where another thread shows it: that it was is then one of the inputs of `wait`.
 
         Raises:
-            LogError: as ``written`` does; then the screen is not shown.
+            LogError: as ``await_log`` does; then the screen is not shown.
         """
-        written()
+        await_log()
         return self.show(screen)
 
     @abc.abstractmethod
@@ -41,10 +41,10 @@ class Window(abc.ABC):
 
     @abc.abstractmethod
     def facts(self) -> dict[str, str]:
-        """Toolkit, version, display size, refresh rate, how keys are identified. No names of people or machines."""
+        """Return toolkit, version, display size, refresh rate, and how keys are identified; no personal names."""
 
     def open_gamepad(self) -> dict[str, str]:
-        """Take inputs of a gamepad from now on; device, axes, dead zone and polling, for the log.
+        """Take inputs of a gamepad from now on; return device, axes, dead zone and polling, for the log.
 
         Raises:
             WindowError: if none is connected, or the window's toolkit reads none.
@@ -53,7 +53,7 @@ class Window(abc.ABC):
 
     @property
     def picture_px(self) -> tuple[int, int] | None:
-        """Room for a world's picture, width and height; None: no picture is drawn."""
+        """Return the room for a world's picture, width and height; None: no picture is drawn."""
         return None
 
     @abc.abstractmethod
@@ -68,7 +68,7 @@ class VirtualClock:
         self.now_ns = 0
 
     def __call__(self) -> int:
-        """The time."""
+        """Return the time, ns."""
         return self.now_ns
 
     def advance_to(self, t_ns: int) -> None:
@@ -112,8 +112,8 @@ class ScriptedWindow(Window):
         return list(arrived)
 
     def facts(self) -> dict[str, str]:
-        """What it is."""
+        """Return that it is a script."""
         return {"window": "scripted"}
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing: there is nothing to give back."""

@@ -107,7 +107,7 @@ class _Event(ctypes.Union):
 
 
 def convert_server_time(server_ms: int, clock: Clock) -> int:
-    """The session's time of an event that the server stamped: never too early, late by a millisecond at most.
+    """Return the session's time of an event that the server stamped: never too early, at most a millisecond late.
 
     A stamp that cannot be true (of the future, over a minute old) gives the time now.
     """
@@ -142,7 +142,7 @@ class _Server:
             )
 
     def close(self) -> None:
-        """Hang up; a second call does nothing."""
+        """Close the connection; a second call does nothing."""
         if self._display:
             self._x.XCloseDisplay(self._display)
             self._display = ctypes.c_void_p()
@@ -179,7 +179,7 @@ class _Server:
             setattr(self._x, name, function)
 
     def _same_clock(self) -> bool:
-        """Have the server stamp something, and see whether that is our time."""
+        """Compare the server's time stamp of an event with our time."""
         window = self._x.XCreateSimpleWindow(self._display, self._root, 0, 0, 1, 1, 0, 0, 0)
         self._x.XSelectInput(self._display, window, _PROPERTY_CHANGE_MASK)
         atom = self._x.XInternAtom(self._display, b"MINIHUMAN_TIME", 0)
@@ -213,10 +213,29 @@ class _Move:
 
 
 class KeyMove(NamedTuple):
-    """When a key moved, and whether it did so in the window; None and True where the server says nothing of it."""
+    """The time of a key's move, and whether it was in the window; None and True where the server does not report it."""
 
     t_ns: int | None
     is_in_window: bool
+
+
+def _match_moves(keys: Sequence[tuple[str, bool]], recorded: Sequence[_Move]) -> list[int | None]:
+    """Find each key move (name, down) in the record, the latest before the next one's; None where it is not there."""
+    places: list[int | None] = []
+    end = len(recorded)
+    for key_move in reversed(keys):
+        place = _find_last_move(key_move, recorded[:end])
+        if place is not None:
+            end = place
+        places.append(place)
+    return places[::-1]
+
+
+def _find_last_move(key_move: tuple[str, bool], recorded: Sequence[_Move]) -> int | None:
+    for place in range(len(recorded) - 1, -1, -1):
+        if (recorded[place].key, recorded[place].down) == key_move:
+            return place
+    return None
 
 
 class X11InputRecord(_Server):
@@ -250,7 +269,7 @@ class X11InputRecord(_Server):
         self._watch(window)
 
     def find_moves(self, keys: Sequence[tuple[str, bool]]) -> list[KeyMove]:
-        """When these keys moved (name, down), in the order a window received them.
+        """Find when these keys moved (name, down), in the order a window received them.
 
         Each is the latest such event before the next one's: what was typed elsewhere lies before, and is forgotten. A
         press that the toolkit made up is none of them: then what is known of the key's last press counts.
@@ -258,28 +277,27 @@ class X11InputRecord(_Server):
         self._read()
         if keys and keys[-1] not in [(move.key, move.down) for move in self._moves]:
             self._wait()
-        heard = list(self._moves)
-        places: list[int | None] = []
-        before = len(heard)
-        for wanted in reversed(keys):
-            place = next(
-                (place for place in range(before - 1, -1, -1) if (heard[place].key, heard[place].down) == wanted), None
-            )
-            before = before if place is None else place
-            places.append(place)
-        last = max((place for place in places if place is not None), default=-1)
-        self._moves = deque(heard[last + 1 :], maxlen=_MAX_KEY_TIMES)
-        return [
-            self._unheard(*wanted) if place is None else self._heard(heard[place])
-            for wanted, place in zip(keys, reversed(places), strict=True)
-        ]
+        recorded = list(self._moves)
+        matches = _match_moves(keys, recorded)
+        last = max((place for place in matches if place is not None), default=-1)
+        self._moves = deque(recorded[last + 1 :], maxlen=_MAX_KEY_TIMES)
+        moves: list[KeyMove] = []
+        for (key, down), place in zip(keys, matches, strict=True):
+            if place is None:
+                moves.append(self._describe_unrecorded(key, down))
+            else:
+                moves.append(self._describe_recorded(recorded[place]))
+        return moves
 
-    def _heard(self, move: _Move) -> KeyMove:
+    def _describe_recorded(self, move: _Move) -> KeyMove:
         return KeyMove(convert_server_time(move.server_ms, self._clock), move.is_in_window)
 
-    def _unheard(self, key: str, down: bool) -> KeyMove:
+    def _describe_unrecorded(self, key: str, down: bool) -> KeyMove:
+        """Describe a move that the server does not report, by the last press of its key."""
         presses = self._presses.get(key)
-        return KeyMove(None, presses[-1].is_in_window if down and presses else True)
+        if down and presses:
+            return KeyMove(None, presses[-1].is_in_window)
+        return KeyMove(None, True)
 
     def is_press_in_window(self, key: str, server_ms: int) -> bool:
         """Whether a press that a window received was made in it; a repeat is the press's that it repeats."""
@@ -311,7 +329,7 @@ class X11InputRecord(_Server):
         return key in self._down
 
     def find_held_keys(self) -> list[str]:
-        """The keys that were down when the window got the focus, and still are."""
+        """Find the keys that were down when the window got the focus, and still are."""
         self._read()
         if not self._focus_is_new:
             self._wait()
@@ -370,11 +388,20 @@ class X11InputRecord(_Server):
             if event.type != _GENERIC_EVENT or not self._x.XGetEventData(self._display, ctypes.byref(cookie)):
                 continue
             raw = ctypes.cast(cookie.data, ctypes.POINTER(_Raw)).contents
-            is_key = raw.kind in (_RAW_PRESSES[0], _RAW_RELEASES[0])
-            if raw.detail == 1 if not is_key else not raw.flags & _KEY_REPEAT:
-                key = self._name_key(raw.detail) if is_key else MAIN_BUTTON
-                self._add_move(_Move(key, raw.kind in _RAW_PRESSES, int(raw.time), self._focused))
+            name = self._name_raw_event(raw)
+            if name is not None:
+                self._add_move(_Move(name, raw.kind in _RAW_PRESSES, int(raw.time), self._focused))
             self._x.XFreeEventData(self._display, ctypes.byref(cookie))
+
+    def _name_raw_event(self, raw: "_Raw") -> str | None:
+        """Name the key or the main button that an event is of; None for a repeat, or another button."""
+        if raw.kind in (_RAW_PRESSES[0], _RAW_RELEASES[0]):
+            if raw.flags & _KEY_REPEAT:
+                return None
+            return self._name_key(raw.detail)
+        if raw.detail == 1:
+            return MAIN_BUTTON
+        return None
 
     def _change_focus(self, event: "_Focus") -> None:
         """Take a change of focus. While a window manager grabs the keyboard, what is typed is the manager's."""

@@ -81,17 +81,17 @@ class SessionContext:
         self.emit(KeyPressed(self.now_ns, key.key, key.symbol, is_down, action, verdict, phase, waited_ns))
 
     def pop_events(self) -> list[Event]:
-        """The events since the last call."""
+        """Return the events since the last call."""
         events = self._events
         self._events = []
         return events
 
     def has_world(self, world_id: str, options: dict[str, Any]) -> bool:
-        """Whether that world is the one that is open."""
+        """Tell whether that world is the one that is open."""
         return self._world is not None and self._world[0] == (world_id, options)
 
     def world(self, world_id: str, options: dict[str, Any]) -> "World":
-        """The one world that is open; another is closed first."""
+        """Open a world, or return the open one; another is closed first."""
         key = (world_id, options)
         if self._world is None or self._world[0] != key:
             with catch_world_errors():
@@ -108,7 +108,7 @@ class SessionContext:
 
 @dataclass(frozen=True, slots=True)
 class PartEnding:
-    """How a part ended, and where the session goes on."""
+    """The end of a part, and where the session continues."""
 
     end: PartEnd = "done"
     back_to: int | None = None  # a part's index; None: the next part
@@ -117,7 +117,7 @@ class PartEnding:
 
 
 class ActivityRequest:
-    """What a part needs from its session host; a kind of activity adds the fields. The answer is an input."""
+    """A request of a part to its session host; a kind of activity adds the fields. The answer is an input."""
 
     awaits_others: ClassVar[bool] = False  # others' sessions answer it, so that it is asked again when nothing comes
 
@@ -129,7 +129,7 @@ class ActivityRequest:
 
 @dataclass(frozen=True, slots=True)
 class SteeringRules:
-    """What keys and time do in an episode that an agent plays, for a window that goes ahead of the session."""
+    """The effects of keys and time in an episode that an agent plays, for a window that runs ahead of the session."""
 
     period_ns: int  # from the picture of one of the agent's steps to the next step
     person_acts: bool  # by a key that has an action
@@ -142,7 +142,7 @@ class SteeringRules:
 
 @dataclass(frozen=True, slots=True)
 class Steering:
-    """Who steers a running episode that an agent plays, and what comes next."""
+    """The control of a running episode that an agent plays, and what comes next."""
 
     controller: str
     action: int | None  # that the agent makes next; None until it is known
@@ -155,7 +155,7 @@ class RequestHandler(abc.ABC):
 
     @abc.abstractmethod
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """An input for the session; None if there is no answer yet.
+        """Return an input for the session; None if there is no answer yet.
 
         Args:
             want: the request.
@@ -206,7 +206,7 @@ class Activity(abc.ABC):
 
     @abc.abstractmethod
     def screen(self) -> Screen:
-        """What to show now."""
+        """Build the screen to show now."""
 
     def describe_steering(self, play: RunningEpisode) -> Steering | None:
         """Return who steers a running episode; None where no agent does."""
@@ -220,10 +220,10 @@ class Activity(abc.ABC):
         self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
 
     def stop(self) -> None:  # noqa: B027
-        """The session ends in the middle of this part."""
+        """Take note that the session ends in the middle of this part."""
 
     def simulate(self, choose: Callable[[int], int]) -> str | None:
-        """The key that a simulated participant presses now; None does what other screens of the type ask for.
+        """Choose the key that a simulated participant presses now; None to do what other screens of the type ask for.
 
         Args:
             choose: draws a number below its argument.
@@ -232,7 +232,7 @@ class Activity(abc.ABC):
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
-        """The input that led to an event of this kind, for replays; None if no input did."""
+        """Return the input that led to an event of this kind, for replays; None if no input did."""
         return None
 
 
@@ -252,6 +252,9 @@ class ActivityKind:
         block_field: the plan's field that names a block of the protocol, if it has one.
         tables: a tuple of ``minihuman.dataset.activity_tables.ActivityTable``.
         screens: its own screens; each names its drawing, and how the page shows it.
+        page_fields: a ``TypedDict`` of what its screen of play adds for a page, from which the page's types are made.
+        measures: its measures of a participant, by name, with what they are called; the rows of the table
+            ``trial_measures`` have them.
         report: a function that makes a ``ReportSection`` of a ``SectionSource`` (``minihuman.reporting``), or None.
         simulator: a ``PartSimulator`` (``minihuman.simulation``), which does the parts in simulated sessions; without
             one, the activity's own `Activity.simulate`, and what is usual on screens that every kind may show.
@@ -264,6 +267,7 @@ class ActivityKind:
         is_plain_play: whether a block is its worlds' steps by one person's keys and nothing else, so that a page can
             compute it, and a study can be tried without sessions.
         is_for_players: whether a language model, or a simulated player that decides on each key, can do it.
+        has_trials: whether its episodes are trials, and are described as such.
         is_check: whether who is screened out in it has failed a check, and not a block's criterion.
     """
 
@@ -275,6 +279,8 @@ class ActivityKind:
     block_field: str = ""
     tables: str = field(default="", kw_only=True)
     screens: tuple[type[ActivityScreen], ...] = field(default=(), kw_only=True)
+    page_fields: str = field(default="", kw_only=True)
+    measures: str = field(default="", kw_only=True)
     report: str = field(default="", kw_only=True)
     simulator: str = field(default="", kw_only=True)
     check_block: Callable[[Any, tuple[str, ...]], Iterable[tuple[str, str]]] | None = field(default=None, kw_only=True)
@@ -284,6 +290,7 @@ class ActivityKind:
     is_played_alone: bool = field(default=False, kw_only=True)
     is_plain_play: bool = field(default=False, kw_only=True)
     is_for_players: bool = field(default=False, kw_only=True)
+    has_trials: bool = field(default=False, kw_only=True)
     is_check: bool = field(default=False, kw_only=True)
 
     @property
@@ -292,7 +299,7 @@ class ActivityKind:
         return self.plan.__struct_fields__
 
     def read(self, plan: Any) -> msgspec.Struct:
-        """A part's plan from what JSON gave."""
+        """Read a part's plan from what JSON gave."""
         return msgspec.convert(plan, self.plan)
 
 
@@ -300,18 +307,18 @@ GROUP = "minihuman.activities"
 
 
 def list_built_in_kinds() -> tuple[str, ...]:
-    """The names of this package's kinds."""
+    """List the names of this package's kinds."""
     return list_plugin_names(GROUP, built_in=True)
 
 
 @remember_by_name
 def find_kind(name: str) -> ActivityKind:
-    """The kind of that name.
+    """Find the kind of that name.
 
     Raises:
         ProtocolError: if none is installed.
     """
-    kind = load_plugin(GROUP, name, ProtocolError, what="activity")
+    kind = load_plugin(GROUP, name, ProtocolError, noun="activity")
     if not isinstance(kind, ActivityKind):
         raise ProtocolError(
             f"activity {name!r} is of type {type(kind).__name__}; register an instance of minihuman.ext.ActivityKind"
@@ -320,7 +327,7 @@ def find_kind(name: str) -> ActivityKind:
 
 
 def find_installed_kind(name: str) -> ActivityKind | None:
-    """The kind of that name; None where none is installed, which is an error of its own."""
+    """Find the kind of that name; None where none is installed, which is an error of its own."""
     try:
         return find_kind(name)
     except ProtocolError:
@@ -328,10 +335,10 @@ def find_installed_kind(name: str) -> ActivityKind | None:
 
 
 def list_kinds(condition: Callable[[ActivityKind], bool]) -> tuple[str, ...]:
-    """The names of the built-in kinds that meet a condition, in order."""
+    """List the names of the built-in kinds that meet a condition, in order."""
     return tuple(name for name in list_built_in_kinds() if condition(find_kind(name)))
 
 
 def build_activity(number: int, part: PlannedPart, context: SessionContext) -> Activity:
-    """An activity for a part of a plan."""
+    """Build an activity for a part of a plan."""
     return find_kind(part.kind).activity(number, part, context)

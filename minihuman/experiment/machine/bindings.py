@@ -4,14 +4,14 @@ import msgspec
 
 
 class AxisBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What an axis of a gamepad moves."""
+    """The action component that an axis of a gamepad moves."""
 
     component: int  # of the action's vector, from 0
     scale: float = 1.0  # sensitivity; below 0 the axis is inverted
 
 
 class SpotBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a click in the world's picture does: an action with its place."""
+    """The action of a click in the world's picture, with its place."""
 
     x: int  # the component that gets the place from left to right
     y: int  # and from top to bottom
@@ -19,7 +19,7 @@ class SpotBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Bindings(msgspec.Struct, frozen=True):
-    """What moves an action's vector beside keys. In a plan where a block says so alone."""
+    """The axes and clicks that move an action's vector beside keys; in a plan only where its block has some."""
 
     axes: dict[str, AxisBinding] = {}  # of the gamepad
     spot: SpotBinding | None = None

@@ -1,16 +1,14 @@
-"""Events: everything a session reports, and the rules that every stream of events obeys. The recorder writes each
-event.
+"""Events: everything a session reports. The recorder writes each event; `event_rules` has the rules of their order.
 
 Times are integer ns on the monotonic clock since the session (segment) started.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from minihuman.experiment.plan.session_plan import EpisodePlan, KeyMap, SessionPlan
+from minihuman.moved import forward_names
 from minihuman.worlds.hashing import hash64
-from minihuman.worlds.outcomes import OutcomeJudge
 from minihuman.worlds.pose import Map, Pose
 
 Outcome = Literal["goal", "timeout", "failure", "abandoned", "agent_failed", "ended"]
@@ -78,7 +76,7 @@ class TimedEvent:
 
 
 class EpisodeBeginning:
-    """An event from which on the steps of an episode are made: of its reset, or of a state that it was in before."""
+    """An event from which an episode is stepped: its reset, or a state that it was in before."""
 
     __slots__ = ()
 
@@ -89,7 +87,7 @@ class EpisodeBeginning:
 
 
 class EpisodeStep:
-    """An event that is a step of the episode that was begun."""
+    """An event that is a step of the episode that began last."""
 
     __slots__ = ()
     if TYPE_CHECKING:
@@ -100,11 +98,11 @@ class EpisodeStep:
 
         @property
         def action(self) -> int:
-            """What was done."""
+            """The action's number."""
 
 
 class EpisodeEnding:
-    """An event after which no step of the episode that was begun is made."""
+    """An event after which the episode that began last is stepped no more."""
 
     __slots__ = ()
 
@@ -186,14 +184,14 @@ class Stepped(TimedEvent, EpisodeStep):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservationStored(TimedEvent):
-    """What the world gave to observe, where the protocol asks for it: after an episode's start, or before its step."""
+    """An observation of the world, where the protocol asks for it: after an episode's start, or before its step."""
 
     episode: int
     step: int  # that it follows, 0 for the reset
     observation: Any  # the world's own: an array, a text, a number, or a dict or tuple of them
 
     def __eq__(self, other: object) -> bool:
-        """Whether the same was observed; arrays have no plain answer to that."""
+        """Compare observations by their hash, as arrays compare element by element."""
         return isinstance(other, ObservationStored) and self._key() == other._key()
 
     def __hash__(self) -> int:
@@ -265,7 +263,7 @@ class PartStarted(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class PartEnded(TimedEvent):
-    """A part of the session is over, and which part is next."""
+    """A part of the session is over; says which part is next."""
 
     part: int
     end: PartEnd
@@ -358,7 +356,7 @@ class Noted(TimedEvent):
 
     @property
     def is_about_clock(self) -> bool:
-        """Whether it says that the times of a browser's page are not to be believed."""
+        """Whether the note says that the times of a browser's page are not to be believed."""
         return self.kind == "page" and self.text.startswith(CLOCK_NOTE)
 
 
@@ -401,7 +399,7 @@ class ActivityEvent(TimedEvent):
 
     @property
     def words_to_others(self) -> str:
-        """What its participant wrote to others; empty in nearly all kinds of events."""
+        """The text that the participant wrote to others; empty in nearly all kinds of events."""
         return ""
 
 
@@ -422,7 +420,7 @@ class DesignDecided(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class ModelCall(ActivityEvent):
-    """What became of a request to a model: asked before it is sent, and its answer before it has an effect.
+    """The state of a request to a model: logged before it is sent, and its answer before it has an effect.
 
     The session waits for the answer: both events have the time of the screen, and ``latency_ms`` says how much later
     the answer counts.
@@ -482,167 +480,5 @@ Event = (
 )
 
 
-def find_violations(events: Iterable[Event]) -> list[str]:
-    """Every rule that a stream breaks; empty for a well-formed one. A stream that is cut short breaks none."""
-    reader = _StreamChecker()
-    for number, event in enumerate(events):
-        reader.read(number, event)
-    return reader.found
-
-
-class _StreamChecker:
-    """Reads a stream once and remembers what the rules need."""
-
-    def __init__(self) -> None:
-        self.found: list[str] = []
-        self._where = ""
-        self._t_ns = 0
-        self._sampled_ns: dict[str, int] = {}  # of each device's last sample
-        self._first = 0
-        self._next = 0
-        self._playing: EpisodeStarted | None = None
-        self._last_step: Stepped | None = None
-        self._steps = 0
-        self._observations = 0  # stored of the episode
-        self._return = 0.0
-        self._paused = False
-        self._ended = False
-        self._skipped = 0
-        self._part: int | None = None
-        self._shown = -1  # the episode that runs, or ended last
-        self._key_map: KeyMap | None = None
-        self._judge = OutcomeJudge("")
-        self._outcome: Outcome | None = None  # of the running episode, once a step has ended it
-
-    def read(self, number: int, event: Event) -> None:
-        """Hold one event against what came before."""
-        self._where = f"event {number}, {type(event).__name__}"
-        self._rule(isinstance(event, SessionStarted) == (number == 0), "SessionStarted is the first event, and only it")
-        self._rule(not self._ended, "nothing follows SessionEnded")
-        if isinstance(event, Sampled):
-            last_ns = self._sampled_ns.get(event.device, 0)
-        else:
-            last_ns = self._t_ns
-        self._rule(event.t_ns >= last_ns, f"time goes back from {last_ns} to {event.t_ns} ns")
-        match event:
-            case Sampled():
-                self._sampled_ns[event.device] = event.t_ns
-                return
-            case SessionStarted():
-                self._first = self._next = event.plan.first_episode
-            case KeyMapDrawn():
-                self._rule(self._playing is None, "key maps change between episodes")
-                self._key_map = event.key_map
-            case EpisodeStarted():
-                self._episode_started(event)
-            case Stepped():
-                self._stepped(event)
-            case ObservationStored():
-                self._observed(event)
-            case FrameShown():
-                inside = event.episode == self._shown and event.step <= self._steps
-                self._rule(inside, "a frame shows a step of the running episode, or of the one that has just ended")
-                self._rule(event.submit_ns <= event.flip_ns, "a frame is submitted before it is flipped")
-            case EpisodeEnded():
-                self._episode_ended(event)
-            case EpisodesSkipped():
-                self._rule(self._playing is None, "episodes are skipped between episodes")
-                self._rule(event.first == self._next and event.count > 0, f"episode {self._next} is next to be skipped")
-                self._next += event.count
-                self._skipped += event.count
-            case PartStarted():
-                self._rule(self._part is None, "one part at a time")
-                self._part = event.part
-            case PartEnded():
-                self._rule(event.part == self._part, "a part that began ends")
-                self._part = None
-            case Answered():
-                self._rule(event.part == self._part, "an answer belongs to the part that runs")
-            case Paused():
-                self._rule(self._playing is not None and not self._paused, "only play can be paused, once")
-                self._paused = True
-            case Resumed():
-                self._rule(self._paused, "only a pause can be resumed")
-                self._paused = False
-            case SessionEnded():
-                self._ended = True
-                self._rule(self._playing is None, "an episode ends before its session")
-                self._rule(
-                    event.episodes_completed == self._next - self._skipped - self._first,
-                    "completed episodes are counted",
-                )
-            case Noted():
-                self._rule(bool(event.kind), "a note says of what kind it is")
-        self._t_ns = event.t_ns
-
-    def _episode_started(self, event: EpisodeStarted) -> None:
-        self._rule(self._playing is None, "one episode at a time")
-        self._rule(event.plan.episode == self._next, f"episode {self._next} is next, not {event.plan.episode}")
-        self._rule(event.plan.key_map == self._key_map, "an episode's key map was drawn before")
-        self._playing = event
-        self._last_step = None
-        self._steps = 0
-        self._return = 0.0
-        self._paused = False
-        self._observations, self._shown = 0, event.plan.episode
-        self._judge = OutcomeJudge(event.plan.outcome_rule)
-        self._outcome = None
-
-    def _observed(self, event: ObservationStored) -> None:
-        asked = self._playing is not None and self._playing.plan.record_observations
-        self._rule(asked and event.episode == self._next, "observations are stored where the plan asks for them")
-        self._rule(event.step == self._observations, f"the observation of step {self._observations} is next")
-        self._observations += 1
-
-    def _stepped(self, event: Stepped) -> None:
-        playing = self._playing
-        if playing is None or event.episode != playing.plan.episode:
-            self._rule(False, "steps belong to the running episode")
-            return
-        self._steps += 1
-        self._return += event.reward
-        self._rule(not self._paused, "nothing steps in a pause")
-        self._rule(event.step == self._steps, f"step {self._steps} is next, not {event.step}")
-        asked = playing.plan.record_observations
-        self._rule(self._observations == asked * (self._steps + 1), "a step's observation comes before it")
-        self._rule(_is_sum(event.return_, self._return), f"rewards sum to {self._return}, not {event.return_}")
-        self._rule(0 <= event.action < len(playing.action_names), f"there is no action {event.action}")
-        self._rule(event.key_t_ns <= event.t_ns, "a key comes before its step")
-        self._rule(event.rt_ms is None or event.rt_ms >= 0, "a reaction follows what it answers")
-        spent = event.step >= playing.plan.max_steps
-        self._rule(event.terminated or event.truncated or not spent, "the plan's step limit ends an episode")
-        last = self._last_step
-        self._rule(last is None or not (last.terminated or last.truncated), "nothing steps after the end")
-        self._last_step = event
-        self._outcome = self._judge.judge_step(event)
-
-    def _episode_ended(self, event: EpisodeEnded) -> None:
-        playing = self._playing
-        last = self._last_step
-        if playing is None or event.episode != playing.plan.episode:
-            self._rule(False, "only the running episode ends")
-            return
-        counted = event.steps == self._steps and _is_sum(event.return_, self._return)
-        self._rule(counted, "an end counts the episode's steps")
-        final = playing.state_hash if last is None else last.state_hash
-        self._rule(event.state_hash == final, "an episode ends in the state of its last step")
-        expected: Outcome = "abandoned"
-        if self._outcome is not None:
-            expected = self._outcome
-        elif event.cause == "agent_failed":
-            expected = "agent_failed"
-        elif event.cause:
-            expected = self._judge.judge_time_limit()
-        self._rule(event.outcome == expected, f"the last step makes it {expected}, not {event.outcome}")
-        self._playing = None
-        self._paused = False
-        self._next += event.outcome != "abandoned"
-
-    def _rule(self, holds: bool, rule: str) -> None:
-        if not holds:
-            self.found.append(f"{self._where}: {rule}")
-
-
-def _is_sum(logged: float, summed: float) -> bool:
-    """Tell whether a return is the sum of its rewards; of a reward that is NaN both are NaN."""
-    return logged == summed or (logged != logged and summed != summed)
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

@@ -131,7 +131,7 @@ class Stop(TimedInput):
 class ExperimenterCommand(TimedInput):
     """The experimenter asks for something, from their desk."""
 
-    what: Literal["pause", "go_on", "abort", "note"]
+    command: Literal["pause", "go_on", "abort", "note"]
     text: str = ""  # the note, or why
 
 

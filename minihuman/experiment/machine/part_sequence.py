@@ -20,7 +20,7 @@ from minihuman.experiment.plan.session_plan import PartPlan, PlannedPart, Sessio
 
 
 def list_parts(plan: SessionPlan) -> tuple[PlannedPart, ...]:
-    """The parts in order; of a plan that was recorded before plans had parts, those that the kinds find in it."""
+    """List the parts in order; for a plan from before plans had parts, those that the kinds find in it."""
     if plan.parts:
         return plan.parts
     kinds = [find_kind(name) for name in list_built_in_kinds()]
@@ -29,7 +29,7 @@ def list_parts(plan: SessionPlan) -> tuple[PlannedPart, ...]:
 
 
 def list_remaining_parts(plan: SessionPlan, parts: Sequence[PlannedPart]) -> list[int]:
-    """The parts still to do, in order; empty if all are done.
+    """List the parts still to do, in order; empty if all are done.
 
     A resumed session begins with the parts that are done in each segment, such as the keyboard check.
     """
@@ -42,12 +42,12 @@ def list_remaining_parts(plan: SessionPlan, parts: Sequence[PlannedPart]) -> lis
 
 
 def is_only_closing_left(parts: Sequence[PlannedPart], begin: int) -> bool:
-    """Whether only closing pages are left from a part on."""
+    """Tell whether only closing pages are left from a part on."""
     return all(_closes_session(part) for part in parts[begin:])
 
 
 def asks_consent_before_play(plan: SessionPlan) -> bool:
-    """Whether a session asks for consent before any play; a resumed one has it already."""
+    """Tell whether a session asks for consent before any play; a resumed one has it already."""
     if plan.segment > 1:
         return False
     parts = list_parts(plan)
@@ -83,7 +83,7 @@ def _closes_session(part: PlannedPart) -> bool:
 
 
 class PartSequence:
-    """Which part runs, and which are still to be done.
+    """The running part, and the parts that are still to be done.
 
     Args:
         context: the session, which takes the events.
@@ -114,7 +114,9 @@ class PartSequence:
             return None
         if ended.back_to is not None:
             self._to_do = [*range(ended.back_to, len(self._parts))]
-        return self._to_do[0] if self._to_do else None
+        if self._to_do:
+            return self._to_do[0]
+        return None
 
     def begin(self) -> None:
         """Start the next part; it may be over at once."""
@@ -127,7 +129,7 @@ class PartSequence:
         self.part.begin()
 
     def finish_part(self) -> PartEnding | None:
-        """How the part ended, after emitting it; None while it runs."""
+        """Emit the end of the part if it has ended, and return how; None while it runs."""
         ended = self.part.ended
         if ended is not None:
             following = self.next_part
@@ -137,6 +139,6 @@ class PartSequence:
         return ended
 
     def stop(self) -> None:
-        """The session ends in the middle of a part, or before the first."""
+        """End the session in the middle of a part, or before the first."""
         if self.has_begun:
             self.part.stop()

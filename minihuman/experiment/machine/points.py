@@ -13,17 +13,17 @@ _SIGNED = re.compile(r"(?<!\w)[-+\u2212](?=\d)")
 
 
 def format_total(words: InterfaceWords, points: float) -> str:
-    """The points so far."""
+    """Format the points so far."""
     return isolate_signs(words, words.fill("progress.points", points=format_points(points)))
 
 
 def format_score(words: InterfaceWords, points: float) -> str:
-    """What an episode was worth: "+10 points"."""
+    """Format what an episode was worth: "+10 points"."""
     return isolate_signs(words, words.fill("score", points=f"{'+' if points > 0 else ''}{format_points(points)}"))
 
 
 def fill_score_fields(context: "SessionContext", text: str) -> str:
-    """A text with {points}, {bonus} and {currency} filled in, if it asks for them."""
+    """Fill in {points}, {bonus} and {currency} in a text, if it asks for them."""
     if not any(f"{{{field}}}" in text for field in ("points", "bonus", "currency")):
         return text
     bonus = context.plan.bonus or BonusSpec(0.0)
@@ -36,7 +36,7 @@ def fill_score_fields(context: "SessionContext", text: str) -> str:
 
 
 def compute_bonus(bonus: BonusSpec, points: float, waited_ns: int = 0, stranded: bool = False) -> float:
-    """What a session earns, in the bonus's currency.
+    """Compute what a session earns, in the bonus's currency.
 
     Args:
         bonus: the protocol's.
@@ -45,16 +45,17 @@ def compute_bonus(bonus: BonusSpec, points: float, waited_ns: int = 0, stranded:
         stranded: whether others, or the study, kept it from being played: it earns the base pay at least.
     """
     earned = max(0.0, bonus.base + bonus.per_point * points)
-    earned = earned if bonus.most is None else min(earned, bonus.most)
+    if bonus.most is not None:
+        earned = min(earned, bonus.most)
     least = (bonus.base_pay or 0.0) if stranded else 0.0
     return max(earned, least) + (bonus.waiting_per_min or 0.0) * waited_ns / 60e9
 
 
 def format_points(value: float) -> str:
-    """A number of points without needless decimals."""
-    shown = round(value, 1)
-    if shown:
-        return f"{shown:.1f}".rstrip("0").rstrip(".")
+    """Format a number of points without needless decimals."""
+    rounded = round(value, 1)
+    if rounded:
+        return f"{rounded:.1f}".rstrip("0").rstrip(".")
     return "0"
 
 
@@ -69,7 +70,7 @@ class PointsNumber(float):
 
 
 def isolate_signs(words: InterfaceWords, text: str) -> str:
-    """A text in which signs stay before their numbers: from right to left, Unicode's rules put them behind."""
+    """Keep signs before their numbers in a text that runs from right to left, where Unicode's rules put them behind."""
     if words.rtl:
         return _SIGNED.sub("\u200e\\g<0>", text)
     return text

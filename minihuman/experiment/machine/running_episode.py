@@ -128,13 +128,11 @@ class RunningEpisode:
 
     @property
     def steps(self) -> int:
-        """How many were made."""
+        """The number of steps so far."""
         return len(self.actions)
 
     def describe_correction(self, t_ns: int, step: int, submit_ns: int, flip_ns: int) -> Event | None:
-        """Return the event of a picture that was shown before its step was closed, and that the step came out otherwise
-        than; None where no picture is shown before.
-        """
+        """Return the event of a picture that was shown before its step was closed and turned out wrong, if any."""
         return None
 
     @property
@@ -153,7 +151,7 @@ class RunningEpisode:
         return self.plan.hold == "repeat"
 
     def action_of(self, key: str) -> int | None:
-        """The action number of a key; None if it has none."""
+        """Return the action number of a key; None if it has none."""
         return self._action_of.get(key)
 
     def start(self, t_ns: int) -> EpisodeStarted:
@@ -173,7 +171,7 @@ class RunningEpisode:
             )
 
     def picture(self) -> NDArray[np.uint8]:
-        """The present picture, uint8[H, W, 3]; empty if none are drawn."""
+        """Return the present picture, uint8[H, W, 3]; empty if none are drawn."""
         if self._picture_px is None:
             return EMPTY_IMAGE
         with catch_world_errors():
@@ -193,7 +191,7 @@ class RunningEpisode:
             del self._picture_hashes[next(iter(self._picture_hashes))]
 
     def picture_between(self, before: Pose, share: float) -> NDArray[np.uint8]:
-        """The picture a share (0..1) of the way from an earlier pose, in a first-person world."""
+        """Return the picture a share (0..1) of the way from an earlier pose, in a first-person world."""
         env: Any = self.world.unwrapped
         assert self._picture_px is not None
         with catch_world_errors():
@@ -202,21 +200,21 @@ class RunningEpisode:
             )
         return picture
 
-    def record_shown(self, shown: ScreenShown) -> FrameShown:
-        """Take note that a picture reached the display; by default the present one.
+    def record_shown(self, screen: ScreenShown) -> FrameShown:
+        """Record that a picture reached the display; by default the present one.
 
         The first one starts a real_time clock.
         """
-        step = self.steps if shown.step is None else min(shown.step, self.steps)
+        step = self.steps if screen.step is None else min(screen.step, self.steps)
         if self._shown_step != step:
-            self._flips_ns = [*self._flips_ns[-1:], shown.flip_ns]
+            self._flips_ns = [*self._flips_ns[-1:], screen.flip_ns]
             self._shown_step = step
         if self.real_time and self.next_tick_ns is None:
-            self.next_tick_ns = shown.flip_ns + self._period_ns
+            self.next_tick_ns = screen.flip_ns + self._period_ns
         elif self.plan.response_deadline_ms and self.next_tick_ns is None and step == self.steps:
-            self.next_tick_ns = shown.flip_ns + round(self.plan.response_deadline_ms * NS_PER_MS)
+            self.next_tick_ns = screen.flip_ns + round(self.plan.response_deadline_ms * NS_PER_MS)
         picture_hash = self._picture_hashes.get(step, 0)
-        return FrameShown(shown.t_ns, self.plan.episode, step, shown.submit_ns, shown.flip_ns, picture_hash)
+        return FrameShown(screen.t_ns, self.plan.episode, step, screen.submit_ns, screen.flip_ns, picture_hash)
 
     @property
     def takes_clicks(self) -> bool:
@@ -224,7 +222,7 @@ class RunningEpisode:
         return bool(self._bindings and self._bindings.spot)
 
     def find_click_action(self, x: float, y: float) -> "Action":
-        """The action of a click at (x, y), 0..1 of the world's picture from its top left corner."""
+        """Return the action of a click at (x, y), 0..1 of the world's picture from its top left corner."""
         assert self._bindings
         assert self._bindings.spot
         with catch_world_errors():
@@ -247,7 +245,7 @@ class RunningEpisode:
         self._shown_step = -1
 
     def tick(self, t_ns: int) -> Stepped | None:
-        """If a period has run out, step with the queued key's action or the no-op; None if nothing is to be done.
+        """Step with the queued key's action or the no-op, if a period has run out; None if nothing is to be done.
 
         Periods missed altogether (a stalled machine) are skipped: no pictures were shown between.
         """
@@ -287,10 +285,10 @@ class RunningEpisode:
             for component, share in moved.items():
                 vector = self.world.actions.move(vector, component, share)  # type: ignore[union-attr]
         latest = keys[-1] if keys else ""
-        return self.step(t_ns, vector or number, key=latest, key_t_ns=pressed.get(latest, t_ns), held=pressed)
+        return self.step(t_ns, vector or number, key=latest, key_t_ns=pressed.get(latest, t_ns), held_keys=pressed)
 
     def _moved_components(self) -> dict[int, float]:
-        """How far the gamepad's axes move which components of the action; none that rest."""
+        """Return how far the gamepad's axes move each component of the action; axes at rest move none."""
         bound = self._bindings.axes if self._bindings else {}
         moved: dict[int, float] = {}
         for axis, binding in bound.items():
@@ -299,7 +297,7 @@ class RunningEpisode:
         return moved
 
     def step(
-        self, t_ns: int, action: "Action", *, key: str, key_t_ns: int, held: Mapping[str, int] | None = None
+        self, t_ns: int, action: "Action", *, key: str, key_t_ns: int, held_keys: Mapping[str, int] | None = None
     ) -> Stepped:
         """Step the world once. The plan's step limit counts as a truncation, whether or not the world has one.
 
@@ -308,7 +306,8 @@ class RunningEpisode:
             action: a number, or a vector where actions are vectors.
             key: that caused it; "" for none.
             key_t_ns: when it was pressed.
-            held: the keys that were pressed since the last tick, where held keys step: another key answers no picture.
+            held_keys: those that were pressed since the last tick, where held keys step; another key answers no
+                picture.
         """
         assert self.started, "start() comes first"
         with catch_world_errors():
@@ -317,21 +316,14 @@ class RunningEpisode:
             pose = self.world.pose()
             self._state_hash = self.world.state_hash()
             success = transition.find_success(self._judge.rule)
-            if self.plan.record_info:
-                info_json = transition.encode_info(self.plan.record_info)
-            else:
-                info_json = ""
+            info_json = transition.encode_info(self.plan.record_info) if self.plan.record_info else ""
         self.actions.append(number)
         if not self.real_time:
             self.next_tick_ns = None  # the deadline runs from the next picture
         self.return_ += transition.reward
         spent = self.steps >= self.plan.max_steps and not transition.terminated
         truncated = transition.truncated or spent
-        is_answer = key and (held is None or key in held)  # to the latest picture that was there when it was pressed
-        if is_answer:
-            seen_ns = [flip_ns for flip_ns in self._flips_ns if flip_ns <= key_t_ns]
-        else:
-            seen_ns = []
+        answers_picture = bool(key) and (held_keys is None or key in held_keys)
         stepped = Stepped(
             t_ns=t_ns,
             episode=self.plan.episode,
@@ -344,7 +336,7 @@ class RunningEpisode:
             terminated=transition.terminated,
             truncated=truncated,
             pose=pose,
-            rt_ms=(key_t_ns - seen_ns[-1]) / NS_PER_MS if seen_ns else None,
+            rt_ms=self._find_rt_ms(key_t_ns) if answers_picture else None,
             state_hash=self._state_hash,
             observation_hash=transition.observation_hash,
             onset=transition.onset,
@@ -355,8 +347,15 @@ class RunningEpisode:
         self.outcome = self._judge.judge_step(stepped)
         return stepped
 
+    def _find_rt_ms(self, key_t_ns: int) -> float | None:
+        """Return the time from the latest picture that was there when a key was pressed; None if none was."""
+        earlier_ns = [flip_ns for flip_ns in self._flips_ns if flip_ns <= key_t_ns]
+        if not earlier_ns:
+            return None
+        return (key_t_ns - earlier_ns[-1]) / NS_PER_MS
+
     def clauses_done(self, t_ns: int) -> list[ClauseDone]:
-        """The subgoals of the instruction that the last step has reached."""
+        """Return the subgoals of the instruction that the last step has reached."""
         with catch_world_errors():
             clauses = self.world.subgoals()
         return [
@@ -366,7 +365,7 @@ class RunningEpisode:
         ]
 
     def stored_observations(self, t_ns: int) -> list[ObservationStored]:
-        """The present observation if the protocol records observations, else none."""
+        """Return the present observation if the protocol records observations, else none."""
         if not self.plan.record_observations:
             return []
         with catch_world_errors():  # a copy, as a world may use its arrays again

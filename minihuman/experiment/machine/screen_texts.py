@@ -22,41 +22,41 @@ _FAILURES = ("disk_full", "world_error", "internal_error")
 
 
 def build_notice_screen(words: InterfaceWords, title: str, body: str, prompt: str = "") -> TextScreen:
-    """A few words, and what to press where that leads on."""
+    """Build a screen of a few words, with what to press where that leads on."""
     return TextScreen(title, body, prompt, locale=words.locale)
 
 
 def build_pause_screen(words: InterfaceWords) -> TextScreen:
-    """Play is suspended."""
+    """Build the screen of suspended play."""
     return TextScreen(words["paused.title"], words["paused.body"], words["go_on"], locale=words.locale)
 
 
 def build_focus_lost_screen(words: InterfaceWords) -> TextScreen:
-    """The keys go to another window."""
+    """Build the screen for when the keys go to another window."""
     return TextScreen(words["unfocused.title"], words["unfocused.body"], "", locale=words.locale)
 
 
 def build_wait_screen(words: InterfaceWords) -> TextScreen:
-    """Something takes a moment."""
+    """Build the screen for something that takes a moment."""
     return TextScreen("", words["getting_ready"], "", locale=words.locale)
 
 
 def build_quit_screen(words: InterfaceWords, *, declining: bool = False) -> TextScreen:
-    """The question before Escape ends the session; ``declining`` if that refuses consent."""
+    """Build the question before Escape ends the session; ``declining`` if that refuses consent."""
     if declining:
         return TextScreen(words["consent.decline"], "", words["quit.prompt"], locale=words.locale)
     return TextScreen(words["quit.title"], words["quit.body"], words["quit.prompt"], locale=words.locale)
 
 
 def build_abort_screen(words: InterfaceWords) -> TextScreen:
-    """For the experimenter: why the session is to end."""
+    """Build the experimenter's question why the session is to end."""
     reasons = (words[f"abort.reason_{number}"] for number in range(1, len(ABORT_REASONS) + 1))
     body = "\n".join(f"{number}  {reason}" for number, reason in enumerate(reasons, start=1))
     return TextScreen(words["abort.title"], body, words["abort.prompt"], locale=words.locale)
 
 
 def find_abort_reason(key: str) -> str | None:
-    """The reason a digit stands for, on the digit row or the keypad; None for any other key."""
+    """Find the reason a digit stands for, on the digit row or the keypad; None for any other key."""
     reasons = {str(number): reason for number, reason in enumerate(ABORT_REASONS, start=1)}
     return reasons.get(key.removeprefix("kp_"))
 
@@ -72,11 +72,11 @@ def find_stop_code(reason: str, detail: str) -> str:
 
 
 def build_end_screen(words: InterfaceWords, reason: EndReason, detail: str) -> TextScreen:
-    """The session is over; a failure says what happened, what is kept, whom to tell, and a code for what failed."""
+    """Build the last screen; of a failure it says what happened, what is kept, whom to tell, and a code."""
     if reason in _FAILURES:
-        kept = words["over.kept_in_part" if reason == "disk_full" else "over.kept"]
+        recording_note = words["over.kept_in_part" if reason == "disk_full" else "over.kept"]
         return TextScreen(
-            words[f"over.{reason}"], f"{kept}\n\n{find_stop_code(reason, detail)}", "", locale=words.locale
+            words[f"over.{reason}"], f"{recording_note}\n\n{find_stop_code(reason, detail)}", "", locale=words.locale
         )
     if reason == "screened_out":
         return TextScreen(words["over.title"], words["over.screened_out"], "", locale=words.locale)
@@ -86,7 +86,7 @@ def build_end_screen(words: InterfaceWords, reason: EndReason, detail: str) -> T
 def build_overlay_screen(
     words: InterfaceWords, phase: Phase, reason: EndReason, detail: str, *, declining: bool = False
 ) -> TextScreen | None:
-    """The screen in front of a part, or after the last; None while a part is shown."""
+    """Build the screen in front of a part, or after the last; None while a part is shown."""
     match phase:
         case Phase.PAUSED:
             return build_pause_screen(words)
@@ -102,7 +102,7 @@ def build_overlay_screen(
 
 
 def capitalise(text: str) -> str:
-    """A text whose first letter is a capital."""
+    """Return a text whose first letter is a capital."""
     return text[:1].upper() + text[1:]
 
 

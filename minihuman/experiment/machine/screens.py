@@ -1,9 +1,9 @@
 """Screens: what a participant should see now, as values. Windows and pages draw them."""
 
 import abc
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypedDict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ ControlIndicator = Literal["", "person", "agent"]
 
 @dataclass(frozen=True, slots=True)
 class TextLocale:
-    """How a screen's words are written."""
+    """The way in which a screen's words are written."""
 
     language: str = "en"
     rtl: bool = False  # from right to left
@@ -76,17 +76,6 @@ class Motion(NamedTuple):
     draw: Callable[[float], NDArray[np.uint8]]  # at a share of the way, 0..1
 
 
-class PlayMessages(TypedDict):
-    """What people who play together write and mark, for a window that draws it."""
-
-    writes: bool
-    hint: str
-    lines: list[tuple[str, str]]  # author, text
-    entry: "TextField | None"
-    cells: list[tuple[float, float, bool]]  # x and z of a mark, and whether it is the person's own
-    bounds: tuple[float, float, float, float] | tuple[()]  # of the map: left, top, right, bottom; () without marks
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayScreen:
     """The world's picture, with the mission above and the progress line below; target "picture"."""
@@ -107,7 +96,7 @@ class PlayScreen:
     flash: OutcomeMark = ""  # the frame for a moment: a press was taken
     accepts_pointer: bool = False  # a click in the picture is an action
     motion: Motion | None = None  # how the view gets here; windows may leave it out
-    messages: PlayMessages | None = None  # of those who play together
+    page_fields: Mapping[str, Any] = field(default_factory=dict)  # what its kind of block adds for a page
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,7 +217,7 @@ class QuestionScreen:
 
 @dataclass(frozen=True, slots=True)
 class PageView:
-    """How the page of a browser shows a kind's own screen.
+    """The view of a kind's own screen on a browser's page.
 
     Args:
         name: a word for it, by which style sheets know it.
@@ -274,7 +263,7 @@ class FilmsScreen(ActivityScreen, abc.ABC):
     @property
     @abc.abstractmethod
     def identity(self) -> tuple[object, ...]:
-        """What tells the screen from another one, whatever step is seen."""
+        """The parts of the screen that tell it from another one, whatever its step."""
 
 
 Screen = TextScreen | BlankScreen | PlayScreen | PageScreen | QuestionScreen | ActivityScreen

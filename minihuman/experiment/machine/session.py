@@ -44,6 +44,7 @@ from minihuman.experiment.machine.inputs import (
     TextInput,
     Tick,
 )
+from minihuman.experiment.machine.key_state import KeyState
 from minihuman.experiment.machine.part_sequence import PartSequence
 from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFailedError
 from minihuman.experiment.machine.screens import Screen, TextScreen
@@ -51,56 +52,8 @@ from minihuman.experiment.machine.transitions import SESSION_TRANSITIONS, Phase,
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.moved import forward_names
 
-ABORT_CHORD = frozenset({"f9", "f12"})
 CONSENT_RULES = "2"  # the fact "consent_rules" of a session: Escape on a consent text declines; before, it quit
 KEY_RULES = "2"  # the fact "key_rules": what was down before the focus, and shortcuts, never act; before, they did
-HOLD_TO_END_NS = 2_000_000_000  # Escape, held over the question whether to end the session
-
-
-class KeyState:
-    """The keys that are down, as far as the focused window knows.
-
-    Args:
-        down: where they are kept, the latest last, with when each went down.
-    """
-
-    def __init__(self, down: dict[str, int]) -> None:
-        self._down = down
-        self._escape_since_ns: int | None = None  # held over the question
-
-    def down(self, key: str, t_ns: int) -> None:
-        """A key went down; a repeat says only that it is down still."""
-        self._down.setdefault(key, t_ns)
-
-    def up(self, key: str) -> None:
-        """A key came up."""
-        self._down.pop(key, None)
-
-    def forget(self) -> None:
-        """The keyboard is another window's: releases go there."""
-        self._down.clear()
-        self._escape_since_ns = None
-
-    def completes_chord(self, key: str) -> bool:
-        """Whether a key that has just gone down completes the experimenter's chord."""
-        return key in ABORT_CHORD and self._down.keys() >= ABORT_CHORD
-
-    def hold_escape(self, since_ns: int) -> None:
-        """Escape went down over the question."""
-        self._escape_since_ns = since_ns
-
-    def release_escape(self) -> bool:
-        """Escape came up, or the question is gone; whether it was held over the question."""
-        was_down = self._escape_since_ns is not None
-        self._escape_since_ns = None
-        return was_down
-
-    @property
-    def end_ns(self) -> int | None:
-        """When Escape has been held long enough to end the session; None while it is not held over the question."""
-        if self._escape_since_ns is None:
-            return None
-        return self._escape_since_ns + HOLD_TO_END_NS
 
 
 PAUSE_KEY = "f8"
@@ -177,7 +130,7 @@ class SessionMachine:
 
     @property
     def phase(self) -> StrEnum:
-        """Where it is: in a part, the part's own phase."""
+        """The session's phase; in a part, the part's own."""
         if self._phase is Phase.PART:
             return self.part.phase
         return self._phase
@@ -199,24 +152,24 @@ class SessionMachine:
 
     @property
     def screen(self) -> Screen:
-        """What should be seen now; a new object whenever it has changed."""
+        """The screen to show now; a new object whenever it has changed."""
         if not self._is_drawn:
             self._draw()
         return self._screen
 
     @property
     def end_reason(self) -> EndReason:
-        """Why it ended; "complete" as long as it has not."""
+        """The reason why the session ended; "complete" as long as it runs."""
         return self._end_reason
 
     @property
     def end_detail(self) -> str:
-        """What else there is to know of the end; of a world that failed, what it raised. Never for a participant."""
+        """The details of the end, such as what a failing world raised. Never shown to a participant."""
         return self._end_detail
 
     @property
     def next_tick_ns(self) -> int | None:
-        """When the session wants a Tick, if nothing else comes before; None: never."""
+        """The time at which the session wants a Tick, if no input comes before; None: never."""
         if self._phase is Phase.PART:
             return self.part.next_tick_ns
         if self._phase is Phase.QUIT_QUESTION:
@@ -242,13 +195,13 @@ class SessionMachine:
 
     @property
     def request(self) -> ActivityRequest | None:
-        """What the running part needs from the session host; None for nothing."""
+        """The request of the running part to the session host; None without one."""
         if self._phase is Phase.PART:
             return self.part.request
         return None
 
     def close(self) -> None:
-        """Let go of the world."""
+        """Close the world."""
         self._context.close()
 
     # Inputs
@@ -285,14 +238,14 @@ class SessionMachine:
             self._let_time_pass(happened.t_ns)
             if self.over:
                 return
+        self._dispatch(happened)
+
+    def _dispatch(self, happened: Input) -> None:
         match happened:
             case Stop():
-                finished = self.phase is Phase.CLOSING and happened.reason in ("window_closed", "signal")
-                self._end("complete" if finished else happened.reason, happened.detail)
-            case ScreenShown():
-                self._to_part(happened)
+                self._stop(happened)
             case FocusChanged():
-                self._focus_changed(happened.focused)
+                self._change_focus(happened.focused)
             case KeyDown():
                 self._key_down(happened)
             case KeyUp():
@@ -307,8 +260,15 @@ class SessionMachine:
                 self._context.emit(AxisMoved(self.now_ns, happened.axis, happened.value, self.now_ns - happened.t_ns))
             case ExperimenterCommand():
                 self._obey(happened)
-            case ActivityInput():
+            case ScreenShown() | ActivityInput():
                 self._to_part(happened)
+
+    def _stop(self, stop: Stop) -> None:
+        """End the session from outside; a window closed over the last words leaves it complete."""
+        if self.phase is Phase.CLOSING and stop.reason in ("window_closed", "signal"):
+            self._end("complete", stop.detail)
+        else:
+            self._end(stop.reason, stop.detail)
 
     def _to_part(self, happened: Input) -> None:
         if self._phase is Phase.PART:
@@ -317,7 +277,7 @@ class SessionMachine:
                 self._follow_part()
 
     def _let_time_pass(self, t_ns: int) -> None:
-        """Do what was due by now, before any later input.
+        """Do what is due by now, before any later input.
 
         How long Escape is held follows from its own times: a machine that stalled over a tap must not end the session.
         """
@@ -335,7 +295,7 @@ class SessionMachine:
         known = self._facts.get("consent_rules", "1") == CONSENT_RULES
         return known and self._parts.has_begun and self.part.phase is Phase.CONSENT
 
-    def _focus_changed(self, focused: bool) -> None:
+    def _change_focus(self, focused: bool) -> None:
         self._context.emit(Noted(self.now_ns, "focus", "found" if focused else "lost"))
         self._focused = focused
         if focused:
@@ -344,16 +304,16 @@ class SessionMachine:
         self._keys.forget()
         self._move(TransitionCause.FOCUS_LOST)
 
-    def _obey(self, command: ExperimenterCommand) -> None:
+    def _obey(self, happened: ExperimenterCommand) -> None:
         """Log the experimenter's command, and carry it out if possible."""
-        self._context.emit(Noted(self.now_ns, "experimenter", f"{command.what}: {command.text}"))
-        match command.what:
+        self._context.emit(Noted(self.now_ns, "experimenter", f"{happened.command}: {happened.text}"))
+        match happened.command:
             case "pause":
                 self._move(TransitionCause.PAUSE, "experimenter")
             case "go_on":
                 self._move(TransitionCause.RESUME)
             case "abort":
-                self._end("aborted", command.text)
+                self._end("aborted", happened.text)
 
     @property
     def _judges_causes(self) -> bool:
@@ -361,16 +321,18 @@ class SessionMachine:
         return self._facts.get("key_rules", "1") == KEY_RULES
 
     def _use_pointer(self, happened: PointerInput) -> None:
-        """Log what the pointer did; a press that began before the focus, and what follows from it, reaches no part."""
+        """Log what the pointer did; neither a press from before the focus nor its release reaches the part."""
         other_cause = _OTHER_POINTER_CAUSES.get(type(happened))
         is_other = self._judges_causes and happened.cause == other_cause
-        what = other_cause if is_other and other_cause else _POINTER_WORDS[type(happened)]
+        use: PointerUse = _POINTER_WORDS[type(happened)]
+        if is_other and other_cause:
+            use = other_cause
         if isinstance(happened, PointerPressed):
-            self._pointer_acts = what == "pressed"
+            self._pointer_acts = use == "pressed"
         waited_ns = self.now_ns - happened.t_ns
         place = (happened.x, happened.y, happened.target, happened.along)
-        self._context.emit(PointerUsed(self.now_ns, what, *place, waited_ns))
-        if self._pointer_acts and what != "cancelled":
+        self._context.emit(PointerUsed(self.now_ns, use, *place, waited_ns))
+        if self._pointer_acts and use != "cancelled":
             self._to_part(happened)
 
     # Keys
@@ -447,7 +409,7 @@ class SessionMachine:
         move = SESSION_TRANSITIONS.find(self._phase, cause, self)
         if move is None:
             return False
-        before = self._phase
+        previous = self._phase
         if move.end is None:
             self._phase = self._came_from.pop()
         else:
@@ -463,17 +425,17 @@ class SessionMachine:
             self.part.resume()
             self._follow_part()
         else:
-            if before is Phase.PART:
+            if previous is Phase.PART:
                 self.part.suspend(why or _PAUSE_REASONS[cause])
             if cause in (TransitionCause.ASK_QUIT, TransitionCause.ASK_ABORT):
-                self._came_from.append(before)
+                self._came_from.append(previous)
             self._context.emit(Noted(self.now_ns, "phase", self._phase))
             if self._phase is Phase.UNFOCUSED and self._focused:  # found while a question was in front
                 self._move(TransitionCause.FOCUS_FOUND)
         return True
 
     def _follow_part(self) -> None:
-        """If the part is over, go on with the next, or end the session."""
+        """Continue with the next part if this one is over, or end the session."""
         ended = self._parts.finish_part()
         if ended is None:
             return

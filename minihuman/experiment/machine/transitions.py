@@ -28,7 +28,7 @@ class TransitionTable(Generic[Subject]):
         self.rows = tuple(rows)
 
     def find(self, start: StrEnum, cause: StrEnum, subject: Subject) -> PhaseTransition[Subject] | None:
-        """The move to make; None where there is none: then nothing changes."""
+        """Find the move to make; None where there is none: then nothing changes."""
         for row in self.rows:
             if row.start is start and row.cause is cause and (row.when is None or row.when(subject)):
                 return row
@@ -36,7 +36,7 @@ class TransitionTable(Generic[Subject]):
 
 
 class Phase(StrEnum):
-    """Where a session is. While a part runs, the session's phase is the part's own."""
+    """The phase of a session. While a part runs, the session's phase is the part's own."""
 
     START = "start"
     PART = "part"  # never seen from outside: the part's phase is
@@ -69,7 +69,7 @@ class Phase(StrEnum):
 
 
 class TransitionCause(StrEnum):
-    """Why a session, or a part of it, moves on."""
+    """The cause of a transition of a session, or of a part of it."""
 
     BEGAN = "began"
     DONE = "done"
@@ -86,14 +86,14 @@ class TransitionCause(StrEnum):
 
 
 class RunningPart(Protocol):
-    """What the conditions ask of the part that runs."""
+    """The properties of the running part that conditions look at."""
 
     playing: bool
     real_time: bool
 
 
 class SessionState(Protocol):
-    """What the conditions of the session's transitions ask of it."""
+    """The properties of a session that the conditions of its transitions look at."""
 
     @property
     def part(self) -> RunningPart:

@@ -34,12 +34,12 @@ class AllocationSlot:
 
 
 def build_allocation_list(protocol: Protocol) -> tuple[AllocationSlot, ...]:
-    """The whole list, ``study.participants`` slots long, each stratum's; a longer list begins with a shorter one."""
-    asked = (
+    """Build the whole list, ``study.participants`` slots for each stratum; a longer list begins with a shorter one."""
+    tables = (
         *(protocol.study, protocol.keys, protocol.groups, protocol.blocks, protocol.orders, protocol.sessions),
         *(protocol.allocation, protocol.questions),
     )
-    key = msgspec.json.encode(asked)
+    key = msgspec.json.encode(tables)
     if key not in _LISTS:
         if len(_LISTS) >= _MAX_CACHED_LISTS:
             _LISTS.clear()
@@ -62,35 +62,39 @@ def _build_lists(protocol: Protocol) -> tuple[AllocationSlot, ...]:
     lists = [_list(protocol, f"-stratum-{name}") for name in strata.names]
     slots = [
         replace(slot, stratum=name)
-        for its in zip(*lists, strict=True)
-        for name, slot in zip(strata.names, its, strict=True)
+        for slots_of_strata in zip(*lists, strict=True)
+        for name, slot in zip(strata.names, slots_of_strata, strict=True)
     ]
     return tuple(replace(slot, index=index) for index, slot in enumerate(slots))
 
 
-def _list(protocol: Protocol, of: str) -> tuple[AllocationSlot, ...]:
-    """A list for all, or for one stratum; ``of`` sets its draws apart from the others'."""
+def _list(protocol: Protocol, suffix: str) -> tuple[AllocationSlot, ...]:
+    """Build the list of all participants, or of one stratum; ``suffix`` sets its draws apart from the others'."""
     count = protocol.study.participants
-    groups = _groups(protocol, count, of)
-    draws = [_positions(protocol, f"{draw}{of}", groups) for draw in range(_draws(protocol))]
+    groups = _groups(protocol, count, suffix)
+    draws = [_positions(protocol, f"{draw}{suffix}", groups) for draw in range(_draws(protocol))]
     maps = {
         protocol.block_for(block.name, group.name).key_map for block in protocol.blocks for group in protocol.groups
     }
     if "constant" in maps:
-        kept = _positions(protocol, f"kept{of}", groups)
+        constant_rows = _positions(protocol, f"kept{suffix}", groups)
     else:
-        kept = [()] * count
-    orders = _orders(protocol, groups, of)
+        constant_rows = [()] * count
+    orders = _orders(protocol, groups, suffix)
     return tuple(
         AllocationSlot(
-            index, protocol.groups[groups[index]].name, tuple(rows[index] for rows in draws), kept[index], order
+            index,
+            protocol.groups[groups[index]].name,
+            tuple(rows[index] for rows in draws),
+            constant_rows[index],
+            order,
         )
         for index, order in enumerate(orders)
     )
 
 
 def allocation_sha256(slots: tuple[AllocationSlot, ...]) -> str:
-    """SHA-256 of the list in its canonical JSON form, hexadecimal: what every log holds.
+    """Return the SHA-256 of the list in its canonical JSON form, hexadecimal: what every log holds.
 
     What a protocol does not ask for is left out, so that lists made before it could be asked for keep their hash.
     """
@@ -102,46 +106,48 @@ def allocation_sha256(slots: tuple[AllocationSlot, ...]) -> str:
 
 
 def _digest(slots: tuple[AllocationSlot, ...]) -> str:
-    asked = [name for name in ("kept", "orders", "stratum") if any(getattr(slot, name) for slot in slots)]
-    fields = ["index", "group", "positions", *asked]
+    used_fields = [name for name in ("kept", "orders", "stratum") if any(getattr(slot, name) for slot in slots)]
+    fields = ["index", "group", "positions", *used_fields]
     rows = [{name: getattr(slot, name) for name in fields} for slot in slots]
     return hashlib.sha256(msgspec.json.encode(rows)).hexdigest()
 
 
 def _draws(protocol: Protocol) -> int:
-    """A draw for each place of a group's blocks, or for each block where parts are listed otherwise."""
+    """Count the draws: one for each place of a group's blocks, or for each block where parts are listed otherwise."""
     if protocol.lists_parts:
         return len(protocol.blocks)
     return max((len(group.blocks) for group in protocol.groups), default=0)
 
 
-def _orders(protocol: Protocol, groups: list[int], of: str) -> list[tuple[tuple[int, ...], ...]]:
-    """For each slot, the order of each of the protocol's orders; Latin squares are filled within each group."""
-    seen: Counter[int] = Counter()
+def _orders(protocol: Protocol, groups: list[int], suffix: str) -> list[tuple[tuple[int, ...], ...]]:
+    """Draw, for each slot, the order of each of the protocol's orders; Latin squares are filled within each group."""
+    group_sizes: Counter[int] = Counter()
     result = []
     for index, group in enumerate(groups):
-        result.append(tuple(_order(protocol, order, group, seen[group], index, of) for order in protocol.orders))
-        seen[group] += 1
+        result.append(
+            tuple(_order(protocol, order, group, group_sizes[group], index, suffix) for order in protocol.orders)
+        )
+        group_sizes[group] += 1
     return result
 
 
-def _order(protocol: Protocol, order: OrderSpec, group: int, place: int, index: int, of: str) -> tuple[int, ...]:
+def _order(protocol: Protocol, order: OrderSpec, group: int, place: int, index: int, suffix: str) -> tuple[int, ...]:
     count = len(order.parts)
     seed = protocol.study.seed
     match order.order:
         case "fixed":
             return tuple(range(count))
         case "shuffled":
-            return draw_permutation(count, seed=seed, purpose=f"order-{order.name}{of}", index=index)
+            return draw_permutation(count, seed=seed, purpose=f"order-{order.name}{suffix}", index=index)
     square = build_latin_square(count)
     rows = draw_permutation(
-        len(square), seed=seed, purpose=f"order-{order.name}-{group}{of}", index=place // len(square)
+        len(square), seed=seed, purpose=f"order-{order.name}-{group}{suffix}", index=place // len(square)
     )
     return square[rows[place % len(square)]]
 
 
 def build_latin_square(count: int) -> tuple[tuple[int, ...], ...]:
-    """Orders of ``count`` things: each at each place equally often, and each right after each other one equally often.
+    """Build orders of ``count`` things: each is at each place, and right after each other one, equally often.
 
     As many rows as things where that number is even, twice as many where it is odd (Williams 1949).
     """
@@ -155,7 +161,7 @@ def build_latin_square(count: int) -> tuple[tuple[int, ...], ...]:
 
 
 def find_slot(protocol: Protocol, index: int, stratum: str | None = None) -> AllocationSlot:
-    """The slot of a participant: that place of the list, or of a stratum's; without a stratum the first one's.
+    """Find the slot of a participant: that place of the list, or of a stratum's; without a stratum the first one's.
 
     Raises:
         AllocationError: if the list is not that long, or there is no such stratum.
@@ -177,23 +183,23 @@ def find_slot(protocol: Protocol, index: int, stratum: str | None = None) -> All
     return build_allocation_list(protocol)[index * len(strata.names) + place]
 
 
-def _groups(protocol: Protocol, count: int, of: str) -> list[int]:
-    """A group number for each slot, in permuted blocks of varying size."""
+def _groups(protocol: Protocol, count: int, suffix: str) -> list[int]:
+    """Draw a group number for each slot, in permuted blocks of varying size."""
     seed = protocol.study.seed
-    shares = [group for group, its in enumerate(protocol.groups) for _ in range(its.allocation_ratio)]
+    shares = [group for group, spec in enumerate(protocol.groups) for _ in range(spec.allocation_ratio)]
     result: list[int] = []
     block = 0
     while len(result) < count:
-        repeats = 1 + int(draw_words(1, seed=seed, purpose=f"group-block-size{of}", index=block)[0] % 3)
+        repeats = 1 + int(draw_words(1, seed=seed, purpose=f"group-block-size{suffix}", index=block)[0] % 3)
         members = [group for group in shares for _ in range(repeats)]
-        order = draw_permutation(len(members), seed=seed, purpose=f"group-block{of}", index=block)
+        order = draw_permutation(len(members), seed=seed, purpose=f"group-block{suffix}", index=block)
         result += [members[place] for place in order]
         block += 1
     return result[:count]
 
 
 def _positions(protocol: Protocol, draw: str, groups: list[int]) -> list[tuple[int, ...]]:
-    """For each slot and one draw, where in the pool each action lies; columns for the most actions of any block."""
+    """Draw, for each slot, where in the pool each action lies; with columns for the most actions of any block."""
     pool = len(protocol.keys.pool)
     seed = protocol.study.seed
     actions = max((len(block.actions) for block in protocol.blocks), default=0)
@@ -216,7 +222,7 @@ def _count_uses(counts: list[list[int]], row: tuple[int, ...]) -> int:
 
 
 def _build_key_square(pool: int, actions: int, *, seed: int, purpose: str, index: int) -> list[tuple[int, ...]]:
-    """``pool`` rows of ``actions`` different keys each; every column holds every key exactly once."""
+    """Build ``pool`` rows of ``actions`` different keys each; every column holds every key exactly once."""
     keys = draw_permutation(pool, seed=seed, purpose=f"{purpose}-keys", index=index)
     shifts = draw_permutation(pool, seed=seed, purpose=f"{purpose}-shifts", index=index)[:actions]
     order = draw_permutation(pool, seed=seed, purpose=f"{purpose}-order", index=index)

@@ -27,7 +27,7 @@ class DesignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlayedEpisode(msgspec.Struct, frozen=True):
-    """What a design knows of an episode: all of a block that were completed, in order."""
+    """A completed episode of a block, as a design sees it."""
 
     options: dict[str, Any]  # of the world, as it was made
     seed: int
@@ -43,7 +43,7 @@ class PlayedEpisode(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class DesignDecision:
-    """What a design decides before an episode, and what it knows by then."""
+    """The decision of a design before an episode, and its estimates by then."""
 
     options: Mapping[str, Any] = field(default_factory=dict)  # of the world, beside the block's own; JSON values
     seed: int | None = None  # of the reset; None: the plan's
@@ -71,7 +71,7 @@ class Design(ABC):
 
 
 class GroupAssignment(msgspec.Struct, frozen=True):
-    """What a design assigned a group from."""
+    """The statistics from which a design assigned a group."""
 
     design: str  # as the protocol names it
     version: int
@@ -79,7 +79,7 @@ class GroupAssignment(msgspec.Struct, frozen=True):
 
 
 class EnrolledParticipant(msgspec.Struct, frozen=True):
-    """What a design knows of a participant."""
+    """A participant, as an enrolment design sees them."""
 
     group: str
     stratum: str = ""
@@ -88,7 +88,7 @@ class EnrolledParticipant(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class EnrolmentDecision:
-    """What a design decides from its statistics."""
+    """The decision of an enrolment design from its statistics."""
 
     group: str = ""  # of the next participant
     stop: bool = False  # no further participant is enrolled
@@ -111,7 +111,7 @@ class EnrolmentDesign(ABC):
 
     @abstractmethod
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
-        """The sufficient statistics, JSON values: of the participants in order, and the groups' allocation ratios.
+        """Compute the sufficient statistics, JSON values, from the participants in order and the groups' ratios.
 
         Those of a design for stopping have ``look``, the number of the latest planned look, 0 before the first.
         """
@@ -122,17 +122,17 @@ class EnrolmentDesign(ABC):
 
 
 def make_design(spec: DesignSpec) -> Design:
-    """The design of a block with that name and these settings.
+    """Make the design of a block, by its name and settings.
 
     Raises:
         ProtocolError: if there is none, it is another kind of design, or a setting is wrong.
     """
-    return call_plugin(GROUP, spec.name, Design, ProtocolError, spec.settings, what="design")  # type: ignore[type-abstract]
+    return call_plugin(GROUP, spec.name, Design, ProtocolError, spec.settings, noun="design")  # type: ignore[type-abstract]
 
 
 def make_enrolment_design(spec: DesignSpec) -> EnrolmentDesign:
-    """The same for a design that decides at enrolment."""
-    return call_plugin(GROUP, spec.name, EnrolmentDesign, ProtocolError, spec.settings, what="design")  # type: ignore[type-abstract]
+    """Make a design that decides at enrolment, by its name and settings."""
+    return call_plugin(GROUP, spec.name, EnrolmentDesign, ProtocolError, spec.settings, noun="design")  # type: ignore[type-abstract]
 
 
 SettingsType = TypeVar("SettingsType", bound=msgspec.Struct)
@@ -161,5 +161,5 @@ def require_setting(holds: bool, complaint: str) -> None:
 
 
 def round_estimate(value: float) -> float:
-    """Six digits, so that every processor gives the same number."""
+    """Round to six digits, so that every processor gives the same number."""
     return float(f"{value:.6g}")

@@ -35,14 +35,14 @@ from minihuman.worlds.second_process import play_in_second_process
 
 
 def describe_plan(plan: SessionPlan) -> Iterator[str]:
-    """Everything a participant will do, part by part."""
-    who = plan.participant
+    """Yield everything that a participant will do, part by part."""
+    participant = plan.participant
     yield f"study        {plan.study} {plan.study_version}, seed {plan.study_seed}, language {plan.language}"
     yield f"protocol     SHA-256 {plan.protocol_sha256}"
     if plan.allocation_sha256:
         yield f"allocation   SHA-256 {plan.allocation_sha256}"
-    stratum = f", stratum {who.stratum}" if who.stratum else ""
-    yield f"participant  {who.id}, group {who.group}{stratum}, session {plan.session}"
+    stratum = f", stratum {participant.stratum}" if participant.stratum else ""
+    yield f"participant  {participant.id}, group {participant.group}{stratum}, session {plan.session}"
     yield f"consent      {'SHA-256 ' + plan.consent_sha256 if plan.consent_text else 'not asked for'}"
     yield f"keys         {' '.join(plan.key_pool)}{', each checked first' if plan.keyboard_check else ''}"
     if plan.bonus:
@@ -55,7 +55,7 @@ def describe_plan(plan: SessionPlan) -> Iterator[str]:
 
 
 def _describe_pay(plan: SessionPlan, bonus: BonusSpec) -> Iterator[str]:
-    """What each ending of a session with partners pays."""
+    """Yield what each ending of a session with partners pays."""
     teams = [part.plan.team for part in plan.parts if isinstance(part.plan, TeamPlayPlan)]
     teams = [team for team in teams if len(team.persons) > 1]
     if not teams:
@@ -79,7 +79,7 @@ def _describe_pay(plan: SessionPlan, bonus: BonusSpec) -> Iterator[str]:
 
 
 def describe_language(protocol: Protocol) -> Iterator[str]:
-    """Say where a study's own language lacks words that are newer than the study."""
+    """Yield the words newer than the study that its own language lacks."""
     language = protocol.study.language
     if language in LANGUAGES:
         return
@@ -91,18 +91,18 @@ def describe_language(protocol: Protocol) -> Iterator[str]:
 
 
 def describe_strata(protocol: Protocol) -> Iterator[str]:
-    """How many slots of each group each stratum has, where groups are drawn after an answer."""
+    """Yield how many slots of each group each stratum has, where groups are drawn after an answer."""
     strata = build_strata(protocol)
     if strata is None:
         return
-    of_each = Counter((slot.stratum, slot.group) for slot in build_allocation_list(protocol))
+    n_slots = Counter((slot.stratum, slot.group) for slot in build_allocation_list(protocol))
     yield ""
     if (design := protocol.allocation.design) is not None:
         yield f"strata of {strata.question}: {', '.join(strata.names)}; {design.name} assigns groups after the answer"
         return
     yield f"strata of {strata.question}: the group is drawn after the answer, from the stratum's own list"
     for name in strata.names:
-        groups = ", ".join(f"{group.name} {of_each[name, group.name]}" for group in protocol.groups)
+        groups = ", ".join(f"{group.name} {n_slots[name, group.name]}" for group in protocol.groups)
         yield f"  {name}  of the first {protocol.study.participants}: {groups}"
 
 
@@ -111,32 +111,37 @@ def _describe_part(plan: SessionPlan, number: int, part: PlannedPart) -> Iterato
         case PlayPlan() as play:
             yield from _describe_block(plan, number, play)
         case PagePlan() as page:
-            if page.agree:
-                what = "consent"
-            elif page.closing:
-                what = "last words"
-            else:
-                what = "page"
-            pictures = f", {len(page.pictures)} pictures" if page.pictures else ""
-            example = ", an example of the world" if page.example else ""
-            yield f"part {number}: {part.name}, {what} of {_format_count(len(page.pages), 'page')}{pictures}{example}"
-        case QuestionsPlan() as asked:
-            yield f"part {number}: {part.name}, {_format_count(len(asked.items), 'question')}"
-            for item in asked.items:
-                right = "" if item.right is None else f", right: {item.right}"
-                yield f"  {item.name}  {item.kind}{right}"
-            if any(item.right is not None for item in asked.items):
-                if asked.back_to is None:
-                    back = ""
-                else:
-                    back = f", wrong answers lead back to part {asked.back_to + 1}"
-                if asked.failed == "end":
-                    then = "the session ends"
-                else:
-                    then = "the session goes on"
-                yield f"  tries  {asked.tries}{back}, then {then}"
+            yield f"part {number}: {part.name}, {_describe_page(page)}"
+        case QuestionsPlan() as questions:
+            yield f"part {number}: {part.name}, {_format_count(len(questions.items), 'question')}"
+            yield from _describe_questions(questions)
         case _:
             yield f"part {number}: {part.name}, {part.kind}"
+
+
+def _describe_page(page: PagePlan) -> str:
+    if page.agree:
+        kind = "consent"
+    elif page.closing:
+        kind = "last words"
+    else:
+        kind = "page"
+    pictures = f", {len(page.pictures)} pictures" if page.pictures else ""
+    example = ", an example of the world" if page.example else ""
+    return f"{kind} of {_format_count(len(page.pages), 'page')}{pictures}{example}"
+
+
+def _describe_questions(questions: QuestionsPlan) -> Iterator[str]:
+    for item in questions.items:
+        right = "" if item.right is None else f", right: {item.right}"
+        yield f"  {item.name}  {item.kind}{right}"
+    if all(item.right is None for item in questions.items):
+        return
+    back = ""
+    if questions.back_to is not None:
+        back = f", wrong answers lead back to part {questions.back_to + 1}"
+    consequence = "the session ends" if questions.failed == "end" else "the session goes on"
+    yield f"  tries  {questions.tries}{back}, then {consequence}"
 
 
 def _format_count(number: int, noun: str) -> str:
@@ -147,12 +152,14 @@ def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[
     episodes = plan.episodes[play.first : play.first + play.count]
     first = episodes[0]
     options = "".join(f", {name}={value!r}" for name, value in first.options.items())
-    what = f"{first.block_name}, {first.world}{options}, {first.view} view, {first.palette}"
-    yield f"part {number}: block {first.block + 1}, {what}"
-    of_seats = play.team.seat_keys if isinstance(play, TeamPlayPlan) else ()
-    for seat, its in enumerate(of_seats or (first.key_map.keys,)):
-        keys = ", ".join(f"{key} {action}" for key, action in sorted(its.items()))
-        yield f"  keys   {f'seat {seat}: ' if of_seats else ''}{keys}{' (shown)' if first.show_keys else ''}"
+    summary = f"{first.block_name}, {first.world}{options}, {first.view} view, {first.palette}"
+    yield f"part {number}: block {first.block + 1}, {summary}"
+    seat_keys = play.team.seat_keys if isinstance(play, TeamPlayPlan) else ()
+    visibility = " (shown)" if first.show_keys else ""
+    for seat, key_actions in enumerate(seat_keys or (first.key_map.keys,)):
+        keys = ", ".join(f"{key} {action}" for key, action in sorted(key_actions.items()))
+        owner = f"seat {seat}: " if seat_keys else ""
+        yield f"  keys   {owner}{keys}{visibility}"
     yield f"  pace   {_describe_pace(first)}; at most {first.max_steps} steps"
     yield f"  in a browser computed by the {play.computed}"
     if play.motion_ms:
@@ -172,9 +179,9 @@ def _describe_pace(first: EpisodePlan) -> str:
             onset = "the first picture"
         else:
             onset = "the world's info['onset'], NULL where it names none"
-        held = ", as long as its key is held" if first.hold == "repeat" else ""
-        rest = f"without a key {first.noop or 'none'}; response_ms from {onset}"
-        return f"a step every {first.step_period_ms:g} ms{held}, {rest}"
+        repetition = ", as long as its key is held" if first.hold == "repeat" else ""
+        idle_action = f"without a key {first.noop or 'none'}; response_ms from {onset}"
+        return f"a step every {first.step_period_ms:g} ms{repetition}, {idle_action}"
     if first.response_deadline_ms:
         deadline = f", {first.noop} after {first.response_deadline_ms:g} ms"
     else:
@@ -189,9 +196,9 @@ def _describe_limits(play: PlayPlan) -> Iterator[str]:
     if limits:
         yield f"  time   at most {', '.join(limits)}"
     if play.points:
-        each = {"goal": play.points.goal, "timeout": play.points.timeout, "failure": play.points.failure}
-        each |= {"a step": play.points.per_step, "a reward of 1": play.points.per_reward}
-        yield f"  points {', '.join(f'{name} {value:+g}' for name, value in each.items() if value)}"
+        point_rules = {"goal": play.points.goal, "timeout": play.points.timeout, "failure": play.points.failure}
+        point_rules |= {"a step": play.points.per_step, "a reward of 1": play.points.per_reward}
+        yield f"  points {', '.join(f'{name} {value:+g}' for name, value in point_rules.items() if value)}"
 
 
 _OURS = "minihuman/"
@@ -220,7 +227,7 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
     notices: dict[str, None] = {}
     examined: dict[bytes, ConformanceReport] = {}
     for number, block in enumerate(protocol.blocks):
-        where = f"{source}: $.blocks[{number}].world: {block.world}"
+        place = f"{source}: $.blocks[{number}].world: {block.world}"
         try:
             try_world(block)
         except Exception as error:  # a bug of ours, as foreign worlds' errors are WorldErrors
@@ -228,17 +235,15 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
                 reason = str(error)
             else:
                 reason = f"{type(error).__name__}: {error}"
-            raise ProtocolError(f"{where} cannot be played ({reason.removeprefix(f'{block.world}: ')})") from error
+            raise ProtocolError(f"{place} cannot be played ({reason.removeprefix(f'{block.world}: ')})") from error
         report = _examine_block(block, examined, provable=provable)
         if report.broken:
-            raise ProtocolError(f"{where} cannot be played ({report.broken[0]})")
-        if provable:
-            refused = [*report.unsound, *(() if block.record_observations else report.unprovable)]
-        else:
-            refused = []
-        if refused:
-            raise ProtocolError(f"{where}: {refused[0]}")
-        lines = (*report.notices, *report.unprovable) if block.record_observations else report.notices
+            raise ProtocolError(f"{place} cannot be played ({report.broken[0]})")
+        unprovable = report.unprovable  # which stored observations make up for
+        faults = [*report.unsound, *(() if block.record_observations else unprovable)]
+        if provable and faults:
+            raise ProtocolError(f"{place}: {faults[0]}")
+        lines = (*report.notices, *unprovable) if block.record_observations else report.notices
         notices |= dict.fromkeys(f"{block.world}: {notice}" for notice in lines)
         notices |= dict.fromkeys(_list_block_notices(block))
     notices |= dict.fromkeys(check_stimuli(protocol, source))
@@ -255,7 +260,7 @@ def _examine_block(block: BlockSpec, examined: dict[bytes, ConformanceReport], *
 
 
 def _rehearse(block: BlockSpec, steps: int) -> Rehearsal:
-    seeds = tuple(dict.fromkeys(block.seeds)) if isinstance(block.seeds, tuple) else tuple(range(N_TRIED_SEEDS))
+    seeds = tuple(dict.fromkeys(_list_tried_seeds(block)))
     options = list_world_options(block)
     with closing(World(block.world, options)) as world:
         world.name_actions(block.actions)
@@ -271,6 +276,12 @@ def _rehearse(block: BlockSpec, steps: int) -> Rehearsal:
         max_steps=block.max_steps,
         steps=steps,
     )
+
+
+def _list_tried_seeds(block: BlockSpec) -> Sequence[int]:
+    if isinstance(block.seeds, tuple):
+        return block.seeds
+    return range(N_TRIED_SEEDS)
 
 
 def _list_block_notices(block: BlockSpec) -> Iterator[str]:
@@ -315,14 +326,14 @@ def describe_worlds(protocol: Protocol, notices: Sequence[str] | None = None) ->
 
 
 def _find_missed_actions(block: BlockSpec) -> set[str]:
-    """What the planner would do in a block's first layouts and participants cannot."""
-    seeds = block.seeds if isinstance(block.seeds, tuple) else range(N_TRIED_SEEDS)
+    """Find the actions that the planner would take in a block's first layouts and participants cannot."""
+    seeds = _list_tried_seeds(block)
     with closing(World(block.world, block.options)) as world:
         return find_needed_actions(world, seeds) - set(block.actions)
 
 
 def find_needed_actions(world: World, seeds: Sequence[int] = range(N_TRIED_SEEDS)) -> set[str]:
-    """The actions of the shortest paths to success in a world's first layouts; none where it cannot be planned."""
+    """Find the actions of the shortest paths to success in a world's first layouts; none where planning cannot."""
     needed: set[str] = set()
     for seed in seeds[:N_TRIED_SEEDS] if isinstance(world.unwrapped, NativeWorld) else ():
         world.reset(seed)
@@ -342,7 +353,7 @@ def list_world_notices(world: World) -> list[str]:
 
 def try_world(block: BlockSpec) -> None:
     """Do everything once that an episode of a block does with its world, with each of its layouts and actions."""
-    seeds = sorted(set(block.seeds)) if isinstance(block.seeds, tuple) else range(N_TRIED_SEEDS)
+    seeds = sorted(set(_list_tried_seeds(block)))
     world = World(block.world, block.options)
     try:
         world.name_actions(block.actions)
@@ -375,32 +386,46 @@ def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
     except WorldError as error:
         yield "world", f"is {block.world!r}: {_explain_world_error(block, error)}"
         return
-    world.name_actions(block.actions)
-    known = world.action_names
+    with closing(world):
+        world.name_actions(block.actions)
+        known = world.action_names
+        yield from _find_misused_fields(block, world)
+    yield from _find_unknown_actions(block, known)
+    if limit is not None and block.max_steps > limit:
+        more = f"options = {{ max_steps = {block.max_steps} }} if it has that option"
+        advice = f"ask for {limit} or fewer, or give the world more with {more}"
+        yield "max_steps", f"is {block.max_steps}, but {block.world} ends an episode after {limit} steps; {advice}"
+
+
+def _find_misused_fields(block: BlockSpec, world: World) -> Iterator[tuple[str, str]]:
+    """Yield the fields of a block that ask its world for what it cannot do."""
     if not find_kind(block.kind).is_played_alone and not world.actions.is_discrete:
         yield (
             "kind",
             f"is {block.kind!r}, but {block.world} has {world.action_space}; its agents choose Discrete actions",
         )
     if block.computed == "page" and not world.is_compiled:
-        what = "but its rules or pictures are Python, or it lacks options.trig = 1; leave it out, or use 'server'"
-        yield "computed", f"is 'page' for {block.world}, {what}"
+        reason = "but its rules or pictures are Python, or it lacks options.trig = 1; leave it out, or use 'server'"
+        yield "computed", f"is 'page' for {block.world}, {reason}"
     if block.team is not None and block.team.ping:
         world.reset(0)
-        if block.view != "full" or (plan := world.map()) is None or plan.unit != "cell":
+        plan = world.map()
+        if block.view != "full" or plan is None or plan.unit != "cell":
             yield "team.ping", "marks a cell of the whole picture; use it in a grid with view = 'full', or leave it out"
     if block.axes or block.spot:
         try:
             check_bindings(world, Bindings(block.axes, block.spot))
         except WorldError as error:
             yield "spot" if block.spot else "axes", f"cannot act: {error}"
-    world.close()
-    named = {
+
+
+def _find_unknown_actions(block: BlockSpec, known: Sequence[str]) -> Iterator[tuple[str, str]]:
+    names_of_field = {
         "actions": block.actions,
         "distractors": block.distractors,
         "noop": (block.noop_action,) if block.noop_action else (),
     }
-    for field, names in named.items():
+    for field, names in names_of_field.items():
         for name in names:
             if name not in known:
                 close = difflib.get_close_matches(name, known, n=1)
@@ -409,14 +434,10 @@ def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
                     field,
                     f"names {name!r}, which {block.world} does not have; its actions are {', '.join(known)}{meant}",
                 )
-    if limit is not None and block.max_steps > limit:
-        more = f"options = {{ max_steps = {block.max_steps} }} if it has that option"
-        asked = f"ask for {limit} or fewer, or give the world more with {more}"
-        yield "max_steps", f"is {block.max_steps}, but {block.world} ends an episode after {limit} steps; {asked}"
 
 
 def _explain_world_error(block: BlockSpec, error: WorldError) -> str:
-    """Why there is no such world, and which may have been meant."""
+    """Say why there is no such world, and which one may have been meant."""
     reason = str(error).removeprefix(f"{block.world}: ")
     name = block.world.rpartition("/")[2].rpartition(":")[2]
     ours = [entry.id for entry in (*WORLDS, *TEAM_WORLDS)]

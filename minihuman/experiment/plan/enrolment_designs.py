@@ -31,22 +31,24 @@ class Minimisation(EnrolmentDesign):
     """Minimisation with a biased coin (Pocock & Simon, 1975, Biometrics 31) over the stratum and the whole study."""
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
-        its = self.settings = read_design_settings(settings, MinimisationSettings)
-        require_setting(0.5 < its.probability <= 1, f"probability is {its.probability:g}; use more than 0.5, 1 at most")
-        require_setting(its.stratum_weight >= 0, f"stratum_weight is {its.stratum_weight:g}; use 0 or more")
+        self.settings = read_design_settings(settings, MinimisationSettings)
+        probability = self.settings.probability
+        weight = self.settings.stratum_weight
+        require_setting(0.5 < probability <= 1, f"probability is {probability:g}; use more than 0.5, 1 at most")
+        require_setting(weight >= 0, f"stratum_weight is {weight:g}; use 0 or more")
 
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
-        """Participants by group, of the whole study and by stratum."""
-        strata = sorted({one.stratum for one in enrolled if one.stratum})
+        """Count the participants by group, in the whole study and in each stratum."""
+        strata = sorted({participant.stratum for participant in enrolled if participant.stratum})
 
         def count(stratum: str | None) -> dict[str, int]:
-            among = [one.group for one in enrolled if stratum in (None, one.stratum)]
+            among = [participant.group for participant in enrolled if stratum in (None, participant.stratum)]
             return {group: among.count(group) for group in groups}
 
         return {"ratios": dict(groups), "all": count(None), "strata": {name: count(name) for name in strata}}
 
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
-        """The group that leaves the least imbalance, with the coin's probability; another one otherwise."""
+        """Choose the group that leaves the least imbalance with the coin's probability, another one otherwise."""
         ratios: dict[str, int] = statistics["ratios"]
         margins = [(1.0, statistics["all"]), (self.settings.stratum_weight, statistics["strata"].get(stratum, {}))]
 
@@ -60,8 +62,8 @@ class Minimisation(EnrolmentDesign):
         imbalances = {group: imbalance(group) for group in ratios}
         coin, which = draw(2)
         best = [group for group in ratios if imbalances[group] == min(imbalances.values())]
-        others = [group for group in ratios if group not in best]
-        among = best if not others or coin < self.settings.probability else others
+        other_groups = [group for group in ratios if group not in best]
+        among = best if not other_groups or coin < self.settings.probability else other_groups
         return EnrolmentDecision(among[int(which * len(among))], estimates={"imbalance": min(imbalances.values())})
 
 
@@ -87,18 +89,20 @@ class Thompson(EnrolmentDesign):
         require_setting(min(self.settings.prior) > 0, f"prior is {list(self.settings.prior)}; use two above 0")
 
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
-        """Successes and failures by group, in participants."""
-        values = {group: [one.value for one in enrolled if one.group == group] for group in groups}
+        """Sum up successes and failures by group, in participants."""
+        values = {
+            group: [participant.value for participant in enrolled if participant.group == group] for group in groups
+        }
         return {
             group: [
-                round_estimate(sum(v for v in its if v is not None)),
-                round_estimate(sum(1 - v for v in its if v is not None)),
+                round_estimate(sum(v for v in outcomes if v is not None)),
+                round_estimate(sum(1 - v for v in outcomes if v is not None)),
             ]
-            for group, its in values.items()
+            for group, outcomes in values.items()
         }
 
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
-        """The group whose draw from its distribution is the highest."""
+        """Choose the group whose draw from its distribution is the highest."""
         from scipy.special import betaincinv  # only an enrolment needs it
 
         prior = self.settings.prior
@@ -128,21 +132,24 @@ class GroupSequential(EnrolmentDesign):
     """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
-        its = self.settings = read_design_settings(settings, GroupSequentialSettings)
-        self.block, self.outcome = its.block, its.outcome
-        rising = len(its.looks) > 0 and its.looks[0] >= 4 and list(its.looks) == sorted(set(its.looks))
-        require_setting(rising, f"looks is {list(its.looks)}; use rising numbers of participants from 4 on")
-        require_setting(0 < its.alpha < 0.5, f"alpha is {its.alpha:g}; use 0.05")
+        self.settings = read_design_settings(settings, GroupSequentialSettings)
+        self.block = self.settings.block
+        self.outcome = self.settings.outcome
+        looks = list(self.settings.looks)
+        alpha = self.settings.alpha
+        rising = len(looks) > 0 and looks[0] >= 4 and looks == sorted(set(looks))
+        require_setting(rising, f"looks is {looks}; use rising numbers of participants from 4 on")
+        require_setting(0 < alpha < 0.5, f"alpha is {alpha:g}; use 0.05")
 
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
-        """By group: n, mean and variance; of the complete participants up to the latest look."""
-        complete = [one for one in enrolled if one.value is not None]
+        """Compute n, mean and variance by group, of the complete participants up to the latest look."""
+        complete = [participant for participant in enrolled if participant.value is not None]
         reached = [look for look in self.settings.looks if look <= len(complete)]
-        counted = complete[: reached[-1]] if reached else []
-        return {"look": len(reached)} | {group: _describe(counted, group) for group in list(groups)[:2]}
+        participants_at_look = complete[: reached[-1]] if reached else []
+        return {"look": len(reached)} | {group: _describe(participants_at_look, group) for group in list(groups)[:2]}
 
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
-        """Whether the difference is beyond the look's boundary, or the last look is taken."""
+        """Stop where the difference is beyond the look's boundary, or the last look has been taken."""
         from minihuman.experiment.plan.group_sequential import compute_adjusted_p, compute_welch_z, find_boundaries
 
         looks = self.settings.looks
@@ -151,20 +158,22 @@ class GroupSequential(EnrolmentDesign):
             return EnrolmentDecision()
         fractions = [look / looks[-1] for look in looks]
         boundaries = find_boundaries(fractions, self.settings.alpha)
-        first, second = (its for name, its in statistics.items() if name != "look")
+        first, second = (statistic for name, statistic in statistics.items() if name != "look")
         z = round_estimate(compute_welch_z(first, second))
         crossed = abs(z) >= boundaries[at - 1]
-        found = {
+        estimates = {
             "look": at,
             "z": z,
             "boundary": round_estimate(boundaries[at - 1]),
             "p": round_estimate(compute_adjusted_p(z, fractions[:at], boundaries)),
         }
-        return EnrolmentDecision("", crossed or at == len(looks), found | {"crossed": float(crossed)})
+        return EnrolmentDecision("", crossed or at == len(looks), estimates | {"crossed": float(crossed)})
 
 
 def _describe(enrolled: Sequence[EnrolledParticipant], group: str) -> list[float]:
-    values = [one.value for one in enrolled if one.group == group and one.value is not None]
+    values = [
+        participant.value for participant in enrolled if participant.group == group and participant.value is not None
+    ]
     mean = np.mean(values or [0.0])
     variance = np.var(values, ddof=1) if len(values) > 1 else 0.0
     return [len(values), round_estimate(float(mean)), round_estimate(float(variance))]

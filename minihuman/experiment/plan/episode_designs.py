@@ -34,41 +34,45 @@ class Staircase(Design):
     """1-up-N-down staircase (Levitt, 1971, JASA 49): with ``down = 2`` it converges on 70.7 % successes."""
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
-        its = self.settings = read_design_settings(settings, StaircaseSettings)
-        require_setting(len(its.values) > 1, f"values has {len(its.values)}; give two or more, the easiest first")
+        self.settings = spec = read_design_settings(settings, StaircaseSettings)
+        require_setting(len(spec.values) > 1, f"values has {len(spec.values)}; give two or more, the easiest first")
         require_setting(
-            0 <= its.start < len(its.values), f"start is {its.start}; use a place in values, the first is 0"
+            0 <= spec.start < len(spec.values), f"start is {spec.start}; use a place in values, the first is 0"
         )
-        sizes = bool(its.step_sizes) and min(its.step_sizes) > 0
+        sizes = bool(spec.step_sizes) and min(spec.step_sizes) > 0
         require_setting(
-            sizes and its.down > 0 and its.averaged_reversals > 0, "down, step_sizes and averages are 1 or more"
+            sizes and spec.down > 0 and spec.averaged_reversals > 0, "down, step_sizes and averages are 1 or more"
         )
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
-        """The value after the run of successes, or the failure."""
-        its = self.settings
-        place = self.settings.start
+        """Choose the value that follows the latest run of successes, or the failure."""
+        settings = self.settings
+        place = settings.start
         run = 0
         direction = 0
         reversals: list[int] = []
         for episode in history:
-            run = run + 1 if episode.success else 0
-            move = -1 if not episode.success else int(run == its.down)
+            if episode.success:
+                run += 1
+                move = int(run == settings.down)
+            else:
+                run = 0
+                move = -1
             if not move:
                 continue
             run = 0
             if direction not in (0, move):
                 reversals.append(place)
             direction = move
-            move *= its.step_sizes[min(len(reversals), len(its.step_sizes) - 1)]
-            place = min(max(place + move, 0), len(its.values) - 1)
+            move *= settings.step_sizes[min(len(reversals), len(settings.step_sizes) - 1)]
+            place = min(max(place + move, 0), len(settings.values) - 1)
         estimates = {"reversals": float(len(reversals))}
-        turned = [its.values[at] for at in reversals[-its.averaged_reversals :]]
+        turned = [settings.values[at] for at in reversals[-settings.averaged_reversals :]]
         if len(turned) > 1 and not any(isinstance(value, str) for value in turned):
             estimates["threshold"] = round_estimate(sum(map(float, turned)) / len(turned))
-        stop = bool(its.stop_reversals) and len(reversals) >= its.stop_reversals
+        stop = bool(settings.stop_reversals) and len(reversals) >= settings.stop_reversals
         return DesignDecision(
-            {its.option: its.values[place]}, None, stop, estimates, (place, run, direction, reversals)
+            {settings.option: settings.values[place]}, None, stop, estimates, (place, run, direction, reversals)
         )
 
 
@@ -97,29 +101,29 @@ class QuestPlus(Design):
     """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
-        its = self.settings = read_design_settings(settings, QuestPlusSettings)
-        low, high = its.thresholds or (min(its.values, default=0), max(its.values, default=0))
-        require_setting(len(its.values) > 1 and min(its.values) > 0, "values needs two or more, all above 0")
+        self.settings = spec = read_design_settings(settings, QuestPlusSettings)
+        low, high = spec.thresholds or (min(spec.values, default=0), max(spec.values, default=0))
+        require_setting(len(spec.values) > 1 and min(spec.values) > 0, "values needs two or more, all above 0")
         require_setting(0 < low < high, f"thresholds is {[low, high]}; give the lowest, above 0, then the highest")
-        require_setting(2 <= its.grid <= 1_000, f"grid is {its.grid}; use 2 to 1000")
-        require_setting(bool(its.slopes) and min(its.slopes) > 0, "slopes needs one or more, all above 0")
-        require_setting(0 <= its.guess < 1 - its.lapse <= 1, "guess and lapse are shares whose sum is below 1")
-        self._log_thresholds = np.log(low) + np.arange(its.grid) * (np.log(high / low) / (its.grid - 1))
-        distance = np.log(np.array(its.values))[:, None, None] - self._log_thresholds[:, None]
-        distance = distance * np.array(its.slopes) * (1 if its.harder == "smaller" else -1)
-        chance = its.guess + (1 - its.guess - its.lapse) * -np.expm1(-np.exp(np.minimum(distance, 50.0)))
+        require_setting(2 <= spec.grid <= 1_000, f"grid is {spec.grid}; use 2 to 1000")
+        require_setting(bool(spec.slopes) and min(spec.slopes) > 0, "slopes needs one or more, all above 0")
+        require_setting(0 <= spec.guess < 1 - spec.lapse <= 1, "guess and lapse are shares whose sum is below 1")
+        self._log_thresholds = np.log(low) + np.arange(spec.grid) * (np.log(high / low) / (spec.grid - 1))
+        distance = np.log(np.array(spec.values))[:, None, None] - self._log_thresholds[:, None]
+        distance = distance * np.array(spec.slopes) * (1 if spec.harder == "smaller" else -1)
+        chance = spec.guess + (1 - spec.guess - spec.lapse) * -np.expm1(-np.exp(np.minimum(distance, 50.0)))
         self._chance = np.clip(chance, 1e-6, 1 - 1e-6)  # [value, threshold, slope]
         self._log_chance = tuple(
             np.rint(np.log(share) * _LOG_UNIT).astype(np.int64) for share in (1 - self._chance, self._chance)
         )
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
-        """The value that is expected to tell the most about the threshold."""
-        its = self.settings
-        places = {value: place for place, value in enumerate(self.settings.values)}
+        """Choose the value that is expected to tell the most about the threshold."""
+        settings = self.settings
+        places = {value: place for place, value in enumerate(settings.values)}
         scores = np.zeros(self._chance.shape[1:], np.int64)
         for episode in history:
-            if (place := places.get(episode.options.get(its.option, 0.0))) is not None:
+            if (place := places.get(episode.options.get(settings.option, 0.0))) is not None:
                 scores = scores + self._log_chance[episode.success][place]
         weights = np.exp((scores - scores.max()) / _LOG_UNIT)
         weights /= weights.sum()
@@ -130,26 +134,26 @@ class QuestPlus(Design):
         known = (
             ("threshold", float(np.exp(mean))),
             ("threshold_log_sd", sd),
-            ("slope", float(weights.sum(axis=0) @ np.array(its.slopes))),
+            ("slope", float(weights.sum(axis=0) @ np.array(settings.slopes))),
         )
         rounded = {name: round_estimate(value) for name, value in known}
         best = int(np.argmin(np.round(self._expected_entropy(weights), 9)))
-        stop = bool(history) and rounded["threshold_log_sd"] < its.stop_sd
-        return DesignDecision({its.option: its.values[best]}, None, stop, rounded, scores)
+        stop = bool(history) and rounded["threshold_log_sd"] < settings.stop_sd
+        return DesignDecision({settings.option: settings.values[best]}, None, stop, rounded, scores)
 
     def _expected_entropy(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of the threshold after an episode at each value, nats."""
+        """Return the threshold's expected entropy after an episode at each value, in nats."""
         success = (self._chance * weights).sum(axis=2)
         failure = weights.sum(axis=1) - success
         return sum(_entropy(joint) for joint in (success, failure))  # type: ignore[return-value]
 
 
 def _entropy(joint: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of each row's distribution, times the row's sum."""
+    """Return the entropy of each row's distribution, times the row's sum."""
     joint = np.maximum(joint, 1e-300)
     total = joint.sum(axis=1)
-    found: NDArray[np.float64] = total * np.log(total) - (joint * np.log(joint)).sum(axis=1)
-    return found
+    entropy: NDArray[np.float64] = total * np.log(total) - (joint * np.log(joint)).sum(axis=1)
+    return entropy
 
 
 class LevelReplaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -170,38 +174,45 @@ class LevelReplay(Design):
     """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
-        its = self.settings = read_design_settings(settings, LevelReplaySettings)
-        self._levels = [(dict(row), seed) for row in its.options for seed in its.seeds]
+        self.settings = spec = read_design_settings(settings, LevelReplaySettings)
+        self._levels = [(dict(row), seed) for row in spec.options for seed in spec.seeds]
+        are_shares = 0 <= spec.replay <= 1 and 0 <= spec.staleness <= 1
         require_setting(len(self._levels) > 1, f"seeds and options make {len(self._levels)} levels; give two or more")
-        require_setting(all(0 <= seed < 2**63 for seed in its.seeds), "a seed is 0 or more")
-        require_setting(0 <= its.replay <= 1 and 0 <= its.staleness <= 1, "replay and staleness are shares from 0 to 1")
-        require_setting(its.temperature >= 0.01, f"temperature is {its.temperature:g}; use 0.01 or more")
+        require_setting(all(0 <= seed < 2**63 for seed in spec.seeds), "a seed is 0 or more")
+        require_setting(are_shares, "replay and staleness are shares from 0 to 1")
+        require_setting(spec.temperature >= 0.01, f"temperature is {spec.temperature:g}; use 0.01 or more")
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
-        """A new level, or one that is played again."""
-        # regret, and when
-        its = self.settings
-        seen = dict[int, tuple[float, int]]()
-        for when, episode in enumerate(history):
+        """Choose a new level, or one that is played again."""
+        regrets = dict[int, tuple[float, int]]()  # of each level that was played, and the episode of it
+        for number, episode in enumerate(history):
             if (level := self._find_level(episode)) is not None:
-                seen[level] = (round_estimate(max(0.0, its.best_return - episode.return_)), when)
-        new = [level for level in range(len(self._levels)) if level not in seen]
-        again, which = draw(2)
-        if new and (not seen or again >= its.replay):
-            level = new[int(which * len(new))]
+                regret = max(0.0, self.settings.best_return - episode.return_)
+                regrets[level] = (round_estimate(regret), number)
+        new = [level for level in range(len(self._levels)) if level not in regrets]
+        replay_share, level_share = draw(2)
+        if new and (not regrets or replay_share >= self.settings.replay):
+            level = new[int(level_share * len(new))]
         else:
-            levels = sorted(seen, key=lambda level: (-seen[level][0], level))
-            by_regret = np.arange(1.0, len(levels) + 1) ** (-1 / its.temperature)
-            age = np.array([len(history) - seen[level][1] for level in levels], float)
-            share = (1 - its.staleness) * by_regret / by_regret.sum() + its.staleness * age / age.sum()
-            place = int(np.searchsorted(np.round(np.cumsum(share), 9), which, side="right"))
-            level = levels[min(place, len(levels) - 1)]
-        estimates = {"levels": float(len(seen))} | (
-            {"regret": round_estimate(sum(regret for regret, _ in seen.values()) / len(seen))} if seen else {}
-        )
-        return DesignDecision(*self._levels[level], False, estimates, sorted(seen.items()))
+            level = self._choose_played_level(regrets, len(history), level_share)
+        estimates = {"levels": float(len(regrets))}
+        if regrets:
+            estimates["regret"] = round_estimate(sum(regret for regret, _ in regrets.values()) / len(regrets))
+        return DesignDecision(*self._levels[level], False, estimates, sorted(regrets.items()))
+
+    def _choose_played_level(self, regrets: Mapping[int, tuple[float, int]], now: int, level_share: float) -> int:
+        """Choose among the played levels by the rank of their regret and by how long ago they were played."""
+        staleness = self.settings.staleness
+        levels = sorted(regrets, key=lambda level: (-regrets[level][0], level))
+        by_regret = np.arange(1.0, len(levels) + 1) ** (-1 / self.settings.temperature)
+        age = np.array([now - regrets[level][1] for level in levels], float)
+        share = (1 - staleness) * by_regret / by_regret.sum() + staleness * age / age.sum()
+        place = int(np.searchsorted(np.round(np.cumsum(share), 9), level_share, side="right"))
+        return levels[min(place, len(levels) - 1)]
 
     def _find_level(self, episode: PlayedEpisode) -> int | None:
-        given = episode.options.items()
+        episode_options = episode.options.items()
         levels = enumerate(self._levels)
-        return next((at for at, (its, seed) in levels if seed == episode.seed and its.items() <= given), None)
+        return next(
+            (at for at, (options, seed) in levels if seed == episode.seed and options.items() <= episode_options), None
+        )

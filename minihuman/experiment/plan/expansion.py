@@ -35,7 +35,7 @@ MAX_SESSION_EPISODES = 20_000  # the plan is made and logged whole
 def enrol_participant(
     protocol: Protocol, index: int, group: str | None = None, *, stratum: str | None = None
 ) -> Participant:
-    """The participant at a place of the allocation list; ``group`` overrides the list's.
+    """Enrol the participant at a place of the allocation list; ``group`` overrides the list's.
 
     Where groups are drawn after an answer it is a place of a stratum's list, the first stratum's where none is given.
 
@@ -48,7 +48,7 @@ def enrol_participant(
 
 
 def assign_slot(protocol: Protocol, participant: Participant, slot: AllocationSlot) -> Participant:
-    """A participant in a slot, in its group unless they are in one already.
+    """Assign a participant to a slot, and to its group unless they are in one already.
 
     Raises:
         ProtocolError: if there is no such group.
@@ -68,7 +68,7 @@ def expand_protocol(
     segment: int = 1,
     outcome_rules: int = OUTCOME_RULES,
 ) -> SessionPlan:
-    """Everything the session will ask for, before the first key press.
+    """Plan everything that the session will ask for, before the first key press.
 
     ``overridden`` says that participant or group was chosen by hand; ``first_episode`` and ``segment`` say where
     the session resumes, and change nothing else; ``outcome_rules`` is 0 in a study that began before there were any.
@@ -157,7 +157,7 @@ def _plan_blocks(
 
 
 def _find_draw(protocol: Protocol, block: BlockSpec, number: int) -> int:
-    """Which draw is the block's: its place in its group, or in the file where its place in the session varies."""
+    """Find a block's draw: its place in its group, or in the file where its place in the session varies."""
     if not protocol.lists_parts:
         return number
     return next(place for place, other in enumerate(protocol.blocks) if other.name == block.name)
@@ -208,7 +208,7 @@ def _plan_episodes(
 def _draw_layout_seeds(
     protocol: Protocol, block: BlockSpec, number: int, participant: Participant, session: int
 ) -> tuple[int, ...]:
-    """The seed of each episode's layout."""
+    """Draw the seed of each episode's layout."""
     if isinstance(block.seeds, tuple):
         return block.seeds
     purpose = f"layouts-{number}-{block.name}-session-{session}"

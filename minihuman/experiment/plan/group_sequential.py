@@ -13,24 +13,24 @@ _POINTS = 801  # of the grid on which the score's density between two looks is f
 
 
 def spend_alpha(fraction: float, alpha: float) -> float:
-    """Alpha spent at a fraction of the information, like O'Brien and Fleming (Lan & DeMets, 1983, Biometrika 70)."""
+    """Compute the alpha spent at a fraction of the information, like O'Brien and Fleming (Lan & DeMets, 1983)."""
     return float(4 * scipy.special.ndtr(scipy.special.ndtri(alpha / 4) / np.sqrt(fraction)))
 
 
 def find_boundaries(fractions: Sequence[float], alpha: float = 0.05) -> tuple[float, ...]:
-    """The |z| at which a study stops, for each look; ``fractions`` of the information rise to 1."""
+    """Find the |z| at which a study stops, for each look; ``fractions`` of the information rise to 1."""
     spent = [0.0, *(spend_alpha(fraction, alpha) for fraction in fractions)]
     walk = _Walk()
-    found = list[float]()
+    boundaries = list[float]()
     for at, fraction in enumerate(fractions):
         due = spent[at + 1] - spent[at]
-        found.append(float(scipy.optimize.brentq(lambda z, t=fraction, due=due: walk.exit(z, t) - due, 0.5, 12.0)))
-        walk.advance(found[-1], fraction)
-    return tuple(found)
+        boundaries.append(float(scipy.optimize.brentq(lambda z, t=fraction, due=due: walk.exit(z, t) - due, 0.5, 12.0)))
+        walk.advance(boundaries[-1], fraction)
+    return tuple(boundaries)
 
 
 def compute_adjusted_p(z: float, fractions: Sequence[float], boundaries: Sequence[float]) -> float:
-    """p of a study that stopped at the last of these looks with this z.
+    """Compute p of a study that stopped at the last of these looks with this z.
 
     By stagewise ordering (Tsiatis, Rosner & Mehta, 1984, Biometrics 40): the chance to stop earlier, or to be as far
     out at this look.
@@ -52,7 +52,7 @@ class _Walk:
         self._fraction = 0.0
 
     def exit(self, z: float, fraction: float) -> float:
-        """The chance to be at |z| or beyond at a fraction of the information, and not to have stopped before."""
+        """Compute the chance to reach |z| at a fraction of the information, without having stopped before."""
         spread = np.sqrt(fraction - self._fraction)
         bound = z * np.sqrt(fraction)
         upper = scipy.special.ndtr((self._scores - bound) / spread)
@@ -72,7 +72,7 @@ class _Walk:
 
 
 def compute_welch_z(first: Sequence[float], second: Sequence[float]) -> float:
-    """Welch's t of two groups' (n, mean, variance) as a normal deviate with the same two-sided p; 0 if undefined."""
+    """Convert Welch's t of two groups' (n, mean, variance) to z with the same two-sided p; 0 if undefined."""
     (n, mean, variance), (m, other, spread) = first, second
     if n < 2 or m < 2 or variance + spread <= 0:
         return 0.0

@@ -55,7 +55,7 @@ class KeyMapPlanner:
         return self._deal_spare_keys(block, draw, keys)
 
     def _carry_over(self, block: BlockSpec, draw: int, before: BlockSpec, key_map: KeyMap) -> KeyMap:
-        """The same keys, action for action by position in the two blocks' lists."""
+        """Carry the same keys over, action for action by position in the two blocks' lists."""
         if len(before.actions) != len(block.actions):  # only in a log: a new protocol is refused
             counts = f"{len(block.actions)} actions for a key map with {len(before.actions)}"
             raise ProtocolError(f"block {block.name!r} has {counts}; give the block its own key map")

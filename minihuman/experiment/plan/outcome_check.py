@@ -33,13 +33,13 @@ SUCCESS_MEASURES = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class TriedWorld:
-    """What a world said in ``info`` in the steps that were tried."""
+    """A world's ``info`` in the steps that were tried."""
 
     is_own: bool  # its author wrote with our classes which end earns a reward
     values: Mapping[str, Any] = field(default_factory=dict)  # by key, the first of each
 
     def says_success(self, rule: StatedRule) -> bool:
-        """Whether a rule has, or may have, what it asks for."""
+        """Tell whether the world said, or may say, what a rule asks for."""
         parsed = parse_outcome_rule(rule.rule)
         if not parsed.may_be_unknown:
             return True
@@ -69,17 +69,17 @@ def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
 
 def _require_no_need(protocol: Protocol, block: BlockSpec, rule: StatedRule, tried: TriedWorld, source: str) -> None:
     """Refuse a rule whose key is no yes or no, and whatever needs success that is not known."""
-    where = f"{source}: block {block.name!r}"
+    place = f"{source}: block {block.name!r}"
     key = parse_outcome_rule(rule.rule).info_key
     if key:
         content = _describe(find_info(tried.values, key))
         raise ProtocolError(
-            f"{where}: success is info[{key!r}], which is {content}; name a key, or KEY.PART of a dictionary, that is "
+            f"{place}: success is info[{key!r}], which is {content}; name a key, or KEY.PART of a dictionary, that is "
             "one yes or no"
         )
     if needs := list_success_needs(protocol, block):
         raise ProtocolError(
-            f"{where}: {needs[0]} needs success, but no rule says what success is in {block.world}; "
+            f"{place}: {needs[0]} needs success, but no rule says what success is in {block.world}; "
             f"{HOW_TO_STATE_A_RULE}"
         )
 
@@ -134,9 +134,11 @@ def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:
     if block.design is not None and make_design(block.design).needs_success:
         needs.append(f"design {block.design.name!r}")
     for spec in (protocol.allocation.design, protocol.allocation.stopping):
-        design = None if spec is None else make_enrolment_design(spec)
-        if spec is not None and design is not None and design.outcome == "success":
-            needs += [f"allocation by {spec.name!r}"] if design.block in ("", block.name) else []
+        if spec is None:
+            continue
+        design = make_enrolment_design(spec)
+        if design.outcome == "success" and design.block in ("", block.name):
+            needs.append(f"allocation by {spec.name!r}")
     analysis = protocol.analysis
     named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name in SUCCESS_MEASURES]
     if named and block.analysed and analysis.block in ("", block.name):
@@ -164,6 +166,6 @@ def try_world_info(block: BlockSpec) -> TriedWorld:
 
 
 def _list_variants(protocol: Protocol) -> list[BlockSpec]:
-    """Every block as each group has it, each once."""
+    """List every block as each group has it, each variant once."""
     variants = [apply_overrides(block, group.name) for block in protocol.blocks for group in protocol.groups]
     return [block for place, block in enumerate(variants) if block not in variants[:place]]

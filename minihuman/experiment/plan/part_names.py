@@ -11,19 +11,13 @@ CLOSING = "closing"
 
 
 def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, session: int) -> list[str]:
-    """The names of a session's parts in order, keyboard check and closing included where they come by themselves.
+    """List the names of a session's parts in order, with the keyboard check and closing that minihuman adds itself.
 
     Raises:
         AllocationError: if the study has no such session.
     """
     if not protocol.lists_parts:  # a group lists blocks: what belongs around them comes by itself
-        parts = [
-            *([CONSENT] if protocol.study.consent else []),
-            *([KEYBOARD] if protocol.keys.keyboard_check else []),
-            *protocol.group(group).blocks,
-            *([CLOSING] if protocol.study.closing != "" else []),
-        ]
-        return _add_debrief(protocol, parts, group)
+        return _add_debrief(protocol, _surround_blocks(protocol, group), group)
     if protocol.sessions:
         if session > len(protocol.sessions):
             raise AllocationError(
@@ -38,12 +32,28 @@ def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, sessio
     for name in listed:
         chosen = instead.get(name, name)
         inside = _apply_order(protocol, slot, chosen)
-        names += [chosen] if inside is None else [instead.get(part, part) for part in inside]
+        if inside is None:
+            names.append(chosen)
+        else:
+            names += [instead.get(part, part) for part in inside]
     return _add_debrief(protocol, _add_default_parts(protocol, [name for name in names if name], session), group)
 
 
+def _surround_blocks(protocol: Protocol, group: str) -> list[str]:
+    """List a group's blocks with the parts that belong around them."""
+    parts: list[str] = []
+    if protocol.study.consent:
+        parts.append(CONSENT)
+    if protocol.keys.keyboard_check:
+        parts.append(KEYBOARD)
+    parts += protocol.group(group).blocks
+    if protocol.study.closing != "":
+        parts.append(CLOSING)
+    return parts
+
+
 def _apply_order(protocol: Protocol, slot: AllocationSlot, name: str) -> list[str] | None:
-    """The parts that an order stands for, in the slot's order; None for the name of a part."""
+    """Return the parts that an order stands for, in the slot's order; None for the name of a part."""
     for number, order in enumerate(protocol.orders):
         if order.name == name:
             return [part for place in slot.orders[number] for part in order.units[place]]
@@ -51,7 +61,7 @@ def _apply_order(protocol: Protocol, slot: AllocationSlot, name: str) -> list[st
 
 
 def _add_default_parts(protocol: Protocol, names: list[str], session: int) -> list[str]:
-    """Parts, with the consent of the first session, a keyboard check before the first block, and last words."""
+    """Add the consent of the first session, a keyboard check before the first block, and last words to parts."""
     blocks = {block.name for block in protocol.blocks}
     if protocol.keys.keyboard_check and KEYBOARD not in names:
         first = next((place for place, name in enumerate(names) if name in blocks), None)
@@ -65,7 +75,7 @@ def _add_default_parts(protocol: Protocol, names: list[str], session: int) -> li
 
 
 def _add_debrief(protocol: Protocol, names: list[str], group: str) -> list[str]:
-    """Parts, with the page that tells what the partners were before the last words, where the protocol defers it."""
+    """Add the page that tells what the partners were before the last words, where the protocol defers it."""
     teams = [protocol.block_for(name, group).team for name in names if is_block(protocol, name)]
     if DEBRIEF in names or not any(team and team.partner_disclosure == "debrief" for team in teams):
         return names

@@ -28,7 +28,7 @@ OUTCOMES = ("goal", "timeout", "failure", "abandoned", "ended")
 
 
 def list_changed_words(protocol: Protocol) -> dict[str, str]:
-    """The interface's words of a study, as far as they are not English's: none for most English studies."""
+    """List the interface's words of a study that differ from English: none for most English studies."""
     language = protocol.study.language
     instead = flatten_words(protocol.words)
     if protocol.study.theme != "dark":
@@ -39,15 +39,17 @@ def list_changed_words(protocol: Protocol) -> dict[str, str]:
 
 
 def load_study_words(protocol: Protocol) -> InterfaceWords:
-    """The interface's words of a study."""
+    """Load the interface's words of a study."""
     return InterfaceWords(protocol.study.language, list_changed_words(protocol), protocol.study.fonts)
 
 
 def find_consent_text(protocol: Protocol, group: str, names: Sequence[str]) -> str:
-    """The text that is agreed to in a session with these parts."""
+    """Find the text that is agreed to in a session with these parts."""
     texts = (protocol.page_for(name, group) for name in names)
     agreed = next((page.text for page in texts if page and page.asks_consent), None)
-    return protocol.study.consent if agreed is None else agreed
+    if agreed is None:
+        return protocol.study.consent
+    return agreed
 
 
 def plan_parts(
@@ -58,7 +60,7 @@ def plan_parts(
     blocks: Sequence[BlockSpec],
     episodes: Sequence[EpisodePlan],
 ) -> Iterator[PlannedPart]:
-    """A plan for each part of a session, in order."""
+    """Plan each part of a session, in order."""
     words = load_study_words(protocol)
     group = participant.group
     number = 0
@@ -73,18 +75,11 @@ def plan_parts(
         elif any(block.name == name for block in protocol.blocks):
             kind = find_kind(blocks[number].kind)
             play = _plan_block(kind, protocol, blocks, number, episodes, words)
-            purpose = f"{name}-session-{session}"
-            trial = trials.plan_rules(blocks[number], protocol.study.seed, purpose, participant.index)
-            bound = Bindings(blocks[number].axes, blocks[number].spot)
-            own = {
-                "trial": trial,
-                "bindings": msgspec.UNSET if bound == Bindings() else bound,
-                "design": blocks[number].design or msgspec.UNSET,
-            }
-            yield PlannedPart(kind.name, name, msgspec.structs.replace(play, **own))
+            extras = _plan_extras(protocol, participant, session, blocks[number])
+            yield PlannedPart(kind.name, name, msgspec.structs.replace(play, **extras))
             number += 1
-        elif (other := next((other for other in protocol.activities if other.name == name), None)) is not None:
-            yield PlannedPart(other.kind, name, find_kind(other.kind).read(other.settings))
+        elif (activity := next((spec for spec in protocol.activities if spec.name == name), None)) is not None:
+            yield PlannedPart(activity.kind, name, find_kind(activity.kind).read(activity.settings))
         elif name == DEBRIEF:
             yield PlannedPart("debrief", name, DebriefPlan())
         elif name == KEYBOARD:
@@ -93,14 +88,25 @@ def plan_parts(
             yield PlannedPart("page", name, _plan_page(protocol, _build_default_page(protocol, name, words), words))
 
 
+def _plan_extras(protocol: Protocol, participant: Participant, session: int, block: BlockSpec) -> dict[str, Any]:
+    """Plan what only some blocks have: rules of trials, bindings and a design; unset where a block has none."""
+    purpose = f"{block.name}-session-{session}"
+    bindings = Bindings(block.axes, block.spot)
+    return {
+        "trial": trials.plan_rules(block, protocol.study.seed, purpose, participant.index),
+        "bindings": msgspec.UNSET if bindings == Bindings() else bindings,
+        "design": block.design or msgspec.UNSET,
+    }
+
+
 def _list_images(protocol: Protocol, page: PageSpec) -> tuple[str, ...]:
-    """The files of a page's pictures: a consent and last words without one have the study's logo."""
+    """List the files of a page's pictures: a consent and last words without one have the study's logo."""
     has_logo = protocol.study.logo and (page.asks_consent or page.closing) and page.example is None
     return page.images or ((protocol.study.logo,) if has_logo else ())
 
 
 def _build_default_page(protocol: Protocol, name: str, words: InterfaceWords) -> PageSpec:
-    """The consent or the last words of ``[study]``."""
+    """Build the consent or the last words of ``[study]``."""
     study = protocol.study
     if name == CONSENT:
         return PageSpec(CONSENT, study.consent, words["consent.title"], asks_consent=True)
@@ -184,7 +190,7 @@ def _plan_block(
     episodes: Sequence[EpisodePlan],
     words: InterfaceWords,
 ) -> PlayPlan:
-    """A block's plan as its kind has it."""
+    """Plan a block as its kind needs it."""
     play = _plan_play(protocol, blocks, number, episodes, words)
     if kind.plan is PlayPlan:
         return play
@@ -210,23 +216,22 @@ def _plan_play(
     block = blocks[number]
     count = len(blocks)
     own_episodes = [episode for episode in episodes if episode.block == number]
-    last = number + 1 == count
-    if count > 1:
-        title = words.fill("progress.part", part=number + 1, parts=count)
-    else:
-        title = ""
-    feedback = dict.fromkeys(OUTCOMES, block.feedback) if isinstance(block.feedback, str) else dict(block.feedback)
+    rest_text = ""
+    rest_s = 0.0
+    if number + 1 < count:
+        rest_text = block.rest_text
+        rest_s = protocol.study.min_rest_s
     instruction = paginate_text(block.instructions) if block.instructions else ()
     return PlayPlan(
         block=number,
         blocks=count,
         first=own_episodes[0].episode,
         count=len(own_episodes),
-        title=block.title or title,
+        title=block.title or _number_part(words, number, count),
         instruction=instruction,
-        feedback={outcome: text for outcome, text in feedback.items() if text},
-        rest="" if last else block.rest_text,
-        rest_s=0.0 if last else protocol.study.min_rest_s,
+        feedback=_plan_feedback(block),
+        rest=rest_text,
+        rest_s=rest_s,
         interval_ms=0.0 if isinstance(block.inter_trial_interval_ms, tuple) else block.inter_trial_interval_ms,
         fixation_ms=block.fixation_ms,
         hold_ms=block.final_frame_ms,
@@ -243,16 +248,35 @@ def _plan_play(
     )
 
 
+def _number_part(words: InterfaceWords, number: int, count: int) -> str:
+    """Format "Part 1 of 2" as a block's title; "" for the only block."""
+    if count < 2:
+        return ""
+    return words.fill("progress.part", part=number + 1, parts=count)
+
+
+def _plan_feedback(block: BlockSpec) -> dict[str, str]:
+    """Plan the feedback by outcome, without the outcomes that have none."""
+    texts = dict.fromkeys(OUTCOMES, block.feedback) if isinstance(block.feedback, str) else block.feedback
+    return {outcome: text for outcome, text in texts.items() if text}
+
+
 def _computed_by(block: BlockSpec) -> ComputedBy:
-    """The page, for an ordinary block in a world of ours; what the protocol says, if it does."""
+    """Return what the protocol says; else the page for an ordinary block in a world of ours, the server for others."""
+    if block.computed:
+        return block.computed
     # what held keys combine to, and what a design decides, the server knows
-    ordinary = find_kind(block.kind).is_plain_play and block.hold == "once" and block.design is None
+    is_ordinary = find_kind(block.kind).is_plain_play and block.hold == "once" and block.design is None
     is_grid = is_compiled_grid(block.world, block.options) and block.view != "text"
-    own = is_grid or (is_first_person(block.world) and block.view != "full")
-    return block.computed or ("page" if ordinary and own else "server")
+    can_page_draw = is_grid or (is_first_person(block.world) and block.view != "full")
+    if is_ordinary and can_page_draw:
+        return "page"
+    return "server"
 
 
 def list_world_options(block: BlockSpec) -> dict[str, Any]:
-    """A block's options for its world; what a page computes goes by the sine that is the same everywhere."""
-    portable = is_first_person(block.world) and _computed_by(block) == "page"
-    return ({"trig": 1} if portable else {}) | dict(block.options)
+    """Return a block's options for its world; what a page computes goes by the sine that is the same everywhere."""
+    options: dict[str, Any] = {}
+    if is_first_person(block.world) and _computed_by(block) == "page":
+        options["trig"] = 1
+    return options | dict(block.options)

@@ -11,7 +11,7 @@ MAX_SLOTS = 100_000  # of an allocation list; codes from there on are of those w
 
 
 def parse_participant_code(code: str) -> int:
-    """The slot that a participant's code says: 6 for "sub-07", and for "sub-100007", who took the slot over.
+    """Parse a participant's code to their slot: 6 for "sub-07", and for "sub-100007", who took the slot over.
 
     Raises:
         AllocationError: if it is no such code.
@@ -23,7 +23,7 @@ def parse_participant_code(code: str) -> int:
 
 
 def format_participant_code(index: int, before: int = 0, *, prefix: str = "sub") -> str:
-    """The code of a slot's participant: "sub-07" for 6, "sub-100007" for the next after one who left it.
+    """Format the code of a slot's participant: "sub-07" for 6, "sub-100007" for the next after one who left it.
 
     ``prefix`` is "model" for a language model in a participant's place.
     """

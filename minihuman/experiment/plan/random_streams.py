@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 
 def draw_words(count: int, *, seed: int, purpose: str, index: int = 0) -> NDArray[np.uint64]:
-    """``count`` random uint64 of the stream (seed, purpose, index)."""
+    """Draw ``count`` random uint64 of the stream (seed, purpose, index)."""
     name = int.from_bytes(hashlib.blake2b(purpose.encode(), digest_size=4).digest(), "little")
     return np.random.SeedSequence(seed, spawn_key=(name, index)).generate_state(count, np.uint64).astype(np.uint64)
 
 
 def make_draw(seed: int, purpose: str, index: int) -> Callable[[int], tuple[float, ...]]:
-    """A function that gives the first so many random numbers in [0, 1) of a stream."""
+    """Make a function that returns the first random numbers in [0, 1) of a stream, as many as asked for."""
 
     def draw(count: int) -> tuple[float, ...]:
         words = draw_words(count, seed=seed, purpose=purpose, index=index)
@@ -28,12 +28,12 @@ def make_draw(seed: int, purpose: str, index: int) -> Callable[[int], tuple[floa
 
 
 def draw_seeds(count: int, *, seed: int, purpose: str, index: int = 0) -> tuple[int, ...]:
-    """Seeds of 31 bits, which every environment's ``reset`` takes."""
+    """Draw reset seeds in [0, 2**63)."""
     return tuple(int(word) >> 33 for word in draw_words(count, seed=seed, purpose=purpose, index=index))
 
 
 def draw_permutation(count: int, *, seed: int, purpose: str, index: int = 0) -> tuple[int, ...]:
-    """A random order of 0 .. count - 1."""
+    """Draw a random order of 0 .. count - 1."""
     return tuple(
         int(place) for place in np.argsort(draw_words(count, seed=seed, purpose=purpose, index=index), kind="stable")
     )

@@ -1,6 +1,7 @@
 """The plan of a session: participant, key maps, episodes and parts, resolved before the first key press."""
 
-from typing import Any, Literal
+import re
+from typing import Any, ClassVar, Literal
 
 import msgspec
 
@@ -18,7 +19,7 @@ HoldPolicy = Literal["once", "repeat"]
 
 
 class Participant(msgspec.Struct, frozen=True):
-    """Who plays: a code, never a name."""
+    """A participant: a code, never a name."""
 
     id: str  # "sub-07"
     index: int  # order of enrolment, 0 for the first
@@ -29,8 +30,10 @@ class Participant(msgspec.Struct, frozen=True):
 
     @property
     def place(self) -> int:
-        """Where in the allocation list they are."""
-        return self.index if self.slot is None else self.slot
+        """The participant's place in the allocation list."""
+        if self.slot is None:
+            return self.index
+        return self.slot
 
 
 class KeyMap(msgspec.Struct, frozen=True):
@@ -40,6 +43,12 @@ class KeyMap(msgspec.Struct, frozen=True):
     spare_keys: tuple[str, ...]  # the pool's other keys, which do nothing
     spare: SpareKeyPolicy  # how spare keys were dealt with: left without an action, or given the block's distractors
     seed: int
+
+    def judge_idle_key(self, key: str) -> Literal["spare", "unmapped"]:
+        """Return the verdict on a press of a key that has no action."""
+        if key in self.spare_keys:
+            return "spare"
+        return "unmapped"
 
 
 class EpisodePlan(msgspec.Struct, frozen=True):
@@ -73,7 +82,7 @@ class EpisodePlan(msgspec.Struct, frozen=True):
 
 
 class BlockText(msgspec.Struct, frozen=True):
-    """What a participant reads around a block; empty text shows no screen."""
+    """The texts around a block; an empty one shows no screen."""
 
     instruction: str
     feedback: str  # after each episode; may hold {outcome} {reward} {steps} {episode} {episodes}
@@ -82,7 +91,12 @@ class BlockText(msgspec.Struct, frozen=True):
 
 
 class PartPlan(msgspec.Struct, frozen=True):
-    """A part's plan, as the session sees it: a kind's plan derives from it to say otherwise."""
+    """A part's plan, as the session sees it: a kind's plan derives from it to say otherwise.
+
+    ``host`` is "module:function": it makes what answers the part's requests from a `HostContext`.
+    """
+
+    host: ClassVar[str] = ""
 
     @property
     def asks_consent(self) -> bool:
@@ -93,6 +107,11 @@ class PartPlan(msgspec.Struct, frozen=True):
     def sign_interval_s(self) -> float:
         """The longest time in which a page of the session sends nothing, as others wait for it; 0: nobody waits."""
         return 0.0
+
+    @property
+    def has_text_entry(self) -> bool:
+        """Whether people type words while they play, of which a page sends every key."""
+        return False
 
     @property
     def closes_session(self) -> bool:
@@ -119,7 +138,7 @@ class PlannedPart(msgspec.Struct, frozen=True):
 
 
 class ResumeState(msgspec.Struct, frozen=True):
-    """What a resumed session goes on from, beside the next episode."""
+    """The state from which a resumed session continues, beside the next episode."""
 
     part: int = 0  # the part to begin with
     points: float = 0.0
@@ -131,7 +150,7 @@ class ResumeState(msgspec.Struct, frozen=True):
 
 
 class BonusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What points are worth."""
+    """The pay for points."""
 
     per_point: float
     currency: str = ""
@@ -175,7 +194,16 @@ class SessionPlan(msgspec.Struct, frozen=True):
         keep_files(self.files.values())
 
 
+def name_label_column(label: str) -> str:
+    """Name the column of a label of episodes in tables: letters, digits and underscores, as every format takes them."""
+    return f"label_{re.sub(r'[^a-zA-Z0-9]+', '_', label).strip('_')}"
+
+
 def needs_gamepad(plan: SessionPlan) -> bool:
-    """Whether keys are drawn over a gamepad's buttons, or its axes move anything."""
-    bound = [name for part in plan.parts if (its := getattr(part.plan, "bindings", None)) for name in its.axes]
-    return bool(list_pad_inputs([*plan.key_pool, *bound]))
+    """Tell whether keys are drawn over a gamepad's buttons, or its axes move anything."""
+    names = list(plan.key_pool)
+    for part in plan.parts:
+        bindings = getattr(part.plan, "bindings", None)
+        if bindings:
+            names += bindings.axes
+    return bool(list_pad_inputs(names))

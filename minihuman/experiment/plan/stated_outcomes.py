@@ -93,6 +93,6 @@ def find_world_rule(world_id: str) -> StatedRule:
 
 
 def is_of_catalogue(world_id: str) -> bool:
-    """Whether a world is one of ours, by its id."""
+    """Tell whether a world is one of ours, by its id."""
     module, _, name = world_id.rpartition(":")
     return module in ("", "minihuman") and name.startswith("minihuman/")

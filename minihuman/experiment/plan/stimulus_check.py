@@ -6,17 +6,18 @@ from collections.abc import Iterator
 from contextlib import closing
 from typing import Any
 
+from minihuman.activities.trials.plan import StimuliSpec
 from minihuman.activities.trials.stimulus_table import (
     COUNT,
     IMAGE,
     OptionNames,
     find_option_names,
     is_label,
-    name_label_column,
     read_table,
 )
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.plan.part_plans import list_world_options
+from minihuman.experiment.plan.session_plan import name_label_column
 from minihuman.experiment.plan.trials import TrialStimulus, list_label_columns, read_stimuli
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import apply_overrides
@@ -39,24 +40,24 @@ def check_stimuli(protocol: Protocol, source: str) -> list[str]:
     _check_uses(protocol, source)
     notices: dict[str, None] = {}
     for number, block in enumerate(protocol.blocks):
-        where = f"{source}: $.blocks[{number}].stimuli"
+        place = f"{source}: $.blocks[{number}].stimuli"
         for group in ("", *block.group_overrides):
             block_of_group = apply_overrides(block, group)
             if block_of_group.stimuli is not None:
-                _check_table(protocol, block_of_group, where)
+                _check_table(protocol, block_of_group, place)
                 notices |= dict.fromkeys(_list_notices(protocol, block_of_group))
     return list(notices)
 
 
-def _check_table(protocol: Protocol, block: BlockSpec, where: str) -> None:
+def _check_table(protocol: Protocol, block: BlockSpec, place: str) -> None:
     mistakes = [*_find_misspelt_columns(protocol, block), *_find_unnameable_labels(protocol, block)]
     mistakes += _find_empty_rows(protocol, block)
     mistakes += _find_unplayable_rows(block, read_stimuli(protocol, block))
     if not mistakes:
         return
-    lines = [f"{where}: {mistake}" for mistake in mistakes[:_MOST_LINES]]
+    lines = [f"{place}: {mistake}" for mistake in mistakes[:_MOST_LINES]]
     if len(mistakes) > _MOST_LINES:
-        lines.append(f"{where}: {len(mistakes) - _MOST_LINES} more mistakes of this table are not listed")
+        lines.append(f"{place}: {len(mistakes) - _MOST_LINES} more mistakes of this table are not listed")
     raise ProtocolError("\n".join(lines))
 
 
@@ -82,8 +83,10 @@ def _check_uses(protocol: Protocol, source: str) -> None:
             if name not in levels:
                 mistakes.append(f"{path}.where: has {name!r}, which is no label; {known}")
             elif level not in levels[name]:
-                there = ", ".join(map(repr, list(levels[name])[:10]))
-                mistakes.append(f"{path}.where: has {name} = {level!r}, which no row has; its levels are {there}")
+                known_levels = ", ".join(map(repr, list(levels[name])[:10]))
+                mistakes.append(
+                    f"{path}.where: has {name} = {level!r}, which no row has; its levels are {known_levels}"
+                )
     if mistakes:
         raise ProtocolError("\n".join(f"{source}: {mistake}" for mistake in mistakes))
 
@@ -101,11 +104,18 @@ def list_levels(protocol: Protocol) -> dict[str, list[Any]]:
     return levels
 
 
+def _name_header(stimuli: StimuliSpec, place: str) -> str:
+    """Name the place of a table's column names: the file's first row, or ``place`` for rows in the protocol."""
+    if stimuli.file:
+        return f"{stimuli.file}:1"
+    return place
+
+
 def _find_unnameable_labels(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
     """Yield the labels that can be no column of a table, or would be another's."""
     assert block.stimuli is not None
     columns: dict[str, str] = {}
-    place = f"{block.stimuli.file}:1" if block.stimuli.file else "rows[0]"
+    place = _name_header(block.stimuli, "rows[0]")
     for label in list_label_columns(protocol, block):
         column = name_label_column(label)
         if '"' in label or column == "label_":
@@ -123,7 +133,7 @@ def _find_misspelt_columns(protocol: Protocol, block: BlockSpec) -> Iterator[str
     for column in list_label_columns(protocol, block):
         close = difflib.get_close_matches(column.strip().lower(), known, n=1, cutoff=_CLOSE)
         if column not in block.stimuli.labels and close:
-            place = f"{block.stimuli.file}:1" if block.stimuli.file else first[0].place
+            place = _name_header(block.stimuli, first[0].place)
             yield (
                 f"{place}: column {column!r}: {block.world} has no such option; did you mean {close[0]!r}? If it is a "
                 f"label, say so: labels = [{json.dumps(column)}]"
@@ -160,8 +170,8 @@ def _explain_unplayable(
     else:
         guilty = {column: _play(block, shared | {column: options[column]}) for column in options}
     if not any(guilty.values()):  # no column is wrong by itself: which one, if left out, lets the others be played?
-        others = {column: {name: options[name] for name in options if name != column} for column in options}
-        guilty = {column: reason for column in options if not _play(block, shared | others[column])}
+        options_without = {column: {name: options[name] for name in options if name != column} for column in options}
+        guilty = {column: reason for column in options if not _play(block, shared | options_without[column])}
     for column, why in guilty.items():
         if why:
             yield f"column {column!r}, value {options[column]!r}: {why}"

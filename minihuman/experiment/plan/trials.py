@@ -28,7 +28,7 @@ _MAX_ROWS = 10_000
 
 
 class TrialStimulus(msgspec.Struct, frozen=True):
-    """What one trial shows: a row of a block's table, its images by reference."""
+    """The stimulus of one trial: a row of a block's table, its images by reference."""
 
     place: str = ""  # of the row: "words.csv:3"; "" without a table
     options: Row = {}  # of the world
@@ -36,14 +36,18 @@ class TrialStimulus(msgspec.Struct, frozen=True):
 
 
 def plan_rules(block: BlockSpec, seed: int, purpose: str, participant: int) -> TrialRules | msgspec.UnsetType:
-    """What makes a block's episodes into trials, its intervals drawn; unset where nothing does."""
+    """Plan the rules that make a block's episodes into trials, intervals drawn; unset where there are none."""
     interval = block.inter_trial_interval_ms
-    drawn: tuple[float, ...] = ()
+    intervals_ms: tuple[float, ...] = ()
     if isinstance(interval, tuple):
         shares = draw_words(block.episodes, seed=seed, purpose=f"intervals-{purpose}", index=participant) / 2.0**64
-        drawn = tuple(float(round(interval[0] + share * (interval[1] - interval[0]))) for share in shares.tolist())
-    rules = TrialRules(block.ready, block.feedback_ms, drawn)
-    return msgspec.UNSET if rules == TrialRules() else rules
+        intervals_ms = tuple(
+            float(round(interval[0] + share * (interval[1] - interval[0]))) for share in shares.tolist()
+        )
+    rules = TrialRules(block.ready, block.feedback_ms, intervals_ms)
+    if rules == TrialRules():
+        return msgspec.UNSET
+    return rules
 
 
 def plan_stimuli(protocol: Protocol, block: BlockSpec, purpose: str, participant: int) -> list[TrialStimulus]:
@@ -131,7 +135,7 @@ def list_label_columns(protocol: Protocol, block: BlockSpec) -> tuple[str, ...]:
 
 
 def find_files(protocol: Protocol) -> dict[str, bytes]:
-    """The tables of stimuli of a protocol and their images."""
+    """Find the tables of stimuli of a protocol and their images."""
     names = set(_find_file_names(protocol))
     return {name: protocol.files[name] for name in sorted(names)}
 

@@ -85,23 +85,23 @@ class CurrentNames:
 
     Attributes:
         tree: the decoded TOML with present names.
-        written: a path in present names -> the same path as the file has it, where they differ.
+        file_paths: a path in present names -> the same path as the file has it, where they differ.
         renamed: (path as written, note) of each old name.
         conflicts: (path as written, complaint) of each field that is there under both names.
     """
 
     tree: dict[str, Any] = field(default_factory=dict)
-    written: dict[str, str] = field(default_factory=dict)
+    file_paths: dict[str, str] = field(default_factory=dict)
     renamed: list[tuple[str, str]] = field(default_factory=list)
     conflicts: list[tuple[str, str]] = field(default_factory=list)
 
     def written_path(self, path: str) -> str:
-        """A path in present names as the file has it."""
-        rest = ""
-        while path not in self.written and (step := LAST_STEP.search(path)):
+        """Return a path in present names as the file has it."""
+        tail = ""
+        while path not in self.file_paths and (step := LAST_STEP.search(path)):
             path = path[: step.start()]
-            rest = step[0] + rest
-        return self.written.get(path, path) + rest
+            tail = step[0] + tail
+        return self.file_paths.get(path, path) + tail
 
 
 def use_current_names(tree: dict[str, Any]) -> CurrentNames:
@@ -111,27 +111,31 @@ def use_current_names(tree: dict[str, Any]) -> CurrentNames:
     return names
 
 
-def _rename(value: Any, table: str, path: str, written: str, names: CurrentNames) -> Any:
-    if path != written:
-        names.written[path] = written
+def _rename(value: Any, table: str, path: str, file_path: str, names: CurrentNames) -> Any:
+    if path != file_path:
+        names.file_paths[path] = file_path
     if isinstance(value, list):
-        return [_rename(one, table, f"{path}[{n}]", f"{written}[{n}]", names) for n, one in enumerate(value)]
+        return [_rename(element, table, f"{path}[{n}]", f"{file_path}[{n}]", names) for n, element in enumerate(value)]
     if isinstance(value, str) and (now := VALUE_ALIASES.get(table, {}).get(value)):
-        names.renamed.append((written, f"is {value!r}, which is now called {now!r}"))
+        names.renamed.append((file_path, f"is {value!r}, which is now called {now!r}"))
         return now
     if not isinstance(value, dict):
         return value
     if table.endswith(".group_overrides"):  # group -> fields of the table itself
         table = table.removesuffix(".group_overrides")
-        return {name: _rename(own, table, f"{path}.{name}", f"{written}.{name}", names) for name, own in value.items()}
+        return {
+            name: _rename(own, table, f"{path}.{name}", f"{file_path}.{name}", names) for name, own in value.items()
+        }
     aliases = FIELD_ALIASES.get(table, {})
     renamed = {}
     for name, inner in value.items():
         now = aliases.get(name, name)
         if now != name and now in value:
-            names.conflicts.append((f"{written}.{name}", f"is the old name of {now!r}, which is given too; remove it"))
+            names.conflicts.append(
+                (f"{file_path}.{name}", f"is the old name of {now!r}, which is given too; remove it")
+            )
             continue
         if now != name:
-            names.renamed.append((f"{written}.{name}", f"is now called {now!r}"))
-        renamed[now] = _rename(inner, f"{table}.{now}".lstrip("."), f"{path}.{now}", f"{written}.{name}", names)
+            names.renamed.append((f"{file_path}.{name}", f"is now called {now!r}"))
+        renamed[now] = _rename(inner, f"{table}.{now}".lstrip("."), f"{path}.{now}", f"{file_path}.{name}", names)
     return renamed

@@ -21,7 +21,7 @@ class ContrastSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StudyDesignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What of the design does not follow from groups, blocks and sessions."""
+    """The part of the design that does not follow from groups, blocks and sessions."""
 
     question: str = ""  # in a sentence, as the report and the preregistration repeat it
     primary_effect: PrimaryEffect = ""  # "": the interaction where there are groups and conditions

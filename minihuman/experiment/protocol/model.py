@@ -33,6 +33,8 @@ from minihuman.experiment.protocol.specs import (
 )
 from minihuman.worlds.contract import Palette
 
+MAX_SEED = 2**63 - 1  # TOML's integers are 64-bit signed
+
 
 class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The study as a whole."""
@@ -177,15 +179,15 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return hashlib.sha256(self.toml).hexdigest()
 
     def block(self, name: str) -> BlockSpec:
-        """The block of that name."""
+        """Return the block of that name."""
         return next(block for block in self.blocks if block.name == name)
 
     def block_for(self, name: str, group: str) -> BlockSpec:
-        """The block of that name as a group has it."""
+        """Return the block of that name as a group has it."""
         return apply_overrides(self.block(name), group)
 
     def page_for(self, name: str, group: str) -> PageSpec | None:
-        """The page of that name as a group has it; None if there is none."""
+        """Return the page of that name as a group has it; None if there is none."""
         return next((apply_overrides(page, group) for page in self.pages if page.name == name), None)
 
     @property
@@ -194,7 +196,7 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return bool(self.sessions) or any(group.parts for group in self.groups)
 
     def group(self, name: str) -> GroupSpec:
-        """The group of that name.
+        """Return the group of that name.
 
         Raises:
             ProtocolError: if there is none.

@@ -14,14 +14,15 @@ from minihuman.activities.questions.question import QuestionItemSpec, find_quest
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.events import Answered, Event, PartEnded
 from minihuman.experiment.plan.designs import make_enrolment_design
-from minihuman.experiment.protocol.model import Protocol
+from minihuman.experiment.protocol.model import GroupSpec, Protocol
 from minihuman.experiment.protocol.specs import (
     SHIPPED_FORMS,
     AllocationSpec as AllocationSpec,
+    PageSpec,
     QuestionnaireSpec,
     load_form,
 )
-from minihuman.experiment.protocol.validation_errors import FieldError, select_errors
+from minihuman.experiment.protocol.validation_errors import FieldError
 
 NO_ANSWER = "no answer"  # the stratum of those who left an optional question out
 
@@ -34,7 +35,7 @@ _CODED = ("code", "rating")  # types of answers
 
 @dataclass(frozen=True, slots=True)
 class Strata:
-    """The strata of a study, and whose answer belongs to which."""
+    """The strata of a study, and which answer belongs to which."""
 
     part: str
     item: str  # "": the number of right answers
@@ -44,17 +45,22 @@ class Strata:
 
     @property
     def question(self) -> str:
-        """What is asked, as the protocol names it."""
-        return f"{self.part}.{self.item}" if self.item else self.part
+        """The question's name in the protocol."""
+        if self.item:
+            return f"{self.part}.{self.item}"
+        return self.part
 
-    def of(self, value: Any) -> str:
-        """The stratum of an answer, as it is in the log."""
-        if value is None:
+    def of(self, answer: Any) -> str:
+        """Return the stratum of an answer, as it is in the log."""
+        if answer is None:
             return NO_ANSWER
-        return self.names[sum(value >= cut for cut in self.cuts)] if self.cuts else self.codes[value]
+        if not self.cuts:
+            return self.codes[answer]
+        place: int = sum(answer >= cut for cut in self.cuts)
+        return self.names[place]
 
-    def drawn(self, events: Iterable[Event]) -> str | None:
-        """The stratum of a participant with these answers, from the first time that the part was completed.
+    def find_stratum(self, events: Iterable[Event]) -> str | None:
+        """Find the stratum of a participant with these answers, from the first time that the part was completed.
 
         None until then.
         """
@@ -75,124 +81,137 @@ class Strata:
 
 
 def build_strata(protocol: Protocol) -> Strata | None:
-    """The strata of a study; None where groups are drawn among all."""
-    asked = protocol.allocation
-    if not asked.stratify_by:
+    """Build the strata of a study; None where groups are drawn among all."""
+    allocation = protocol.allocation
+    if not allocation.stratify_by:
         return None
-    part, _, name = asked.stratify_by.partition(".")
+    part, _, name = allocation.stratify_by.partition(".")
     item = next((item for item in _find_items(protocol, part) if item.name == name), None)
-    codes = {code: stratum for stratum, its in asked.strata.items() for code in its}
+    codes = {code: stratum for stratum, stratum_codes in allocation.strata.items() for code in stratum_codes}
     if not codes and item is not None and find_question_kind(item.kind).answer_type in _CODED:
         codes = {code: str(code) for code in item.all_codes}
     names = tuple(dict.fromkeys(codes.values()))
-    if cuts := asked.cut_points:
+    if cuts := allocation.cut_points:
         between = (f"{low:g} to below {high:g}" for low, high in pairwise(cuts))
         names = (f"below {cuts[0]:g}", *between, f"{cuts[-1]:g} or more")
     if item is not None and not item.required:
         names = (*names, NO_ANSWER)
-    return Strata(part, name, names, codes, asked.cut_points)
+    return Strata(part, name, names, codes, allocation.cut_points)
 
 
 def check_allocation(protocol: Protocol) -> list[FieldError]:
-    """Every (path, complaint) about strata that cannot be."""
-    asked = protocol.allocation
-    wrong = []
-    for field, spec in ((name, its) for name in ("design", "stopping") if (its := getattr(asked, name)) is not None):
+    """List every (path, complaint) about strata that cannot be."""
+    design_errors = list(_check_designs(protocol))
+    if design_errors:
+        return design_errors
+    allocation = protocol.allocation
+    if not allocation.stratify_by:
+        fields = [name for name in ("strata", "cut_points") if getattr(allocation, name)]
+        return [(f"$.allocation.{name}", "is given, but stratify_by names no question; name one") for name in fields]
+    errors = list(_check_answer(protocol)) or [*_check_number_of_strata(protocol), *_check_parts_before(protocol)]
+    return [(f"$.allocation.{field}", message) for field, message in errors]
+
+
+def _check_designs(protocol: Protocol) -> Iterator[FieldError]:
+    allocation = protocol.allocation
+    blocks = [block.name for block in protocol.blocks]
+    for field in ("design", "stopping"):
+        spec = getattr(allocation, field)
+        if spec is None:
+            continue
         try:
             block = make_enrolment_design(spec).block
-            if block and block not in [one.name for one in protocol.blocks]:
-                wrong.append((f"$.allocation.{field}", f"{spec.name!r}: there is no block {block!r}"))
         except ProtocolError as error:
-            wrong.append((f"$.allocation.{field}", f"{spec.name!r}: {error}"))
-    if (asked.design or asked.stopping) and len(protocol.groups) < 2:
-        wrong.append(("$.allocation", "has a design, but there is one group; name two or more"))
-    if wrong:
-        return wrong
-    if not asked.stratify_by:
-        fields = [name for name in ("strata", "cut_points") if getattr(asked, name)]
-        return [(f"$.allocation.{name}", "is given, but stratify_by names no question; name one") for name in fields]
-    found = list(_check_answer(protocol)) or [*_check_number_of_strata(protocol), *_check_parts_before(protocol)]
-    return [(f"$.allocation.{field}", what) for field, what in found]
+            yield f"$.allocation.{field}", f"{spec.name!r}: {error}"
+            continue
+        if block and block not in blocks:
+            yield f"$.allocation.{field}", f"{spec.name!r}: there is no block {block!r}"
+    if (allocation.design or allocation.stopping) and len(protocol.groups) < 2:
+        yield "$.allocation", "has a design, but there is one group; name two or more"
 
 
 def _check_answer(protocol: Protocol) -> Iterator[FieldError]:
-    """The answer has to be one that people can be told apart by."""
-    asked = protocol.allocation
-    part, _, name = asked.stratify_by.partition(".")
-    items = _find_items(protocol, part)
-    if not items:
-        parts = ", ".join(one.name for one in protocol.questions) or "none"
-        yield "stratify_by", f"is {asked.stratify_by!r}, but there are no questions {part!r}; there are {parts}"
+    """Check that the answer is one that divides participants into strata."""
+    allocation = protocol.allocation
+    part, _, name = allocation.stratify_by.partition(".")
+    questions = _find_items(protocol, part)
+    if not questions:
+        parts = ", ".join(questionnaire.name for questionnaire in protocol.questions) or "none"
+        yield "stratify_by", f"is {allocation.stratify_by!r}, but there are no questions {part!r}; there are {parts}"
         return
-    item = next((item for item in items if item.name == name), None)
-    if name and item is None:
-        known = ", ".join(f"{part}.{item.name}" for item in items)
-        yield "stratify_by", f"is {asked.stratify_by!r}, which is not a question; there are {known}"
+    if not name:
+        if all(question.right is None for question in questions):
+            example = f"{part}.{questions[0].name}"
+            yield "stratify_by", f"is {part!r}, whose questions have no right answers; name one as '{example}'"
+        else:
+            yield from _check_cuts(allocation)
         return
-    if item is None and all(one.right is None for one in items):
-        yield "stratify_by", f"is {part!r}, whose questions have no right answers; name one as '{part}.{items[0].name}'"
-    elif item is not None and find_question_kind(item.kind).answer_type not in (*_CODED, "number"):
-        yield "stratify_by", f"is {asked.stratify_by!r}, a {item.kind}; use a choice, a likert, a number or a slider"
-    elif item is None or find_question_kind(item.kind).answer_type == "number":
-        yield from _check_cuts(asked)
+    question = next((question for question in questions if question.name == name), None)
+    if question is None:
+        known = ", ".join(f"{part}.{question.name}" for question in questions)
+        yield "stratify_by", f"is {allocation.stratify_by!r}, which is not a question; there are {known}"
+        return
+    answer_type = find_question_kind(question.kind).answer_type
+    if answer_type == "number":
+        yield from _check_cuts(allocation)
+    elif answer_type in _CODED:
+        yield from _check_codes(allocation, question)
     else:
-        yield from _check_codes(asked, item)
-
-
-def _check_number_of_strata(protocol: Protocol) -> Iterator[FieldError]:
-    found = build_strata(protocol)
-    if found is not None and not 2 <= len(found.names) <= MAX_STRATA:
         yield (
             "stratify_by",
-            f"makes {len(found.names)} strata; use 2 to {MAX_STRATA}, with strata = {{ name = [codes] }}",
+            f"is {allocation.stratify_by!r}, a {question.kind}; use a choice, a likert, a number or a slider",
         )
 
 
-def _check_cuts(asked: AllocationSpec) -> list[FieldError]:
-    cuts = asked.cut_points
-    number = f"{asked.stratify_by!r} is a number"
-    return select_errors(
-        [
-            (not cuts, "cut_points", f"is missing, but {number}; say where it is cut, as cut_points = [30]"),
-            (asked.strata, "strata", f"is given, but {number}; use cut_points"),
-            (
-                any(first >= second for first, second in pairwise(cuts)),
-                "cut_points",
-                f"is {list(cuts)}; give them in rising order, each once",
-            ),
-        ]
-    )
+def _check_number_of_strata(protocol: Protocol) -> Iterator[FieldError]:
+    strata = build_strata(protocol)
+    if strata is not None and not 2 <= len(strata.names) <= MAX_STRATA:
+        yield (
+            "stratify_by",
+            f"makes {len(strata.names)} strata; use 2 to {MAX_STRATA}, with strata = {{ name = [codes] }}",
+        )
 
 
-def _check_codes(asked: AllocationSpec, item: QuestionItemSpec) -> Iterator[FieldError]:
-    if asked.cut_points:
-        yield "cut_points", f"is given, but {asked.stratify_by!r} is not a number; use strata = {{ name = [codes] }}"
-    if not asked.strata:
+def _check_cuts(allocation: AllocationSpec) -> Iterator[FieldError]:
+    cuts = allocation.cut_points
+    number = f"{allocation.stratify_by!r} is a number"
+    if not cuts:
+        yield "cut_points", f"is missing, but {number}; say where it is cut, as cut_points = [30]"
+    if allocation.strata:
+        yield "strata", f"is given, but {number}; use cut_points"
+    if any(first >= second for first, second in pairwise(cuts)):
+        yield "cut_points", f"is {list(cuts)}; give them in rising order, each once"
+
+
+def _check_codes(allocation: AllocationSpec, item: QuestionItemSpec) -> Iterator[FieldError]:
+    if allocation.cut_points:
+        yield (
+            "cut_points",
+            f"is given, but {allocation.stratify_by!r} is not a number; use strata = {{ name = [codes] }}",
+        )
+    if not allocation.strata:
         return
-    taken = [code for codes in asked.strata.values() for code in codes]
+    listed_codes = [code for codes in allocation.strata.values() for code in codes]
     known = ", ".join(map(str, item.all_codes))
-    for code in dict.fromkeys(taken):
+    for code in dict.fromkeys(listed_codes):
         if code not in item.all_codes:
             yield "strata", f"has the code {code!r}, which is not an option's; codes: {known}"
-        elif taken.count(code) > 1:
+        elif listed_codes.count(code) > 1:
             yield "strata", f"has the code {code!r} twice; put each into one stratum"
-    if missing := [str(code) for code in item.all_codes if code not in taken]:
+    if missing := [str(code) for code in item.all_codes if code not in listed_codes]:
         yield "strata", f"leaves out {', '.join(missing)}; put every option into a stratum"
-    if NO_ANSWER in asked.strata:
+    if NO_ANSWER in allocation.strata:
         yield "strata", f"has one called {NO_ANSWER!r}, which is for those who give none; call it otherwise"
 
 
 def _check_parts_before(protocol: Protocol) -> Iterator[FieldError]:
-    """What comes before the draw is the same for everybody, and the draw comes before anything is played."""
+    """Check that all participants have the same parts before the draw, and that nothing is played before it."""
     part = protocol.allocation.stratify_by.partition(".")[0]
     if len(protocol.groups) < 2:
         yield "stratify_by", "is given, but there is one group; a draw is between two or more"
-    orders = {order.name for order in protocol.orders}
-    blocks = {block.name for block in protocol.blocks}
-    first: list[str] | None = None
+    first_names: list[str] = []
     for group in protocol.groups:
-        listed = protocol.sessions[0].parts if protocol.sessions else group.parts
-        names = [name for listed_name in listed if (name := group.replace_parts.get(listed_name, listed_name))]
+        names = _list_first_session(protocol, group)
         if part not in names:
             yield (
                 "stratify_by",
@@ -200,26 +219,49 @@ def _check_parts_before(protocol: Protocol) -> Iterator[FieldError]:
             )
             return
         names = names[: names.index(part) + 1]
-        for name in names:
-            if name in orders or name in blocks:
-                what = "is an order" if name in orders else "is played"
-                yield "stratify_by", f"asks {part!r} after {name!r}, which {what}; ask before that"
-                return
-        first = first or names
-        if names != first:
+        too_early = _find_part_after_draw(protocol, names)
+        if too_early:
+            yield "stratify_by", f"asks {part!r} after {too_early}; ask before that"
+            return
+        first_names = first_names or names
+        if names != first_names:
             yield (
                 "stratify_by",
                 f"asks {part!r} after parts that are others for group {group.name!r}; give all the same",
             )
             return
-    for field in ("pages", "questions"):
-        for one in getattr(protocol, field):
-            if one.name in (first or []) and one.group_overrides:
-                yield "stratify_by", f"asks {part!r}, but {one.name!r} is another for some groups, who are drawn later"
+    early_parts: tuple[PageSpec | QuestionnaireSpec, ...] = (*protocol.pages, *protocol.questions)
+    for early_part in early_parts:
+        if early_part.name in first_names and early_part.group_overrides:
+            yield (
+                "stratify_by",
+                f"asks {part!r}, but {early_part.name!r} is another for some groups, who are drawn later",
+            )
+
+
+def _list_first_session(protocol: Protocol, group: GroupSpec) -> list[str]:
+    """List the parts of a group's first session."""
+    listed = protocol.sessions[0].parts if protocol.sessions else group.parts
+    replaced = [group.replace_parts.get(name, name) for name in listed]
+    return [name for name in replaced if name]
+
+
+def _find_part_after_draw(protocol: Protocol, names: list[str]) -> str:
+    """Describe the first of the parts that has to come after the draw; "" if none has to."""
+    orders = {order.name for order in protocol.orders}
+    blocks = {block.name for block in protocol.blocks}
+    for name in names:
+        if name in orders:
+            return f"{name!r}, which is an order"
+        if name in blocks:
+            return f"{name!r}, which is played"
+    return ""
 
 
 def _find_items(protocol: Protocol, part: str) -> Sequence[QuestionItemSpec]:
-    asked: QuestionnaireSpec | None = next((one for one in protocol.questions if one.name == part), None)
-    if asked is None or (asked.form and asked.form not in SHIPPED_FORMS):
+    questionnaire = next((candidate for candidate in protocol.questions if candidate.name == part), None)
+    if questionnaire is None or (questionnaire.form and questionnaire.form not in SHIPPED_FORMS):
         return ()
-    return load_form(asked.form, protocol.study.language).items if asked.form else asked.items
+    if questionnaire.form:
+        return load_form(questionnaire.form, protocol.study.language).items
+    return questionnaire.items

@@ -36,7 +36,7 @@ class Contrast:
 
 @dataclass(frozen=True, slots=True)
 class ExperimentDesign:
-    """What a study varies, and what it asks."""
+    """The factors that a study varies, and the question that it asks."""
 
     factors: tuple[Factor, ...] = ()
     question: str = ""  # in the protocol's words; "" where it has none
@@ -74,14 +74,14 @@ def derive_design(protocol: Protocol) -> ExperimentDesign:
         () if protocol.analysis.condition_label else protocol.analysis.conditions,  # levels of a label are in trials
         {block.name: block.options for block in protocol.blocks},
     )
-    found = (
+    candidates = (
         _find_groups(protocol),
         _find_strata(protocol),
         _find_conditions(condition_of_block),
         _find_sessions(protocol),
         _find_orders(protocol, condition_of_block),
     )
-    factors = tuple(factor for factor in found if factor is not None)
+    factors = tuple(factor for factor in candidates if factor is not None)
     return ExperimentDesign(
         factors=factors,
         question=protocol.design.question.strip(),
@@ -94,12 +94,14 @@ def derive_design(protocol: Protocol) -> ExperimentDesign:
 
 
 def _choose_effect(names: set[FactorName]) -> PrimaryEffect:
-    """The effect that a design is for: the interaction of a mixed one."""
+    """Choose the effect that a design is for: of a mixed one the interaction."""
     if {"group", "condition"} <= names:
         return "interaction"
     if "condition" in names:
         return "conditions"
-    return "groups" if "group" in names else ""
+    if "group" in names:
+        return "groups"
+    return ""
 
 
 def _find_groups(protocol: Protocol) -> Factor | None:
@@ -131,7 +133,7 @@ def _find_sessions(protocol: Protocol) -> Factor | None:
 
 
 def _find_orders(protocol: Protocol, condition_of_block: Mapping[str, str]) -> Factor | None:
-    """The orders in which conditions are played, by name, where participants have different ones."""
+    """Find the orders in which conditions are played, by name, where participants have different ones."""
     names = tuple(
         order.name
         for order in protocol.orders

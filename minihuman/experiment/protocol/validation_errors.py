@@ -38,14 +38,14 @@ class TomlLines:
                 self._at.setdefault(f"{table}.{_plain(key[1])}", number)
 
     def of(self, path: str) -> int:
-        """The line of a path, or of the nearest thing around it."""
+        """Return the line of a path, or of the nearest table around it."""
         while path not in self._at and LAST_STEP.search(path):
             path = LAST_STEP.sub("", path)
         return self._at.get(path, 1)
 
 
 def _statements(text: str) -> list[tuple[int, str]]:
-    """The first line of every statement, with its number: what goes on inside strings and brackets is passed over."""
+    """List the first line of every statement, with its number, past what continues in strings and brackets."""
     lines = text.split("\n")
     starts: list[tuple[int, str]] = [(1, lines[0])]
     number = 1
@@ -66,7 +66,7 @@ def _statements(text: str) -> list[tuple[int, str]]:
 
 
 def _table(name: str, counts: "Counter[str]", *, array: bool) -> str:
-    """The path of a header; tables inside arrays belong to the last one."""
+    """Return the path of a header; tables inside arrays belong to the last one."""
     path = "$"
     parts = [part.strip().strip("\"'") for part in name.split(".")]
     for place, part in enumerate(parts):
@@ -83,13 +83,14 @@ def _plain(key: str) -> str:
 
 
 FieldError = tuple[str, str]  # path, what is wrong there and the way out
+Bound = tuple[str, float, float]  # a field, its least and its greatest value
 INTERNAL_FIELDS = frozenset({"toml", "files"})  # of Protocol, which the file itself does not have
 _SHOWN = 60  # characters of a value
 _NAMED = {"blocks": "block", "groups": "group", "pages": "page", "questions": "questions", "sessions": "session"}
 
 
 def find_structural_errors(tree: object, kind: type[msgspec.Struct], path: str = "$") -> Iterator[FieldError]:
-    """Fields that there are not, that are missing, or that hold something else than they can."""
+    """Yield the fields that are unknown, missing, or hold a value of the wrong type."""
     if not isinstance(tree, dict):
         yield path, f"is {format_value(tree)}; it is a table: {_as_table(path, kind)}"
         return
@@ -107,13 +108,16 @@ def find_structural_errors(tree: object, kind: type[msgspec.Struct], path: str =
             yield path, f"needs the field `{name}`: {_example(hints[field.name], name)}"
 
 
-def select_errors(rules: Iterable[tuple[object, str, str]]) -> list[FieldError]:
-    """The errors of the rules that are broken, each given with whether it is."""
-    return [(path, what) for is_broken, path, what in rules if is_broken]
+def check_bounds(path: str, spec: msgspec.Struct, bounds: Iterable[Bound]) -> Iterator[FieldError]:
+    """Yield an error for each field of a table that is below its least or above its greatest value."""
+    for field, least, most in bounds:
+        number = getattr(spec, field)
+        if not least <= number <= most:
+            yield f"{path}.{field}", f"is {number:g}; use {least:g} to {most:g}"
 
 
 def suggest_names(wrong: str, known: Iterable[str]) -> str:
-    """What may have been meant, or all there is."""
+    """Suggest the name that may have been meant, or list all."""
     names = list(known)
     close = difflib.get_close_matches(wrong, names, n=1)
     if close:
@@ -122,7 +126,7 @@ def suggest_names(wrong: str, known: Iterable[str]) -> str:
 
 
 def format_value(value: object) -> str:
-    """A value as it may stand in a message."""
+    """Format a value for a message, cut short if it is long."""
     if isinstance(value, bool):
         return str(value).lower()
     words = repr(value)
@@ -134,28 +138,30 @@ def format_value(value: object) -> str:
 def build_protocol_error(
     errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]
 ) -> ProtocolError | None:
-    """All errors as one, in order of line; None if there are none."""
+    """Build one error of all errors, in order of line; None if there are none."""
     placed = format_field_errors(errors, source=source, text=text, tree=tree)
-    return ProtocolError.of(placed, source) if placed else None
+    if placed:
+        return ProtocolError.of(placed, source)
+    return None
 
 
 def format_field_errors(errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]) -> list[str]:
-    """A line per error, in order of the lines of the file: "study.toml:12: $.blocks[1].episodes is 0; ..."."""
+    """Format errors, a line each in the order of the file's lines: "study.toml:12: $.blocks[1].episodes is 0; ..."."""
     lines = TomlLines(text)
-    placed = sorted({(lines.of(path), path, what) for path, what in errors})
-    return [f"{source}:{line}: {path}{_name_table(path, tree)} {what}" for line, path, what in placed]
+    placed = sorted({(lines.of(path), path, message) for path, message in errors})
+    return [f"{source}:{line}: {path}{_name_table(path, tree)} {message}" for line, path, message in placed]
 
 
 def _name_table(path: str, tree: dict[str, Any]) -> str:
-    """The name of the block or group that a path leads into."""
+    """Return the name of the block or group that a path leads into."""
     steps = path.removeprefix("$.").split(".")
     table, _, number = steps[0].partition("[")
-    found = tree.get(table)
-    if table not in _NAMED or not number or not isinstance(found, list):
+    rows = tree.get(table)
+    if table not in _NAMED or not number or not isinstance(rows, list):
         return ""
     place = int(number.rstrip("]"))
-    if place < len(found) and isinstance(found[place], dict):
-        name = found[place].get("name")
+    if place < len(rows) and isinstance(rows[place], dict):
+        name = rows[place].get("name")
     else:
         name = None
     if isinstance(name, str):
@@ -170,8 +176,8 @@ def _value(value: object, hint: Any, path: str) -> Iterator[FieldError]:
         if not isinstance(value, list):
             yield path, f"is {_name_type(value)}; write it with two brackets, [[{name}]], once for each"
             return
-        for number, one in enumerate(value):
-            yield from find_structural_errors(one, struct, f"{path}[{number}]")
+        for number, row in enumerate(value):
+            yield from find_structural_errors(row, struct, f"{path}[{number}]")
     elif struct is not None:
         yield from find_structural_errors(value, struct, path)
     else:
@@ -182,8 +188,8 @@ def _value(value: object, hint: Any, path: str) -> Iterator[FieldError]:
 
 
 def _structs(hint: Any) -> tuple[type[msgspec.Struct] | None, bool]:
-    """The one struct that a hint asks for, and whether a list of it; None where it is another or several."""
-    options = [one for one in _options(hint) if one is not type(None)]
+    """Return the only struct that a hint allows, and whether a list of it is meant; None if it is not one."""
+    options = [option for option in _options(hint) if option is not type(None)]
     if len(options) != 1:
         return None, False
     (only,) = options
@@ -204,45 +210,47 @@ def _options(hint: Any) -> tuple[Any, ...]:
 
 
 def _leaf(value: object, hint: Any, path: str, message: str) -> FieldError:
-    where = message.partition(" - at `$")[2].rstrip("`")
+    inner_path = message.partition(" - at `$")[2].rstrip("`")
     name = path.rsplit(".", 1)[-1]
-    for step in filter(None, where.replace("]", "").split("[")):
+    for step in filter(None, inner_path.replace("]", "").split("[")):
         if isinstance(value, list) and step.isdigit():
             value = value[int(step)]
-    words = [word for one in _options(hint) if get_origin(one) is Literal for word in get_args(one)]
+    words = [word for option in _options(hint) if get_origin(option) is Literal for word in get_args(option)]
     if words and isinstance(value, str):
         close = difflib.get_close_matches(value, words, n=1)
         meant = f"; did you mean {close[0]!r}?" if close else ""
-        return path + where, f"is {value!r}; it is one of {', '.join(words)}{meant}"
+        return path + inner_path, f"is {value!r}; it is one of {', '.join(words)}{meant}"
     reason = message.partition(" - at ")[0]
     known = reason.startswith(("Expected", "Invalid enum"))
     extra = "" if known else f" ({reason[0].lower()}{reason[1:]})"
-    return path + where, f"is {format_value(value)}{extra}; {_example(hint, name)}"
+    return path + inner_path, f"is {format_value(value)}{extra}; {_example(hint, name)}"
 
 
 def _example(hint: Any, name: str) -> str:
-    """What to write instead."""
-    wishes = " or ".join(dict.fromkeys(_example_of_type(one, name) for one in _options(hint) if one is not type(None)))
+    """Give an example of what to write instead."""
+    wishes = " or ".join(
+        dict.fromkeys(_example_of_type(option, name) for option in _options(hint) if option is not type(None))
+    )
     return f"write {wishes}"
 
 
-def _example_of_type(one: Any, name: str) -> str:
-    match one:
-        case _ if one is bool:
+def _example_of_type(hint: Any, name: str) -> str:
+    match hint:
+        case _ if hint is bool:
             return f"true or false, as in {name} = true"
-        case _ if one is int:
+        case _ if hint is int:
             return f"a whole number, as in {name} = 10"
-        case _ if one is float:
+        case _ if hint is float:
             return f"a number, as in {name} = 1.5"
-        case _ if one is str:
+        case _ if hint is str:
             return f'a text in quotes, as in {name} = "..."'
-    origin = get_origin(one)
-    inner = get_args(one)
+    origin = get_origin(hint)
+    inner = get_args(hint)
     if origin is Literal:
         return " or ".join(f'"{word}"' for word in inner)
     if origin is tuple:
         sample = {int: "1, 2", float: "0.5, 1.5"}.get(inner[0], '"...", "..."')
-        struct, _ = _structs(one)
+        struct, _ = _structs(hint)
         if struct is not None:
             return f"[[{name}]]"
         return f"a list, as in {name} = [{sample}]"

@@ -17,7 +17,7 @@ LATER_WORDS = ("outcome.ended", "over.kept_in_part")
 
 @cache
 def load_words(language: str) -> Mapping[str, str]:
-    """Every word of a language, by its key ("go_on", "outcome.goal").
+    """Load every word of a language, by its key ("go_on", "outcome.goal").
 
     Raises:
         KeyError: if there is no such language.
@@ -29,14 +29,14 @@ def load_words(language: str) -> Mapping[str, str]:
 
 
 def flatten_words(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    """Words in tables as one table, keys joined by dots."""
-    found: dict[str, str] = {}
+    """Flatten tables of words into one table, with keys joined by dots."""
+    words: dict[str, str] = {}
     for key, value in tree.items():
         if isinstance(value, dict):
-            found |= flatten_words(value, f"{prefix}{key}.")
+            words |= flatten_words(value, f"{prefix}{key}.")
         else:
-            found[f"{prefix}{key}"] = value
-    return found
+            words[f"{prefix}{key}"] = value
+    return words
 
 
 class InterfaceWords:
@@ -57,15 +57,15 @@ class InterfaceWords:
         self._words = {**base, **(instead or {})}
 
     def __getitem__(self, key: str) -> str:
-        """The word of a key that every language has."""
+        """Return the word of a key that every language has."""
         return self._words[key]
 
     def find(self, key: str, default: str) -> str:
-        """The word of a key that a plug-in may have added; ``default`` where there is none."""
+        """Find the word of a key that a plug-in may have added; ``default`` where there is none."""
         return self._words.get(key, default)
 
     def fill(self, key: str, **fields: Any) -> str:
-        """A word with its fields filled in."""
+        """Fill in the fields of a word."""
         return self._words[key].format(**fields)
 
     @property
@@ -75,22 +75,24 @@ class InterfaceWords:
 
     @property
     def locale(self) -> TextLocale:
-        """How they are written."""
+        """The way in which the words are written."""
         return TextLocale(self.language, self.rtl, self._fonts, self.find("theme", "dark"))
 
     def action(self, name: str) -> str:
-        """What an action is called; its name in the world where there is no word for it."""
+        """Return the name of an action in this language; its name in the world where there is none."""
         return self._words.get(f"action.{name}", name.replace("_", " "))
 
-    def mission(self, said: str) -> str:
-        """What a world says is to be done, in this language; "" where there are no words for it but English ones."""
-        known = self._words.get(f"mission.{said}")
+    def mission(self, mission: str) -> str:
+        """Translate a world's mission; "" where this language has no words for it."""
+        known = self._words.get(f"mission.{mission}")
         if known is not None:
             return known
-        return said if self.language == ENGLISH else ""
+        if self.language == ENGLISH:
+            return mission
+        return ""
 
     def labels(self, keys: tuple[str, ...]) -> tuple[tuple[str, str, str], ...]:
-        """For each key: its name, what its cap says, and what tells it from another with the same cap."""
+        """Return for each key its name, the label on its cap, and what tells it from another with the same label."""
         return tuple(
             (key, self._words.get(f"key.{key}", key_label(key)), self._words.get(f"caption.{key_caption(key)}", ""))
             for key in keys

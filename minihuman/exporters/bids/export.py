@@ -42,23 +42,25 @@ HED_VERSION = "8.3.0"
 GENERATED_BY = {"Name": "minihuman", "Version": __version__}
 
 
-def write_participants(out: Path, source: Path, about: AboutSpec, people: Sequence[Mapping[str, Any]]) -> Path:
+def write_participants(out: Path, source: Path, study_facts: AboutSpec, people: Sequence[Mapping[str, Any]]) -> Path:
     """Write ``participants.tsv`` and what its columns mean; the laboratory's own columns behind ours.
 
     Raises:
         ExportError: as ``read_participants``.
     """
-    known = read_participants(source, about)
-    own = [column.name for column in about.participant_columns]
+    known = read_participants(source, study_facts)
+    own = [column.name for column in study_facts.participant_columns]
     rows = [{**person, **known.get(person["code"], {})} for person in people]
     described: dict[str, Any] = {
         "group": {"Description": "The group that the participant was allocated to."},
         "player": {"Description": "Whoever pressed the keys: human, or a simulated player's name."},
     }
-    for column in about.participant_columns:
+    for column in study_facts.participant_columns:
         described[column.name] = {"Description": column.description}
-        described[column.name] |= {"Units": column.unit} if column.unit else {}
-        described[column.name] |= {"Levels": column.levels} if column.levels else {}
+        if column.unit:
+            described[column.name]["Units"] = column.unit
+        if column.levels:
+            described[column.name]["Levels"] = column.levels
     write_json(out / "participants.json", described)
     return write_tsv(out / "participants.tsv", ["participant_id", "group", "player", *own], rows)
 
@@ -74,9 +76,9 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
             says of its participants is not what the protocol asks for.
     """
     dataset: _Dataset | None = None
-    for counted in chosen.counted():
-        dataset = dataset or _Dataset(out, counted, with_messages=chosen.with_messages)
-        dataset.add(counted)
+    for session in chosen.counted():
+        dataset = dataset or _Dataset(out, session, with_messages=chosen.with_messages)
+        dataset.add(session)
     if dataset is None:
         return ExportResult((), 0, 0)
     with select(chosen.sessions.source, chosen.sessions.selection) as tables:  # the first pass gave the card's account
@@ -104,15 +106,16 @@ class _Dataset:
         self.episodes = self.steps = self.sessions = 0
         self._with_messages = with_messages
         self._excluded_logs = 0
-        self._out, self._study = out, plan.study
-        self._about: AboutSpec = get_plan_study_facts(plan)
+        self._out = out
+        self._study = plan.study
+        self._study_facts: AboutSpec = get_plan_study_facts(plan)
         self._task = make_label(plan.study)
         facts = {  # what every recording's sidecar says of the task and the place
-            "TaskName": self._about.title or plan.study,
-            "TaskDescription": self._about.task_description or self._about.description,
-            "InstitutionName": self._about.institution,
-            "InstitutionAddress": self._about.address,
-            "InstitutionalDepartmentName": self._about.department,
+            "TaskName": self._study_facts.title or plan.study,
+            "TaskDescription": self._study_facts.task_description or self._study_facts.description,
+            "InstitutionName": self._study_facts.institution,
+            "InstitutionAddress": self._study_facts.address,
+            "InstitutionalDepartmentName": self._study_facts.department,
         }
         self._task_facts = {name: value for name, value in facts.items() if value}
         self._labels: dict[str, str] = {}
@@ -122,49 +125,49 @@ class _Dataset:
         self._label_columns: dict[str, Any] = {}
         self._station = first.log.facts
 
-    def add(self, counted: SelectedSession) -> None:
+    def add(self, selected: SelectedSession) -> None:
         """Write one session."""
-        log = counted.log
+        log = selected.log
         out = self._out
         if log.plan.study != self._study:
             raise ExportError(
                 f"{log.path} is from study {log.plan.study!r}, the other logs from {self._study!r}; export one study "
                 "at a time"
             )
-        who = make_subject_label(log.plan.participant.id, self._labels)
+        subject = make_subject_label(log.plan.participant.id, self._labels)
         session = f"ses-{log.plan.session:02d}"
-        stem = f"{who}_{session}_task-{self._task}"
-        folder = out / who / session
-        counting = frozenset((episode.number, episode.attempt) for episode in counted.episodes)
-        asked = [episode for episode, is_asked in zip(log.episodes, counted.asked, strict=True) if is_asked]
+        stem = f"{subject}_{session}_task-{self._task}"
+        folder = out / subject / session
+        counting = frozenset((episode.number, episode.attempt) for episode in selected.episodes)
+        episodes = [episode for episode, is_asked in zip(log.episodes, selected.selected, strict=True) if is_asked]
         devices = get_plan_devices(log.plan)
         scans: list[dict[str, str]] = []
         for segment in log.segments:
-            theirs = [episode for episode in asked if episode.segment == segment.number]
-            rows = build_events(segment, theirs, counting)
+            run_episodes = [episode for episode in episodes if episode.segment == segment.number]
+            rows = build_events(segment, run_episodes, counting)
             events = folder / "beh" / f"{stem}_run-{segment.number}_events.tsv"
-            labels = describe_label_columns(theirs)
+            labels = describe_label_columns(run_episodes)
             self._label_columns |= labels
-            written = [write_tsv(events, [*EVENT_COLUMNS, *labels], rows)]
-            written += write_motion(stem, folder / "motion", segment.number, self._task_facts, segment, theirs)
-            written += write_physio(stem, folder / "beh", segment.number, self._task_facts, segment, devices)
+            recordings = [write_tsv(events, [*EVENT_COLUMNS, *labels], rows)]
+            recordings += write_motion(stem, folder / "motion", segment.number, self._task_facts, segment, run_episodes)
+            recordings += write_physio(stem, folder / "beh", segment.number, self._task_facts, segment, devices)
             at = segment.started_at.removesuffix("Z")[:26]  # microseconds are the finest that BIDS has
-            scans += [{"filename": str(path.relative_to(folder)), "acq_time": at} for path in written]
-        write_tsv(folder / f"{who}_{session}_scans.tsv", ["filename", "acq_time"], scans)
-        self._keep_log(counted, Path("sourcedata") / who / session)
-        self._draw(counted, f"{who}_{session}")
-        self._phenotype.add(log, who, session)
-        self._sessions[who].append({"session_id": session, "acq_time": log.started_at.removesuffix("Z")[:26]})
+            scans += [{"filename": str(path.relative_to(folder)), "acq_time": at} for path in recordings]
+        write_tsv(folder / f"{subject}_{session}_scans.tsv", ["filename", "acq_time"], scans)
+        self._keep_log(selected, Path("sourcedata") / subject / session)
+        self._draw(selected, f"{subject}_{session}")
+        self._phenotype.add(log, subject, session)
+        self._sessions[subject].append({"session_id": session, "acq_time": log.started_at.removesuffix("Z")[:26]})
         self._people.setdefault(
-            who,
+            subject,
             {
-                "participant_id": who,
+                "participant_id": subject,
                 "code": log.plan.participant.id,
                 "group": log.plan.participant.group,
                 "player": log.player,
             },
         )
-        self._count(counted.episodes)
+        self._count(selected.episodes)
 
     def describe_excluded_logs(self) -> tuple[str, ...]:
         """Say how many logs are not in the dataset, and why."""
@@ -184,64 +187,68 @@ class _Dataset:
             "SoftwareVersion": self._station.get("version_minihuman", __version__),
             "OperatingSystem": self._station.get("system", ""),
         }
-        presented = {"StimulusPresentation": {name: said for name, said in stimuli.items() if said}}
+        presented = {"StimulusPresentation": {name: fact for name, fact in stimuli.items() if fact}}
         write_json(
             out / f"task-{self._task}_events.json",
             self._task_facts | presented | describe_event_columns() | self._label_columns,
         )
-        for who, sessions in self._sessions.items():
-            write_tsv(out / who / f"{who}_sessions.tsv", ["session_id", "acq_time"], sessions)
+        for subject, sessions in self._sessions.items():
+            write_tsv(out / subject / f"{subject}_sessions.tsv", ["session_id", "acq_time"], sessions)
         meaning = {"Description": "When the session began, UTC."}
         write_json(out / "sessions.json", {"acq_time": meaning})
         write_json(out / "scans.json", {"acq_time": {"Description": "When the run began, UTC."}})
-        people = write_participants(out, source, self._about, list(self._people.values()))
-        described = write_json(
-            out / "dataset_description.json",
-            {
-                "Name": self._about.title or self._study,
-                "BIDSVersion": BIDS_VERSION,
-                "DatasetType": "raw",
-                "HEDVersion": HED_VERSION,
-                "License": self._about.licence,
-                "Authors": [author.name for author in self._about.authors],
-                "Keywords": list(self._about.keywords),
-                "HowToAcknowledge": self._about.how_to_acknowledge,
-                "Funding": list(self._about.funding),
-                "EthicsApprovals": list(self._about.ethics_approvals),
-                "ReferencesAndLinks": list(self._about.references),
-                "DatasetDOI": f"doi:{self._about.doi}" if self._about.doi else "",
-                "GeneratedBy": [GENERATED_BY],
-            },
-        )
+        people = write_participants(out, source, self._study_facts, list(self._people.values()))
+        described = write_json(out / "dataset_description.json", self._describe())
         write_json(
             out / _DERIVATIVES / "dataset_description.json",
             {
-                "Name": f"{self._about.title or self._study}: tables and figures",
+                "Name": f"{self._study_facts.title or self._study}: tables and figures",
                 "BIDSVersion": BIDS_VERSION,
                 "DatasetType": "derivative",
                 "GeneratedBy": [GENERATED_BY],
-                "License": self._about.licence,
+                "License": self._study_facts.licence,
             },
         )
         answered = self._phenotype.write(out)
-        return (described, people, *answered, *(out / who for who in self._people), out / "sourcedata")
+        return (described, people, *answered, *(out / subject for subject in self._people), out / "sourcedata")
 
-    def _keep_log(self, counted: SelectedSession, folder: Path) -> None:
+    def _describe(self) -> dict[str, Any]:
+        """Describe the dataset by what the protocol says of the study."""
+        facts = self._study_facts
+        return {
+            "Name": facts.title or self._study,
+            "BIDSVersion": BIDS_VERSION,
+            "DatasetType": "raw",
+            "HEDVersion": HED_VERSION,
+            "License": facts.licence,
+            "Authors": [author.name for author in facts.authors],
+            "Keywords": list(facts.keywords),
+            "HowToAcknowledge": facts.how_to_acknowledge,
+            "Funding": list(facts.funding),
+            "EthicsApprovals": list(facts.ethics_approvals),
+            "ReferencesAndLinks": list(facts.references),
+            "DatasetDOI": f"doi:{facts.doi}" if facts.doi else "",
+            "GeneratedBy": [GENERATED_BY],
+        }
+
+    def _keep_log(self, session: SelectedSession, folder: Path) -> None:
         """Copy the log and the annotations beside it as they are; a log with words to others only where asked."""
         target = self._out / folder
         target.mkdir(parents=True, exist_ok=True)
-        path = counted.log.path
-        logs = list_log_files(path, "*.mcap*") if path.is_dir() else [path]
-        if not self._with_messages and _holds_messages(counted.log):
+        path = session.log.path
+        logs = [path]
+        if path.is_dir():
+            logs = list_log_files(path, "*.mcap*")
+        if not self._with_messages and _holds_messages(session.log):
             logs = []
             self._excluded_logs += 1
         for file in (*logs, annotations_path(path)):
             if file.is_file():
                 shutil.copyfile(file, target / file.name)
 
-    def _draw(self, counted: SelectedSession, name: str) -> None:
-        if any(episode.start.map for episode in counted.episodes):
-            save_png(session_paths(counted.session), self._out / _DERIVATIVES / "figures" / f"{name}_paths.png")
+    def _draw(self, session: SelectedSession, name: str) -> None:
+        if any(episode.start.map for episode in session.episodes):
+            save_png(session_paths(session.session), self._out / _DERIVATIVES / "figures" / f"{name}_paths.png")
 
     def _count(self, episodes: tuple[EpisodeLog, ...]) -> None:
         self.sessions += 1

@@ -19,12 +19,12 @@ import numpy as np
 
 from minihuman import __version__
 from minihuman.activities.questions.plan import QuestionsPlan
-from minihuman.activities.trials.stimulus_table import name_label_column
 from minihuman.dataset.info_columns import LABELS
 from minihuman.dataset.measures import response_ms
 from minihuman.dataset.table_columns import table_key_name
 from minihuman.errors import ExportError
 from minihuman.experiment.machine.events import Answered, Paused, Sampled
+from minihuman.experiment.plan.session_plan import name_label_column
 from minihuman.experiment.protocol.specs import DeviceSpec
 from minihuman.log.model.session_log import EpisodeLog, Segment, SessionLog
 
@@ -32,12 +32,12 @@ MISSING = "n/a"
 
 
 def make_label(text: str) -> str:
-    """A label: letters and digits only, as BIDS has them."""
+    """Make a label of a text: letters and digits only, as BIDS has them."""
     return re.sub(r"[^A-Za-z0-9]", "", text)
 
 
 def make_subject_label(participant: str, known: dict[str, str]) -> str:
-    """A participant's label, "sub-07"; ``known`` keeps whose each is.
+    """Make a participant's label, "sub-07"; ``known`` keeps the participant of each label.
 
     Raises:
         ExportError: if another participant's code makes the same label.
@@ -53,7 +53,9 @@ def make_subject_label(participant: str, known: dict[str, str]) -> str:
 def write_tsv(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]], *, header: bool = True) -> Path:
     """Write a table; what is missing is "n/a"."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    lines = ["\t".join(columns)] if header else []
+    lines: list[str] = []
+    if header:
+        lines.append("\t".join(columns))
     lines += ["\t".join(_cell(row.get(column)) for column in columns) for row in rows]
     path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8", newline="\n")
     return path
@@ -62,8 +64,8 @@ def write_tsv(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, An
 def write_json(path: Path, value: Mapping[str, Any]) -> Path:
     """Write what has a value; None, "" and empty lists are excluded."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    said = {name: part for name, part in value.items() if part not in (None, "", [], {})}
-    path.write_text(json.dumps(said, indent=2, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
+    present = {name: part for name, part in value.items() if part not in (None, "", [], {})}
+    path.write_text(json.dumps(present, indent=2, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
     return path
 
 
@@ -112,7 +114,7 @@ _Row = dict[str, Any]
 
 
 def describe_event_columns() -> dict[str, Any]:
-    """What every column of the events means."""
+    """Describe what every column of the events means."""
     described: dict[str, Any] = {
         name: {"Description": meaning} | ({"Units": unit} if unit else {})
         for name, (unit, meaning) in EVENT_COLUMNS.items()
@@ -125,18 +127,18 @@ def describe_event_columns() -> dict[str, Any]:
 
 
 def list_labels(episode: EpisodeLog) -> dict[str, Any]:
-    """The labels of an episode's stimulus, by the columns that they have in the events."""
+    """List the labels of an episode's stimulus, by the columns that they have in the events."""
     return {name_label_column(key): label for key, label in episode.plan.labels.items()}
 
 
 def describe_label_columns(episodes: Sequence[EpisodeLog]) -> dict[str, Any]:
-    """What the columns of labels mean."""
+    """Describe what the columns of labels mean."""
     keys = dict.fromkeys(key for episode in episodes for key in episode.plan.labels)
     return {name_label_column(key): {"Description": LABELS.meaning.format(key)} for key in keys}
 
 
 def build_events(segment: Segment, episodes: Sequence[EpisodeLog], counting: frozenset[tuple[int, int]]) -> list[_Row]:
-    """A segment's rows in order of time; ``counting`` are the (number, attempt) of the episodes that count."""
+    """Build a segment's rows in order of time; ``counting`` are the (number, attempt) of the included episodes."""
     rows = [
         *_pauses(segment),
         *(row for episode in episodes for row in _episode(episode, segment, counting)),
@@ -192,18 +194,18 @@ def _episode(episode: EpisodeLog, segment: Segment, counting: frozenset[tuple[in
 
 
 def _keys(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
-    """Every press of the segment, with how long it was held and the episode that it came in."""
+    """Yield every press of the segment, with how long it was held and the episode that it came in."""
     begins = np.array([episode.t_ns[0] for episode in episodes], np.int64)
-    held: dict[str, _Row] = {}
+    pressed: dict[str, _Row] = {}
     for press in segment.keys:
         if not press.down:
-            if press.key in held:
-                row = held.pop(press.key)
+            if press.key in pressed:
+                row = pressed.pop(press.key)
                 row["duration"] = (press.t_ns - segment.start_ns) * _S - row["onset"]
                 yield row
             continue
-        if press.key in held:
-            yield held.pop(press.key)  # it came up elsewhere
+        if press.key in pressed:
+            yield pressed.pop(press.key)  # it came up elsewhere
         place = {}
         action = ""
         at = int(np.searchsorted(begins, press.t_ns, side="left")) - 1  # what begins an episode is no key of it
@@ -213,10 +215,10 @@ def _keys(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
                 action = ""
             else:
                 action = episodes[at].start.action_names[press.action]
-        held[press.key] = _row(
+        pressed[press.key] = _row(
             "key", press.t_ns, segment, key=table_key_name(press.key), action=action, verdict=press.verdict, **place
         )
-    yield from held.values()
+    yield from pressed.values()
 
 
 def _place(episode: EpisodeLog) -> _Row:
@@ -252,10 +254,12 @@ def write_motion(
     stem: str, folder: Path, run: int, task: dict[str, Any], segment: Segment, episodes: Sequence[EpisodeLog]
 ) -> list[Path]:
     """Write a segment's paths; ``stem`` is subject, session and task. Gives its recordings."""
-    written = []
+    recordings = []
     for unit, system in _SYSTEMS.items():
-        theirs = [episode for episode in episodes if episode.start.map and episode.start.map.unit == unit]
-        poses = [(t_ns, pose) for episode in theirs for t_ns, pose in zip(episode.t_ns, episode.poses, strict=True)]
+        unit_episodes = [episode for episode in episodes if episode.start.map and episode.start.map.unit == unit]
+        poses = [
+            (t_ns, pose) for episode in unit_episodes for t_ns, pose in zip(episode.t_ns, episode.poses, strict=True)
+        ]
         poses = [(t_ns, pose) for t_ns, pose in poses if not np.isnan(pose).any()]
         if not poses:
             continue
@@ -265,30 +269,40 @@ def write_motion(
             for t_ns, (x, _, z, yaw) in poses
         ]
         columns = [channel for channel, *_ in _CHANNELS]
-        written.append(write_tsv(folder / f"{name}_motion.tsv", columns, rows, header=False))
+        recordings.append(write_tsv(folder / f"{name}_motion.tsv", columns, rows, header=False))
         lasted_s = rows[-1]["latency"] - rows[0]["latency"]
-        effective = (len(rows) - 1) / lasted_s if lasted_s > 0 else 1.0
-        write_json(folder / f"{name}_motion.json", task | _facts(system, effective, lasted_s))
-        units = {"POS": unit, "ORNT": "rad", "LATENCY": "s"}
-        write_tsv(
-            folder / f"{name}_channels.tsv",
-            ["name", "component", "type", "tracked_point", "units", "reference_frame", "description"],
-            [
-                {
-                    "name": channel,
-                    "component": component,
-                    "type": kind,
-                    "tracked_point": point,
-                    "units": units[kind],
-                    "reference_frame": "" if kind == "LATENCY" else "world",
-                    "description": meaning,
-                }
-                for channel, component, kind, point, meaning in _CHANNELS
-            ],
-        )
+        write_json(folder / f"{name}_motion.json", task | _facts(system, _mean_rate_hz(len(rows), lasted_s), lasted_s))
+        write_tsv(folder / f"{name}_channels.tsv", _CHANNEL_COLUMNS, _describe_channels(unit))
         frame = {"Description": "What positions and headings are told in.", "Levels": {"world": _FRAME}}
         write_json(folder / f"{name}_channels.json", {"reference_frame": frame})
-    return written
+    return recordings
+
+
+_CHANNEL_COLUMNS = ("name", "component", "type", "tracked_point", "units", "reference_frame", "description")
+
+
+def _describe_channels(unit: str) -> list[dict[str, str]]:
+    """Describe the channels of a motion recording whose positions have this unit."""
+    units = {"POS": unit, "ORNT": "rad", "LATENCY": "s"}
+    return [
+        {
+            "name": channel,
+            "component": component,
+            "type": kind,
+            "tracked_point": point,
+            "units": units[kind],
+            "reference_frame": "" if kind == "LATENCY" else "world",
+            "description": meaning,
+        }
+        for channel, component, kind, point, meaning in _CHANNELS
+    ]
+
+
+def _mean_rate_hz(n_samples: int, lasted_s: float) -> float:
+    """Return the mean rate of samples, first and last included; 1 where no time passed."""
+    if lasted_s <= 0:
+        return 1.0
+    return (n_samples - 1) / lasted_s
 
 
 def _facts(system: str, effective: float, lasted_s: float) -> dict[str, Any]:
@@ -330,13 +344,15 @@ def _write(
     path: Path, task: Mapping[str, Any], segment: Segment, samples: Sequence[Sampled], device: DeviceSpec | None
 ) -> Path:
     names = _channels(samples, device)
-    said = [_SAID] if any(sampled.text for sampled in samples) else []
+    text_columns = []
+    if any(sampled.text for sampled in samples):
+        text_columns = [_SAID]
     rows: list[dict[str, Any]] = [
         {"timestamp": (sampled.t_ns - segment.start_ns) * 1e-9, _SAID: sampled.text}
         | dict(zip(names, sampled.values, strict=False))
         for sampled in samples
     ]
-    columns = ["timestamp", *names, *said]
+    columns = ["timestamp", *names, *text_columns]
     plain = write_tsv(path.with_name(f"{path.name}.tsv"), columns, rows, header=False)
     packed = plain.with_name(f"{plain.name}.gz")
     packed.write_bytes(gzip.compress(plain.read_bytes(), mtime=0))  # the same samples are the same file
@@ -347,11 +363,13 @@ def _write(
         "timestamp": {"Description": "When the sample was taken, since the run's first moment.", "Units": "s"}
     }
     for name in names:
-        described[name] = {"Description": name} | ({"Units": units[name]} if units.get(name) else {})
-    if said:
+        described[name] = {"Description": name}
+        if units.get(name):
+            described[name]["Units"] = units[name]
+    if text_columns:
         described[_SAID] = {"Description": "What the device said in words."}
     facts = {
-        "SamplingFrequency": (len(rows) - 1) / lasted_s if lasted_s > 0 else 1.0,  # the mean; timestamps are exact
+        "SamplingFrequency": _mean_rate_hz(len(rows), lasted_s),  # timestamps are exact
         "StartTime": rows[0]["timestamp"],
         "Columns": columns,
         "Manufacturer": "" if device is None else device.plugin,
@@ -361,9 +379,11 @@ def _write(
 
 
 def _channels(samples: Sequence[Sampled], device: DeviceSpec | None) -> list[str]:
-    """What each of a sample's numbers is called; a number that the protocol does not name has its place as name."""
+    """Name each of a sample's numbers; one that the protocol does not name is called by its place."""
     most = max(len(sampled.values) for sampled in samples)
-    named = () if device is None else device.channels
+    named: Sequence[str] = ()
+    if device is not None:
+        named = device.channels
     return [named[place] if place < len(named) else f"channel_{place + 1}" for place in range(most)]
 
 
@@ -378,25 +398,25 @@ class Phenotype:
         self._meaning: dict[str, dict[str, Any]] = {}  # of each questionnaire's columns
         self._names: dict[str, str] = {}  # what each label stands for
 
-    def add(self, log: SessionLog, who: str, session: str) -> None:
+    def add(self, log: SessionLog, subject: str, session: str) -> None:
         """Take a session's answers: of what was asked again, the last."""
-        given = {
+        last_answers = {
             (event.part, event.item): event
             for segment in log.segments
             for event in segment.part_events
             if isinstance(event, Answered)
         }
-        asked = Counter[str]()
+        times = Counter[str]()
         rows: dict[str, dict[str, Any]] = {}
         for number, part in enumerate(log.plan.parts):
             if not isinstance(part.plan, QuestionsPlan):
                 continue
-            asked[part.name] += 1
-            self._describe(part.name, part.plan, asked[part.name])
-            answers = {item: _value(event) for (of_part, item), event in given.items() if of_part == number}
+            times[part.name] += 1
+            self._describe(part.name, part.plan, times[part.name])
+            answers = {item: _value(event) for (of_part, item), event in last_answers.items() if of_part == number}
             if answers:
-                row = rows.setdefault(part.name, dict(zip(_IDS, (who, session), strict=True)))
-                row |= {_column(item, asked[part.name]): value for item, value in answers.items()}
+                row = rows.setdefault(part.name, dict(zip(_IDS, (subject, session), strict=True)))
+                row |= {_column(item, times[part.name]): value for item, value in answers.items()}
         for name, row in rows.items():
             self._rows.setdefault(name, []).append(row)
 
@@ -408,7 +428,9 @@ class Phenotype:
             columns = [*_IDS, *(column for column in meaning if column != "MeasurementToolMetadata")]
             write_tsv(folder / f"{make_label(name)}.tsv", columns, rows)
             write_json(folder / f"{make_label(name)}.json", meaning)
-        return (folder,) if self._rows else ()
+        if not self._rows:
+            return ()
+        return (folder,)
 
     def _describe(self, name: str, plan: QuestionsPlan, time: int) -> None:
         """Say what a questionnaire's columns mean; of groups that are asked in other words, the first's words.
@@ -434,13 +456,17 @@ class Phenotype:
 
 
 def _column(item: str, time: int) -> str:
-    """An item's column: none that BIDS needs for its own."""
-    name = f"item_{item}" if item in _IDS else item
-    return name if time == 1 else f"{name}_{time}"
+    """Name an item's column: none that BIDS needs for its own."""
+    name = item
+    if item in _IDS:
+        name = f"item_{item}"
+    if time > 1:
+        name += f"_{time}"
+    return name
 
 
 def _value(event: Answered) -> Any:
-    """The option's code, the number or the text; several codes as a JSON list."""
+    """Return the option's code, the number or the text; several codes as a JSON list."""
     value: Any = json.loads(event.value)
     if isinstance(value, list | Mapping):
         return json.dumps(value, ensure_ascii=False)

@@ -35,7 +35,7 @@ MAX_VALUES = 2**23  # of a policy's weights together, and of an image
 
 @dataclass(frozen=True, slots=True)
 class PolicyCard:
-    """What a policy is: plain values, stored beside the weights."""
+    """A policy's description in plain values, stored beside the weights."""
 
     world: str  # a Gymnasium id
     world_options: dict[str, Any]
@@ -52,12 +52,12 @@ class PolicyCard:
 
     @property
     def worlds(self) -> tuple[str, ...]:
-        """Where it may play."""
+        """Return the worlds in which it may play."""
         return (self.world, *self.other_worlds)
 
     @property
     def observation_space(self) -> spaces.Dict:
-        """What the network takes."""
+        """Return the space of what the network takes."""
         image = spaces.Box(0, 255, self.image_shape, np.uint8)
         if not self.eyesight.missions:
             return spaces.Dict({"image": image})
@@ -65,14 +65,14 @@ class PolicyCard:
 
 
 def get_versions() -> dict[str, str]:
-    """The versions that numbers here depend on."""
+    """Return the versions that numbers here depend on."""
     packages = ("torch", "stable-baselines3", "gymnasium", "numpy")
     ours = {"python": platform.python_version(), "minihuman": __version__}  # a checkout need not be installed
     return ours | {name: version(name) for name in packages}
 
 
 def save_policy(policy: BasePolicy, card: PolicyCard, path: Path) -> None:
-    """Write a policy file; a file that is there is replaced only by the caller's own decision, so check first."""
+    """Write a policy file, over one that exists: a caller that must not replace it checks first."""
     save_atomically(
         {"format": FORMAT, "card": asdict(card), "versions": get_versions(), "weights": policy.state_dict()}, path
     )
@@ -101,7 +101,7 @@ def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
 
 
 def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
-    """Why no network of a policy's card can have these weights, found without making one of a size that may be huge."""
+    """Say why no network of a policy's card can have these weights, without making one of a size that may be huge."""
     if not isinstance(weights, dict) or not weights:
         return f"weights is a {type(weights).__name__}"
     for name, value in weights.items():
@@ -115,9 +115,14 @@ def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
         extractor = MissionImageExtractor(card.observation_space, card.eyes).state_dict()
     shapes = {f"features_extractor.{name}": tuple(value.shape) for name, value in extractor.items()}
     shapes[f"{ACTOR_HEAD}bias"] = (len(card.action_names),)
-    found = {name: tuple(weights[name].shape) if name in weights else "absent" for name in shapes}
+    weight_shapes = {name: tuple(weights[name].shape) if name in weights else "absent" for name in shapes}
     return next(
-        (f"{name} is {found[name]}, not {shape}" for name, shape in shapes.items() if found[name] != shape), None
+        (
+            f"{name} is {weight_shapes[name]}, not {shape}"
+            for name, shape in shapes.items()
+            if weight_shapes[name] != shape
+        ),
+        None,
     )
 
 
@@ -191,7 +196,7 @@ def save_atomically(value: Any, path: Path) -> None:
 
 
 def read_checkpoint(checkpoint: Path) -> dict[str, Any]:
-    """A checkpoint's content: tensors and plain values.
+    """Read a checkpoint's content: tensors and plain values.
 
     Raises:
         LearnError: if it was written by another version; it is left as it is.

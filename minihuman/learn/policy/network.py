@@ -55,7 +55,7 @@ class MapEncoder(nn.Sequential):
 
 
 def _padded_convolutions(channels: int, n_flat: int, *, first_stride: int) -> list[nn.Module]:
-    """Three 3x3 convolutions (16, 32, 64), the last two of stride 2, and a linear layer."""
+    """Make three 3x3 convolutions (16, 32, 64), the last two of stride 2, and a linear layer."""
     return [
         nn.Conv2d(channels, 16, 3, stride=first_stride, padding=1),
         nn.ReLU(),
@@ -85,7 +85,7 @@ class PlaneEncoder(nn.Sequential):
         )
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """float32[batch, 64] of planes in 0 to 1."""
+        """Return float32[batch, 64] of planes in 0 to 1."""
         features: torch.Tensor = super().forward(image * 255)  # type: ignore[no-untyped-call]
         return features
 
@@ -110,12 +110,12 @@ class CodeEncoder(nn.Module):
         return nn.Sequential(nn.Linear(inputs, 128), nn.ReLU(), nn.Linear(128, IMAGE_FEATURES), nn.ReLU())
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """float32[batch, 64] of spread codes in 0 to 1."""
+        """Return float32[batch, 64] of spread codes in 0 to 1."""
         features: torch.Tensor = self.layers(torch.cat([hot.flatten(1) for hot in self._hot(image)], dim=1).float())
         return features
 
     def _hot(self, image: torch.Tensor) -> list[torch.Tensor]:
-        """Kind, colour and state as zeros and ones, each int64[batch, rows, columns, values]."""
+        """Return kind, colour and state as zeros and ones, each int64[batch, rows, columns, values]."""
         codes = (image * 255 / self.spread).round_().long()
         return [nn.functional.one_hot(codes[:, part], size) for part, size in enumerate(CODES)]
 
@@ -132,7 +132,7 @@ class LocalCodeEncoder(CodeEncoder):
         return nn.Sequential(*_padded_convolutions(sum(CODES), n_flat, first_stride=1))
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """float32[batch, 64] of spread codes in 0 to 1."""
+        """Return float32[batch, 64] of spread codes in 0 to 1."""
         features: torch.Tensor = self.layers(torch.cat(self._hot(image), dim=3).float().permute(0, 3, 1, 2))
         return features
 
@@ -154,7 +154,10 @@ class MissionImageExtractor(BaseFeaturesExtractor):
         image = observation_space["image"]
         assert isinstance(image, spaces.Box)
         mission = observation_space.spaces.get("mission")
-        super().__init__(observation_space, IMAGE_FEATURES + (MISSION_FEATURES if mission is not None else 0))
+        n_features = IMAGE_FEATURES
+        if mission is not None:
+            n_features += MISSION_FEATURES
+        super().__init__(observation_space, n_features)
         self.image = _ENCODERS[eyes](image)
         for layer in self.image.modules():
             if isinstance(layer, nn.ReLU):
@@ -165,7 +168,7 @@ class MissionImageExtractor(BaseFeaturesExtractor):
             self.mission = nn.Linear(mission.shape[0], MISSION_FEATURES)
 
     def forward(self, observation: dict[str, torch.Tensor]) -> torch.Tensor:
-        """float32[batch, 64 or 96]."""
+        """Return the features, float32[batch, 64 or 96]."""
         # a third faster on the CPU, the same numbers
         image: torch.Tensor = self.image(observation["image"].contiguous(memory_format=torch.channels_last))
         if self.mission is None:
@@ -189,7 +192,7 @@ class Policy(MultiInputActorCriticPolicy):
         obs: dict[str, torch.Tensor],  # type: ignore[override]
         deterministic: bool = False,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Actions int64[batch], values float32[batch, 1], and the actions' log-probabilities float32[batch]."""
+        """Draw actions int64[batch]; return them, values float32[batch, 1], and log-probabilities float32[batch]."""
         log_probs, values = self.think(obs)
         if deterministic:
             actions = log_probs.argmax(dim=1, keepdim=True)
@@ -202,41 +205,41 @@ class Policy(MultiInputActorCriticPolicy):
         obs: dict[str, torch.Tensor],  # type: ignore[override]
         actions: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Values, the actions' log-probabilities, and the entropy of each choice."""
+        """Return values, the actions' log-probabilities, and the entropy of each choice."""
         log_probs, values = self.think(obs)
         chosen = log_probs.gather(1, actions.long().unsqueeze(1)).squeeze(1)
         return values, chosen, -(log_probs.exp() * log_probs).sum(dim=1)
 
-    def probabilities(self, seen: Observation) -> torch.Tensor:
-        """The probability of each action for one observation, float32[actions]."""
-        return self.think_of(seen)[0].exp()
+    def probabilities(self, observation: Observation) -> torch.Tensor:
+        """Return the probability of each action for one observation, float32[actions]."""
+        return self.think_of(observation)[0].exp()
 
     def log_probabilities(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
-        """The logarithm of each action's probability, float32[batch, actions]; gradients flow."""
+        """Return the logarithm of each action's probability, float32[batch, actions]; gradients flow."""
         return self.think(obs)[0]
 
     def think(self, obs: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
-        """Log-probabilities float32[batch, actions] and values float32[batch, 1]; gradients flow."""
+        """Return log-probabilities float32[batch, actions] and values float32[batch, 1]; gradients flow."""
         return self._judge(self._see(obs))
 
-    def think_of(self, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
-        """The same for one observation: log-probabilities float32[actions] and the value float32[1]; no gradients.
+    def think_of(self, observation: Observation) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the same for one observation: log-probabilities float32[actions], value float32[1]; no gradients.
 
-        A memory takes it in: to be asked once at each step, and told by `forget` where an episode begins.
+        A memory takes it in: call this once at each step, and `forget` where an episode begins.
         """
         with torch.no_grad():
-            obs = {name: torch.as_tensor(part)[None] for name, part in seen.items()}
+            obs = {name: torch.as_tensor(part)[None] for name, part in observation.items()}
             log_probs, values, self._hidden = self.think_on(obs, self._hidden, torch.zeros(1))
         return log_probs[0], values[0]
 
     def forget(self) -> None:
-        """An episode begins."""
+        """Clear the memory: an episode begins."""
         self._hidden = torch.zeros(1, self.features_dim)
 
     def think_on(
         self, obs: dict[str, torch.Tensor], hidden: torch.Tensor, starts: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """`think`, one step of several episodes, with what is remembered afterwards.
+        """Do what `think` does for one step of several episodes; return what is remembered afterwards, too.
 
         Args:
             obs: what is seen.
@@ -251,14 +254,17 @@ class Policy(MultiInputActorCriticPolicy):
     def think_through(
         self, obs: dict[str, torch.Tensor], hidden: torch.Tensor, starts: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """`think` of steps one after the other, all float32 or uint8[steps, batch, ...], flattened; gradients flow."""
+        """Do what `think` does for consecutive steps, float32 or uint8[steps, batch, ...]; the results are flattened.
+
+        Gradients flow through the memory.
+        """
         features = self._see({name: part.flatten(0, 1) for name, part in obs.items()})
         if self.memory is not None:
-            found = []
+            hidden_states = []
             for now, start in zip(features.view(*starts.shape, -1), starts, strict=True):
                 hidden = self.memory(now, hidden * (1 - start)[:, None])
-                found.append(hidden)
-            features = torch.cat(found)
+                hidden_states.append(hidden)
+            features = torch.cat(hidden_states)
         return self._judge(features)
 
     def _see(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
@@ -271,7 +277,7 @@ class Policy(MultiInputActorCriticPolicy):
 
 
 def get_policy_settings(eyes: EncoderName) -> dict[str, object]:
-    """Keyword arguments for Stable-Baselines3: two layers of 64 tanh units each for actor and critic."""
+    """Return keyword arguments for Stable-Baselines3: two layers of 64 tanh units each for actor and critic."""
     return {
         "features_extractor_class": MissionImageExtractor,
         "features_extractor_kwargs": {"eyes": eyes},
@@ -283,7 +289,7 @@ def get_policy_settings(eyes: EncoderName) -> dict[str, object]:
 
 
 def build_policy(observation_space: spaces.Dict, actions: int, eyes: EncoderName, *, memory: bool = False) -> Policy:
-    """A policy without a training algorithm round it, on the CPU."""
+    """Build a policy without a training algorithm round it, on the CPU."""
     policy = Policy(
         observation_space,
         spaces.Discrete(actions),
@@ -299,7 +305,8 @@ ForwardPass = tuple[torch.Tensor, torch.Tensor]  # logits float32[actions], valu
 
 
 def make_forward(policy: Policy) -> Callable[[Observation], ForwardPass]:
-    """What the policy makes of one observation, on the CPU, by its weights at this moment: ask again after an update.
+    """Make a policy's forward pass for one observation, on the CPU, with its present weights: make it again after an
+    update.
 
     Eyes with padded convolutions, or with none, are gone through layer by layer.
     """
@@ -315,18 +322,20 @@ def make_forward(policy: Policy) -> Callable[[Observation], ForwardPass]:
     assert isinstance(action_net, nn.Linear)
     assert isinstance(value_net, nn.Linear)
 
-    def think(seen: Observation) -> ForwardPass:
+    def think(observation: Observation) -> ForwardPass:
         with torch.no_grad():
-            found = see(torch.as_tensor(seen["image"]))
+            image_mission = see(torch.as_tensor(observation["image"]))
             if mission is not None:
-                found = torch.cat((found, _linear(mission, torch.as_tensor(seen["mission"]))))
-            return _linear(action_net, _tanh_layers(actor, found)), _linear(value_net, _tanh_layers(critic, found))
+                image_mission = torch.cat((image_mission, _linear(mission, torch.as_tensor(observation["mission"]))))
+            return _linear(action_net, _tanh_layers(actor, image_mission)), _linear(
+                value_net, _tanh_layers(critic, image_mission)
+            )
 
     return think
 
 
 def _image_features(eyes: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
-    """From uint8[channels, height, width] to the image's features."""
+    """Make the pass from uint8[channels, height, width] to the image's features."""
     convolutions = [layer for layer in eyes.modules() if isinstance(layer, nn.Conv2d)]
     if not convolutions or any(layer.padding != (0, 0) for layer in convolutions):
         return lambda image: eyes(image[None].float() / 255)[0]
@@ -361,7 +370,10 @@ def _image_features(eyes: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
 
 def _tanh_layers(layers: nn.Module, x: torch.Tensor) -> torch.Tensor:
     for layer in layers.children():
-        x = _linear(layer, x) if isinstance(layer, nn.Linear) else x.tanh_()
+        if isinstance(layer, nn.Linear):
+            x = _linear(layer, x)
+        else:
+            x = x.tanh_()
     return x
 
 

@@ -27,7 +27,7 @@ _QUARTER_TURNS = (3, 2, 1, 0)  # that bring what is ahead to the top, by directi
 
 
 def encode_mission(mission: str) -> NDArray[np.float32]:
-    """One-hot float32[9] of a mission such as "go to the red ball": six colours, then three kinds of object.
+    """Encode a mission such as "go to the red ball" one-hot, float32[9]: six colours, then three kinds of object.
 
     Raises:
         LearnError: if the words name no colour or no object of the pair of worlds.
@@ -56,7 +56,7 @@ class ObservationEncoder:
     sight: ViewMode = "view"
 
     def space(self, world: Any) -> spaces.Dict:
-        """The agent's observation space in a world.
+        """Return the agent's observation space in a world.
 
         Raises:
             LearnError: if the world shows no image, or is not a grid where the whole is asked for.
@@ -71,7 +71,7 @@ class ObservationEncoder:
         return EpisodeEncoder(self)
 
     def encode(self, world: Any, raw: Any, remembered: NDArray[np.bool_] | None = None) -> Observation:
-        """One observation, ready for the network; use an `episode_encoder` where cells are remembered.
+        """Encode one observation for the network; use an `episode_encoder` where cells are remembered.
 
         Args:
             world: The world.
@@ -92,10 +92,10 @@ class ObservationEncoder:
                 image = raw
         if codes and self.scaling == "spread":
             image = image * np.array(SPREAD, np.uint8)
-        seen: Observation = {"image": np.ascontiguousarray(np.moveaxis(image, -1, 0))}
+        observation: Observation = {"image": np.ascontiguousarray(np.moveaxis(image, -1, 0))}
         if self.missions:
-            seen["mission"] = encode_mission(world.mission)
-        return seen
+            observation["mission"] = encode_mission(world.mission)
+        return observation
 
     def _image_shape(self, world: Any) -> tuple[int, int, int]:
         if self.sight != "view":
@@ -103,8 +103,10 @@ class ObservationEncoder:
                 raise LearnError(
                     f"{world} is not a minihuman grid world, which --sight {self.sight} needs; use --sight view"
                 )
-            whole = 2 * max(world.state.width, world.state.height) - 1
-            side = whole if self.sight == "whole" else min(whole, 2 * REACH + 1)
+            whole_side = 2 * max(world.state.width, world.state.height) - 1
+            side = whole_side
+            if self.sight == "remembered":
+                side = min(whole_side, 2 * REACH + 1)
             return 3, side, side
         inner = world.observation_space
         if isinstance(inner, spaces.Dict) and "image" in inner.spaces:
@@ -124,7 +126,7 @@ class ObservationEncoder:
 
 
 def get_image_shape(space: spaces.Dict) -> tuple[int, int, int]:
-    """Channels, height and width of an observation space's image."""
+    """Return channels, height and width of an observation space's image."""
     shape = space["image"].shape
     assert shape is not None
     return shape[0], shape[1], shape[2]
@@ -133,7 +135,7 @@ def get_image_shape(space: spaces.Dict) -> tuple[int, int, int]:
 class EpisodeEncoder:
     """Encodes the observations of one agent, episode by episode, and remembers cells where the encoder asks for it.
 
-    To be asked once at each step. An episode has begun where its world has made no step yet.
+    Call `encode` once at each step. An episode begins where its world has made no step yet.
     """
 
     def __init__(self, eyesight: ObservationEncoder) -> None:
@@ -157,8 +159,11 @@ class EpisodeEncoder:
         return self._eyesight.encode(world, raw, self._memory.seen)
 
     def save(self) -> NDArray[np.bool_] | None:
-        """The remembered cells; None if nothing is remembered."""
-        return None if self._memory is None else self._memory.seen.copy()
+        """Return a copy of the remembered cells; None if nothing is remembered."""
+        if self._memory is None:
+            return None
+        cells: NDArray[np.bool_] = self._memory.seen.copy()
+        return cells
 
     def restore(self, saved: NDArray[np.bool_] | None) -> None:
         """Restore the memory saved in the same episode."""
@@ -167,23 +172,23 @@ class EpisodeEncoder:
 
 
 def encode_whole_grid(world: GridEngine) -> NDArray[np.uint8]:
-    """Codes of the whole grid, uint8[2 n - 1, 2 n - 1, 3], the agent in the middle, what is ahead of it upwards.
+    """Encode the whole grid, uint8[2 n - 1, 2 n - 1, 3], the agent in the middle, what is ahead of it upwards.
 
     n is the longer side of the grid; outside it everything is 0 (unseen). Indexed [x, y] like Minigrid's views.
     """
     return _around(world, max(world.state.width, world.state.height) - 1, _codes(world.state.cells))
 
 
-def encode_remembered_grid(world: GridEngine, seen: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """The same of the cells that were seen, at most ``REACH`` to each side; the agent's cell shows what it carries."""
+def encode_remembered_grid(world: GridEngine, explored_cells: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Encode the cells that were seen, at most ``REACH`` to each side; the agent's cell shows what it carries."""
     state = world.state
-    codes = _codes(state.cells) * seen.reshape(state.width, state.height, 1)
+    codes = _codes(state.cells) * explored_cells.reshape(state.width, state.height, 1)
     codes[state.position] = _codes(state.row[CARRYING])
     return _around(world, min(REACH, max(state.width, state.height) - 1), codes)
 
 
 def _codes(cells: Any) -> NDArray[np.uint8]:
-    """Kind, colour and state of cells, uint8[..., 3]: the packed numbers' readers take arrays too."""
+    """Unpack kind, colour and state of cells, uint8[..., 3]: the packed numbers' readers take arrays too."""
     return np.stack((kind_of(cells), colour_of(cells), state_of(cells)), axis=-1).astype(np.uint8)
 
 

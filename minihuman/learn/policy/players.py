@@ -12,6 +12,7 @@ from minihuman.agents.agent import BaseAgent
 from minihuman.errors import LearnError
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.learn.policy.file import PolicyCard, load_policy
+from minihuman.learn.policy.network import Policy
 from minihuman.simulation.participant import KeyPress, SimulatedParticipant
 from minihuman.worlds.adapters.world import World
 
@@ -41,7 +42,7 @@ class PolicyPlayer(SimulatedParticipant):
         Raises:
             LearnError: if the policy was trained for another world, or none of its actions has a key.
         """
-        path, self._policy, card = next((one for one in self._files if plan.world in one[2].worlds), self._files[0])
+        path, self._policy, card = self._find_file(plan.world)
         _require_world(path, card, plan, world)
         self._encoder = card.eyesight.episode_encoder()
         self._policy.forget()
@@ -52,11 +53,18 @@ class PolicyPlayer(SimulatedParticipant):
                 f"{path}: none of its actions has a key; assign a key to one of {', '.join(card.action_names)}"
             )
 
+    def _find_file(self, world_id: str) -> tuple[Path, Policy, PolicyCard]:
+        """Find the file that was trained in a world; the first one where none was."""
+        for path, policy, card in self._files:
+            if world_id in card.worlds:
+                return path, policy, card
+        return self._files[0]
+
     def press(self, world: World) -> KeyPress:
-        """The key of an action, drawn from the policy."""
-        seen = self._encoder.encode(world.unwrapped, world.observation)
-        wanted = self._policy.probabilities(seen).double().numpy()[[action for action, _ in self._keys]]
-        _, key = self._keys[self._rng.choice(len(self._keys), p=wanted / wanted.sum())]
+        """Press the key of an action, drawn from the policy."""
+        observation = self._encoder.encode(world.unwrapped, world.observation)
+        key_weights = self._policy.probabilities(observation).double().numpy()[[action for action, _ in self._keys]]
+        _, key = self._keys[self._rng.choice(len(self._keys), p=key_weights / key_weights.sum())]
         return KeyPress(key, DELAY_MS)
 
 
@@ -93,10 +101,10 @@ class PolicyAgent(BaseAgent):
         self._places = [world.action_names.index(name) for name in card.action_names]
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """The policy's probabilities; 0 for actions that it does not have."""
+        """Return the policy's probabilities; 0 for actions that it does not have."""
         chances = np.zeros(len(world.action_names), np.float32)
-        seen = self._encoder.encode(world.unwrapped, world.observation)
-        chances[self._places] = self._policy.probabilities(seen).numpy()[: len(self._places)]
+        observation = self._encoder.encode(world.unwrapped, world.observation)
+        chances[self._places] = self._policy.probabilities(observation).numpy()[: len(self._places)]
         return chances
 
 

@@ -6,7 +6,7 @@ Knows nothing of logs: `log_dataset` makes one from a study, a simulation makes 
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
@@ -58,9 +58,11 @@ class Lesson:
         return self.corrects is None and bool(self.by_person.all())
 
     def part(self, first: int, last: int) -> "Lesson":
-        """The steps from ``first`` to ``last``, the last included."""
+        """Return the steps from ``first`` to ``last``, the last included."""
         chosen = slice(first, last + 1)
-        said = self.policy_probabilities
+        probabilities = self.policy_probabilities
+        if probabilities is not None:
+            probabilities = probabilities[chosen]
         return replace(
             self,
             observations={name: values[chosen] for name, values in self.observations.items()},
@@ -69,7 +71,7 @@ class Lesson:
             policy_actions=self.policy_actions[chosen],
             shown_ns=self.shown_ns[chosen],
             rewards=self.rewards[chosen],
-            policy_probabilities=None if said is None else said[chosen],
+            policy_probabilities=probabilities,
         )
 
 
@@ -165,16 +167,16 @@ class Dataset:
 
     @property
     def steps(self) -> int:
-        """How many steps there are."""
+        """Return how many steps there are."""
         return sum(len(lesson.actions) for lesson in self.lessons)
 
     @property
     def labelled_steps(self) -> int:
-        """How many of them a person steered."""
+        """Return how many of the steps a person steered."""
         return int(sum(lesson.by_person.sum() for lesson in self.lessons))
 
     def lesson(self, name: str) -> Lesson:
-        """The lesson of a name."""
+        """Return the lesson of a name."""
         return next(lesson for lesson in self.lessons if lesson.name == name)
 
     def with_more(
@@ -183,7 +185,7 @@ class Dataset:
         ratings: Sequence[LessonRating] = (),
         comparisons: Sequence[Comparison] = (),
     ) -> "Dataset":
-        """This and more of it."""
+        """Return this data set with further lessons, ratings and comparisons."""
         return replace(
             self,
             lessons=(*self.lessons, *lessons),
@@ -192,7 +194,7 @@ class Dataset:
         )
 
     def sha256(self) -> str:
-        """A digest of everything a learner can see; equal data have equal digests."""
+        """Return a digest of everything a learner can see; equal data have equal digests."""
         digest = hashlib.sha256()
         # words that policy files carry the digest of: a format, whatever the classes are called
         sees = self.eyesight
@@ -200,18 +202,18 @@ class Dataset:
         head = (self.world, self.options, self.action_names, self.most_steps, eyesight, repr(self.space))
         digest.update(json.dumps(head, sort_keys=True).encode())
         for lesson in self.lessons:
-            said = lesson.policy_probabilities
             facts = (lesson.name, lesson.participant, lesson.seed, lesson.policy, lesson.corrects)
             digest.update(json.dumps(facts).encode())
-            parts: Mapping[str, NDArray[Any]] = {
+            parts: dict[str, NDArray[Any]] = {
                 **lesson.observations,
                 "actions": lesson.actions,
                 "by_person": lesson.by_person,
                 "policy_actions": lesson.policy_actions,
                 "shown_ns": lesson.shown_ns,
                 "rewards": lesson.rewards,
-                **({} if said is None else {"policy_probabilities": said}),
             }
+            if lesson.policy_probabilities is not None:
+                parts["policy_probabilities"] = lesson.policy_probabilities
             for name, values in sorted(parts.items()):
                 digest.update(f"{name} {values.dtype} {values.shape}".encode())
                 digest.update(np.ascontiguousarray(values).tobytes())
@@ -232,5 +234,8 @@ def _comparison_words(comparison: Comparison) -> str:
 
 
 def _tuple_words(items: Iterable[str]) -> str:
+    """Write a tuple of texts as Python does: one alone has a comma behind it."""
     words = list(items)
-    return f"({', '.join(words)}{',' if len(words) == 1 else ''})"
+    if len(words) == 1:
+        return f"({words[0]},)"
+    return f"({', '.join(words)})"

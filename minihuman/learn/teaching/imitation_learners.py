@@ -36,7 +36,7 @@ class ImitationLearner(Learner, abc.ABC):
 
     @abc.abstractmethod
     def weigh(self, steps: LabelledSteps) -> NDArray[np.float64]:
-        """How much each step weighs."""
+        """Return how much each step weighs."""
 
     def learn(self, request: LearningRequest) -> LearningResult:
         """Learn from fresh weights; the policy so far is not looked at.
@@ -72,11 +72,11 @@ class Cloning(ImitationLearner):
     name: ClassVar[str] = "cloning"
 
     def takes(self, lesson: Lesson) -> bool:
-        """Whole demonstrations alone."""
+        """Take whole demonstrations alone."""
         return lesson.is_demonstration
 
     def weigh(self, steps: LabelledSteps) -> NDArray[np.float64]:
-        """All alike."""
+        """Weigh all steps alike."""
         return np.ones(len(steps.actions))
 
 
@@ -91,11 +91,11 @@ class HgDagger(ImitationLearner):
     name: ClassVar[str] = "hg-dagger"
 
     def takes(self, lesson: Lesson) -> bool:
-        """Whatever a person had a hand in."""
+        """Take every lesson in which a person made a step."""
         return bool(lesson.by_person.any())
 
     def weigh(self, steps: LabelledSteps) -> NDArray[np.float64]:
-        """The person's steps alike, the agent's not at all."""
+        """Weigh the person's steps alike, and the agent's not at all."""
         return steps.by_person.astype(np.float64)
 
 
@@ -110,10 +110,10 @@ class InterventionWeighted(ImitationLearner):
     name: ClassVar[str] = "intervention-weighted"
 
     def takes(self, lesson: Lesson) -> bool:
-        """Everything."""
+        """Take every lesson."""
         return True
 
     def weigh(self, steps: LabelledSteps) -> NDArray[np.float64]:
-        """Half of the weight to the person's steps, half to the agent's if there are any."""
+        """Give half of the weight to the person's steps, and half to the agent's if there are any."""
         person = steps.by_person
         return np.asarray(np.where(person, 1 / max(1, person.sum()), 1 / max(1, (~person).sum())))

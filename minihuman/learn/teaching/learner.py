@@ -32,7 +32,7 @@ Loss = Callable[[torch.Generator], torch.Tensor]  # of one minibatch, which it d
 
 @contextlib.contextmanager
 def seed_torch(rng: np.random.Generator) -> Iterator[None]:
-    """Torch's own chance comes from ``rng`` in here, and is as before afterwards."""
+    """Seed torch's own generator from ``rng``; restore it afterwards."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(int(rng.integers(2**63)))
         yield
@@ -61,71 +61,129 @@ def minimise_loss(
         updates: How many updates are wanted.
         learning_rate: Adam's.
         weight_decay: Adam's.
-        most_norm: Gradients longer than this are cut to it; 0 leaves them.
-        warm_up: The learning rate grows to its full height over so many updates: Adam's first steps are as long as any,
-            and can push the units of a network of convolutions so far that most of them never answer again.
-        averaged: What is left in the end is a running average of the weights, in which those of an update before count
-            so much less; 0 leaves the last ones. It may not depend on how many updates there are to be.
+        most_norm: Gradients longer than this are clipped to it; 0 leaves them.
+        warm_up: The learning rate grows to its full value over so many updates: Adam's first steps are as long as any,
+            and can push the units of a convolutional network so far that most of them never respond again.
+        averaged: The decay per update of a running average of the weights, which replaces the last ones in the end; 0
+            leaves the last ones. It may not depend on the number of updates.
         budget_s: Seconds.
-        checkpoint: A file to go on from; written every so often, and gone at the end.
+        checkpoint: A file to resume from; written every so often, and removed at the end.
 
     Returns:
         The updates that were made, those before the checkpoint included, and the mean loss of the last fifty.
     """
-    optimiser = torch.optim.Adam(parameters.parameters(), lr=learning_rate, weight_decay=weight_decay, fused=True)
-    generator = torch.Generator().manual_seed(int(rng.integers(2**63)))
-    done = 0
-    losses = list[float]()
-    if averaged:
-        average = {name: torch.zeros_like(values) for name, values in parameters.named_parameters()}
-    else:
-        average = {}
+    minimiser = _Minimiser(parameters, rng, learning_rate, weight_decay, averaged)
     if checkpoint is not None and checkpoint.exists():
-        saved = read_checkpoint(checkpoint)
-        parameters.load_state_dict(saved["weights"])
-        optimiser.load_state_dict(saved["optimiser"])
-        generator.set_state(saved["generator"])
-        done = saved["updates"]
-        losses = saved["losses"]
-        average = saved["average"]
+        minimiser.resume(checkpoint)
     ends = time.monotonic() + budget_s
-    while done < updates and (done == 0 or time.monotonic() < ends):
-        loss = loss_of(generator)
-        optimiser.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        if most_norm:
-            nn.utils.clip_grad_norm_(parameters.parameters(), most_norm)
-        for group in optimiser.param_groups if done < warm_up else ():
-            group["lr"] = learning_rate * (done + 1) / warm_up
-        optimiser.step()
-        done += 1
-        with torch.no_grad():
-            for name, values in parameters.named_parameters() if averaged else ():
-                average[name].lerp_(values, 1 - averaged)
-        losses = [*losses[-49:], loss.item()]
-        if checkpoint is not None and done % SAVE_EVERY == 0:
-            save_atomically(
-                {
-                    "weights": parameters.state_dict(),
-                    "optimiser": optimiser.state_dict(),
-                    "generator": generator.get_state(),
-                    "updates": done,
-                    "losses": losses,
-                    "average": average,
-                },
-                checkpoint,
-            )
-    with torch.no_grad():
-        for name, values in parameters.named_parameters() if averaged else ():
-            values.copy_(average[name] / (1 - averaged**done))
+    while minimiser.updates < updates and (minimiser.updates == 0 or time.monotonic() < ends):
+        minimiser.update(loss_of, most_norm=most_norm, warm_up=warm_up)
+        if checkpoint is not None and minimiser.updates % SAVE_EVERY == 0:
+            minimiser.save(checkpoint)
+    minimiser.finish()
     if checkpoint is not None:
         checkpoint.unlink(missing_ok=True)
-    return done, float(np.mean(losses)) if losses else float("nan")
+    return minimiser.updates, minimiser.mean_loss
+
+
+class _Minimiser:
+    """Adam's updates of a network, which a checkpoint saves and resumes.
+
+    Args:
+        parameters: What is fitted, in place.
+        rng: Seeds the generator of minibatches.
+        learning_rate: Adam's.
+        weight_decay: Adam's.
+        averaged: As in ``minimise_loss``.
+    """
+
+    def __init__(
+        self,
+        parameters: nn.Module,
+        rng: np.random.Generator,
+        learning_rate: float,
+        weight_decay: float,
+        averaged: float,
+    ) -> None:
+        self.updates = 0
+        self._parameters = parameters
+        self._learning_rate = learning_rate
+        self._averaged = averaged
+        self._optimiser = torch.optim.Adam(
+            parameters.parameters(), lr=learning_rate, weight_decay=weight_decay, fused=True
+        )
+        self._generator = torch.Generator().manual_seed(int(rng.integers(2**63)))
+        self._losses: list[float] = []  # of the last fifty updates
+        self._average: dict[str, torch.Tensor] = {}  # of the weights, by name; empty where they are not averaged
+        if averaged:
+            self._average = {name: torch.zeros_like(values) for name, values in parameters.named_parameters()}
+
+    @property
+    def mean_loss(self) -> float:
+        """Return the mean loss of the last fifty updates; NaN before the first."""
+        if not self._losses:
+            return float("nan")
+        return float(np.mean(self._losses))
+
+    def update(self, loss_of: Loss, *, most_norm: float, warm_up: int) -> None:
+        """Make one update."""
+        loss = loss_of(self._generator)
+        self._optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        if most_norm:
+            nn.utils.clip_grad_norm_(self._parameters.parameters(), most_norm)
+        if self.updates < warm_up:
+            for group in self._optimiser.param_groups:
+                group["lr"] = self._learning_rate * (self.updates + 1) / warm_up
+        self._optimiser.step()
+        self.updates += 1
+        with torch.no_grad():
+            for name, average in self._average.items():
+                average.lerp_(self._parameters.get_parameter(name), 1 - self._averaged)
+        self._losses = [*self._losses[-49:], loss.item()]
+
+    def finish(self) -> None:
+        """Put the average in the place of the last weights, where they are averaged."""
+        with torch.no_grad():
+            for name, average in self._average.items():
+                self._parameters.get_parameter(name).copy_(average / (1 - self._averaged**self.updates))
+
+    def save(self, checkpoint: Path) -> None:
+        """Write a checkpoint.
+
+        Raises:
+            OSError: if it cannot be written.
+        """
+        save_atomically(
+            {
+                "weights": self._parameters.state_dict(),
+                "optimiser": self._optimiser.state_dict(),
+                "generator": self._generator.get_state(),
+                "updates": self.updates,
+                "losses": self._losses,
+                "average": self._average,
+            },
+            checkpoint,
+        )
+
+    def resume(self, checkpoint: Path) -> None:
+        """Continue from a checkpoint.
+
+        Raises:
+            LearnError: if it was written by another version.
+        """
+        saved = read_checkpoint(checkpoint)
+        self._parameters.load_state_dict(saved["weights"])
+        self._optimiser.load_state_dict(saved["optimiser"])
+        self._generator.set_state(saved["generator"])
+        self.updates = saved["updates"]
+        self._losses = saved["losses"]
+        self._average = saved["average"]
 
 
 @dataclass(frozen=True, slots=True)
 class FittingSettings:
-    """How a policy is fitted to labelled steps."""
+    """The settings of fitting a policy to labelled steps."""
 
     updates: int = 800
     batch_size: int = 64
@@ -144,17 +202,17 @@ class LabelledSteps:
     by_person: NDArray[np.bool_]  # (n,)
 
     def pick(self, rows: torch.Tensor) -> dict[str, torch.Tensor]:
-        """The observations of some steps."""
+        """Return the observations of some steps."""
         return {name: values[rows] for name, values in self.observations.items()}
 
 
 def collect_steps(lessons: Sequence[Lesson]) -> LabelledSteps:
-    """All steps of some lessons, one lesson after the other."""
+    """Join all steps of some lessons, one lesson after the other."""
     names = lessons[0].observations
     return LabelledSteps(
-        {name: torch.as_tensor(np.concatenate([each.observations[name] for each in lessons])) for name in names},
-        torch.as_tensor(np.concatenate([each.actions for each in lessons])),
-        np.concatenate([each.by_person for each in lessons]),
+        {name: torch.as_tensor(np.concatenate([lesson.observations[name] for lesson in lessons])) for name in names},
+        torch.as_tensor(np.concatenate([lesson.actions for lesson in lessons])),
+        np.concatenate([lesson.by_person for lesson in lessons]),
     )
 
 
@@ -181,7 +239,7 @@ def fit_policy(
 
     policy.set_training_mode(True)
     policy.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    done = minimise_loss(
+    fit = minimise_loss(
         policy,
         loss_of,
         rng,
@@ -194,7 +252,7 @@ def fit_policy(
         checkpoint=checkpoint,
     )
     policy.set_training_mode(False)
-    return done
+    return fit
 
 
 GROUP = "minihuman.learners"
@@ -203,7 +261,7 @@ SMALLEST_PICTURE = 36  # rows that the network for pictures needs
 
 @dataclass(frozen=True, slots=True)
 class LearningRequest:
-    """What a learner makes a policy from."""
+    """The inputs of a learner."""
 
     dataset: Dataset
     rng: np.random.Generator  # the only source of randomness
@@ -242,7 +300,7 @@ class Learner(abc.ABC):
 
     def __init__(self, argument: str = "") -> None:
         defaults = {field.name: field.default for field in fields(self.settings_type)}
-        self.settings: Any = self.settings_type(**read_settings(argument, defaults, LearnError, of=self.name))
+        self.settings: Any = self.settings_type(**read_settings(argument, defaults, LearnError, owner=self.name))
 
     @abc.abstractmethod
     def learn(self, request: LearningRequest) -> LearningResult:
@@ -259,7 +317,7 @@ def make_learner(name: str) -> Learner:
     Raises:
         LearnError: if no learner has that name, or its settings are wrong.
     """
-    return make_plugin(GROUP, name, Learner, LearnError, what="learner")  # type: ignore[type-abstract]
+    return make_plugin(GROUP, name, Learner, LearnError, noun="learner")  # type: ignore[type-abstract]
 
 
 def choose_encoder(dataset: Dataset) -> EncoderName:
@@ -274,13 +332,17 @@ def choose_encoder(dataset: Dataset) -> EncoderName:
 
 
 def make_fresh_policy(dataset: Dataset, rng: np.random.Generator) -> Policy:
-    """A policy with fresh weights, drawn from ``rng``."""
+    """Make a policy with fresh weights, drawn from ``rng``."""
     with seed_torch(rng):
         return build_policy(dataset.space, len(dataset.action_names), choose_encoder(dataset))
 
 
 def copy_policy(policy: Policy, dataset: Dataset) -> Policy:
-    """The same policy again, to be trained on."""
+    """Copy a policy, for training that may not change it.
+
+    Raises:
+        LearnError: if it has another network than the data set needs.
+    """
     copy = build_policy(dataset.space, len(dataset.action_names), choose_encoder(dataset))
     try:
         copy.load_state_dict(policy.state_dict())

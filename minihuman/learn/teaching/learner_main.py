@@ -30,34 +30,39 @@ def main() -> None:
     with TemporaryDirectory() as folder:
         for line in sys.stdin:
             try:
-                asked = json.loads(line)
-                found = _disputed(asked) if asked["pairs"] else _learnt(asked, Path(folder) / "policy.pt")
-                said = {"file": str(found), "failure": ""}
+                request = json.loads(line)
+                if request["pairs"]:
+                    answer = str(_choose_pair(request))
+                else:
+                    answer = str(_learn_policy(request, Path(folder) / "policy.pt"))
+                reply = {"file": answer, "failure": ""}
             except Exception as error:  # whatever a learner raises, memory that is not there included, is an answer
                 traceback.print_exc()
-                said = {"file": "", "failure": describe_failure(error)}
-            answers.write(json.dumps(said) + "\n")
+                reply = {"file": "", "failure": describe_failure(error)}
+            answers.write(json.dumps(reply) + "\n")
             answers.flush()
 
 
-def _learnt(asked: dict[str, Any], out: Path) -> Path:
+def _learn_policy(request: dict[str, Any], out: Path) -> Path:
     from minihuman.learn.teaching.log_dataset import read_session_dataset
     from minihuman.learn.teaching.provenance import make_policy
 
-    dataset = read_session_dataset([Path(log) for log in asked["logs"]], asked["part"], asked["episodes"])
-    start = Path(asked["start"]) if asked["start"] else None
-    budget_s = asked["budget_s"]
-    return make_policy(dataset, asked["learner"], out, seed=asked["seed"], start=start, budget_s=budget_s).path
+    dataset = read_session_dataset([Path(log) for log in request["logs"]], request["part"], request["episodes"])
+    start = None
+    if request["start"]:
+        start = Path(request["start"])
+    budget_s = request["budget_s"]
+    return make_policy(dataset, request["learner"], out, seed=request["seed"], start=start, budget_s=budget_s).path
 
 
-def _disputed(asked: dict[str, Any]) -> int:
+def _choose_pair(request: dict[str, Any]) -> int:
     from minihuman.learn.teaching.preference_learner import choose_disputed_pair
 
     pairs = [
-        tuple(EpisodeClip(**{**side, "actions": tuple(side["actions"])}) for side in pair) for pair in asked["pairs"]
+        tuple(EpisodeClip(**{**side, "actions": tuple(side["actions"])}) for side in pair) for pair in request["pairs"]
     ]
-    logs = [Path(log) for log in asked["logs"]]
-    return choose_disputed_pair(logs, asked["part"], [(left, right) for left, right in pairs], seed=asked["seed"])
+    logs = [Path(log) for log in request["logs"]]
+    return choose_disputed_pair(logs, request["part"], [(left, right) for left, right in pairs], seed=request["seed"])
 
 
 if __name__ == "__main__":

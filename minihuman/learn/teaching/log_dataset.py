@@ -48,10 +48,10 @@ ANSWERS: dict[PairAnswer, Answer] = {
 def read_session_dataset(
     logs: Sequence[Path], block: str, episodes: int, *, eyesight: ObservationEncoder = VIEW
 ) -> Dataset:
-    """Everything taught in one block of a session, of its first episodes; the session may still be going on.
+    """Read everything taught in one block of a session, in its first episodes; the session may still be running.
 
-    What was shown better of these episodes counts too, and what was compared, if it is of episodes of the same world;
-    these are taken with it.
+    Corrections of these episodes are read too, and comparisons, if they are of episodes of the same world; those
+    episodes are read with them.
 
     Args:
         logs: The session's logs, finished or live, all in one folder.
@@ -70,167 +70,188 @@ def read_session_dataset(
             f"{logs[0].parent} has no step of block {block!r} before episode {episodes + 1}; play an episode of that "
             "block first"
         )
-    of = own[0].plan
-    compared = {(side.episode, side.attempt) for each in log.comparisons for side in (each.left, each.right)}
-    taken = [
+    block_plan = own[0].plan
+    compared = {
+        (side.episode, side.attempt) for comparison in log.comparisons for side in (comparison.left, comparison.right)
+    }
+    selected = [
         (log, episode)
         for episode in played
         if episode in own
         or (
             (episode.plan.episode, episode.attempt) in compared
-            and (episode.plan.world, episode.plan.options) == (of.world, of.options)
+            and (episode.plan.world, episode.plan.options) == (block_plan.world, block_plan.options)
         )
     ]
     finished = [path for path in sorted(logs) if path.suffix == ".mcap"]
-    sources = [Source(path.name, hash_file(path), len(taken)) for path in finished]
-    sources += [Source(path.name, "", len(taken)) for path in sorted(logs) if path.suffix != ".mcap"]
-    return _dataset(taken, eyesight, tuple(sources), (f"block {block!r}, episodes before {episodes + 1}",))
+    sources = [Source(path.name, hash_file(path), len(selected)) for path in finished]
+    sources += [Source(path.name, "", len(selected)) for path in sorted(logs) if path.suffix != ".mcap"]
+    return _dataset(selected, eyesight, tuple(sources), (f"block {block!r}, episodes before {episodes + 1}",))
 
 
 def read_study_dataset(
     source: Path, world: str, *, eyesight: ObservationEncoder = VIEW, selection: Selection | None = None
 ) -> Dataset:
-    """Everything taught in one world in a study's logs, of the episodes that count.
+    """Read everything taught in one world in a study's logs, in the included episodes.
 
     Raises:
         LearnError: if there is none, they were made under different options, or one does not replay.
     """
-    taken, summary = select_episodes(source, world, selection or Selection())
-    logs = {log.path: sum(other.path == log.path for other, _ in taken) for log, _ in taken}
-    sources = tuple(
-        Source(path.name, hash_file(path) if path.is_file() else "", lessons) for path, lessons in logs.items()
-    )
-    return _dataset(taken, eyesight, sources, tuple(summary.lines()))
+    selected, summary = select_episodes(source, world, selection or Selection())
+    logs = {log.path: sum(other.path == log.path for other, _ in selected) for log, _ in selected}
+    sources = tuple(_describe_source(path, lessons) for path, lessons in logs.items())
+    return _dataset(selected, eyesight, sources, tuple(summary.lines()))
+
+
+def _describe_source(path: Path, lessons: int) -> Source:
+    """Describe a log; one that is still being written has no digest."""
+    sha256 = ""
+    if path.is_file():
+        sha256 = hash_file(path)
+    return Source(path.name, sha256, lessons)
 
 
 def _dataset(
-    taken: Sequence[LoggedEpisode],
+    episodes: Sequence[LoggedEpisode],
     eyesight: ObservationEncoder,
     sources: tuple[Source, ...],
     selection: tuple[str, ...],
 ) -> Dataset:
-    plan = check_equal_options(taken)
-    corrected = (int(each.actions.max()) for _, each in _corrected(taken) if len(each.actions))
-    names = list_used_actions(taken, least=max(corrected, default=0))
+    plan = check_equal_options(episodes)
+    corrected = (int(correction.actions.max()) for _, correction in _corrected(episodes) if len(correction.actions))
+    names = list_used_actions(episodes, least=max(corrected, default=0))
     world = World(plan.world, plan.options)
     world.reset(plan.seed)
-    lessons = tuple(_lessons(taken, world, eyesight.episode_encoder(), len(names)))
-    lessons += tuple(_corrections(taken, world, eyesight.episode_encoder()))
+    lessons = tuple(_lessons(episodes, world, eyesight.episode_encoder(), len(names)))
+    lessons += tuple(_corrections(episodes, world, eyesight.episode_encoder()))
     return Dataset(
         world=plan.world,
         options=plan.options,
         action_names=names,
-        most_steps=max(episode.plan.max_steps for _, episode in taken),
+        most_steps=max(episode.plan.max_steps for _, episode in episodes),
         eyesight=eyesight,
         space=eyesight.space(world.unwrapped),
         lessons=lessons,
-        ratings=tuple(_ratings(taken)),
-        comparisons=tuple(_comparisons(taken)),
+        ratings=tuple(_ratings(episodes)),
+        comparisons=tuple(_comparisons(episodes)),
         sources=sources,
         selection=selection,
     )
 
 
-def _lessons(taken: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder, actions: int) -> Iterator[Lesson]:
-    for log, episode in taken:
-        seen = list(replay_observations(log, episode, world, encoder))
+def _lessons(
+    episodes: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder, actions: int
+) -> Iterator[Lesson]:
+    for log, episode in episodes:
+        observations = list(replay_observations(log, episode, world, encoder))
         n = len(episode.actions)
         taught = episode.taught
-        said = None
-        if taught is not None and taught.probabilities.any():
-            said = np.ascontiguousarray(taught.probabilities[:, :actions])
+        probabilities = None
+        by_person = np.ones(n, np.bool_)
+        policy_actions = np.full(n, NO_QUERY, np.int64)
+        policy = ""
+        if taught is not None:
+            by_person = taught.by_person
+            policy_actions = taught.policy_actions
+            policy = taught.policy
+            if taught.probabilities.any():
+                probabilities = np.ascontiguousarray(taught.probabilities[:, :actions])
         yield Lesson(
             name=_name(log, episode),
             participant=log.plan.participant.id,
             seed=episode.plan.seed,
-            observations={part: np.stack([each[part] for each in seen]) for part in seen[0]},
+            observations={
+                part: np.stack([observation[part] for observation in observations]) for part in observations[0]
+            },
             actions=np.asarray(episode.actions, np.int64),
-            by_person=np.ones(n, np.bool_) if taught is None else taught.by_person,
-            policy_actions=np.full(n, NO_QUERY, np.int64) if taught is None else taught.policy_actions,
+            by_person=by_person,
+            policy_actions=policy_actions,
             shown_ns=_shown_ns(episode),
             rewards=np.asarray(episode.rewards, np.float64),
-            policy_probabilities=said,
-            policy="" if taught is None else taught.policy,
+            policy_probabilities=probabilities,
+            policy=policy,
         )
 
 
-def _corrected(taken: Sequence[LoggedEpisode]) -> Iterator[tuple[SessionLog, CorrectionRecord]]:
-    """The corrections of selected episodes."""
-    there = {(log.path, episode.plan.episode, episode.attempt) for log, episode in taken}
-    for log in {log.path: log for log, _ in taken}.values():
-        for each in log.corrections:
-            if (log.path, each.episode, each.attempt) in there:
-                yield log, each
+def _corrected(episodes: Sequence[LoggedEpisode]) -> Iterator[tuple[SessionLog, CorrectionRecord]]:
+    """Yield the corrections of selected episodes."""
+    episode_keys = {(log.path, episode.plan.episode, episode.attempt) for log, episode in episodes}
+    for log in {log.path: log for log, _ in episodes}.values():
+        for correction in log.corrections:
+            if (log.path, correction.episode, correction.attempt) in episode_keys:
+                yield log, correction
 
 
-def _corrections(taken: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder) -> Iterator[Lesson]:
-    for log, each in _corrected(taken):
-        n = len(each.actions)
+def _corrections(episodes: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder) -> Iterator[Lesson]:
+    for log, correction in _corrected(episodes):
+        n = len(correction.actions)
         if not n:
             continue
-        seen = list[Observation]()
+        observations = list[Observation]()
         hashes = list[int]()
-        world.reset(each.seed)
-        for step, action in enumerate((*each.before, *each.actions)):
-            looked = encoder.encode(world.unwrapped, world.observation)
-            if step >= each.step:
-                seen.append(looked)
+        world.reset(correction.seed)
+        for step, action in enumerate((*correction.before, *correction.actions)):
+            observation = encoder.encode(world.unwrapped, world.observation)
+            if step >= correction.step:
+                observations.append(observation)
                 hashes.append(world.state_hash())
             world.step(int(action))
-        name = make_lesson_name(_session(log), each.episode, each.attempt)
-        if not np.array_equal(np.array([*hashes, world.state_hash()], np.uint64), each.state_hashes):
+        name = make_lesson_name(_session(log), correction.episode, correction.attempt)
+        if not np.array_equal(np.array([*hashes, world.state_hash()], np.uint64), correction.state_hashes):
             raise LearnError(
                 f"{log.path}: a correction of {name} does not replay as recorded; run `minihuman "
                 "verify` to see where it differs"
             )
         yield Lesson(
-            name=f"{name}:corrected-{each.part}-{each.correction}",
+            name=f"{name}:corrected-{correction.part}-{correction.correction}",
             participant=log.plan.participant.id,
-            seed=each.seed,
-            observations={part: np.stack([one[part] for one in seen]) for part in seen[0]},
-            actions=np.asarray(each.actions, np.int64),
+            seed=correction.seed,
+            observations={
+                part: np.stack([observation[part] for observation in observations]) for part in observations[0]
+            },
+            actions=np.asarray(correction.actions, np.int64),
             by_person=np.ones(n, np.bool_),
             policy_actions=np.full(n, NO_QUERY, np.int64),
-            shown_ns=np.asarray(each.t_ns[:-1], np.int64),
-            rewards=np.asarray(each.rewards, np.float64),
-            corrects=(name, each.step),
+            shown_ns=np.asarray(correction.t_ns[:-1], np.int64),
+            rewards=np.asarray(correction.rewards, np.float64),
+            corrects=(name, correction.step),
         )
 
 
 def _shown_ns(episode: EpisodeLog) -> NDArray[np.int64]:
-    """When the picture before each step reached the display; when the step before was made, where it never did."""
-    shown = np.array(episode.t_ns[:-1], np.int64)
+    """Find when the picture before each step reached the display; where it never did, when the step before was made."""
+    display_times_ns = np.array(episode.t_ns[:-1], np.int64)
     steps = episode.frames.column("step")
     flips = episode.frames.column("flip_ns")
     for step, flip_ns in zip(reversed(steps), reversed(flips), strict=True):  # the first flip of a step stays
-        if step < len(shown):
-            shown[step] = flip_ns
-    return shown
+        if step < len(display_times_ns):
+            display_times_ns[step] = flip_ns
+    return display_times_ns
 
 
-def _ratings(taken: Sequence[LoggedEpisode]) -> Iterator[LessonRating]:
-    for log, episode in taken:
+def _ratings(episodes: Sequence[LoggedEpisode]) -> Iterator[LessonRating]:
+    for log, episode in episodes:
         if episode.taught is not None:
             for rated in episode.taught.ratings:
                 yield LessonRating(rated.pressed_ns, rated.value, _name(log, episode))
 
 
-def _comparisons(taken: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
-    """The comparisons of which both episodes are selected."""
-    names = {(log.path, episode.plan.episode, episode.attempt): _name(log, episode) for log, episode in taken}
-    for log in {log.path: log for log, _ in taken}.values():
-        for each in log.comparisons:
-            places = [(log.path, side.episode, side.attempt) for side in (each.left, each.right)]
+def _comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
+    """Yield the comparisons of which both episodes are selected."""
+    names = {(log.path, episode.plan.episode, episode.attempt): _name(log, episode) for log, episode in episodes}
+    for log in {log.path: log for log, _ in episodes}.values():
+        for comparison in log.comparisons:
+            places = [(log.path, side.episode, side.attempt) for side in (comparison.left, comparison.right)]
             if all(place in names for place in places):
                 left, right = (
                     make_fragment(side, names[place])
-                    for side, place in zip((each.left, each.right), places, strict=True)
+                    for side, place in zip((comparison.left, comparison.right), places, strict=True)
                 )
-                yield Comparison(left, right, ANSWERS[each.preference.answer])
+                yield Comparison(left, right, ANSWERS[comparison.preference.answer])
 
 
 def make_fragment(side: EpisodeClip, lesson: str) -> LessonFragment:
-    """A stretch that was shown, as steps of a lesson."""
+    """Make a fragment of a lesson from a clip that was shown."""
     return LessonFragment(lesson, side.first, len(side.actions) - 1)
 
 
@@ -243,5 +264,8 @@ def _session(log: SessionLog) -> str:
 
 
 def make_lesson_name(session: str, episode: int, attempt: int) -> str:
-    """The name of an episode's lesson, as in "sub-01_ses-01:3"; ``episode`` is 0 for the session's first."""
-    return f"{session}:{episode + 1}" + (f":{attempt}" if attempt > 1 else "")
+    """Name an episode's lesson, as in "sub-01_ses-01:3"; ``episode`` is 0 for the session's first."""
+    name = f"{session}:{episode + 1}"
+    if attempt > 1:
+        name += f":{attempt}"
+    return name

@@ -4,6 +4,7 @@ it with PPO.
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,7 +18,7 @@ from minihuman.errors import LearnError
 from minihuman.learn.policy.network import Policy
 from minihuman.learn.policy.observation import Observation
 from minihuman.learn.ppo import PpoSettings, TrainingEnv, make_ppo
-from minihuman.learn.teaching.dataset import Dataset, LessonFragment
+from minihuman.learn.teaching.dataset import Comparison, Dataset, LessonFragment
 from minihuman.learn.teaching.learner import (
     LabelledSteps,
     Learner,
@@ -40,7 +41,7 @@ MAX_CACHED = 4096  # rewards of single steps that are kept, for small worlds sho
 
 @dataclass(frozen=True, slots=True)
 class RewardFitting:
-    """How a reward model is fitted."""
+    """The settings of fitting a reward model."""
 
     members: int = 3  # networks that disagree where they know little: Christiano and others' number
     updates: int = 600  # of each
@@ -59,40 +60,44 @@ class RewardModel:
     def __init__(self, members: Sequence[nn.Module], steps: LabelledSteps) -> None:
         self._members = members
         raw = self._raw(steps.observations, steps.actions)
-        self._shifts, self._scales = raw.mean(axis=1, keepdims=True), np.maximum(raw.std(axis=1, keepdims=True), 1e-6)
+        self._shifts = raw.mean(axis=1, keepdims=True)
+        self._scales = np.maximum(raw.std(axis=1, keepdims=True), 1e-6)
         self._scale = SPREAD / max(1e-6, float(((raw - self._shifts) / self._scales).mean(axis=0).std()))
-        self._kept: dict[tuple[bytes, ...], float] = {}
+        self._reward_cache: dict[tuple[bytes, ...], float] = {}
 
-    def rewards(self, seen: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
-        """Rewards of many steps, (n,)."""
-        each = (self._raw(seen, actions) - self._shifts) / self._scales
-        return np.asarray(self._scale * each.mean(axis=0))
+    def rewards(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
+        """Return the rewards of many steps, (n,)."""
+        standardised = (self._raw(observations, actions) - self._shifts) / self._scales
+        return np.asarray(self._scale * standardised.mean(axis=0))
 
-    def reward(self, seen: Observation, action: int) -> float:
-        """The reward of one step."""
-        key = (bytes([action]), *(part.tobytes() for part in seen.values()))
-        if key not in self._kept:
-            if len(self._kept) >= MAX_CACHED:
-                self._kept.clear()
-            one = {name: torch.as_tensor(part)[None] for name, part in seen.items()}
-            self._kept[key] = float(self.rewards(one, torch.tensor([action]))[0])
-        return self._kept[key]
+    def reward(self, observation: Observation, action: int) -> float:
+        """Return the reward of one step."""
+        key = (bytes([action]), *(part.tobytes() for part in observation.values()))
+        if key not in self._reward_cache:
+            if len(self._reward_cache) >= MAX_CACHED:
+                self._reward_cache.clear()
+            batch = {name: torch.as_tensor(part)[None] for name, part in observation.items()}
+            self._reward_cache[key] = float(self.rewards(batch, torch.tensor([action]))[0])
+        return self._reward_cache[key]
 
     def chances(self, dataset: Dataset, pairs: Sequence[tuple[LessonFragment, LessonFragment]]) -> NDArray[np.float64]:
-        """Each member's probability that the right side of each pair is better, (members, pairs)."""
+        """Return each member's probability that the right side of each pair is better, (members, pairs)."""
         steps = collect_steps(dataset.lessons)
         first = get_first_rows(dataset)
         raw = torch.as_tensor(self._raw(steps.observations, steps.actions))
         longest = _longest([side for pair in pairs for side in pair])
         left, right = (_rows([pair[place] for pair in pairs], first, longest) for place in (0, 1))
-        gains = [_average(one[right[0]], right[1]) - _average(one[left[0]], left[1]) for one in raw]
+        gains = [
+            _mean_inside(member_rewards[right[0]], right[1]) - _mean_inside(member_rewards[left[0]], left[1])
+            for member_rewards in raw
+        ]
         return np.asarray(torch.sigmoid(longest * torch.stack(gains)))
 
-    def _raw(self, seen: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
-        """Each member's value of each step, (members, n)."""
+    def _raw(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
+        """Return each member's value of each step, (members, n)."""
         with torch.no_grad():
-            said = [member(seen).gather(1, actions[:, None])[:, 0] for member in self._members]
-        return np.asarray(torch.stack(said).double())
+            member_rewards = [member(observations).gather(1, actions[:, None])[:, 0] for member in self._members]
+        return np.asarray(torch.stack(member_rewards).double())
 
 
 def fit_reward(
@@ -122,42 +127,75 @@ def fit_reward(
     Raises:
         LearnError: if there is no comparison that says something.
     """
-    comparisons = [each for each in dataset.comparisons if each.answer in SHARES]
+    comparisons = [comparison for comparison in dataset.comparisons if comparison.answer in SHARES]
     if not comparisons:
         raise LearnError(
             f"none of the {len(dataset.comparisons)} comparisons prefers a clip or rates two as equal; compare more "
             "pairs"
         )
     steps = collect_steps(dataset.lessons)
-    first = get_first_rows(dataset)
-    alike = _alike(steps)
-    longest = _longest([side for each in comparisons for side in (each.left, each.right)])
-    sides = [_rows([getattr(each, side) for each in comparisons], first, longest) for side in ("left", "right")]
-    rows, inside = (torch.stack(parts) for parts in zip(*sides, strict=True))  # (2, comparisons, longest)
-    shares = torch.tensor([SHARES[each.answer] for each in comparisons])
+    answers = _encode_answers(dataset, comparisons)
+    equal_steps = _find_equal_steps(steps)
     members = [ActionValues(make_fresh_policy(dataset, rng)) for _ in range(settings.members)]
-    done = settings.updates
+    updates = settings.updates
+    member_budget_s = budget_s / settings.members
     for number, member in enumerate(members):
-
-        def loss_of(generator: torch.Generator, member: nn.Module = member) -> torch.Tensor:
-            drawn = torch.randint(len(shares), (settings.batch_size,), generator=generator)
-            both = _worth(member, steps, alike, rows[:, drawn].flatten(0, 1), inside[:, drawn].flatten(0, 1))
-            left, right = both.chunk(2)
-            right_better = (1 - LAPSES) * torch.sigmoid(longest * (right - left)) + LAPSES / 2
-            share = shares[drawn]
-            return -(share * right_better.log() + (1 - share) * (1 - right_better).log()).mean()
-
-        done, _ = minimise_loss(
+        member_checkpoint = None
+        if checkpoint is not None:
+            member_checkpoint = checkpoint.with_name(f"{checkpoint.name}-{number}")
+        updates, _ = minimise_loss(
             member,
-            loss_of,
+            partial(_preference_loss, member, steps, equal_steps, answers, settings.batch_size),
             rng,
-            updates=done,
+            updates=updates,
             learning_rate=settings.learning_rate,
             weight_decay=settings.weight_decay,
-            budget_s=float("inf") if number else budget_s / settings.members,
-            checkpoint=None if checkpoint is None else checkpoint.with_name(f"{checkpoint.name}-{number}"),
+            budget_s=member_budget_s,
+            checkpoint=member_checkpoint,
         )
-    return RewardModel(members, steps), done
+        member_budget_s = float("inf")  # the others make as many updates as the first did
+    return RewardModel(members, steps), updates
+
+
+@dataclass(frozen=True, slots=True)
+class _EncodedAnswers:
+    """Comparisons as tensors."""
+
+    rows: torch.Tensor  # int64[2, comparisons, longest] of the left and right fragments' steps
+    inside: torch.Tensor  # float32 of the same shape, 1 where a fragment has that step
+    shares: torch.Tensor  # float32[comparisons] of "right" in each answer
+
+    @property
+    def longest(self) -> int:
+        """Return the length of the longest fragment."""
+        return self.rows.shape[2]
+
+
+def _encode_answers(dataset: Dataset, comparisons: Sequence[Comparison]) -> _EncodedAnswers:
+    first = get_first_rows(dataset)
+    left_sides = [comparison.left for comparison in comparisons]
+    right_sides = [comparison.right for comparison in comparisons]
+    longest = _longest([*left_sides, *right_sides])
+    sides = [_rows(left_sides, first, longest), _rows(right_sides, first, longest)]
+    rows, inside = (torch.stack(parts) for parts in zip(*sides, strict=True))
+    return _EncodedAnswers(rows, inside, torch.tensor([SHARES[comparison.answer] for comparison in comparisons]))
+
+
+def _preference_loss(
+    member: nn.Module,
+    steps: LabelledSteps,
+    equal_steps: torch.Tensor,
+    answers: _EncodedAnswers,
+    batch_size: int,
+    generator: torch.Generator,
+) -> torch.Tensor:
+    """Compute the cross-entropy of a minibatch of answers, drawn with the generator."""
+    minibatch = torch.randint(len(answers.shares), (batch_size,), generator=generator)
+    rows = answers.rows[:, minibatch].flatten(0, 1)
+    left, right = _mean_rewards(member, steps, equal_steps, rows, answers.inside[:, minibatch].flatten(0, 1)).chunk(2)
+    right_better = (1 - LAPSES) * torch.sigmoid(answers.longest * (right - left)) + LAPSES / 2
+    share = answers.shares[minibatch]
+    return -(share * right_better.log() + (1 - share) * (1 - right_better).log()).mean()
 
 
 def _longest(sides: Sequence[LessonFragment]) -> int:
@@ -165,7 +203,7 @@ def _longest(sides: Sequence[LessonFragment]) -> int:
 
 
 def get_first_rows(dataset: Dataset) -> dict[str, int]:
-    """Each lesson's first row among all steps."""
+    """Return each lesson's first row among all steps."""
     starts = np.cumsum([0, *(len(lesson.actions) for lesson in dataset.lessons)])
     return {lesson.name: int(start) for lesson, start in zip(dataset.lessons, starts[:-1], strict=True)}
 
@@ -173,7 +211,7 @@ def get_first_rows(dataset: Dataset) -> dict[str, int]:
 def _rows(
     stretches: Sequence[LessonFragment], first: dict[str, int], longest: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Rows of stretches' steps, int64[n, longest], and which of them there are, float32 of the same shape."""
+    """Return the rows of fragments' steps, int64[n, longest], and which of them exist, float32 of the same shape."""
     rows = torch.zeros(len(stretches), longest, dtype=torch.int64)
     inside = torch.zeros(len(stretches), longest)
     for place, side in enumerate(stretches):
@@ -184,26 +222,31 @@ def _rows(
     return rows, inside
 
 
-def _worth(
-    member: nn.Module, steps: LabelledSteps, alike: torch.Tensor, rows: torch.Tensor, inside: torch.Tensor
+def _mean_rewards(
+    member: nn.Module, steps: LabelledSteps, equal_steps: torch.Tensor, rows: torch.Tensor, inside: torch.Tensor
 ) -> torch.Tensor:
-    """A member's mean reward of each stretch."""
-    different, place = alike[rows.flatten()].unique(return_inverse=True)  # type: ignore[no-untyped-call]
-    said = member(steps.pick(different))[place, steps.actions[rows.flatten()]]
-    return _average(said.view(rows.shape), inside)
+    """Compute a member's mean reward of each fragment."""
+    different, place = equal_steps[rows.flatten()].unique(return_inverse=True)  # type: ignore[no-untyped-call]
+    step_rewards = member(steps.pick(different))[place, steps.actions[rows.flatten()]]
+    return _mean_inside(step_rewards.view(rows.shape), inside)
 
 
-def _alike(steps: LabelledSteps) -> torch.Tensor:
-    """For each step the first that shows the same, int64[n]: a small world shows little, so each is thought of once."""
-    shown = [np.ascontiguousarray(part.numpy()).reshape(len(part), -1) for part in steps.observations.values()]
+def _find_equal_steps(steps: LabelledSteps) -> torch.Tensor:
+    """Find for each step the first that shows the same, int64[n]: a small world shows little, so each is run once."""
+    flat_observations = [
+        np.ascontiguousarray(part.numpy()).reshape(len(part), -1) for part in steps.observations.values()
+    ]
     first: dict[bytes, int] = {}
     return torch.tensor(
-        [first.setdefault(b"".join(part[row].tobytes() for part in shown), row) for row in range(len(steps.actions))]
+        [
+            first.setdefault(b"".join(part[row].tobytes() for part in flat_observations), row)
+            for row in range(len(steps.actions))
+        ]
     )
 
 
-def _average(said: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
-    return torch.div((said * inside).sum(dim=1), inside.sum(dim=1))
+def _mean_inside(step_rewards: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
+    return torch.div((step_rewards * inside).sum(dim=1), inside.sum(dim=1))
 
 
 Pair = tuple[LessonFragment, LessonFragment]
@@ -211,7 +254,7 @@ EVERY_EPISODE = 2**31
 
 
 def compute_disagreement(model: RewardModel, dataset: Dataset, pairs: Sequence[Pair]) -> NDArray[np.float64]:
-    """How much the members disagree on each pair: the variance of the chance that each gives to the right side."""
+    """Compute how much members disagree on each pair: the variance of the probability they give to the right side."""
     return np.asarray(model.chances(dataset, pairs).var(axis=0))
 
 
@@ -222,7 +265,7 @@ def choose_disputed_pair(
     *,
     seed: int,
 ) -> int:
-    """The index of the pair that the ensemble disagrees on most; 0 before the first answer.
+    """Return the index of the pair that the ensemble disagrees on most; 0 before the first answer.
 
     Args:
         logs: The session's logs, finished or live, all in one folder.
@@ -234,7 +277,7 @@ def choose_disputed_pair(
         LearnError: if the block has no episode, or one does not replay.
     """
     dataset = read_session_dataset(logs, block, EVERY_EPISODE)
-    if not any(each.answer in SHARES for each in dataset.comparisons):
+    if not any(comparison.answer in SHARES for comparison in dataset.comparisons):
         return 0
     session = dataset.lessons[0].name.partition(":")[0]
     model, _ = fit_reward(dataset, RewardFitting(), np.random.default_rng(seed))
@@ -256,7 +299,7 @@ class RewardModelEnv(TrainingEnv):
     its end where they are worth less. An episode that takes too long is broken off, which says nothing either.
     """
 
-    def __init__(self, dataset: Dataset, worth: RewardFunction, *, seed: int) -> None:
+    def __init__(self, dataset: Dataset, reward_function: RewardFunction, *, seed: int) -> None:
         super().__init__(
             dataset.world,
             dataset.options,
@@ -264,7 +307,7 @@ class RewardModelEnv(TrainingEnv):
             eyesight=dataset.eyesight,
             actions=len(dataset.action_names),
         )
-        self._worth = worth
+        self._reward_function = reward_function
         self._most_steps = dataset.most_steps
         self._before: Observation = {}
 
@@ -276,15 +319,15 @@ class RewardModelEnv(TrainingEnv):
         return self._before, info
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One step, judged."""
+        """Make a step, and judge it by the reward function."""
         before = self._before
-        seen, _, terminated, truncated, _ = super().step(action)
-        worth = self._worth(before, action, self.world)
+        observation, _, terminated, truncated, _ = super().step(action)
+        reward = self._reward_function(before, action, self.world)
         if terminated:
-            seen, _ = super().reset()
-        self._before = seen
+            observation, _ = super().reset()
+        self._before = observation
         too_long = not terminated and (truncated or self._steps >= self._most_steps)
-        return seen, worth, False, too_long, {}
+        return observation, reward, False, too_long, {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,7 +356,7 @@ class PreferenceLearner(Learner):
     settings_type = PreferenceSettings
 
     def learn(self, request: LearningRequest) -> LearningResult:
-        """Go on from the policy so far, or from fresh weights. The time limit is the reward model's.
+        """Continue from the policy so far, or from fresh weights. The time limit is the reward model's.
 
         Raises:
             LearnError: if no comparison says something.
@@ -328,7 +371,7 @@ class PreferenceLearner(Learner):
         )
         trained = optimise_policy(
             request.dataset,
-            lambda seen, action, _: model.reward(seen, action),
+            lambda observation, action, _: model.reward(observation, action),
             settings,
             start=request.policy,
             seed=int(request.rng.integers(2**31)),
@@ -352,13 +395,14 @@ def optimise_policy(
     own = torch.get_rng_state()
     try:
         agent = make_ppo(world, settings=ppo, eyes=choose_encoder(dataset), seed=seed, device="cpu")
-        agent.gamma, agent.ent_coef = settings.gamma, settings.entropy
+        agent.gamma = settings.gamma
+        agent.ent_coef = settings.entropy
         agent.lr_schedule = lambda left: settings.learning_rate * left
         if start is not None:
             agent.policy.load_state_dict(copy_policy(start, dataset).state_dict())
         agent.learn(settings.steps, log_interval=None)  # type: ignore[arg-type]
     finally:
-        np.random.set_state(state)  # Stable-Baselines3 seeds the streams of everybody
+        np.random.set_state(state)  # Stable-Baselines3 seeds the global streams
         torch.set_rng_state(own)
     assert isinstance(agent.policy, Policy)
     agent.policy.set_training_mode(False)

@@ -60,51 +60,53 @@ def make_policy(
         LearnError: if there is nothing to learn from, or ``start`` is of another world.
     """
     torch.set_num_threads(1)  # such small networks are faster so, and sums come in one order
-    before = None if start is None else _started_from(start, dataset)
+    before = _load_start(start, dataset)
     request = LearningRequest(dataset, np.random.default_rng(seed), before, budget_s, checkpoint)
     learned = make_learner(learner).learn(request)
-    card = _card(dataset, learner.partition(":")[0], learned, seed, "" if start is None else hash_file(start))
+    card = _card(dataset, learner.partition(":")[0], learned, seed, _hash_start(start))
     save_policy(learned.policy, card, out)
     return PolicyArtifact(out, hash_file(out), card)
 
 
 def reproduce_policy(path: Path, dataset: Dataset, *, start: Path | None = None) -> list[str]:
-    """Learn a policy once more from the data it names; what differs, in words, nothing if the weights are equal.
+    """Learn a policy once more from the data it names; return what differs, in words, nothing if weights are equal.
 
-    Where the weights differ and other code made it, that is said first.
+    Where the weights differ and other code made it, the first lines say so.
 
     Raises:
         LearnError: if the file has no record of its training data, or nothing can be learned.
     """
     policy, card = load_policy(path)
-    made = card.notes.get("made")
-    if made is None:
+    training = card.notes.get("made")
+    if training is None:
         raise LearnError(
             f"{path} was trained by {card.trained_by}, which records no dataset; name a policy made by `minihuman "
             "learn teach`"
         )
-    found = {"data_sha256": dataset.sha256(), "start_sha256": "" if start is None else hash_file(start)}
-    differs = [f"{name} is {value}, not {made[name]}" for name, value in found.items() if value != made[name]]
+    digests = {"data_sha256": dataset.sha256(), "start_sha256": _hash_start(start)}
+    differs = [f"{name} is {value}, not {training[name]}" for name, value in digests.items() if value != training[name]]
     if differs:
         return differs
-    settings = ",".join(f"{name}={value}" for name, value in made["settings"].items())
+    settings = ",".join(f"{name}={value}" for name, value in training["settings"].items())
     torch.set_num_threads(1)
-    before = None if start is None else _started_from(start, dataset)
-    request = LearningRequest(dataset, np.random.default_rng(made["seed"]), before)
-    again = make_learner(f"{made['learner']}:{settings}").learn(request)
+    before = _load_start(start, dataset)
+    request = LearningRequest(dataset, np.random.default_rng(training["seed"]), before)
+    again = make_learner(f"{training['learner']}:{settings}").learn(request)
     differs = _differences(policy, again.policy)
-    here = get_code_versions()
+    current_code = get_code_versions()
     other = [
-        f"it was made by {name} {had}; here is {here[name]}"
-        for name, had in made.get("code", {}).items()
-        if had != here[name]
+        f"it was made by {name} {had}; here is {current_code[name]}"
+        for name, had in training.get("code", {}).items()
+        if had != current_code[name]
     ]
-    return [*other, *differs] if differs else []
+    if not differs:
+        return []
+    return [*other, *differs]
 
 
 @cache
 def get_code_versions() -> dict[str, str]:
-    """The code that decides what weights become: versions, and a fingerprint of our own sources."""
+    """Return what identifies the code that weights depend on: versions, and a fingerprint of our own sources."""
     digest = hashlib.sha256()
     for folder in HASHED_FOLDERS:
         sources = sorted((PACKAGE / folder).rglob("*.py"))
@@ -115,7 +117,20 @@ def get_code_versions() -> dict[str, str]:
     return made_by | {"sources_sha256": digest.hexdigest()}
 
 
-def _started_from(start: Path, dataset: Dataset) -> Policy:
+def _hash_start(start: Path | None) -> str:
+    if start is None:
+        return ""
+    return hash_file(start)
+
+
+def _load_start(start: Path | None, dataset: Dataset) -> Policy | None:
+    """Load the policy to start from, if there is one.
+
+    Raises:
+        LearnError: if it is of another world.
+    """
+    if start is None:
+        return None
     policy, card = load_policy(start)
     if card.world != dataset.world:
         raise LearnError(
@@ -125,7 +140,7 @@ def _started_from(start: Path, dataset: Dataset) -> Policy:
 
 
 def _card(dataset: Dataset, learner: str, learned: LearningResult, seed: int, start_sha256: str) -> PolicyCard:
-    made: dict[str, Any] = {
+    training: dict[str, Any] = {
         "learner": learner,
         "settings": learned.settings,
         "seed": seed,
@@ -151,7 +166,7 @@ def _card(dataset: Dataset, learner: str, learned: LearningResult, seed: int, st
         trained_by=learner,
         steps=0,
         seed=seed,
-        notes={"made": made},
+        notes={"made": training},
     )
 
 

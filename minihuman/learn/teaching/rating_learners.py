@@ -7,8 +7,9 @@ step whose outcome was seen `d` ms before. The delay can be found from the press
 up to a whole number of steps, and of these the right one explains best how steps were rated.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -17,7 +18,7 @@ from torch import nn
 
 from minihuman.errors import LearnError
 from minihuman.learn.policy.network import Policy
-from minihuman.learn.teaching.dataset import Dataset
+from minihuman.learn.teaching.dataset import Dataset, Lesson
 from minihuman.learn.teaching.learner import (
     LabelledSteps,
     Learner,
@@ -32,7 +33,7 @@ from minihuman.learn.teaching.learner import (
 LONGEST_MS = 2000.0  # that a person takes; more is about something else
 SHORTEST_MS = 100.0
 UNKNOWN_DELAY_MS = 500.0  # the middle of TAMER's own 200 to 800 ms, where presses are too few to tell
-MIN_PRESSES = 12  # presses of which a delay can be told
+MIN_PRESSES = 12  # presses from which a delay can be estimated
 MAX_PRESSES = 600  # presses that are looked at, the last ones
 RIDGE = 0.3
 
@@ -46,18 +47,18 @@ class Presses:
     after_ms: NDArray[np.float64]  # (presses, candidates) from the outcome's picture to the press; NaN likewise
     period_ms: float  # between pictures
 
-    def about(self, delay_ms: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """For each press the step that fits a delay best, or -1, and its delay."""
+    def match_steps(self, delay_ms: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Match each press with the step that fits a delay best, or -1; return the steps' rows and their delays."""
         away = np.abs(self.after_ms - delay_ms)
         away[np.isnan(away)] = np.inf
         best = away.argmin(axis=1)
-        each = np.arange(len(best))
-        near = away[each, best] <= self.period_ms
-        return np.where(near, self.steps[each, best], -1), self.after_ms[each, best]
+        press_rows = np.arange(len(best))
+        near = away[press_rows, best] <= self.period_ms
+        return np.where(near, self.steps[press_rows, best], -1), self.after_ms[press_rows, best]
 
 
 def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
-    """A data set's ratings beside its steps.
+    """Collect a data set's ratings beside its steps.
 
     Raises:
         LearnError: if it has none that follows a step's picture.
@@ -65,18 +66,11 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
     lessons = [lesson for lesson in dataset.lessons if len(lesson.actions)]
     if not lessons:
         raise LearnError(f"none of the {len(dataset.lessons)} lessons has a step; play an episode first")
-    # by session: when each outcome was seen, and its row
-    first = 0
-    told = dict[str, list[NDArray[np.int64]]]()
     periods = np.concatenate([np.diff(lesson.shown_ns) for lesson in lessons])
-    period_ns = int(np.median(periods)) if len(periods) else 0
-    for lesson in lessons:
-        seen_ns = np.append(lesson.shown_ns[1:], lesson.shown_ns[-1] + period_ns)
-        rows = np.arange(first, first + len(lesson.actions))
-        told.setdefault(_session(lesson.name), []).append(np.stack((seen_ns, rows)))
-        first += len(lesson.actions)
-    joined = {name: np.concatenate(parts, axis=1) for name, parts in told.items()}
-    sessions = {name: each[:, np.argsort(each[0], kind="stable")] for name, each in joined.items()}
+    period_ns = 0
+    if len(periods):
+        period_ns = int(np.median(periods))
+    sessions = _order_outcomes(lessons, period_ns)
     nothing = np.zeros((2, 0), np.int64)
     candidates = max(1, int(np.ceil(LONGEST_MS * 1e6 / max(1, period_ns)))) + 1
     steps = np.full((len(dataset.ratings), candidates), -1)
@@ -88,7 +82,8 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
         delays = (rating.t_ns - seen_ns[chosen]) / 1e6
         chosen = chosen[delays <= LONGEST_MS]
         delays = delays[delays <= LONGEST_MS]
-        steps[place, : len(chosen)], after[place, : len(chosen)] = row[chosen], delays
+        steps[place, : len(chosen)] = row[chosen]
+        after[place, : len(chosen)] = delays
     fits = (steps >= 0).any(axis=1)
     if not fits.any():
         raise LearnError(
@@ -99,13 +94,26 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
     return Presses(values[fits], steps[fits], after[fits], period_ns / 1e6), collect_steps(lessons)
 
 
+def _order_outcomes(lessons: Sequence[Lesson], period_ns: int) -> dict[str, NDArray[np.int64]]:
+    """Return, by session, when each step's outcome was seen and the step's row, int64[2, steps], in order of time."""
+    first = 0
+    outcomes_by_session = dict[str, list[NDArray[np.int64]]]()
+    for lesson in lessons:
+        seen_ns = np.append(lesson.shown_ns[1:], lesson.shown_ns[-1] + period_ns)
+        rows = np.arange(first, first + len(lesson.actions))
+        outcomes_by_session.setdefault(_session(lesson.name), []).append(np.stack((seen_ns, rows)))
+        first += len(lesson.actions)
+    joined = {name: np.concatenate(parts, axis=1) for name, parts in outcomes_by_session.items()}
+    return {name: outcomes[:, np.argsort(outcomes[0], kind="stable")] for name, outcomes in joined.items()}
+
+
 def _session(lesson: str) -> str:
-    """Whose clock a lesson's times are on: each session's begins at 0."""
+    """Return the session on whose clock a lesson's times are: each session's begins at 0."""
     return lesson.partition(":")[0]
 
 
 def find_delay(presses: Presses, steps: LabelledSteps) -> float | None:
-    """The mean delay in ms; None where there are too few presses to tell."""
+    """Find the mean delay in ms; None where there are too few presses to tell."""
     newest = presses.after_ms[:, 0]
     if len(newest) < MIN_PRESSES or not presses.period_ms:
         return None
@@ -113,24 +121,24 @@ def find_delay(presses: Presses, steps: LabelledSteps) -> float | None:
     within = float(turn % 1 * presses.period_ms)
     tries = [within + k * presses.period_ms for k in range(1 + int(LONGEST_MS // presses.period_ms))]
     tries = [delay for delay in tries if SHORTEST_MS <= delay <= LONGEST_MS]
-    best = min(tries, key=lambda delay: _surprise(presses, steps, delay))
-    about, after = presses.about(best)
-    return float(after[about >= 0].mean())
+    best = min(tries, key=lambda delay: _predict_error(presses, steps, delay))
+    step_rows, after = presses.match_steps(best)
+    return float(after[step_rows >= 0].mean())
 
 
-def _surprise(presses: Presses, steps: LabelledSteps, delay_ms: float) -> float:
-    """The mean square error of predicting each press from the others, given this delay.
+def _predict_error(presses: Presses, steps: LabelledSteps, delay_ms: float) -> float:
+    """Compute the mean square error of predicting each press from the others, given this delay.
 
     By ridge regression with a kernel that is 1 for the same action on the same picture, 0 for different actions.
     """
-    about, _ = presses.about(delay_ms)
-    fits = np.flatnonzero(about >= 0)[-MAX_PRESSES:]
+    step_rows, _ = presses.match_steps(delay_ms)
+    fits = np.flatnonzero(step_rows >= 0)[-MAX_PRESSES:]
     if len(fits) < MIN_PRESSES:
         return float("inf")
-    rows = about[fits]
-    seen = steps.observations["image"][rows].flatten(1).numpy().astype(np.float64)
-    squares = (seen**2).sum(axis=1)
-    apart = np.maximum(squares[:, None] + squares - 2 * seen @ seen.T, 0)
+    rows = step_rows[fits]
+    pictures = steps.observations["image"][rows].flatten(1).numpy().astype(np.float64)
+    squares = (pictures**2).sum(axis=1)
+    apart = np.maximum(squares[:, None] + squares - 2 * pictures @ pictures.T, 0)
     actions = steps.actions[rows].numpy()
     alike = np.exp(-apart / max(1.0, float(np.median(apart)))) * (actions[:, None] == actions)
     inverse = np.linalg.inv(alike + RIDGE * np.eye(len(rows)))
@@ -139,7 +147,7 @@ def _surprise(presses: Presses, steps: LabelledSteps, delay_ms: float) -> float:
 
 
 def get_credit_weights(after_ms: NDArray[np.float64], delay_ms: float, spread_ms: float) -> NDArray[np.float64]:
-    """How much of each press belongs to each step it may be about: a normal density of delays, each row's sum 1."""
+    """Return how much of each press belongs to each candidate step: a normal density of delays, each row's sum 1."""
     density = np.exp(-0.5 * ((after_ms - delay_ms) / spread_ms) ** 2)
     density = np.nan_to_num(density)
     sums = density.sum(axis=1, keepdims=True)
@@ -155,9 +163,11 @@ class ActionValues(nn.Module):
         self.actor = policy.mlp_extractor.policy_net
         self.head = policy.action_net
 
-    def forward(self, seen: dict[str, torch.Tensor]) -> torch.Tensor:
-        """float32[batch, actions]."""
-        values: torch.Tensor = self.head(self.actor(self.eyes({**seen, "image": seen["image"].float() / 255})))
+    def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
+        """Return the actions' values, float32[batch, actions]."""
+        values: torch.Tensor = self.head(
+            self.actor(self.eyes({**observations, "image": observations["image"].float() / 255}))
+        )
         return values
 
 
@@ -203,17 +213,17 @@ class Tamer(Learner):
         )
         fits = weights.sum(dim=1) > 0  # the others are too far from any picture
         weights = weights[fits]
-        about = torch.as_tensor(presses.steps)[fits].clamp(min=0)
-        said = torch.as_tensor(presses.values, dtype=torch.float32)[fits]
+        step_rows = torch.as_tensor(presses.steps)[fits].clamp(min=0)
+        ratings = torch.as_tensor(presses.values, dtype=torch.float32)[fits]
         judge = ActionValues(fresh)
 
         def loss_of(generator: torch.Generator) -> torch.Tensor:
-            drawn = torch.randint(len(said), (settings.batch_size,), generator=generator)
+            minibatch = torch.randint(len(ratings), (settings.batch_size,), generator=generator)
             # a step drawn by its share of the credit: on average the sum over steps, at one step's cost
-            place = torch.multinomial(weights[drawn], 1, generator=generator)
-            rows = about[drawn].gather(1, place)[:, 0]
+            place = torch.multinomial(weights[minibatch], 1, generator=generator)
+            rows = step_rows[minibatch].gather(1, place)[:, 0]
             expected = judge(steps.pick(rows)).gather(1, steps.actions[rows, None])[:, 0]
-            error: torch.Tensor = ((expected - said[drawn]) ** 2).mean()
+            error: torch.Tensor = ((expected - ratings[minibatch]) ** 2).mean()
             return error
 
         updates, loss = minimise_loss(
@@ -226,13 +236,18 @@ class Tamer(Learner):
             budget_s=request.budget_s,
             checkpoint=request.checkpoint,
         )
-        with torch.no_grad():
-            for values in (fresh.action_net.weight, fresh.action_net.bias):
-                assert isinstance(values, torch.Tensor)
-                values.mul_(settings.sharpness)
+        _sharpen(fresh, settings.sharpness)
         fresh.set_training_mode(False)
-        notes = {"ratings": len(said), "delay_ms": delay, "loss": loss}
+        notes = {"ratings": len(ratings), "delay_ms": delay, "loss": loss}
         return LearningResult(fresh, asdict(settings) | {"updates": updates}, notes)
+
+
+def _sharpen(policy: Policy, factor: float) -> None:
+    """Multiply a policy's logits by a factor."""
+    with torch.no_grad():
+        for values in (policy.action_net.weight, policy.action_net.bias):
+            assert isinstance(values, torch.Tensor)
+            values.mul_(factor)
 
 
 TRACE_STEPS = 4  # before the step a press is about that have a share in it
@@ -273,33 +288,30 @@ class DeepCoach(Learner):
         """
         settings: CoachSettings = self.settings
         presses, steps = collect_presses(request.dataset)
-        if request.policy is None:
-            mine = make_fresh_policy(request.dataset, request.rng)
-        else:
-            mine = copy_policy(request.policy, request.dataset)
+        trained = _copy_or_make_policy(request)
         delay = settings.delay_ms or find_delay(presses, steps)
-        about, _ = presses.about(delay or UNKNOWN_DELAY_MS)
-        fits = np.flatnonzero(about >= 0)
-        row = torch.as_tensor(about[fits])
-        value = torch.as_tensor(presses.values[fits], dtype=torch.float32)
+        step_rows, _ = presses.match_steps(delay or UNKNOWN_DELAY_MS)
+        fits = np.flatnonzero(step_rows >= 0)
+        pressed_rows = torch.as_tensor(step_rows[fits])
+        ratings = torch.as_tensor(presses.values[fits], dtype=torch.float32)
         since_reset = [np.arange(len(lesson.actions)) for lesson in request.dataset.lessons]
-        into = torch.as_tensor(np.concatenate(since_reset))
-        then = torch.as_tensor(_chances_then(request.dataset), dtype=torch.float32)
+        steps_since_reset = torch.as_tensor(np.concatenate(since_reset))
+        past_probabilities = torch.as_tensor(_find_past_probabilities(request.dataset), dtype=torch.float32)
 
         def loss_of(generator: torch.Generator) -> torch.Tensor:
-            drawn = torch.randint(len(row), (settings.batch_size,), generator=generator)
-            back = torch.multinomial(shares, settings.batch_size, replacement=True, generator=generator)
-            rows = row[drawn] - torch.minimum(back, into[row[drawn]])
-            log_probs = mine.log_probabilities(steps.pick(rows))
+            minibatch = torch.randint(len(pressed_rows), (settings.batch_size,), generator=generator)
+            steps_back = torch.multinomial(shares, settings.batch_size, replacement=True, generator=generator)
+            rows = pressed_rows[minibatch] - torch.minimum(steps_back, steps_since_reset[pressed_rows[minibatch]])
+            log_probs = trained.log_probabilities(steps.pick(rows))
             chosen = log_probs.gather(1, steps.actions[rows, None])[:, 0]
-            ratio = (chosen - then[rows].log()).exp()
-            gain = value[drawn] * torch.where(value[drawn] > 0, ratio.clamp(max=settings.most_ratio), ratio)
+            ratio = (chosen - past_probabilities[rows].log()).exp()
+            gain = ratings[minibatch] * torch.where(ratings[minibatch] > 0, ratio.clamp(max=settings.most_ratio), ratio)
             return -gain.mean() + settings.entropy * (log_probs.exp() * log_probs).sum(dim=1).mean()
 
         shares = settings.decay ** torch.arange(TRACE_STEPS, dtype=torch.float32)
-        mine.set_training_mode(True)
+        trained.set_training_mode(True)
         updates, loss = minimise_loss(
-            mine,
+            trained,
             loss_of,
             request.rng,
             updates=settings.updates,
@@ -308,17 +320,24 @@ class DeepCoach(Learner):
             budget_s=request.budget_s,
             checkpoint=request.checkpoint,
         )
-        mine.set_training_mode(False)
-        notes = {"ratings": len(row), "delay_ms": delay, "loss": loss}
-        return LearningResult(mine, asdict(settings) | {"updates": updates}, notes)
+        trained.set_training_mode(False)
+        notes = {"ratings": len(pressed_rows), "delay_ms": delay, "loss": loss}
+        return LearningResult(trained, asdict(settings) | {"updates": updates}, notes)
 
 
-def _chances_then(dataset: Dataset) -> NDArray[np.float64]:
-    """The probability of each action when it was taken; 1 where it is unknown."""
-    chances = [
-        np.ones(len(lesson.actions))
-        if lesson.policy_probabilities is None
-        else lesson.policy_probabilities[np.arange(len(lesson.actions)), lesson.actions]
-        for lesson in dataset.lessons
-    ]
+def _copy_or_make_policy(request: LearningRequest) -> Policy:
+    if request.policy is None:
+        return make_fresh_policy(request.dataset, request.rng)
+    return copy_policy(request.policy, request.dataset)
+
+
+def _find_past_probabilities(dataset: Dataset) -> NDArray[np.float64]:
+    """Return the probability of each action when it was taken; 1 where it is unknown."""
+    chances: list[NDArray[Any]] = []
+    for lesson in dataset.lessons:
+        n = len(lesson.actions)
+        if lesson.policy_probabilities is None:
+            chances.append(np.ones(n))
+        else:
+            chances.append(lesson.policy_probabilities[np.arange(n), lesson.actions])
     return np.asarray(np.clip(np.concatenate(chances), 0.05, 1), np.float64)

@@ -28,7 +28,7 @@ class CategoricalTexts(Sequence[str]):
 
     @classmethod
     def of(cls, texts: Iterable[str]) -> "CategoricalTexts":
-        """These texts."""
+        """Build the column of these texts."""
         if isinstance(texts, CategoricalTexts):
             return texts
         codes: dict[str, int] = {}
@@ -36,7 +36,7 @@ class CategoricalTexts(Sequence[str]):
 
     @classmethod
     def joined(cls, parts: Sequence["CategoricalTexts"]) -> "CategoricalTexts":
-        """Several, one behind the other; there is at least one."""
+        """Return several, one behind the other; there is at least one."""
         words = parts[0].categories
         if all(part.categories == words for part in parts):
             return cls(np.concatenate([part.codes for part in parts]), words)
@@ -70,19 +70,19 @@ class CategoricalTexts(Sequence[str]):
     def __repr__(self) -> str:
         return f"CategoricalTexts.of({list(self)!r})"
 
-    def equals_any(self, wanted: Collection[str]) -> NDArray[np.bool_]:
-        """Where one of some texts stands, (n,)."""
-        is_equal: NDArray[np.bool_] = np.array([word in wanted for word in self.categories], np.bool_)[self.codes]
+    def equals_any(self, texts: Collection[str]) -> NDArray[np.bool_]:
+        """Mark the places where one of some texts stands, (n,)."""
+        is_equal: NDArray[np.bool_] = np.array([word in texts for word in self.categories], np.bool_)[self.codes]
         return is_equal
 
-    def count_values(self, where: NDArray[np.bool_] | slice = slice(None)) -> Counter[str]:
-        """How often each text stands in the places that are chosen, 0 for one that does not."""
-        counts = np.bincount(self.codes[where], minlength=len(self.categories))
+    def count_values(self, rows: NDArray[np.bool_] | slice = slice(None)) -> Counter[str]:
+        """Count how often each text stands in the chosen rows, 0 for one that does not."""
+        counts = np.bincount(self.codes[rows], minlength=len(self.categories))
         return Counter(dict(zip(self.categories, counts.tolist(), strict=True)))
 
-    def first_index(self, where: NDArray[np.bool_]) -> dict[str, int]:
-        """The first of the chosen places in which each text stands, for those that do in any."""
-        places = np.flatnonzero(where)
+    def first_index(self, rows: NDArray[np.bool_]) -> dict[str, int]:
+        """Find the first of the chosen rows in which each text stands, for those that do in any."""
+        places = np.flatnonzero(rows)
         codes, firsts = np.unique(self.codes[places], return_index=True)
         return {
             self.categories[code]: place for code, place in zip(codes.tolist(), places[firsts].tolist(), strict=True)
@@ -110,18 +110,18 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
 
     @classmethod
     def of(cls, kind: type[KeyOrFrame], events: Iterable[KeyOrFrame]) -> "EventColumns[KeyOrFrame]":
-        """The columns of these events."""
-        given = tuple(events)
+        """Build the columns of these events."""
+        event_list = tuple(events)
 
         @cache
         def column(name: str) -> Any:
-            return _column(name, [getattr(event, name) for event in given])
+            return _column(name, [getattr(event, name) for event in event_list])
 
-        return cls(kind, column, range(len(given)))
+        return cls(kind, column, range(len(event_list)))
 
     @classmethod
     def joined(cls, parts: "Sequence[EventColumns[KeyOrFrame]]") -> "EventColumns[KeyOrFrame]":
-        """Several, one behind the other; there is at least one."""
+        """Return several, one behind the other; there is at least one."""
         if len(parts) == 1:
             return parts[0]
 
@@ -137,11 +137,11 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
         return cls(parts[0]._kind, column, range(sum(map(len, parts))))
 
     def column(self, name: str) -> Any:
-        """The field of that name, of every event: ``CategoricalTexts`` or an array, with NO_ACTION for no action."""
+        """Return the field of that name of every event: ``CategoricalTexts`` or an array; NO_ACTION for no action."""
         return self._column(name)[self._rows.start : self._rows.stop : self._rows.step]
 
     def place(self, part: "EventColumns[KeyOrFrame]") -> slice:
-        """Where a part lies that was cut from these."""
+        """Return where a part lies that was cut from these."""
         begin = part._rows.start - self._rows.start
         return slice(begin, begin + len(part))
 
@@ -163,16 +163,16 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
 
 
 def _values(name: str, column: Any) -> Iterable[Any]:
-    """A column's values, as events have them."""
+    """Return a column's values, as events have them."""
     if isinstance(column, CategoricalTexts):
         return column
     values: list[Any] = column.tolist()
     return [None if value == NO_ACTION else value for value in values] if name == "action" else values
 
 
-def _value(name: str, found: Any) -> Any:
-    """One value of a column, as events have it."""
-    value = found if isinstance(found, str) else found.item()
+def _value(name: str, cell: Any) -> Any:
+    """Return one value of a column, as events have it."""
+    value = cell if isinstance(cell, str) else cell.item()
     return None if name == "action" and value == NO_ACTION else value
 
 

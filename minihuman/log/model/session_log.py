@@ -106,31 +106,31 @@ class Segment:
     @property
     def pauses(self) -> PauseSpans:
         """Begin and end of every pause, ns of session time; an open one ends with the segment."""
-        found: list[tuple[int, int]] = []
+        spans: list[tuple[int, int]] = []
         began_ns: int | None = None
         for note in self.notes:
             match note:
                 case Paused() if began_ns is None:
                     began_ns = note.t_ns
                 case Resumed() if began_ns is not None:
-                    found.append((began_ns, note.t_ns))
+                    spans.append((began_ns, note.t_ns))
                     began_ns = None
         if began_ns is None:
-            return tuple(found)
-        return (*found, (began_ns, max(began_ns, self.end_ns)))
+            return tuple(spans)
+        return (*spans, (began_ns, max(began_ns, self.end_ns)))
 
 
 def notes_in_session_time(notes: Iterable[SegmentNote], start_ns: int) -> tuple[SegmentNote, ...]:
-    """A segment's notes in session time, sorted."""
+    """Shift a segment's notes to session time, sorted."""
     return tuple(sorted((replace(note, t_ns=note.t_ns + start_ns) for note in notes), key=lambda note: note.t_ns))
 
 
 def part_events_in_session_time(events: Iterable[PartEvent], start_ns: int) -> tuple[PartEvent, ...]:
-    """A segment's part events in session time."""
-    return tuple(_moved(event, start_ns) for event in events)
+    """Shift a segment's part events to session time."""
+    return tuple(_shift_event(event, start_ns) for event in events)
 
 
-def _moved(event: PartEvent, start_ns: int) -> PartEvent:
+def _shift_event(event: PartEvent, start_ns: int) -> PartEvent:
     if isinstance(event, Linked):  # whose other times are how long something took
         return replace(event, t_ns=event.t_ns + start_ns)
     names = (field.name for field in fields(event) if field.name.endswith("_ns"))
@@ -143,7 +143,7 @@ CUT_OFF = "cut_off"  # instead of an outcome or an end reason, where the log bro
 
 
 def pose_as_row(pose: Pose | None) -> tuple[float, float, float, float]:
-    """A pose as a row of ``Episode.poses``: NaN where the world could not tell."""
+    """Return a pose as a row of ``EpisodeLog.poses``: NaN where the world could not tell."""
     if pose is None:
         return (np.nan,) * 4
     return (pose.x, pose.y, pose.z, pose.yaw_rad)
@@ -175,7 +175,7 @@ class TeamRecord:
 
     @property
     def partners(self) -> tuple[str, ...]:
-        """What the other seats were, in their order."""
+        """The kinds of the other seats, in their order."""
         return tuple(self.seats[seat] for seat in self.partner_seats)
 
     @property
@@ -203,7 +203,7 @@ class TeamRecord:
         return absent / len(self.sources)
 
     def find_difference(self, seed: int) -> str:
-        """What contradicts the digest of the joint actions; "" where nothing does."""
+        """Find what contradicts the digest of the joint actions; "" where nothing does."""
         again = digest_joint_actions(self.team, seed, self.actions.tolist())
         if not len(self.actions) or again == self.digest:
             return ""
@@ -213,7 +213,7 @@ class TeamRecord:
 def gather_team(
     formed: TeamFormed | None, ready: SeatsReadied | None, events: Sequence[ActivityEvent], steps: int
 ) -> TeamRecord | None:
-    """The record of an episode from its events; None where no team played it.
+    """Gather the record of an episode's team from its events; None where no team played it.
 
     Args:
         formed: the team of its block.
@@ -227,7 +227,7 @@ def gather_team(
     bodies = len(formed.seats)
     unknown = (np.nan,) * 4 * bodies
     poses = [(ready and ready.poses) or unknown, *(event.poses or unknown for event in joint)]
-    taken = [event for event in events if isinstance(event, SeatTaken)]
+    seat_changes = [event for event in events if isinstance(event, SeatTaken)]
     return TeamRecord(
         team=formed.team,
         index=formed.index,
@@ -240,7 +240,7 @@ def gather_team(
         sources=tuple(event.sources for event in joint),
         digest=joint[-1].digest if joint else 0,
         late=sum(isinstance(event, InputLate) for event in events),
-        takeovers=sum(event.by == "agent" for event in taken),
+        takeovers=sum(event.by == "agent" for event in seat_changes),
         corrected=sum(isinstance(event, PictureCorrected) for event in events),
         sightings=tuple(event for event in events if isinstance(event, SeatSeen)),
     )
@@ -297,7 +297,7 @@ class EpisodeLog:
 
     @property
     def plan(self) -> EpisodePlan:
-        """What was to be played."""
+        """The episode's plan."""
         return self.start.plan
 
     @property
@@ -354,7 +354,7 @@ class EpisodeLog:
 
 
 def list_partner_seats(episode: EpisodeLog) -> tuple[int, ...]:
-    """The seats of the others in an episode's team; none where one body played."""
+    """List the seats of the others in an episode's team; none where one body played."""
     if episode.team is None:
         return ()
     return episode.team.partner_seats
@@ -377,7 +377,7 @@ class SessionLog:
 
     @property
     def notes(self) -> tuple[SegmentNote, ...]:
-        """What was noted in all segments, in order of time."""
+        """The notes of all segments, in order of time."""
         return tuple(note for segment in self.segments for note in segment.notes)
 
     @property
@@ -387,7 +387,7 @@ class SessionLog:
 
     @property
     def waited_ns(self) -> int:
-        """How long it waited in lobbies, from each arrival to a team, to the end of the wait, or to its own."""
+        """The time that it waited in lobbies, from each arrival to a team, to the end of the wait, or to its own."""
         waited_ns = 0
         for segment in self.segments:
             met_ns = [
@@ -414,7 +414,7 @@ class SessionLog:
 
     @property
     def corrections(self) -> tuple[CorrectionRecord, ...]:
-        """What should have been done instead, shown after the fact from a step of an episode on."""
+        """The demonstrations of what should have been done, from a step of an episode on."""
         return gather_corrections(self.part_events)
 
     @property

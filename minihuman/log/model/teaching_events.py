@@ -39,18 +39,18 @@ class PairComparison:
 
 
 def gather_comparisons(events: Iterable[object]) -> tuple[PairComparison, ...]:
-    """Every pair of a session that was answered, in order; a pair that was shown again after an interruption once."""
-    shown: dict[tuple[int, int, str], EpisodeClip] = {}
-    found = []
+    """Gather every answered pair of a session, in order; one that was shown again after an interruption, once."""
+    clips: dict[tuple[int, int, str], EpisodeClip] = {}
+    comparisons = []
     for event in events:
         match event:
             case StretchShown():
-                shown[event.part, event.pair, event.side] = event.stretch
+                clips[event.part, event.pair, event.side] = event.stretch
             case Preferred():
-                left, right = (shown.get((event.part, event.pair, side)) for side in ("left", "right"))
+                left, right = (clips.get((event.part, event.pair, side)) for side in ("left", "right"))
                 if left is not None and right is not None:
-                    found.append(PairComparison(event.part, event.pair, left, right, event))
-    return tuple(found)
+                    comparisons.append(PairComparison(event.part, event.pair, left, right, event))
+    return tuple(comparisons)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,54 +78,57 @@ class CorrectionRecord:
 
 
 def gather_corrections(events: Iterable[object]) -> tuple[CorrectionRecord, ...]:
-    """Every correction of a session, in order; one that the log was cut off in counts as stopped there."""
-    looked: dict[tuple[int, int, int], EpisodeLookedAt] = {}
-    found: list[CorrectionRecord] = []
-    begun: CorrectionBegun | None = None
+    """Gather every correction of a session, in order; one that the log was cut off in counts as stopped there."""
+    episodes: dict[tuple[int, int, int], EpisodeLookedAt] = {}
+    corrections: list[CorrectionRecord] = []
+    beginning: CorrectionBegun | None = None
     steps: list[CorrectionStepped] = []
 
     def close(outcome: CorrectionOutcome) -> None:
-        if begun is not None and (of := looked.get((begun.part, begun.episode, begun.attempt))) is not None:
-            found.append(_build_correction(of, begun, steps, outcome))
+        if (
+            beginning is not None
+            and (episode := episodes.get((beginning.part, beginning.episode, beginning.attempt))) is not None
+        ):
+            corrections.append(_build_correction(episode, beginning, steps, outcome))
 
     for event in events:
         match event:
             case EpisodeLookedAt():
-                looked[event.part, event.episode, event.attempt] = event
+                episodes[event.part, event.episode, event.attempt] = event
             case CorrectionBegun():
                 close("stopped")
-                begun = event
+                beginning = event
                 steps = []
             case CorrectionStepped():
                 steps.append(event)
             case CorrectionEnded():
                 close(event.outcome)
-                begun = None
+                beginning = None
     close("stopped")
-    return tuple(found)
+    return tuple(corrections)
 
 
 def _build_correction(
-    of: EpisodeLookedAt, begun: CorrectionBegun, steps: list[CorrectionStepped], outcome: CorrectionOutcome
+    episode: EpisodeLookedAt, beginning: CorrectionBegun, steps: list[CorrectionStepped], outcome: CorrectionOutcome
 ) -> CorrectionRecord:
     return CorrectionRecord(
-        part=begun.part,
-        correction=begun.correction,
-        episode=begun.episode,
-        attempt=begun.attempt,
-        step=begun.step,
-        world=of.world,
-        options=of.options,
-        seed=of.seed,
-        before=np.array(of.actions[: begun.step], np.int64),
+        part=beginning.part,
+        correction=beginning.correction,
+        episode=beginning.episode,
+        attempt=beginning.attempt,
+        step=beginning.step,
+        world=episode.world,
+        options=episode.options,
+        seed=episode.seed,
+        before=np.array(episode.actions[: beginning.step], np.int64),
         actions=np.array([step.action for step in steps], np.int64),
         keys=tuple(step.key for step in steps),
         key_t_ns=np.array([step.key_t_ns for step in steps], np.int64),
-        t_ns=np.array([begun.t_ns, *(step.t_ns for step in steps)], np.int64),
+        t_ns=np.array([beginning.t_ns, *(step.t_ns for step in steps)], np.int64),
         rewards=np.array([step.reward for step in steps], np.float64),
         terminated=np.array([step.terminated for step in steps], np.bool_),
         truncated=np.array([step.truncated for step in steps], np.bool_),
-        state_hashes=np.array([begun.state_hash, *(step.state_hash for step in steps)], np.uint64),
+        state_hashes=np.array([beginning.state_hash, *(step.state_hash for step in steps)], np.uint64),
         outcome=outcome,
     )
 
@@ -146,11 +149,11 @@ class TeachingRecord:
 
     @property
     def interventions(self) -> int:
-        """How often the person took over from the agent."""
+        """The number of times that the person took over from the agent."""
         return sum(change.reason == "key" for change in self.controls)
 
     def agreement(self, actions: NDArray[np.int64]) -> float:
-        """The share of the person's steps at which the policy would have done the same; NaN without any."""
+        """Return the share of the person's steps at which the policy would have done the same; NaN without any."""
         mine = self.by_person & (self.policy_actions != NO_ADVICE)
         if mine.any():
             return float((self.policy_actions[mine] == actions[mine]).mean())
@@ -158,7 +161,7 @@ class TeachingRecord:
 
 
 def gather_teaching(events: Sequence[ActivityEvent], *, steps: int, actions: int, policy: str) -> TeachingRecord | None:
-    """What an episode's events say of teaching; None where an agent had no part in it.
+    """Gather what an episode's events say of teaching; None where an agent had no part in it.
 
     Args:
         events: of the episode, in the order logged.

@@ -66,27 +66,27 @@ class MessageColumns(Mapping[str, FieldColumn]):
     def __init__(self, kind: Any, data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> None:
         """``kind`` is the messages' descriptor; they lie between these places in ``data``, and ``BEYOND`` behind."""
         self._data = data
-        self._found = {field.name: _Field(field, data, ends) for field in kind.fields}
+        self._fields = {field.name: _Field(field, data, ends) for field in kind.fields}
         self._read: dict[str, FieldColumn] = {}
         at = begins.copy()
         while (at < ends).any():
             before = at.copy()
-            for field in self._found.values():  # writers keep the fields' order, so once through is enough
+            for field in self._fields.values():  # writers keep the fields' order, so once through is enough
                 field.take(at)
             for row in np.flatnonzero((at == before) & (at < ends)):
                 at[row] = _after_unknown(data, int(at[row]), int(ends[row]))
 
     def __getitem__(self, name: str) -> FieldColumn:
         if name not in self._read:
-            its = self._found[name]
-            self._read[name] = FieldColumn(its.values(self._data), its.is_present)
+            field = self._fields[name]
+            self._read[name] = FieldColumn(field.values(self._data), field.is_present)
         return self._read[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._found)
+        return iter(self._fields)
 
     def __len__(self) -> int:
-        return len(self._found)
+        return len(self._fields)
 
 
 class _Field:
@@ -110,33 +110,33 @@ class _Field:
 
     def take(self, at: MessageOffsets) -> None:
         """Read the field of every message that has it at its place, and put that place behind it."""
-        its = (self._bytes[at] == self._first) & (at < self._ends)
+        has_field = (self._bytes[at] == self._first) & (at < self._ends)
         if self._second:
-            its &= self._bytes[at + 1] == self._second
-        count = np.count_nonzero(its)
+            has_field &= self._bytes[at + 1] == self._second
+        count = np.count_nonzero(has_field)
         if not count:
             return
-        rows = slice(None) if count == len(its) else np.flatnonzero(its)
-        here = at[rows] + (2 if self._second else 1)
+        rows = slice(None) if count == len(has_field) else np.flatnonzero(has_field)
+        places = at[rows] + (2 if self._second else 1)
         ends = self._ends[rows]
         if self._wire_type == _FIXED64:
-            self._numbers[rows] = self._eights[here]
-            here += 8
+            self._numbers[rows] = self._eights[places]
+            places += 8
         else:
-            numbers, here = _varints(self._eights, here)
+            numbers, places = _varints(self._eights, places)
             if self._wire_type == _LENGTH:
-                if (numbers > (ends - here).clip(0).astype(np.uint64)).any():
+                if (numbers > (ends - places).clip(0).astype(np.uint64)).any():
                     raise ValueError(f"field {self._kind.name} is truncated")
-                numbers, self._lengths[rows] = here.astype(np.uint64), numbers
-                here = here + self._lengths[rows]
+                numbers, self._lengths[rows] = places.astype(np.uint64), numbers
+                places = places + self._lengths[rows]
             self._numbers[rows] = numbers
-        if (here > ends).any():
+        if (places > ends).any():
             raise ValueError(f"field {self._kind.name} is truncated")
         self.is_present[rows] = True
-        at[rows] = here
+        at[rows] = places
 
     def values(self, data: bytes) -> Any:
-        """The whole column, when every message has been gone through."""
+        """Return the whole column, once every message has been gone through."""
         match self._kind.type:
             case FieldDescriptor.TYPE_DOUBLE if self._is_list:
                 return self._lists(data)
@@ -155,7 +155,7 @@ class _Field:
         return self._numbers
 
     def _lists(self, data: bytes) -> NDArray[np.float64]:
-        """Lists of doubles as rows, float64[n, the longest], NaN behind the end of shorter ones.
+        """Read lists of doubles as rows, float64[n, the longest], NaN behind the end of shorter ones.
 
         Raises:
             ValueError: if one ends inside a number.
@@ -170,12 +170,12 @@ class _Field:
 
 
 def _eights(data: bytes) -> Uint64Array:
-    """The eight bytes from each byte on, to be looked up at many places at once."""
+    """Return the eight bytes from each byte on, to be looked up at many places at once."""
     return np.ndarray(len(data) - 7, "<u8", data, strides=(1,))
 
 
 def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, MessageOffsets]:
-    """The number at each place, seven bits a byte, the lowest first; and the places behind them."""
+    """Read the number at each place, seven bits a byte, the lowest first; return the places behind them, too."""
     eight = eights[at]
     if not (eight & _EIGHTH).any():  # as most are: lengths, flags, small numbers
         return eight & _SEVEN, at + 1
@@ -199,13 +199,15 @@ def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, Mess
 
 
 def _texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> CategoricalTexts:
-    """The texts between the places, compared by seven bytes and their count at a time."""
+    """Read the texts between the places, compared by seven bytes and their count at a time."""
     eights = _eights(data)
     lengths = ends - begins
     codes = np.zeros_like(lengths)
     for offset in range(0, max(1, int(lengths.max(initial=0))), 7):
-        rest = (lengths - offset).clip(0, 7).astype(np.uint64)
-        part = eights[np.minimum(begins + offset, len(eights) - 1)] & _FIRST_BYTES[rest] | rest << np.uint64(56)
+        byte_counts = (lengths - offset).clip(0, 7).astype(np.uint64)
+        part = eights[np.minimum(begins + offset, len(eights) - 1)] & _FIRST_BYTES[
+            byte_counts
+        ] | byte_counts << np.uint64(56)
         firsts, these = _distinct(part)
         if offset:
             firsts, these = _distinct(codes.astype(np.uint64) * np.uint64(len(firsts)) + these.astype(np.uint64))
@@ -214,7 +216,7 @@ def _texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> Categor
 
 
 def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
-    """A place of each different value, and which of them each is; sorted only where two of them share a slot."""
+    """Return a place of each distinct value, and its number at each place; sorts only where values share a slot."""
     slots = (values * _SPREAD >> _DOWN).astype(np.int64)
     holders = np.full(1 << 64 - int(_DOWN), -1)
     holders[slots] = np.arange(len(values))
@@ -228,7 +230,7 @@ def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
 
 
 def _after_unknown(data: bytes, at: int, end: int) -> int:
-    """Where the field after an unknown one begins: a newer writer may have added it."""
+    """Return where the field after an unknown one begins, which a newer writer may have added."""
     tag, at = _varint(data, at)
     match tag & 7:
         case _ if tag >> 3 == 0:

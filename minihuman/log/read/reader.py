@@ -87,8 +87,8 @@ class LogReader:
         try:
             return self._decode(topic, data)
         except Exception as error:  # a foreign or newer message can make protobuf raise anything
-            where = f"{self.path}: in the chunk at byte {self._at}"
-            raise LogError(f"{where}, a message on {topic} cannot be read: {error}") from error
+            place = f"{self.path}: in the chunk at byte {self._at}"
+            raise LogError(f"{place}, a message on {topic} cannot be read: {error}") from error
 
 
 def read_segment_starts(path: Path, *, first: bool = False) -> dict[int, str]:

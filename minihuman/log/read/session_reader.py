@@ -1,19 +1,14 @@
-"""Read a session: a log's events in order, or all its segments assembled into episodes.
-
-Messages are collected per topic and turned into columns at once. No object is made per step, key press or frame: that
-is what makes a study quick to read.
+"""Read a session: a log's events in order, or all its segments assembled into episodes. `session_rows` has the columns
+of the frequent topics.
 """
 
 from bisect import bisect
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, get_args, overload
 
 import numpy as np
-from google.protobuf.message import Message
 from numpy.typing import NDArray
 
 from minihuman.activities.agent_blocks.events import PolicyGiven
@@ -21,134 +16,39 @@ from minihuman.activities.team.events import SeatsReadied, TeamFormed
 from minihuman.errors import LogError
 from minihuman.experiment.machine import events
 from minihuman.log import topics
-from minihuman.log.codec import RECORD_TOPICS, decode_event, require_one_of
-from minihuman.log.model.event_columns import NO_ACTION, EventColumns
+from minihuman.log.codec import RECORD_TOPICS
+from minihuman.log.model.event_columns import EventColumns
 from minihuman.log.model.session_log import (
     CUT_OFF,
     EpisodeLog,
     PartEvent,
+    PauseSpans,
     Segment,
     SegmentNote,
     SessionLog,
     gather_team,
     notes_in_session_time,
     part_events_in_session_time,
-    pose_as_row,
 )
 from minihuman.log.model.teaching_events import TeachingRecord, gather_teaching
 from minihuman.log.observations import ObservationSequence
 from minihuman.log.paths import PART_SUFFIX, list_sessions, raise_as_log_error
-from minihuman.log.proto import minihuman_v1_pb2 as v1
-from minihuman.log.read.protobuf_columns import BEYOND, FieldColumn, MessageColumns
 from minihuman.log.read.reader import LogReader
+from minihuman.log.read.session_rows import (
+    FREQUENT_TOPICS,
+    FrequentRows,
+    SampleSequence,
+    build_state_columns,
+    build_step_columns,
+    check_step_numbers,
+)
 from minihuman.log.read.world_statements import read_infos, read_successes
-from minihuman.log.salvage.records import TopicMessages
+from minihuman.log.salvage.records import ChunkMessages, TopicMessages
 from minihuman.log.salvage.summary_section import all_ended_cleanly
 from minihuman.storage.outside_names import require_name
 from minihuman.trust import find_logged_sources
 
-
-class SampleSequence(Sequence[events.Sampled]):
-    """Samples in the order they were recorded, in session time.
-
-    Raises:
-        google.protobuf.message.DecodeError: when one is looked at that is none.
-    """
-
-    def __init__(self, messages: Sequence[bytes], start_ns: int) -> None:
-        """``start_ns`` is the session time at which their segment began."""
-        self._messages = messages
-        self._start_ns = start_ns
-
-    def __len__(self) -> int:
-        return len(self._messages)
-
-    def __iter__(self) -> Iterator[events.Sampled]:
-        return map(self._read, self._messages)
-
-    @overload
-    def __getitem__(self, place: int) -> events.Sampled: ...
-    @overload
-    def __getitem__(self, place: slice) -> "SampleSequence": ...
-    def __getitem__(self, place: int | slice) -> "events.Sampled | SampleSequence":
-        if isinstance(place, slice):
-            return SampleSequence(self._messages[place], self._start_ns)
-        return self._read(self._messages[place])
-
-    def _read(self, message: bytes) -> events.Sampled:
-        sampled = decode_event(topics.SAMPLE, message)
-        assert isinstance(sampled, events.Sampled)
-        return replace(sampled, t_ns=sampled.t_ns + self._start_ns)
-
-
-_AXES = ("x", "y", "z", "yaw_rad")
-_VERDICTS = get_args(events.KeyVerdict)
-
-
-def check_step_numbers(episode: int, episodes: NDArray[np.int64], steps: NDArray[np.int64]) -> None:
-    """Refuse an episode in which a step is missing, or another's is."""
-    wrong = np.flatnonzero((episodes != episode) | (steps != np.arange(1, len(steps) + 1)))
-    if wrong.size:
-        first = wrong[0]
-        raise LogError(
-            f"episode {episodes[first] + 1} step {steps[first]} follows episode {episode + 1} step {first}; "
-            "the steps in between are missing"
-        )
-
-
-def build_step_columns(column: Callable[[str], FieldColumn]) -> dict[str, NDArray[Any]]:
-    """The columns of ``Episode`` that have a row for each step."""
-    rt_ms = column("rt_ms")
-    return {
-        "actions": column("action").values,
-        "key_t_ns": column("key_t_ns").values,
-        "rewards": column("reward").values,
-        "terminated": column("terminated").values,
-        "truncated": column("truncated").values,
-        "rt_ms": np.where(rt_ms.is_present, rt_ms.values, np.nan),
-    }
-
-
-def build_state_columns(
-    starts: Sequence[events.EpisodeStarted], resets: Sequence[int], column: Callable[[str], FieldColumn]
-) -> dict[str, NDArray[Any]]:
-    """The columns of ``Episode`` that have a row for its reset and one for each step, put before its first."""
-    pose = column("pose")
-    after = np.stack([np.where(pose.is_present, pose.values[axis].values, np.nan) for axis in _AXES], axis=1)
-    first = np.array([pose_as_row(start.pose) for start in starts], np.float64).reshape(-1, len(_AXES))
-    moments: dict[str, NDArray[Any]] = {"poses": np.insert(after, resets, first, axis=0)}
-    for of_episode, name, dtype in (
-        ("t_ns", "t_ns", np.int64),
-        ("state_hashes", "state_hash", np.uint64),
-        ("observation_hashes", "observation_hash", np.uint64),
-        ("onsets", "onset", np.bool_),
-    ):
-        first = np.array([getattr(start, name) for start in starts], dtype)
-        moments[of_episode] = np.insert(column(name).values, resets, first)
-    return moments
-
-
-def build_key_columns(column: Callable[[str], FieldColumn], count: int) -> EventColumns[events.KeyPressed]:
-    """Key presses and releases from the columns of their messages.
-
-    Raises:
-        LogError: if a verdict is outside its vocabulary.
-    """
-    for word in column("verdict").values.categories:
-        require_one_of(_VERDICTS, word)
-
-    def values(name: str) -> Any:
-        found = column(name)
-        if name == "action":
-            return np.where(found.is_present, found.values, NO_ACTION)
-        return found.values
-
-    return EventColumns(events.KeyPressed, cache(values), range(count))
-
-
 _BREAK = ""  # the topic that stands for messages that are missing
-_THOUSANDS: dict[str, type[Message]] = {topics.STEP: v1.Step, topics.KEY: v1.KeyEvent, topics.FRAME: v1.FrameShown}
-_TIMES = frozenset({"t_ns", "pressed_ns", "key_t_ns", "submit_ns", "flip_ns"})  # columns that are times
 
 
 @dataclass(slots=True)
@@ -179,91 +79,17 @@ class _EpisodeDraft:
     activity_events: list[events.ActivityEvent] = field(default_factory=list)  # of activities
 
 
-class _TopicRows:
-    """All of a session's messages on one topic: their places among all, and their fields, read when asked for."""
-
-    def __init__(self, topic: str, found: Sequence[TopicMessages], data: bytes) -> None:
-        self._topic = topic
-        self.places, self._begins, self._ends = (
-            np.concatenate([np.zeros(0, np.int64), *(getattr(of_topic, name) for of_topic in found)])
-            for name in ("places", "begins", "ends")
-        )
-        self._data = data
-        self._shifted: dict[str, FieldColumn] = {}
-        self._offsets_ns: NDArray[np.int64] | None = None  # from segment time to session time; None: all are 0
-
-    def __len__(self) -> int:
-        return len(self.places)
-
-    def shift_to_session_time(self, begins: NDArray[np.int64], starts_ns: NDArray[np.int64]) -> None:
-        """Add to each time the session time at which its segment starts.
-
-        Args:
-            begins: int64[segments], the first place of each segment.
-            starts_ns: int64[segments].
-        """
-        if starts_ns.any():
-            self._offsets_ns = starts_ns[np.searchsorted(begins, self.places, side="right") - 1]
-
-    @cached_property
-    def _columns(self) -> MessageColumns:
-        return MessageColumns(_THOUSANDS[self._topic].DESCRIPTOR, self._data, self._begins, self._ends)
-
-    def column(self, name: str) -> FieldColumn:
-        """One field of them all.
-
-        Raises:
-            LogError: if it cannot be read.
-        """
-        if name in self._shifted:
-            return self._shifted[name]
-        try:
-            found = self._columns[name]
-        except ValueError as error:
-            raise LogError(f"a message on {self._topic} cannot be read: {error}") from error
-        if self._offsets_ns is not None and name in _TIMES:
-            found = self._shifted[name] = found._replace(values=found.values + self._offsets_ns)
-        return found
-
-    def between(self, begin: int, end: int | None) -> slice:
-        """Which of them lie between two places, the second left out; None for the log's end."""
-        first = int(np.searchsorted(self.places, begin))
-        return slice(first, len(self.places) if end is None else int(np.searchsorted(self.places, end)))
-
-
-class _SessionRows:
-    """The messages on the topics that have thousands: steps, keys and frames."""
-
-    def __init__(self, found: Mapping[str, Sequence[TopicMessages]], chunks: Sequence[bytes]) -> None:
-        data = b"".join((*chunks, BEYOND))
-        self.steps, self.keys, self.frames = (_TopicRows(topic, found.get(topic, ()), data) for topic in _THOUSANDS)
-
-    def shift_to_session_time(self, begins: NDArray[np.int64], starts_ns: NDArray[np.int64]) -> None:
-        """Put all times on the session's clock."""
-        for rows in (self.steps, self.keys, self.frames):
-            rows.shift_to_session_time(begins, starts_ns)
-
-    @cached_property
-    def key_events(self) -> EventColumns[events.KeyPressed]:
-        """Every press and release."""
-        return build_key_columns(self.keys.column, len(self.keys))
-
-    @cached_property
-    def frame_events(self) -> EventColumns[events.FrameShown]:
-        """Every picture that was shown."""
-        frames = self.frames  # alone: what is cached here and held this would be a cycle, freed only by the collector
-        return EventColumns(events.FrameShown, lambda name: frames.column(name).values, range(len(frames)))
-
-
 class SessionAssembler:
-    """Takes a session's messages in the order they were recorded. What lies between episodes belongs to none."""
+    """Assembles a session from its messages, in the order they were recorded."""
 
     def __init__(self) -> None:
         self._parts: list[_SegmentDraft] = []
         self._chunks: list[bytes] = []  # that hold messages of the topics that have thousands
-        self._found: dict[str, list[TopicMessages]] = defaultdict(list)  # among those chunks' bytes
-        self._observed: tuple[list[int], list[bytes]] = ([], [])  # places and messages, not looked at yet
-        self._sampled: tuple[list[int], list[bytes]] = ([], [])
+        self._batches: dict[str, list[TopicMessages]] = defaultdict(list)  # among those chunks' bytes
+        self._unread: dict[str, tuple[list[int], list[bytes]]] = {  # places and messages, read when looked at
+            topics.OBSERVATION: ([], []),
+            topics.SAMPLE: ([], []),
+        }
         self._spans: list[_EpisodeDraft] = []
         self._policy = ""  # of an agent, in force
         self._formed: TeamFormed | None = None  # of the part that runs
@@ -272,65 +98,65 @@ class SessionAssembler:
         self._size = 0  # of those chunks, so far
 
     def read(self, reading: LogReader) -> None:
-        """Take a file's messages.
+        """Add a file's messages.
 
         Raises:
             LogError: as ``Reading.events``, but for steps, keys and pictures.
         """
         for chunk in reading.chunks():
-            others: list[tuple[int, str, bytes]] = []
-            size = self._size
-            for topic, places, begins, ends in chunk.by_topic(among=RECORD_TOPICS):
-                if topic in _THOUSANDS:
-                    self._found[topic].append(TopicMessages(topic, places + self._count, begins + size, ends + size))
-                    self._size = size + len(chunk.data)
-                else:
-                    numbers = (self._count + places).tolist()
-                    payloads = [
-                        chunk.data[begin:end] for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)
-                    ]
-                    if topic in (topics.OBSERVATION, topics.SAMPLE):
-                        if topic == topics.OBSERVATION:
-                            kept = self._observed
-                        else:
-                            kept = self._sampled
-                        kept[0].extend(numbers)
-                        kept[1].extend(payloads)
-                    else:
-                        others += ((number, topic, data) for number, data in zip(numbers, payloads, strict=True))
-            if self._size > size:
-                self._chunks.append(chunk.data)
-            others += ((self._count + place, _BREAK, b"") for place in chunk.breaks)
-            for place, topic, data in sorted(others, key=lambda other: (other[0], other[1] != _BREAK)):
+            rare_messages = self._collect_frequent(chunk)
+            rare_messages += ((self._count + place, _BREAK, b"") for place in chunk.breaks)
+            for place, topic, data in sorted(rare_messages, key=lambda message: (message[0], message[1] != _BREAK)):
                 if topic == _BREAK:
                     self._close(place)  # what is behind a gap may be another episode's
                 else:
                     self._take(place, reading.event(topic, data))
             self._count += len(chunk)
 
+    def _collect_frequent(self, chunk: ChunkMessages) -> list[tuple[int, str, bytes]]:
+        """Put a chunk's frequent messages, observations and samples by; return the others, each with its place."""
+        rare_messages: list[tuple[int, str, bytes]] = []
+        chunk_begin = self._size
+        for topic, places, begins, ends in chunk.by_topic(among=RECORD_TOPICS):
+            if topic in FREQUENT_TOPICS:
+                batch = TopicMessages(topic, places + self._count, begins + chunk_begin, ends + chunk_begin)
+                self._batches[topic].append(batch)
+                self._size = chunk_begin + len(chunk.data)
+                continue
+            numbers = (self._count + places).tolist()
+            payloads = [chunk.data[begin:end] for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)]
+            if topic in self._unread:
+                self._unread[topic][0].extend(numbers)
+                self._unread[topic][1].extend(payloads)
+            else:
+                rare_messages += ((number, topic, data) for number, data in zip(numbers, payloads, strict=True))
+        if self._size > chunk_begin:
+            self._chunks.append(chunk.data)
+        return rare_messages
+
     @property
     def started(self) -> list[events.SessionStarted]:
-        """How each segment began."""
+        """The first event of each segment."""
         return [part.started for part in self._parts]
 
     @property
     def end_reason(self) -> str:
-        """Why the last segment ended; "cut_off" where its log does not say."""
+        """The reason why the last segment ended; "cut_off" where its log does not say."""
         ended = self._parts[-1].ended
         return CUT_OFF if ended is None else ended.reason
 
     def session(
         self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]
     ) -> tuple[tuple[Segment, ...], tuple[EpisodeLog, ...]]:
-        """The session's segments and every episode in the order played, all on one clock.
+        """Return the session's segments and every episode in the order played, all on one clock.
 
         ``starts`` and ``ends`` are what the files say of each segment that was read, and of each that was finished.
 
         Raises:
             LogError: if a step or a key press cannot be read, or a step is missing. Pictures are read when looked at.
         """
-        rows = _SessionRows(self._found, self._chunks)
-        placed = self._placed(starts, ends, rows)
+        rows = FrequentRows(self._batches, self._chunks)
+        placed = self._place_segments(starts, ends, rows)
         rows.shift_to_session_time(
             np.array([part.begin for part in self._parts], np.int64),
             np.array([segment.start_ns for segment, _ in placed], np.int64),
@@ -345,11 +171,11 @@ class SessionAssembler:
         )
         return segments, tuple(self._episodes(segments, rows))
 
-    def _episodes(self, segments: Sequence[Segment], rows: _SessionRows) -> Iterator[EpisodeLog]:
-        """Every episode in the order played; checks that none of its steps is missing."""
+    def _episodes(self, segments: Sequence[Segment], rows: FrequentRows) -> Iterator[EpisodeLog]:
+        """Yield every episode in the order played; checks that none of its steps is missing."""
         starts = [replace(span.start, t_ns=span.start.t_ns + segments[span.segment].start_ns) for span in self._spans]
         steps = [rows.steps.between(span.begin, span.end) for span in self._spans]
-        of_states = build_state_columns(starts, [its.start for its in steps], rows.steps.column)
+        of_states = build_state_columns(starts, [step_rows.start for step_rows in steps], rows.steps.column)
         of_steps = build_step_columns(rows.steps.column)
         episode_numbers, step_numbers, step_keys = (
             rows.steps.column(name).values for name in ("episode", "step", "key")
@@ -357,42 +183,40 @@ class SessionAssembler:
         vectors = rows.steps.column("action_vector").values
         nexts = [*(span.begin for span in self._spans[1:]), None]
         attempts: Counter[int] = Counter()
-        for number, (span, start, its) in enumerate(zip(self._spans, starts, steps, strict=True)):
+        for number, (span, start, step_rows) in enumerate(zip(self._spans, starts, steps, strict=True)):
             episode = start.plan.episode
             segment = segments[span.segment]
-            check_step_numbers(episode, episode_numbers[its], step_numbers[its])
+            check_step_numbers(episode, episode_numbers[step_rows], step_numbers[step_rows])
             attempts[episode] += 1
-            with_reset = slice(its.start + number, its.stop + number + 1)  # every episode before has a reset too
-            first_ns, last_ns = (int(of_states["t_ns"][with_reset][at]) for at in (0, -1))
-            used = ~np.isnan(vectors[its]).all(axis=0)  # other columns are another world's
+            n_steps = step_rows.stop - step_rows.start
+            begin = step_rows.start + number  # a row for the reset of each episode before
+            state_columns = {name: column[begin : begin + n_steps + 1] for name, column in of_states.items()}
+            times_ns = state_columns["t_ns"]
+            used = ~np.isnan(vectors[step_rows]).all(axis=0)  # other columns are another world's
             yield EpisodeLog(
                 start=start,
-                **{name: column[with_reset] for name, column in of_states.items()},
-                **{name: column[its] for name, column in of_steps.items()},
-                step_keys=step_keys[its],
-                action_vectors=vectors[its][:, used] if used.any() else None,  # its actions are numbers
-                successes=read_successes(start.plan, rows.steps.column, its),
-                infos=read_infos(start.plan, rows.steps.column, its),
+                **state_columns,
+                **{name: column[step_rows] for name, column in of_steps.items()},
+                step_keys=step_keys[step_rows],
+                action_vectors=vectors[step_rows][:, used] if used.any() else None,  # its actions are numbers
+                successes=read_successes(start.plan, rows.steps.column, step_rows),
+                infos=read_infos(start.plan, rows.steps.column, step_rows),
                 keys=rows.key_events[rows.keys.between(span.begin, span.end)],
                 frames=rows.frame_events[rows.frames.between(span.begin, nexts[number])],  # the last one stays
                 outcome=span.outcome,
                 end_cause=span.end_cause,
-                observations=self._observations(span, its.stop - its.start),
+                observations=self._observations(span, n_steps),
                 segment=segment.number,
                 attempt=attempts[episode],
-                pauses=tuple(
-                    (max(begin, first_ns), min(end, last_ns))
-                    for begin, end in segment.pauses
-                    if begin < last_ns and end > first_ns
-                ),
-                taught=_build_teaching(span, its.stop - its.start, segment.start_ns),
-                team=gather_team(span.formed, span.ready, span.activity_events, its.stop - its.start),
+                pauses=_clip_pauses(segment.pauses, int(times_ns[0]), int(times_ns[-1])),
+                taught=_build_teaching(span, n_steps, segment.start_ns),
+                team=gather_team(span.formed, span.ready, span.activity_events, n_steps),
             )
 
-    def _placed(
-        self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]], rows: _SessionRows
+    def _place_segments(
+        self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]], rows: FrequentRows
     ) -> list[tuple[Segment, tuple[int, int | None]]]:
-        """Every segment where it lies in the session, without its keys, and which places its messages have."""
+        """Place every segment in the session, still without its keys; return with each the places of its messages."""
         clean = {int(end["segment"]): end["clean"] == "true" for end in ends}
         placed: list[tuple[Segment, tuple[int, int | None]]] = []
         after_ns = 0
@@ -401,7 +225,11 @@ class SessionAssembler:
             unix_ns = int(facts["started_unix_ns"])
             start_ns = max(unix_ns - int(starts[0]["started_unix_ns"]), after_ns)
             end_ns = start_ns + self._lasted_ns(
-                part, [its.column("t_ns").values[its.between(*between)] for its in (rows.steps, rows.keys)]
+                part,
+                [
+                    topic_rows.column("t_ns").values[topic_rows.between(*between)]
+                    for topic_rows in (rows.steps, rows.keys)
+                ],
             )
             monotonic_ns = part.started.facts.get("started_monotonic_ns", "")
             segment = Segment(
@@ -425,23 +253,23 @@ class SessionAssembler:
 
     @staticmethod
     def _lasted_ns(part: _SegmentDraft, times_ns: Sequence[NDArray[np.int64]]) -> int:
-        """Segment time of the last that is known of a segment, ns; ``times_ns`` are those of its steps and keys."""
+        """Return the last segment time that is known, ns; ``times_ns`` are those of the segment's steps and keys."""
         if part.ended is not None:
             return part.last_ns
-        return max(part.last_ns, *(int(its.max(initial=0)) for its in times_ns))
+        return max(part.last_ns, *(int(topic_times_ns.max(initial=0)) for topic_times_ns in times_ns))
 
     def _samples(self, segment: Segment, begin: int, end: int | None) -> SampleSequence:
-        places, messages = self._sampled
+        places, messages = self._unread[topics.SAMPLE]
         return SampleSequence(
             messages[bisect(places, begin) : None if end is None else bisect(places, end)], segment.start_ns
         )
 
     def _observations(self, span: _EpisodeDraft, steps: int) -> ObservationSequence | None:
-        """What was observed in an episode; a log may break off between an observation and its step."""
-        places, messages = self._observed
-        its = messages[bisect(places, span.begin) : None if span.end is None else bisect(places, span.end)]
-        if len(its) > steps:
-            return ObservationSequence(span.start.plan.episode, its[: steps + 1])
+        """Return the observations of an episode; a log may break off between an observation and its step."""
+        places, messages = self._unread[topics.OBSERVATION]
+        observed = messages[bisect(places, span.begin) : None if span.end is None else bisect(places, span.end)]
+        if len(observed) > steps:
+            return ObservationSequence(span.start.plan.episode, observed[: steps + 1])
         return None
 
     def _take(self, place: int, event: events.Event | None) -> None:
@@ -465,12 +293,12 @@ class SessionAssembler:
                 self._parts[-1].notes.append(event)
             case _ if isinstance(event, PartEvent):
                 self._parts[-1].part_events.append(event)
-                self._of_a_kind(event)
+                self._assign_activity_event(event)
         if event is not None:
             self._parts[-1].last_ns = max(self._parts[-1].last_ns, event.t_ns)
 
-    def _of_a_kind(self, event: PartEvent) -> None:
-        """Give an episode what a kind of activity says of it: also what comes when it has just ended."""
+    def _assign_activity_event(self, event: PartEvent) -> None:
+        """Assign an activity's event to the episode that it is about, which may just have ended."""
         match event:
             case PolicyGiven():
                 self._policy = event.policy
@@ -498,13 +326,19 @@ class SessionAssembler:
             span.end_cause = cause
 
 
+def _clip_pauses(pauses: PauseSpans, first_ns: int, last_ns: int) -> PauseSpans:
+    """Return the pauses of a segment as far as they lie within an episode."""
+    within = ((begin, end) for begin, end in pauses if begin < last_ns and end > first_ns)
+    return tuple((max(begin, first_ns), min(end, last_ns)) for begin, end in within)
+
+
 def _build_teaching(span: _EpisodeDraft, steps: int, start_ns: int) -> TeachingRecord | None:
-    """Who controlled an episode, in session time."""
+    """Gather who controlled an episode, in session time."""
     if not span.activity_events or span.formed is not None:
         return None
     in_time = part_events_in_session_time(span.activity_events, start_ns)
-    found = [event for event in in_time if isinstance(event, events.ActivityEvent)]
-    return gather_teaching(found, steps=steps, actions=len(span.start.action_names), policy=span.policy)
+    activity_events = [event for event in in_time if isinstance(event, events.ActivityEvent)]
+    return gather_teaching(activity_events, steps=steps, actions=len(span.start.action_names), policy=span.policy)
 
 
 def read_events(path: Path) -> Iterator[events.Event]:
@@ -545,7 +379,7 @@ def read_log(path: Path | str) -> SessionLog:
 
 
 def list_session_files(path: Path) -> list[Path]:
-    """The files of one session: a log, or all of the one session in a folder, in order.
+    """List the files of one session: a log, or all files of the one session in a folder, in order.
 
     Raises:
         LogError: if a folder holds none, or more than one.

@@ -67,7 +67,7 @@ WRITE_BOUND_S = 0.1  # the longest that a write holds a picture up
 
 @dataclass(frozen=True, slots=True)
 class RecorderSettings:
-    """How a recorder uses its disk.
+    """The settings by which a recorder uses its disk.
 
     Args:
         bound_s: how long ``settle`` waits for a write that the disk does not take.
@@ -101,7 +101,7 @@ class LiveFile:
         self.crc = crc  # of all that was written
         self._part = part
         self._settings = settings
-        self._whole = threading.Lock()  # held while it is written, or written again
+        self._write_lock = threading.Lock()  # held while it is written, or written again
 
     def append(self, pieces: Iterable[AppendBlock]) -> None:
         """Hand pieces to the operating system.
@@ -110,14 +110,14 @@ class LiveFile:
             LogError: if there is too little room.
             OSError: if the disk does not take them.
         """
-        for piece in _joined(pieces):
+        for piece in _join_pieces(pieces):
             if piece.room_for is not None:
                 require_disk_space(self._part.parent, piece.room_for)
-            rest = memoryview(piece.data)
-            with self._whole:
-                while rest:
-                    taken = self._settings.put(self.fd, rest)
-                    rest = rest[taken:]
+            remaining = memoryview(piece.data)
+            with self._write_lock:
+                while remaining:
+                    n_bytes = self._settings.put(self.fd, remaining)
+                    remaining = remaining[n_bytes:]
                 self.crc = zlib.crc32(piece.data, self.crc)
 
     def sync(self) -> None:
@@ -137,14 +137,14 @@ class LiveFile:
         if is_file_at(self.fd, self._part):
             return
         try:
-            with self._whole:
+            with self._write_lock:
                 make_private_folder(self._part.parent)
-                again = open_file(self._part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND)
+                new_fd = open_file(self._part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND)
                 try:
-                    copied = self._copy_to(again)
-                    os.dup2(again, self.fd, inheritable=False)
+                    copied = self._copy_to(new_fd)
+                    os.dup2(new_fd, self.fd, inheritable=False)
                 finally:
-                    os.close(again)
+                    os.close(new_fd)
         except OSError as error:
             raise LogError(
                 f"{self._part} was deleted while it was being written, and it cannot be restored: {error.strerror}"
@@ -153,31 +153,31 @@ class LiveFile:
             "%s was taken away while it was being written; it is back, with all %d bytes", self._part, copied
         )
 
-    def _copy_to(self, again: int) -> int:
+    def _copy_to(self, new_fd: int) -> int:
         """Copy all that was written, and make it last."""
-        lock_descriptor(again)
+        lock_descriptor(new_fd)
         copied = 0
-        while found := read_at(self.fd, 1 << 20, copied):
-            copied += os.write(again, found)
-        self._settings.sync(again)
+        while block := read_at(self.fd, 1 << 20, copied):
+            copied += os.write(new_fd, block)
+        self._settings.sync(new_fd)
         for folder in self._part.parents[:4]:
             sync_folder(folder)
         return copied
 
 
-def _joined(pieces: Iterable[AppendBlock]) -> Iterator[AppendBlock]:
-    """The same bytes in as few writes as can be."""
-    held: list[bytes] = []
+def _join_pieces(pieces: Iterable[AppendBlock]) -> Iterator[AppendBlock]:
+    """Join the bytes into as few writes as possible."""
+    buffered: list[bytes] = []
     for piece in pieces:
-        if piece.room_for is not None and held:
-            yield AppendBlock(b"".join(held))
-            held = []
+        if piece.room_for is not None and buffered:
+            yield AppendBlock(b"".join(buffered))
+            buffered = []
         if piece.room_for is not None:
             yield piece
         else:
-            held.append(piece.data)
-    if held:
-        yield AppendBlock(b"".join(held))
+            buffered.append(piece.data)
+    if buffered:
+        yield AppendBlock(b"".join(buffered))
 
 
 @dataclass(slots=True)
@@ -186,9 +186,9 @@ class WriteJob:
 
     pieces: Sequence[AppendBlock]
     steps: int  # of the segment, with these
-    done: threading.Lock = field(default_factory=threading.Lock)  # held until it is written or has failed
+    finished: threading.Lock = field(default_factory=threading.Lock)  # held until it is written or has failed
     over: bool = False  # it was written or has failed
-    whole: bool = False  # it was written to its last byte
+    fully_written: bool = False  # it was written to its last byte
 
 
 class FileWriter:
@@ -205,10 +205,10 @@ class FileWriter:
         self.late = 0  # writes that a picture did not wait for to their end
         self.longest_wait_s = 0.0
         self._settings = settings
-        self._given = 0  # jobs
-        self._written = 0
-        self._settled = 0  # jobs that are durable, or never will be
-        self._rest = threading.Condition()
+        self._begun_count = 0  # jobs
+        self._written_count = 0
+        self._settled_count = 0  # jobs that are durable, or never will be
+        self._settling = threading.Condition()
         self._is_broken = False  # the file cannot be made durable
         self._last: WriteJob | None = None  # begun and not waited for
         self._stuck: WriteJob | None = None  # the last whose wait timed out
@@ -234,15 +234,15 @@ class FileWriter:
 
         ``steps`` is how many the file holds with these.
         """
-        behind = self._given - self._written
+        behind = self._begun_count - self._written_count
         if behind >= self._settings.backlog:
             self.failure = self.failure or TimeoutError(f"the disk is {behind} writes behind")
             return
-        self._given += 1
+        self._begun_count += 1
         job = WriteJob(pieces, steps)
         group = self._settings.group
         if group is None:
-            job.done.acquire()
+            job.finished.acquire()
             self._last = job
         self._jobs.put(job)
         if group is not None and not self._is_expected:
@@ -262,16 +262,16 @@ class FileWriter:
             self.late += 1
             return
         began_s = time.monotonic()
-        self._stuck = None if job.done.acquire(timeout=self._settings.bound_s) else job
+        self._stuck = None if job.finished.acquire(timeout=self._settings.bound_s) else job
         self.late += self._stuck is not None
         self.longest_wait_s = max(self.longest_wait_s, time.monotonic() - began_s)
 
     def drain(self) -> None:
         """Wait until all that was begun is durable, or never will be."""
-        if self._settings.group is not None and self._settled < self._given:
+        if self._settings.group is not None and self._settled_count < self._begun_count:
             self._settings.group.expect(self, at_once=True)
-        with self._rest:
-            self._rest.wait_for(lambda: self._settled >= self._given)
+        with self._settling:
+            self._settling.wait_for(lambda: self._settled_count >= self._begun_count)
 
     def close(self) -> None:
         """Make durable what is left, and be done with the file, which stays open."""
@@ -286,46 +286,46 @@ class FileWriter:
             try:
                 self.file.append(piece for job in jobs for piece in job.pieces)
                 for job in jobs:
-                    job.whole = True
+                    job.fully_written = True
             except Exception as error:  # handed to the session at this write or the next
                 self.failure = error
-        self._written += len(jobs)
+        self._written_count += len(jobs)
 
-    def _make_durable(self, written: Sequence[WriteJob], *, sync: Callable[[], None], closing: bool = False) -> None:
-        if not self._is_broken and (written or closing):
+    def _make_durable(self, jobs: Sequence[WriteJob], *, sync: Callable[[], None], closing: bool = False) -> None:
+        if not self._is_broken and (jobs or closing):
             try:
                 sync()
                 self.file.restore()
-                self.durable_steps = max([self.durable_steps, *(job.steps for job in written if job.whole)])
-                if all(job.whole for job in written):
-                    self.durable_writes += len(written)
+                self.durable_steps = max([self.durable_steps, *(job.steps for job in jobs if job.fully_written)])
+                if all(job.fully_written for job in jobs):
+                    self.durable_writes += len(jobs)
             except Exception as error:
                 self._is_broken, self.failure = True, self.failure or error
                 if isinstance(error, LogError):  # the file is gone
                     self.durable_steps = 0
-        if written:
+        if jobs:
             self._settings.on_sync()
-        with self._rest:
-            self._settled += len(written)
-            self._rest.notify_all()
+        with self._settling:
+            self._settled_count += len(jobs)
+            self._settling.notify_all()
 
     def _write_all(self) -> None:
         while (job := self._jobs.get()) is not None:
             self._write([job])
             job.over = True
-            job.done.release()
+            job.finished.release()
             self._unsynced.put(job)
         self._unsynced.put(None)
 
     def _sync_all(self) -> None:
         closing = False
         while not closing:
-            found = [self._unsynced.get(), *_take_waiting(self._unsynced)]
-            closing = found[-1] is None
-            self._make_durable([job for job in found if job is not None], sync=self.file.sync, closing=closing)
+            jobs = [self._unsynced.get(), *_take_waiting(self._unsynced)]
+            closing = jobs[-1] is None
+            self._make_durable([job for job in jobs if job is not None], sync=self.file.sync, closing=closing)
 
     def write_waiting(self) -> bool:
-        """For a ``GroupCommit``: write all that waits; whether there was any."""
+        """Write all that waits, for a ``GroupCommit``; tell whether there was any."""
         self._is_expected = False  # before the queue is emptied: what comes from here on has another commit
         jobs = [job for job in _take_waiting(self._jobs) if job is not None]
         self._write(jobs)
@@ -333,8 +333,8 @@ class FileWriter:
             self._unsynced.put(job)
         return bool(jobs)
 
-    def written_is(self, failed: Exception | None) -> None:
-        """For a ``GroupCommit``: what was written is durable, or never will be."""
+    def finish_commit(self, failed: Exception | None) -> None:
+        """Take note, for a ``GroupCommit``, that what was written is durable, or never will be."""
 
         def outcome() -> None:
             if failed is not None:
@@ -345,10 +345,10 @@ class FileWriter:
 
 def _take_waiting(jobs: "queue.SimpleQueue[WriteJob | None]") -> list[WriteJob | None]:
     """Take all jobs that wait; the caller is the queue's only reader."""
-    found = []
+    waiting = []
     while not jobs.empty():
-        found.append(jobs.get())
-    return found
+        waiting.append(jobs.get())
+    return waiting
 
 
 GATHER_S = 0.2  # so long a write waits for others of its file: a key's press, picture and release are one
@@ -419,30 +419,30 @@ class GroupCommit:
             self._idle = False
 
     def _next(self) -> list[FileWriter]:
-        """Those whose turn it is, each once."""
-        found: dict[FileWriter, None] = {}
+        """Take the files whose turn it is, each once."""
+        files: dict[FileWriter, None] = {}
         while self._hurried:
-            found[self._hurried.popleft()] = None
+            files[self._hurried.popleft()] = None
         until_s = time.monotonic() + COMMIT_WINDOW_S
         while self._due and self._due[0][0] <= until_s:
-            found[self._due.popleft()[1]] = None
-        return list(found)
+            files[self._due.popleft()[1]] = None
+        return list(files)
 
     def commit(self, files: Sequence[FileWriter]) -> None:
         """Write what waits for these files, and make it durable."""
-        written = []
+        written_files = []
         for file in files:
             with _isolate_failures():
                 if file.write_waiting():
-                    written.append(file)
-        failed = self._failed([file.fd for file in written])
+                    written_files.append(file)
+        failed = self._sync_files([file.fd for file in written_files])
         self.rounds += 1
-        for file in written:
+        for file in written_files:
             with _isolate_failures():
-                file.written_is(failed.get(file.fd))
+                file.finish_commit(failed.get(file.fd))
 
-    def _failed(self, fds: Sequence[int]) -> dict[int, OSError]:
-        """Make files durable; which of them could not be, and why."""
+    def _sync_files(self, fds: Sequence[int]) -> dict[int, OSError]:
+        """Make files durable; return which of them could not be, and why."""
         if len(fds) > self._max_single_syncs:
             try:
                 for fd in {os.fstat(fd).st_dev: fd for fd in fds}.values():

@@ -15,7 +15,7 @@ from minihuman.storage.locks import is_file_at, lock_file
 from minihuman.storage.system import current_system
 
 
-def create_live_file(where: SegmentPath) -> int:
+def create_live_file(segment_path: SegmentPath) -> int:
     """Make a segment's live file, locked, and return its file descriptor.
 
     Raises:
@@ -24,59 +24,59 @@ def create_live_file(where: SegmentPath) -> int:
     disk = current_system().disk
     while True:
         try:
-            disk.make_folder(where.part.parent)
-            fd = disk.open(where.part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND)
+            disk.make_folder(segment_path.part.parent)
+            fd = disk.open(segment_path.part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND)
         except FileExistsError:
-            raise _running_error(where) from None
+            raise _running_error(segment_path) from None
         except OSError as error:
             raise LogError(
-                f"{where.part} cannot be created: {error.strerror}; choose another folder with --data"
+                f"{segment_path.part} cannot be created: {error.strerror}; choose another folder with --data"
             ) from error
         try:
-            lock_file(fd, where.part)
+            lock_file(fd, segment_path.part)
         except LogError:
             with contextlib.suppress(FileNotFoundError):
-                disk.unlink(where.part)
+                disk.unlink(segment_path.part)
             os.close(fd)
             raise
-        if is_file_at(fd, where.part):
+        if is_file_at(fd, segment_path.part):
             break
         os.close(fd)  # a recovery took the empty file away between open and lock
-    if (refusal := _recorded_error(where)) is not None:
-        disk.unlink(where.part)
+    if (refusal := _recorded_error(segment_path)) is not None:
+        disk.unlink(segment_path.part)
         os.close(fd)
         raise refusal
-    for folder in where.part.parents[:4]:  # session, participant, study and data folder: any of them may be new
+    for folder in segment_path.part.parents[:4]:  # session, participant, study and data folder: any of them may be new
         sync_folder(folder)
     return fd
 
 
-def require_unclaimed(where: SegmentPath) -> None:
+def require_unclaimed(segment_path: SegmentPath) -> None:
     """Refuse a segment that is recorded already or is being recorded; creates nothing.
 
     Raises:
         LogError: if it is.
     """
-    refusal = _running_error(where) if where.part.exists() else _recorded_error(where)
+    refusal = _running_error(segment_path) if segment_path.part.exists() else _recorded_error(segment_path)
     if refusal is not None:
         raise refusal
 
 
-def _running_error(where: SegmentPath) -> LogError:
+def _running_error(segment_path: SegmentPath) -> LogError:
     return LogError(
-        f"{where.part} already exists: the session is running elsewhere or was cut off; "
-        f"end it, or run: minihuman recover {where.part}"
+        f"{segment_path.part} already exists: the session is running elsewhere or was cut off; "
+        f"end it, or run: minihuman recover {segment_path.part}"
     )
 
 
-def _recorded_error(where: SegmentPath) -> LogError | None:
+def _recorded_error(segment_path: SegmentPath) -> LogError | None:
     from minihuman.log.read.reader import read_segment_starts
 
-    if not where.log.exists() or where.segment not in (1, *read_segment_starts(where.log)):
+    if not segment_path.log.exists() or segment_path.segment not in (1, *read_segment_starts(segment_path.log)):
         return None
     return LogError(
-        f"{where.log} already exists and holds segment {where.segment}; choose another number with --session, "
-        "or move the log"
+        f"{segment_path.log} already exists and holds segment {segment_path.segment}; choose another number with "
+        "--session, or move the log"
     )
 
 

@@ -129,19 +129,19 @@ class LiveLogEncoder:
                 pieces.append(AppendBlock(self._start(event)))
                 continue
             if isinstance(event, EpisodeStarted):
-                pieces.append(AppendBlock(self._flushed(), room_for))
+                pieces.append(AppendBlock(self._take_encoded(), room_for))
                 room_for = event.plan
             self._add(event)
-        pieces.append(AppendBlock(self._flushed(), room_for))
+        pieces.append(AppendBlock(self._take_encoded(), room_for))
         return [piece for piece in pieces if piece.data]
 
-    def _flushed(self) -> bytes:
+    def _take_encoded(self) -> bytes:
         self._writer.flush()
         self._bytes.write(self._chunk.take())
         return self._bytes.take()
 
     def _start(self, event: SessionStarted) -> bytes:
-        """The bytes of a segment's start: the plan has a chunk of its own, and a copy before it.
+        """Encode a segment's start: the plan has a chunk of its own, and a copy before it.
 
         The copy comes behind the attachments: where a write was torn, a plan that can be read has all that is its own.
         """
@@ -154,19 +154,19 @@ class LiveLogEncoder:
         ]
         for record in head:
             writer.add_metadata(record.name, record.metadata)
-        begin = self._flushed()
+        begin = self._take_encoded()
         for name, media_type, content in build_attachments(event.plan):
             writer.add_attachment(started_ns, started_ns, name, media_type, content)
-        begin += self._flushed()
+        begin += self._take_encoded()
         channels = self._number(event.plan)
         plan = self._add_plan(event)
-        rest = self._flushed()
+        plan_chunk = self._take_encoded()
         builder = RecordBuilder()
         copied = integrity.pack_segment_head(head, list(self._schemas.values()), channels, plan)
         Attachment(
             started_ns, started_ns, integrity.SEGMENT_HEAD_NAME, integrity.SEGMENT_HEAD_MEDIA_TYPE, copied
         ).write(builder)
-        return begin + bytes(builder.end()) + rest
+        return begin + bytes(builder.end()) + plan_chunk
 
     def _number(self, plan: SessionPlan) -> list[Channel]:
         """Number the topics' types and channels, always in the same order."""
@@ -187,10 +187,10 @@ class LiveLogEncoder:
         topic, message = encode_event(event)
         new = topic not in self._channels
         if new:  # of a kind of activity that the plan has no part of
-            found = find_topic(topic)
-            assert found is not None
+            new_topic = find_topic(topic)
+            assert new_topic is not None
             self._bytes.write(self._chunk.take())
-            self._channel(found)
+            self._channel(new_topic)
         self.messages += 1
         self.steps += isinstance(event, Stepped)
         data = message.SerializeToString(deterministic=True)
@@ -220,11 +220,11 @@ class _DrainedStream:
     """The stream that a ``Writer`` needs, over bytes that are taken as they come."""
 
     def __init__(self) -> None:
-        self._held = bytearray()
+        self._buffer = bytearray()
         self._at = 0
 
     def write(self, data: bytes) -> int:
-        self._held += data
+        self._buffer += data
         self._at += len(data)
         return len(data)
 
@@ -232,12 +232,12 @@ class _DrainedStream:
         return self._at
 
     def flush(self) -> None:
-        """Nothing goes anywhere before it is taken."""
+        """Do nothing: bytes stay until they are taken."""
 
     def take(self) -> bytes:
-        taken = bytes(self._held)
-        self._held = bytearray()
-        return taken
+        content = bytes(self._buffer)
+        self._buffer = bytearray()
+        return content
 
 
 def build_segment_metadata(plan: SessionPlan, started_ns: int) -> dict[str, str]:
@@ -272,18 +272,19 @@ def build_attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
 
 @cache
 def _package_list() -> bytes:
-    """minihuman's installed dependencies, optional ones included, one ``name==version`` per line."""
-    found: dict[str, str] = {}
+    """List the installed dependencies, optional ones included, one ``name==version`` per line."""
+    requirements: dict[str, str] = {}
     needed = [DISTRIBUTION]
     while needed:
         name = needed.pop()
         key = _SEPARATORS.sub("-", name).lower()
-        if key in found:
+        if key in requirements:
             continue
         try:
             package = distribution(name)
         except PackageNotFoundError:
             continue
-        found[key] = f"{package.name}=={package.version}"
-        needed += (match[0] for line in package.requires or () if (match := _NAME.match(line)))
-    return "".join(f"{found[key]}\n" for key in sorted(found)).encode()
+        requirements[key] = f"{package.name}=={package.version}"
+        names = (_NAME.match(line) for line in package.requires or ())
+        needed += (name[0] for name in names if name)
+    return "".join(f"{requirements[key]}\n" for key in sorted(requirements)).encode()

@@ -38,7 +38,7 @@ _TORN = re.compile(r"cut off at byte (\d+)")
 
 @dataclass(frozen=True, slots=True)
 class LeftoverSegment:
-    """What a live file holds, and the file itself, open and locked."""
+    """The content of a live file, and the file itself, open and locked."""
 
     part: Path
     fd: int
@@ -104,10 +104,10 @@ def _read(part: Path, fd: int) -> LeftoverSegment:
     if isinstance(events[-1], SessionEnded):
         raise LogError(f"{part} cannot be resumed: its session has ended; run: minihuman recover {part}")
     assert isinstance(events[0], SessionStarted)
-    found = {channel.topic: number for number, channel in scan.channels.items()}
-    rare = tuple(topic.name for topic in RARE_TOPICS if topic.name in found)
+    channel_numbers = {channel.topic: number for number, channel in scan.channels.items()}
+    rare = tuple(topic.name for topic in RARE_TOPICS if topic.name in channel_numbers)
     numbered = LiveLogEncoder.resume(events[0].plan, started_ns=0, messages=0, steps=0, rare=rare).channels
-    same = numbered == found
+    same = numbered == channel_numbers
     if start["schema_version"] != str(find_schema_version(events[0].plan)) or not same:
         raise LogError(f"{part} was written by another version of minihuman; run: minihuman recover {part}")
     return LeftoverSegment(part, fd, int(start["started_unix_ns"]), tuple(events), messages, steps, scan.crc, rare)
@@ -136,16 +136,16 @@ class McapRecorder(Recorder):
         settings: RecorderSettings = _SETTINGS,
         left: LeftoverSegment | None = None,
     ) -> None:
-        self.where = SegmentPath.of_plan(data, plan)
+        self.segment_path = SegmentPath.of_plan(data, plan)
         if left is None:
-            self._fd = create_live_file(self.where)
+            self._fd = create_live_file(self.segment_path)
             self._live = LiveLogEncoder(started_ns=started_ns)
         else:
             self._fd = left.fd
             self._live = LiveLogEncoder.resume(
                 plan, started_ns=started_ns, messages=left.messages, steps=left.steps, rare=left.rare
             )
-        file = LiveFile(self._fd, self.where.part, settings, crc=0 if left is None else left.crc)
+        file = LiveFile(self._fd, self.segment_path.part, settings, crc=0 if left is None else left.crc)
         self._disk = FileWriter(file, settings)
         self.publish: Callable[[Path], None] = lambda _: None  # as in ``finish_log``
         self._ended = False
@@ -159,7 +159,7 @@ class McapRecorder(Recorder):
         """
         self._refuse_after_failure()
         if self._closed:
-            raise LogError(f"{self.where.part} is closed; open a new recorder to record another segment")
+            raise LogError(f"{self.segment_path.part} is closed; open a new recorder to record another segment")
         if not events:
             return
         self._ended = self._ended or any(isinstance(event, SessionEnded) for event in events)
@@ -182,17 +182,17 @@ class McapRecorder(Recorder):
 
     @property
     def durable_steps(self) -> int:
-        """How many steps of this segment are fsynced."""
+        """The number of steps of this segment that are fsynced."""
         return self._disk.durable_steps
 
     @property
     def durable_writes(self) -> int:
-        """How many of this recorder's writes that had events are fsynced."""
+        """The number of this recorder's writes with events that are fsynced."""
         return self._disk.durable_writes
 
     @property
     def late_writes(self) -> int:
-        """How many writes the disk did not take in time, so that their pictures were shown before them."""
+        """The number of writes that the disk did not take in time, so that their pictures were shown before them."""
         return self._disk.late
 
     def drain(self) -> None:
@@ -223,7 +223,7 @@ class McapRecorder(Recorder):
             NotPublishedError: if ``publish`` does; then it can be called again.
         """
         if self._closed:
-            return self.where.log if self.where.log.exists() else None
+            return self.segment_path.log if self.segment_path.log.exists() else None
         self._closed = True
         self._disk.close()
         try:
@@ -231,7 +231,9 @@ class McapRecorder(Recorder):
             promised = ExpectedContent(
                 self._live.messages, self._disk.file.crc, self._disk.late, self._disk.longest_wait_s
             )
-            return self._whole(finish_log(self.where, clean=self._ended, promised=promised, publish=self.publish)).path
+            return self._whole(
+                finish_log(self.segment_path, clean=self._ended, promised=promised, publish=self.publish)
+            ).path
         except NotPublishedError:
             self._closed = False
             raise
@@ -259,6 +261,6 @@ class McapRecorder(Recorder):
         failure = self._disk.failure
         reason = (isinstance(failure, OSError) and failure.strerror) or str(failure)
         return LogError(
-            f"recording stopped: {reason}; {self.durable_steps} steps are safe in {self.where.part}; "
-            f"fix the cause, then run: minihuman recover {self.where.part}"
+            f"recording stopped: {reason}; {self.durable_steps} steps are safe in {self.segment_path.part}; "
+            f"fix the cause, then run: minihuman recover {self.segment_path.part}"
         )

@@ -47,12 +47,12 @@ class Recorder(abc.ABC):
     @property
     @abc.abstractmethod
     def durable_steps(self) -> int:
-        """How many Stepped events of this segment are fsynced."""
+        """The number of Stepped events of this segment that are fsynced."""
 
     @property
     @abc.abstractmethod
     def durable_writes(self) -> int:
-        """How many of the writes that had events are fsynced, each with all before it."""
+        """The number of writes with events that are fsynced, each with all before it."""
 
     @abc.abstractmethod
     def close(self) -> Path | None:
@@ -73,16 +73,16 @@ class MemoryRecorder(Recorder):
 
     @property
     def durable_steps(self) -> int:
-        """How many steps were taken; memory is as durable as it gets."""
+        """The number of steps taken; memory is as durable as it gets."""
         return sum(isinstance(event, Stepped) for event in self.events)
 
     @property
     def durable_writes(self) -> int:
-        """How many there were."""
+        """The number of writes."""
         return self._writes
 
     def close(self) -> None:
-        """Nothing to finish."""
+        """Do nothing: there is nothing to finish."""
 
 
 class WrappedRecorder(Recorder):
@@ -113,12 +113,12 @@ class WrappedRecorder(Recorder):
 
     @property
     def durable_steps(self) -> int:
-        """How many steps the wrapped recorder has made durable."""
+        """The number of steps that the wrapped recorder has made durable."""
         return self._recorder.durable_steps
 
     @property
     def durable_writes(self) -> int:
-        """How many writes the wrapped recorder has made durable."""
+        """The number of writes that the wrapped recorder has made durable."""
         return self._recorder.durable_writes
 
     def close(self) -> Path | None:
@@ -223,8 +223,8 @@ class DeferredRecorder(WrappedRecorder):
                 self._waits = False
                 waiting = self._waiting
                 self._waiting = []
-                for taken in waiting:
-                    self._recorder.begin(taken)
+                for batch in waiting:
+                    self._recorder.begin(batch)
 
     def close(self) -> Path | None:
         """Finish the log, if there is one; else forget what waited."""

@@ -46,7 +46,7 @@ class Lease:
     grant: LeaseGrant
     renewed_s: float  # on the holder's clock, before the database was asked
     lost: bool = False
-    wanted: bool = False  # another server wants the session
+    is_requested: bool = False  # another server wants the session
     copied_writes: int = -1  # of the recorder; -1: the copy may lack what an earlier holder recorded
     _ended: bool = False  # its session has, and nobody may resume it
     _copied: dict[str, int] = field(default_factory=dict)  # bytes, by file
@@ -54,7 +54,7 @@ class Lease:
     _count_writes: Callable[[], int] = lambda: 0
 
     def count_acknowledgeable(self, now_s: float) -> int:
-        """How many of the recorder's writes may be acknowledged; -1: not even what was there before."""
+        """Count the recorder's writes that may be acknowledged; -1: not even what was there before."""
         is_held = not self.lost and now_s < self.renewed_s + TTL_S - SAFETY_MARGIN_S
         return self.copied_writes if is_held else -1
 
@@ -70,7 +70,7 @@ class Lease:
         self._copied = {}  # all of it once more: a torn end was taken off, and there may be more since
 
     def _read(self) -> tuple[LogPiece | None, int]:
-        """What is not copied yet, and how many writes are durable with it."""
+        """Read what is not copied yet; return with it how many writes are durable."""
         writes = self._count_writes()  # first: these are in the file
         part = self._find_part()
         if part is None:
@@ -195,7 +195,7 @@ class SessionLeases:
                 lease.lost = lease.session not in wanted_by_session
                 if not lease.lost:
                     lease.renewed_s = began_s
-                    lease.wanted = wanted_by_session[lease.session]
+                    lease.is_requested = wanted_by_session[lease.session]
                     lease._confirm(piece, writes)
 
     def end(self, lease: Lease, reason: str) -> None:

@@ -73,16 +73,16 @@ def split_chunk(data: bytes, index: Sequence[bytes]) -> ChunkRecords:
         ValueError: if the bytes are no records.
     """
     try:
-        starts = _starts(data, _indexed(index))
+        starts = _find_starts(data, _read_index(index))
     except (ValueError, IndexError):
-        starts = _starts(data, np.zeros(0, np.int64))
+        starts = _find_starts(data, np.zeros(0, np.int64))
     is_message = _at_each(data, np.dtype("u1"))[starts] == Opcode.MESSAGE
-    others = []
+    other_records = []
     for start in starts[~is_message].tolist():
         opcode, length = RECORD_HEADER.unpack_from(data, start)
-        others.append((opcode, data[start + RECORD_HEADER.size : start + RECORD_HEADER.size + length]))
+        other_records.append((opcode, data[start + RECORD_HEADER.size : start + RECORD_HEADER.size + length]))
     starts = starts[is_message]
-    return ChunkRecords(data, starts, _at_each(data, _MESSAGE)[starts], others)
+    return ChunkRecords(data, starts, _at_each(data, _MESSAGE)[starts], other_records)
 
 
 class ChunkMessages:
@@ -123,8 +123,8 @@ class ChunkMessages:
             yield LogMessage(self._channels[channel], sequence, log_time, publish_time, self.data[begin:end])
 
     def count(self, topic: str) -> int:
-        """How many messages are of a topic."""
-        return sum(len(found.places) for found in self.by_topic(among=(topic,)))
+        """Count the messages of a topic."""
+        return sum(len(messages.places) for messages in self.by_topic(among=(topic,)))
 
     def by_topic(self, *, among: Container[str]) -> Iterator[TopicMessages]:
         """Yield the messages of each of these topics that has any."""
@@ -136,38 +136,38 @@ class ChunkMessages:
 
 
 def _at_each(data: bytes, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """What begins at each byte, if something of this type does: to be looked up at many places at once."""
+    """View the data as one value of this type from each byte on, to look up many places at once."""
     return np.ndarray(max(0, len(data) + 1 - dtype.itemsize), dtype, data, strides=(1,))
 
 
-def _indexed(index: Sequence[bytes]) -> ByteOffsets:
-    """Where a chunk's messages begin, if its index is right."""
+def _read_index(index: Sequence[bytes]) -> ByteOffsets:
+    """Return where a chunk's messages begin, if its index is right."""
     entries = [np.frombuffer(record, _INDEX_ENTRY, offset=_INDEX_HEAD.size) for record in index]
     return np.sort(np.concatenate([np.zeros(0, np.int64), *(entry["place"].astype(np.int64) for entry in entries)]))
 
 
-def _starts(data: bytes, known: ByteOffsets) -> ByteOffsets:
-    """Where each record begins, given where some do."""
+def _find_starts(data: bytes, known: ByteOffsets) -> ByteOffsets:
+    """Find where each record begins, given where some do."""
     ends = known + RECORD_HEADER.size + _at_each(data, np.dtype("<u8"))[known + 1].astype(np.int64)
     before = np.concatenate([[0], ends])
     behind = np.concatenate([known, [len(data)]])
     gaps = np.flatnonzero(before != behind)
-    walked = (_walked(data, int(before[gap]), int(behind[gap])) for gap in gaps)
+    walked = (_walk_records(data, int(before[gap]), int(behind[gap])) for gap in gaps)
     return np.sort(np.concatenate([known, *walked]))
 
 
-def _walked(data: bytes, begin: int, end: int) -> ByteOffsets:
-    """Where each record between two places begins."""
-    found: list[int] = []
+def _walk_records(data: bytes, begin: int, end: int) -> ByteOffsets:
+    """Find where each record between two places begins."""
+    starts: list[int] = []
     at = begin
     length = _LENGTH.unpack_from
     head = RECORD_HEADER.size
     while at < end:
-        found.append(at)
+        starts.append(at)
         at += head + length(data, at + 1)[0]
     if at != end:
         raise ValueError("a record extends past the end of its chunk")
-    return np.array(found, np.int64)
+    return np.array(starts, np.int64)
 
 
 MAX_RECORD_BYTES = 64 * 1024 * 1024  # of a record, packed or unpacked; ours are a thousand times smaller
@@ -182,7 +182,7 @@ _ZSTD = "zstd"
 
 
 def parse_chunk(content: bytes) -> bytes:
-    """The records in a chunk's content.
+    """Parse the records in a chunk's content.
 
     Raises:
         ValueError: if its checksum is wrong, there is more in it than it says, or it is or says it is larger than any
@@ -203,13 +203,13 @@ def parse_chunk(content: bytes) -> bytes:
 
 
 def parse_chunk_times(content: bytes) -> tuple[int, int]:
-    """The first and the last log time that a chunk says it holds."""
+    """Parse the first and the last log time that a chunk says it holds."""
     first, last = _TIMES.unpack_from(content)
     return first, last
 
 
 def decompress_zstd(data: bytes) -> bytes:
-    """What was packed with zstd, up to the size that a record may have.
+    """Decompress what zstd has packed, up to the size that a record may have.
 
     Raises:
         ValueError: if it is more, or nothing that zstd has packed.
@@ -229,15 +229,15 @@ def _decompress_chunk(data: bytes, size: int) -> bytes:
     if stated != zstandard.CONTENTSIZE_UNKNOWN:
         raise ValueError(f"a chunk of {size} bytes holds a zstd frame of {stated} bytes")
     with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-        found: bytes = reader.read(size + 1)  # one more than it says is too much already
-    return found
+        content: bytes = reader.read(size + 1)  # one more than it says is too much already
+    return content
 
 
 def find_next_record(view: mmap.mmap, begin: int) -> int | None:
-    """The byte at which the next whole record begins, from a byte on; None if none is found soon."""
+    """Find where the next whole record begins, from a byte on; None if none is found soon."""
     tries = 0
-    while (found := _RECORD_START.search(view, begin)) is not None and tries < MAX_CANDIDATES:
-        begin = found.start()
+    while (candidate := _RECORD_START.search(view, begin)) is not None and tries < MAX_CANDIDATES:
+        begin = candidate.start()
         try:
             if _is_whole_record(view, begin):
                 return begin
@@ -270,7 +270,7 @@ def _is_whole_record(view: mmap.mmap, begin: int) -> bool:
 
 
 def parse_attachment(content: bytes) -> Attachment:
-    """The attachment in a record's content.
+    """Parse the attachment in a record's content.
 
     Raises:
         ValueError: if its checksum is wrong, or there is more in it than it says.
@@ -303,7 +303,7 @@ def check_record_size(opcode: int, content: bytes) -> None:
 
 
 def parse_metadata(content: bytes) -> Metadata:
-    """The metadata in a record's content.
+    """Parse the metadata in a record's content.
 
     Raises:
         ValueError: if there is more in it than it says.
@@ -317,5 +317,5 @@ def parse_metadata(content: bytes) -> Metadata:
 
 
 def as_data_stream(content: bytes) -> ReadDataStream:
-    """Bytes as the readers of mcap want them."""
+    """Wrap bytes as the readers of mcap want them."""
     return ReadDataStream(BytesIO(content))

@@ -68,9 +68,9 @@ class MissingMessages:
     first: int
     last: int
 
-    def without(self, found: Sequence[int]) -> "list[MissingMessages]":
-        """The messages still missing once these are found; only the first can be among them."""
-        first = self.first + (self.first in found)
+    def without(self, sequences: Sequence[int]) -> "list[MissingMessages]":
+        """List the messages that stay missing once these are found; only the first can be among them."""
+        first = self.first + (self.first in sequences)
         if first <= self.last:
             return [MissingMessages(self.segment, first, self.last)]
         return []
@@ -101,19 +101,19 @@ class LogScanner:
         self._segment = 0
         self._sequence = 0  # of our last message; others' logs may not count, ours count from 1 in each segment
         self._between: list[int] = []  # of unknown topics since then: a newer version's, if our next one counts them
-        self._seen: dict[str, Metadata] = {}  # the latest of each name
+        self._latest_metadata: dict[str, Metadata] = {}  # the latest of each name
         self._copy: SegmentHead | None = None  # of the start of the segment that is being read
 
     @property
     def damage(self) -> str:
-        """What could not be read, as text; "" if all could."""
+        """The damage as text, of what could not be read; "" if all could."""
         gaps = [f"damaged at bytes {gap.begin} to {gap.end} ({gap.reason})" for gap in self.gaps]
         missing = [f"without messages {gap.first} to {gap.last}" for gap in self.missing if gap not in self.declared]
         return "; ".join([*gaps, *missing, *([self.stop_reason] if self.stop_reason else [])])
 
     @property
     def unfinished_reason(self) -> str:
-        """What a finished log lacks, as text; "" if it is whole."""
+        """The part that a finished log lacks, as text; "" if it is whole."""
         if self.damage or self.finished:
             return self.damage
         size = self.path.stat().st_size  # it ends where a record does, and reading met nothing wrong
@@ -128,12 +128,12 @@ class LogScanner:
 
     def records(self) -> Iterator[FileRecord]:
         """Read chunk by chunk; where the start of a segment is damaged, its second copy is read."""
-        for record in self._found():
-            yield from self._restored(record)
+        for record in self._scan_file():
+            yield from self._restore_start(record)
             yield record
-        yield from self._restored(None)
+        yield from self._restore_start(None)
 
-    def _found(self) -> Iterator[FileRecord]:
+    def _scan_file(self) -> Iterator[FileRecord]:
         with open_regular_file(self.path) as file:
             size = os.fstat(file.fileno()).st_size
             start = file.read(len(MAGIC))
@@ -156,9 +156,9 @@ class LogScanner:
         """Find the next whole record behind one that cannot be read; the file's end if there is none."""
         at = self.position
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as view:
-            found = find_next_record(view, at + 1)
+            next_begin = find_next_record(view, at + 1)
             size = len(view)
-            if found is None:
+            if next_begin is None:
                 torn = _CUT_OFF in reason or not view[at:].strip(b"\0")  # a power cut may leave a write's size alone
                 if torn:
                     self.stop_reason = f"cut off at byte {at}"
@@ -167,9 +167,9 @@ class LogScanner:
                 return size
             if not self.gaps:
                 self._declare(view)
-        self.gaps.append(DamagedRange(at, found, reason))
-        file.seek(found)
-        return found
+        self.gaps.append(DamagedRange(at, next_begin, reason))
+        file.seek(next_begin)
+        return next_begin
 
     def _declare(self, view: mmap.mmap) -> None:
         """Take the channels that a finished file's summary repeats: the chunk that declared them may be damaged."""
@@ -178,30 +178,30 @@ class LogScanner:
             at, _, _ = _FOOTER.unpack_from(view, footer + RECORD_HEADER.size)
             while at and at < footer:
                 opcode, length = RECORD_HEADER.unpack_from(view, at)
-                self._declared(opcode, view[at + RECORD_HEADER.size : at + RECORD_HEADER.size + length])
+                self._declare_record(opcode, view[at + RECORD_HEADER.size : at + RECORD_HEADER.size + length])
                 at += RECORD_HEADER.size + length
 
-    def _restored(self, record: FileRecord | None) -> Iterator[ChunkMessages | Metadata]:
+    def _restore_start(self, record: FileRecord | None) -> Iterator[ChunkMessages | Metadata]:
         """Yield the records of a segment's start that only its copy still has, before the records behind it."""
         match record:
             case Attachment() if record.name == integrity.SEGMENT_HEAD_NAME:
-                yield from self._restored(None)  # of a segment before, of which nothing else was left
+                yield from self._restore_start(None)  # of a segment before, of which nothing else was left
                 with suppress(ValueError):
                     self._copy = SegmentHead.of(record.data)
                     for declared in self._copy.records.other_records:
-                        self._declared(*declared)
+                        self._declare_record(*declared)
                     for metadata in self._copy.metadata:
-                        if self._seen.get(metadata.name) != metadata:
+                        if self._latest_metadata.get(metadata.name) != metadata:
                             self._note(f"metadata {metadata.name} differs from its copy")
                             yield metadata
             case Metadata():
-                self._seen[record.name] = record
+                self._latest_metadata[record.name] = record
             case ChunkMessages() | None if self._copy is not None:
                 copy = self._copy
                 self._copy = None
                 if record is None or not record.count(PLAN):
-                    found = copy.records.heads["sequence"].tolist()
-                    self.missing = [left for gap in self.missing for left in gap.without(found)]
+                    sequences = copy.records.heads["sequence"].tolist()
+                    self.missing = [left for gap in self.missing for left in gap.without(sequences)]
                     yield ChunkMessages(copy.records, self.channels)
 
     def _note(self, reason: str) -> None:
@@ -289,7 +289,7 @@ class LogScanner:
 
     def _read_index(self, file: BinaryIO, size: int) -> list[bytes]:
         """Read the index records behind a chunk."""
-        found: list[bytes] = []
+        index_records: list[bytes] = []
         at = self._behind
         while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
             opcode, length = RECORD_HEADER.unpack(head)
@@ -300,25 +300,25 @@ class LogScanner:
                 check_record_size(opcode, content)
             except (ValueError, struct.error):
                 break  # read again as a record of its own, and refused there
-            found.append(content)
+            index_records.append(content)
             self.crc = zlib.crc32(content, zlib.crc32(head, self.crc))
             at += RECORD_HEADER.size + length
         file.seek(at)
         self._behind = at
-        return found
+        return index_records
 
     def _messages(self, data: bytes, index: list[bytes]) -> ChunkMessages:
         records = split_chunk(data, index)
         for opcode, content in records.other_records:
-            self._declared(opcode, content)
-        missing = self._gaps_between(self._counted(records))
+            self._declare_record(opcode, content)
+        missing = self._gaps_between(self._number_ours(records))
         self.missing += missing
         sequences = records.heads["sequence"]
         breaks = [int(np.flatnonzero(sequences == gap.last + 1)[0]) for gap in missing]
         return ChunkMessages(records, self.channels, breaks=breaks)
 
-    def _counted(self, records: ChunkRecords) -> NDArray[np.uint32]:
-        """The numbers of our messages, and of a newer version's topics where they lie between ours."""
+    def _number_ours(self, records: ChunkRecords) -> NDArray[np.uint32]:
+        """Return the numbers of our messages, and of a newer version's topics where they lie between ours."""
         sequences: NDArray[np.uint32] = records.heads["sequence"]
         unknown = [number for number, channel in self.channels.items() if find_topic(channel.topic) is None]
         if not unknown and not self._between:
@@ -326,42 +326,42 @@ class LogScanner:
         guests = np.isin(records.heads["channel"], unknown)
         if not guests.any() and not self._between:
             return sequences
-        counted: list[int] = []
+        numbers: list[int] = []
         last = self._sequence
         for sequence, guest in zip(sequences.tolist(), guests.tolist(), strict=True):
             if guest:
                 self._between += [sequence] if sequence == last + len(self._between) + 1 else []
                 continue
-            counted += [number for number in self._between if number < sequence]
-            counted.append(sequence)
+            numbers += [number for number in self._between if number < sequence]
+            numbers.append(sequence)
             last = sequence
             self._between = []
-        return np.array(counted, np.uint32)
+        return np.array(numbers, np.uint32)
 
     def _gaps_between(self, sequences: NDArray[np.uint32]) -> list[MissingMessages]:
         """List the messages missing before a chunk or in it; refuse a chunk whose messages are out of order."""
         next_ones = range(self._sequence + 1, self._sequence + 1 + len(sequences))
-        few = len(sequences) < _FEW and sequences.tolist() == list(next_ones)
-        if few or np.array_equal(sequences, np.array(next_ones)):
+        is_short_run = len(sequences) < _FEW and sequences.tolist() == list(next_ones)
+        if is_short_run or np.array_equal(sequences, np.array(next_ones)):
             self._sequence += len(sequences)  # as almost always
             return []
-        counted = sequences[sequences > 0].astype(np.int64)  # previews have 0
-        if not len(counted):
+        numbers = sequences[sequences > 0].astype(np.int64)  # previews have 0
+        if not len(numbers):
             return []
-        before = np.concatenate([[self._sequence], counted[:-1]])
-        ahead = np.where(counted == 1, 1, counted - before)  # 1: the next segment
+        before = np.concatenate([[self._sequence], numbers[:-1]])
+        ahead = np.where(numbers == 1, 1, numbers - before)  # 1: the next segment
         if (ahead < 1).any():
             wrong = int(np.argmin(ahead))
             raise ValueError(
-                f"message {counted[wrong]} follows message {before[wrong]}; messages are missing or out of order"
+                f"message {numbers[wrong]} follows message {before[wrong]}; messages are missing or out of order"
             )
-        self._sequence = int(counted[-1])
+        self._sequence = int(numbers[-1])
         return [
-            MissingMessages(self._segment, int(before[place]) + 1, int(counted[place]) - 1)
+            MissingMessages(self._segment, int(before[place]) + 1, int(numbers[place]) - 1)
             for place in np.flatnonzero(ahead > 1).tolist()
         ]
 
-    def _declared(self, opcode: int, content: bytes) -> None:
+    def _declare_record(self, opcode: int, content: bytes) -> None:
         """Take a schema or channel of a chunk."""
         if opcode == Opcode.CHANNEL:
             channel = _channel(content)

@@ -88,7 +88,7 @@ def read_summary(path: Path) -> LogSummary | None:
 
 
 def _summary_begin(data: bytes, size: int) -> int | None:
-    """The byte of the file at which its summary begins, by its last bytes; None if it does not end in a footer."""
+    """Find the byte at which a file's summary begins, by its last bytes; None if it does not end in a footer."""
     at = len(data) - len(MAGIC) - _FOOTER.size - _HEAD.size
     if not data.endswith(MAGIC) or at < 0 or _HEAD.unpack_from(data, at) != (Opcode.FOOTER, _FOOTER.size):
         return None
@@ -99,14 +99,14 @@ def _summary_begin(data: bytes, size: int) -> int | None:
 
 
 def _parse_summary(fd: int, data: bytes) -> LogSummary | None:
-    """What the summary says; ``data`` is the file from the record that ends the data to its end."""
+    """Parse the summary; ``data`` is the file from the record that ends the data to its end."""
     if _HEAD.unpack_from(data) != (Opcode.DATA_END, _CRC.size):
         return None
     last = len(data) - len(MAGIC) - _CRC.size
     if zlib.crc32(memoryview(data)[_HEAD.size + _CRC.size : last]) != _CRC.unpack_from(data, last)[0]:
         return None
     topics: dict[int, str] = {}
-    found: dict[str, list[dict[str, str]]] = {name: [] for name in _INDEXED_METADATA}
+    facts_of_name: dict[str, list[dict[str, str]]] = {name: [] for name in _INDEXED_METADATA}
     counts = Counter[str]()
     for kind, content in _records(data, _HEAD.size + _CRC.size, among=_SUMMARY_OPCODES):
         if kind == Opcode.CHANNEL:
@@ -123,13 +123,13 @@ def _parse_summary(fd: int, data: bytes) -> LogSummary | None:
             stated_name, facts = _metadata(record[_HEAD.size :])
             if stated_name != name:
                 return None
-            found[name].append(facts)
-    starts, facts_of, ends = (tuple(found[name]) for name in _INDEXED_METADATA)
+            facts_of_name[name].append(facts)
+    starts, facts_of, ends = (tuple(facts_of_name[name]) for name in _INDEXED_METADATA)
     return LogSummary(starts, facts_of, ends, counts)
 
 
 def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
-    """A metadata record's name and facts, field by field: the library's own reader takes ten times as long."""
+    """Read a metadata record's name and facts, field by field: the library's reader takes ten times as long."""
     name, at = _text(content, 0)
     at += _LENGTH.size
     end = at + _length(content, at - _LENGTH.size)[0]
@@ -142,14 +142,14 @@ def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
 
 
 def _text(content: bytes, at: int) -> tuple[str, int]:
-    """The text at a place, and the place behind it."""
+    """Read the text at a place; return the place behind it, too."""
     begin = at + 4
     end = begin + _length(content, at)[0]
     return content[begin:end].decode(), end
 
 
 def _records(data: bytes, at: int, *, among: Container[int]) -> Iterator[tuple[int, bytes]]:
-    """Every whole record's kind and content from a byte on, of these kinds."""
+    """Yield every whole record's kind and content from a byte on, of these kinds."""
     head = _HEAD.unpack_from
     end = len(data)
     while at + _HEAD.size <= end:

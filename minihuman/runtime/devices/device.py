@@ -15,7 +15,7 @@ from pathlib import Path
 from minihuman.display.windows.window import Clock
 from minihuman.errors import DeviceError, LogError
 from minihuman.experiment.machine.events import Event, Sampled, SessionEnded, SessionStarted
-from minihuman.experiment.protocol.specs import DeviceSpec as Wanted
+from minihuman.experiment.protocol.specs import DeviceSpec
 from minihuman.log.record.recorder import Recorder, WrappedRecorder
 from minihuman.plugins import make_plugin
 
@@ -24,7 +24,7 @@ DEVICE_GROUP = "minihuman.devices"
 
 @dataclass(frozen=True, slots=True)
 class DeviceSample:
-    """What a device measured at one time."""
+    """A device's measurement at one time."""
 
     t_ns: int  # when it was taken, on the session's clock
     values: tuple[float, ...] = ()  # per channel; NaN where it has none
@@ -48,7 +48,7 @@ class Device(abc.ABC):
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Release it. Called once, also after a failure."""
+        """Release the device. Called once, also after a failure."""
 
 
 def make_device(source: str) -> Device:
@@ -57,7 +57,7 @@ def make_device(source: str) -> Device:
     Raises:
         DeviceError: if there is no such plug-in, it cannot be imported, or its own part is wrong.
     """
-    return make_plugin(DEVICE_GROUP, source, Device, DeviceError, what="device")  # type: ignore[type-abstract]
+    return make_plugin(DEVICE_GROUP, source, Device, DeviceError, noun="device")  # type: ignore[type-abstract]
 
 
 POLL_INTERVAL_S = 0.02  # how often devices are polled
@@ -65,7 +65,7 @@ MAX_SAMPLE_DELAY_S = 0.5  # samples wait so long for an event to go along with, 
 
 
 @contextmanager
-def open_devices(wanted: Sequence[Wanted], clock: Clock) -> Iterator[tuple[dict[str, Device], dict[str, str]]]:
+def open_devices(specs: Sequence[DeviceSpec], clock: Clock) -> Iterator[tuple[dict[str, Device], dict[str, str]]]:
     """Open a protocol's devices; yield them by name, and facts about them for the log.
 
     Raises:
@@ -74,17 +74,17 @@ def open_devices(wanted: Sequence[Wanted], clock: Clock) -> Iterator[tuple[dict[
     devices: dict[str, Device] = {}
     facts: dict[str, str] = {}
     try:
-        for one in wanted:
+        for spec in specs:
             try:
-                devices[one.name] = make_device(one.plugin)
-                device_facts = devices[one.name].open(clock) or {"source": one.plugin}
+                devices[spec.name] = make_device(spec.plugin)
+                device_facts = devices[spec.name].open(clock) or {"source": spec.plugin}
             except DeviceError as error:
-                if one.required:
-                    raise DeviceError(f"device {one.name!r}: {error}") from error
-                if (gone := devices.pop(one.name, None)) is not None:
-                    gone.close()
+                if spec.required:
+                    raise DeviceError(f"device {spec.name!r}: {error}") from error
+                if (failed_device := devices.pop(spec.name, None)) is not None:
+                    failed_device.close()
                 device_facts = {"missing": str(error)}
-            facts |= {f"device_{one.name}_{name}": value for name, value in device_facts.items()}
+            facts |= {f"device_{spec.name}_{name}": value for name, value in device_facts.items()}
         yield devices, facts
     finally:
         for device in devices.values():
@@ -125,9 +125,10 @@ class DeviceRecorder(WrappedRecorder):
         with self._lock:
             if events and isinstance(events[0], SessionStarted):
                 self._recorder.begin(events[:1])  # a log begins with its plan
-                self._running, events = True, events[1:]
+                self._running = True
+                events = events[1:]
             if events:
-                self._recorder.begin([*self._taken(), *events])
+                self._recorder.begin([*self._take_waiting(), *events])
             if any(isinstance(event, SessionEnded) for event in events):
                 self._running = False
 
@@ -137,24 +138,25 @@ class DeviceRecorder(WrappedRecorder):
         self._thread.join()
         return self._recorder.close()
 
-    def _taken(self) -> list[Sampled]:
-        """What waits, if it may be written; what came before the session or after it is no part of it."""
+    def _take_waiting(self) -> list[Sampled]:
+        """Take the samples that wait; those from before or after the session are dropped."""
         waiting = self._waiting
         self._waiting = []
-        return waiting if self._running else []
+        if not self._running:
+            return []
+        return waiting
 
     def _run(self) -> None:
         while not self._stopped.wait(POLL_INTERVAL_S):
             try:
                 fresh = [sampled for name in self._devices for sampled in self._fresh(name)]
                 with self._lock:
-                    if self._waiting:
-                        self._since_s = self._since_s
-                    else:
+                    if not self._waiting:
                         self._since_s = time.monotonic()
                     self._waiting += fresh
                     if self._running and self._waiting and time.monotonic() - self._since_s > MAX_SAMPLE_DELAY_S:
-                        self._recorder.begin(self._taken())  # settle() is the session's: it waits for its own events
+                        # settle() is the session's: it waits for its own events
+                        self._recorder.begin(self._take_waiting())
             except Exception as error:  # of a device's own code: raised at the next write, where the session can stop
                 self._failure = error
                 return

@@ -53,22 +53,24 @@ class LslDevice(Device):
         """Find the stream and begin."""
         lsl = pylsl()
         if self._name:
-            found = lsl.resolve_byprop("name", self._name, timeout=STREAM_TIMEOUT_S)
+            streams = lsl.resolve_byprop("name", self._name, timeout=STREAM_TIMEOUT_S)
         else:
-            found = [one for one in lsl.resolve_streams(wait_time=STREAM_TIMEOUT_S) if one.name() != "minihuman"]
-        if len(found) != 1:
-            names = ", ".join(one.name() for one in found) or "none"
+            streams = [
+                stream for stream in lsl.resolve_streams(wait_time=STREAM_TIMEOUT_S) if stream.name() != "minihuman"
+            ]
+        if len(streams) != 1:
+            names = ", ".join(stream.name() for stream in streams) or "none"
             raise DeviceError(
                 f"LSL stream {self._name!r}: expected one stream but found {names}; start it, or give its exact name"
             )
-        info = found[0]
+        info = streams[0]
         self._inlet = lsl.StreamInlet(info, processing_flags=lsl.proc_clocksync | lsl.proc_monotonize)
         self._inlet.open_stream(timeout=STREAM_TIMEOUT_S)
         self._offset_s = measure_lsl_at_zero_s(clock)
         return {"stream": info.name(), "type": info.type(), "rate_hz": f"{info.nominal_srate():g}"}
 
     def read(self) -> Sequence[DeviceSample]:
-        """What arrived."""
+        """Return the samples that have arrived."""
         rows, stamps = self._inlet.pull_chunk(timeout=0.0, max_samples=_MOST)
         return [self._sample(row, stamp_s) for row, stamp_s in zip(rows or (), stamps or (), strict=True)]
 
@@ -85,7 +87,7 @@ class LslDevice(Device):
 
 
 def pylsl() -> Any:
-    """The library.
+    """Import the library.
 
     Raises:
         DeviceError: if it is not installed.
@@ -100,15 +102,15 @@ def pylsl() -> Any:
 
 
 def measure_lsl_at_zero_s(clock: Clock) -> float:
-    """LSL's clock, seconds, when the session's was 0: from the closest pair of looks at both."""
+    """Measure LSL's clock, seconds, when the session's was 0: from the quickest pair of readings of both."""
     library = pylsl()
-    looks = []
+    readings = []
     for _ in range(20):
         before_ns = time.perf_counter_ns()
         session_ns = clock()
         lsl_s = library.local_clock()
-        looks.append((time.perf_counter_ns() - before_ns, lsl_s - session_ns / 1e9))
-    return float(min(looks)[1])
+        readings.append((time.perf_counter_ns() - before_ns, lsl_s - session_ns / 1e9))
+    return float(min(readings)[1])
 
 
 MARKER_STREAM_NAME = "minihuman"
@@ -133,15 +135,15 @@ class LslMarkerRecorder(WrappedRecorder):
         self._at_zero_s = measure_lsl_at_zero_s(clock)
         whose = f"{plan.study}-{plan.participant.id}-ses-{plan.session}-seg-{plan.segment}"
         info = lsl.StreamInfo(MARKER_STREAM_NAME, "Markers", 1, lsl.IRREGULAR_RATE, lsl.cf_string, f"minihuman-{whose}")
-        about = info.desc().append_child("session")
-        told = {
+        description = info.desc().append_child("session")
+        session_fields = {
             "study": plan.study,
             "participant": plan.participant.id,
             "session": plan.session,
             "segment": plan.segment,
         }
-        for name, value in told.items():
-            about.append_child_value(name, str(value))
+        for name, value in session_fields.items():
+            description.append_child_value(name, str(value))
         self._outlet = lsl.StreamOutlet(info)
         self._queue: queue.SimpleQueue[Sequence[Event] | None] = queue.SimpleQueue()
         self._action_names: tuple[str, ...] = ()
@@ -158,7 +160,7 @@ class LslMarkerRecorder(WrappedRecorder):
         self._queue.put(tuple(events))
 
     def close(self) -> Path | None:
-        """Mark what is left, and finish the log."""
+        """Send the markers that are left, and finish the log."""
         self._queue.put(None)
         self._thread.join()
         return self._recorder.close()
@@ -180,7 +182,7 @@ class LslMarkerRecorder(WrappedRecorder):
 
 
 def build_marker(event: Event, action_names: Sequence[str]) -> tuple[int, dict[str, Any]] | None:
-    """When an event was, ns of segment time, and its marker; None for events that are none. Episodes count from 1."""
+    """Build an event's marker, with its time, ns of segment time; None for events without. Episodes count from 1."""
     match event:
         case SessionStarted():
             return event.t_ns, {"trial_type": "session", "segment": event.plan.segment}

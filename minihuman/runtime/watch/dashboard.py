@@ -77,13 +77,13 @@ class DashboardServer:
         self._server.server_close()
 
     def _answer(self, path: str, query: dict[str, list[str]], body: bytes | None) -> tuple[str, bytes] | None:
-        """Content type and content; None for what there is not."""
+        """Return content type and content; None where there is nothing at the path."""
         name = query.get("session", [""])[0]
         with self._one_at_a_time:
             match path, body:
-                case "" | "page.css" | "page.js" as asked, None:
-                    kind = _KINDS[asked.rpartition(".")[2]]
-                    return f"{kind}; charset=utf-8", (files(__package__) / (asked or "page.html")).read_bytes()
+                case "" | "page.css" | "page.js" as file_name, None:
+                    kind = _KINDS[file_name.rpartition(".")[2]]
+                    return f"{kind}; charset=utf-8", (files(__package__) / (file_name or "page.html")).read_bytes()
                 case "state", None:
                     return "application/json", self._aside(lambda: json.dumps(self._state()).encode())
                 case "picture", None:
@@ -115,7 +115,7 @@ class DashboardServer:
         }
 
     def _recruiting(self) -> dict[str, object] | None:
-        """Whether new people may come, and how many did; None for a study that offers no links."""
+        """Return whether new people may come, and how many did; None for a study that offers no links."""
         if not self._recruits.begun:
             return None
         standing = self._recruits.standing()
@@ -132,11 +132,11 @@ def _handler(prefix: str, answer: AnswerRequest) -> type[BaseHTTPRequestHandler]
         """Hands requests below the prefix on; the rest is not there."""
 
         def do_GET(self) -> None:  # noqa: N802 - the library's name
-            """Look."""
+            """Answer a request to look."""
             self._respond(None)
 
         def do_POST(self) -> None:  # noqa: N802 - the library's name
-            """Ask."""
+            """Answer a request that asks for something."""
             length = read_length(self.headers.get("Content-Length", ""), _LONGEST)
             is_json = self.headers.get_content_type() == "application/json"
             if length is None or not is_json or not is_own_request({k.lower(): v for k, v in self.headers.items()}):
@@ -147,14 +147,14 @@ def _handler(prefix: str, answer: AnswerRequest) -> type[BaseHTTPRequestHandler]
 
         def _respond(self, body: bytes | None) -> None:
             url = urlsplit(self.path)
-            found = None
+            response = None
             if url.path.startswith(prefix) and is_named(self.headers.get("Host", ""), LOCAL_HOSTS):
                 try:
-                    found = answer(url.path.removeprefix(prefix), parse_qs(url.query), body)
+                    response = answer(url.path.removeprefix(prefix), parse_qs(url.query), body)
                 except msgspec.DecodeError:
-                    found = None
-            kind, content = found or ("text/plain", b"there is nothing here")
-            self._send(HTTPStatus.OK if found else HTTPStatus.NOT_FOUND, kind, content)
+                    response = None
+            kind, content = response or ("text/plain", b"there is nothing here")
+            self._send(HTTPStatus.OK if response else HTTPStatus.NOT_FOUND, kind, content)
 
         def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
             self.send_response(status)

@@ -47,7 +47,7 @@ class IdleWorker:
         self._busy_until_s = 0.0
 
     def __call__(self, work: Callable[[], T]) -> T:
-        """What ``work`` returns or raises, one piece of work after the other."""
+        """Return or raise what ``work`` does, one piece of work after the other."""
         began_s = self._clock()
         if began_s < self._busy_until_s:
             return work()
@@ -74,17 +74,17 @@ class ThrottledCall(Generic[T]):
         self._find = find
         self._share = share
         self._clock = clock
-        self._found: T | None = None
-        self._again_s: float | None = None
+        self._latest: T | None = None
+        self._next_call_s: float | None = None
 
     def __call__(self) -> T:
-        """The latest result of ``find``, which may be called now."""
+        """Return the latest result of ``find``, which may be called now."""
         began_s = self._clock()
-        if self._again_s is None or began_s >= self._again_s:
-            self._found = self._find()
+        if self._next_call_s is None or began_s >= self._next_call_s:
+            self._latest = self._find()
             ended_s = self._clock()
-            self._again_s = ended_s + (ended_s - began_s) / self._share
-        return self._found  # type: ignore[return-value]
+            self._next_call_s = ended_s + (ended_s - began_s) / self._share
+        return self._latest  # type: ignore[return-value]
 
 
 NS_PER_S = 1_000_000_000
@@ -96,7 +96,7 @@ _NOTES = 200
 
 @dataclass(slots=True)
 class LiveSession:
-    """What the events so far amount to; ``take`` them in order."""
+    """The state of a session after the events so far; ``take`` them in order."""
 
     plan: SessionPlan | None = None
     phase: str = "start"
@@ -117,12 +117,39 @@ class LiveSession:
     ended: str = ""
 
     def take(self, event: events.Event) -> None:
-        """Go on by one event."""
+        """Update the state by one event."""
         self.t_ns = event.t_ns
         match event:
             case events.SessionStarted():
                 self.plan = event.plan
                 self.window = event.facts.get("window", "")
+            case events.EpisodeStarted() | events.Stepped() | events.EpisodeEnded():
+                self._take_episode_event(event)
+            case events.Linked():
+                self.link = event
+            case events.PointerUsed() | events.TextTyped() | events.AxisMoved():
+                self.acted_ns = event.t_ns
+            case events.KeyPressed(down=True):
+                self.acted_ns = event.t_ns
+                self.presses += event.verdict not in events.UNPRESSED_VERDICTS
+                self.keys.append(event)
+            case events.Paused():
+                self.paused = event.reason
+            case events.Resumed():
+                self.paused = ""
+            case events.Noted():
+                self._take_note(event)
+            case events.SessionEnded():
+                self.ended = f"{event.reason}: {event.detail}" if event.detail else event.reason
+
+    def _take_note(self, note: events.Noted) -> None:
+        if note.kind == "phase":
+            self.phase = note.text
+        else:
+            self.notes.append((note.t_ns, note.kind, note.text))
+
+    def _take_episode_event(self, event: events.EpisodeStarted | events.Stepped | events.EpisodeEnded) -> None:
+        match event:
             case events.EpisodeStarted():
                 self.episode = event
                 self.actions = []
@@ -136,35 +163,12 @@ class LiveSession:
             case events.EpisodeEnded():
                 self.outcome = event.outcome
                 self.completed += event.outcome != "abandoned"
-            case events.Linked():
-                self.link = event
-            case events.PointerUsed() | events.TextTyped() | events.AxisMoved():
-                self.acted_ns = event.t_ns
-            case events.KeyPressed(down=True):
-                self.acted_ns = event.t_ns
-                self.presses += event.verdict not in events.UNPRESSED_VERDICTS
-                self.keys.append(event)
-            case events.Paused():
-                self.paused = event.reason
-            case events.Resumed():
-                self.paused = ""
-            case events.Noted(kind="phase"):
-                self.phase = event.text
-            case events.Noted():
-                self.notes.append((event.t_ns, event.kind, event.text))
-            case events.SessionEnded():
-                if event.detail:
-                    self.ended = f"{event.reason}: {event.detail}"
-                else:
-                    self.ended = event.reason
 
     def facts(self, silent_s: float = 0.0) -> dict[str, object]:
-        """For the page: plain values, times in seconds or ms; ``silent_s`` is how long ago the latest event was."""
+        """Return the facts for the page, times in seconds or ms; ``silent_s`` is how long ago the latest event was."""
         plan = self.plan
-        started = self.episode
         if plan is None:
             return {}
-        texts = len(plan.texts)
         return {
             "participant": plan.participant.id,
             "group": plan.participant.group,
@@ -176,26 +180,42 @@ class LiveSession:
             "idle_s": round((self.t_ns - self.acted_ns) / NS_PER_S + silent_s),
             "silent_s": round(silent_s),
             "window": self.window,
-            "rtt_ms": None if self.link is None else round(self.link.rtt_ns / NS_PER_MS),
-            "least_rtt_ms": None if self.link is None else round(self.link.least_rtt_ns / NS_PER_MS),
-            "block": started.plan.block_name if started else "",
-            "block_number": started.plan.block + 1 if started else 0,
-            "blocks": texts,
-            "episode": started.plan.episode_in_block + 1 if started else 0,
-            "episodes": started.plan.episodes_in_block if started else 0,
+            **self._connection_facts(),
+            **self._episode_facts(),
+            "blocks": len(plan.texts),
             "done": plan.first_episode + self.completed,
             "planned": len(plan.episodes),
-            "world": started.plan.world if started else "",
-            "mission": started.mission if started else "",
             "steps": len(self.actions),
-            "most_steps": started.plan.max_steps if started else 0,
             "return": round(self.return_, 3),
             "outcome": self.outcome,
             "presses": self.presses,
             "keys": [{"key": key.key, "verdict": key.verdict.replace("_", " ")} for key in self.keys],
-            "times_ms": [round(one) for one in self.times_ms],
+            "times_ms": [round(time_ms) for time_ms in self.times_ms],
             "notes": [{"s": t_ns // NS_PER_S, "kind": kind, "text": text} for t_ns, kind, text in self.notes],
             "ended": self.ended,
+        }
+
+    def _connection_facts(self) -> dict[str, object]:
+        if self.link is None:
+            return {"rtt_ms": None, "least_rtt_ms": None}
+        return {
+            "rtt_ms": round(self.link.rtt_ns / NS_PER_MS),
+            "least_rtt_ms": round(self.link.least_rtt_ns / NS_PER_MS),
+        }
+
+    def _episode_facts(self) -> dict[str, object]:
+        if self.episode is None:
+            names = {"block": "", "world": "", "mission": ""}
+            return {**names, "block_number": 0, "episode": 0, "episodes": 0, "most_steps": 0}
+        plan = self.episode.plan
+        return {
+            "block": plan.block_name,
+            "world": plan.world,
+            "mission": self.episode.mission,
+            "block_number": plan.block + 1,
+            "episode": plan.episode_in_block + 1,
+            "episodes": plan.episodes_in_block,
+            "most_steps": plan.max_steps,
         }
 
 
@@ -211,18 +231,18 @@ class ScreenPreview:
         self._png = b""
 
     def png(self, live: LiveSession) -> bytes:
-        """The present picture as PNG; b"" where no episode has begun or the world cannot be run here."""
+        """Return the present picture as PNG; b"" where no episode has begun or the world cannot be run here."""
         if live.episode is None:
             return b""
         try:
-            return self._drawn(live, live.episode.plan.episode)
+            return self._draw(live, live.episode.plan.episode)
         except Exception:  # of a lab's own world: the session logs it itself
             LOG.debug("no picture of a session's world", exc_info=True)
             self.close()
             return b""
 
     def close(self) -> None:
-        """Let go of the world."""
+        """Close the world."""
         if self._world is not None:
             with suppress(Exception):
                 self._world[1].close()
@@ -230,23 +250,24 @@ class ScreenPreview:
         self._at = (-1, 0)
         self._png = b""
 
-    def _drawn(self, live: LiveSession, episode: int) -> bytes:
+    def _draw(self, live: LiveSession, episode: int) -> bytes:
         assert live.episode is not None
         plan = live.episode.plan
-        wanted = (episode, len(live.actions))
-        if wanted == self._at:
+        target = (episode, len(live.actions))
+        if target == self._at:
             return self._png
         key = (plan.world, plan.options)
         if self._world is None or self._world[0] != key:
             self.close()
             self._world = (key, World(plan.world, plan.options))
         world = self._world[1]
-        if self._at[0] != episode or self._at[1] > wanted[1]:
+        if self._at[0] != episode or self._at[1] > target[1]:
             world.reset(plan.seed)
             self._at = (episode, 0)
         for action in live.actions[self._at[1] :]:
             world.step(action)
-        self._at, self._png = wanted, encode_png(world.frame(plan.view, PREVIEW_SIZE_PX, plan.palette))
+        self._at = target
+        self._png = encode_png(world.frame(plan.view, PREVIEW_SIZE_PX, plan.palette))
         return self._png
 
 
@@ -277,21 +298,21 @@ class RunningSessions:
         self._parts = ThrottledCall(lambda: sorted(study_dir.rglob(f"*{PART_SUFFIX}")))
 
     def look(self) -> dict[str, dict[str, object]]:
-        """Facts of each running session, by the name of its live log relative to the folder."""
+        """Return the facts of each running session, by the name of its live log relative to the folder."""
         names = {str(part.relative_to(self._study_dir)): part for part in self._parts() if is_being_recorded(part)}
         for gone in self._watched.keys() - names.keys():
             self._watched.pop(gone).picture.close()
         return {name: self._facts(name, part) for name, part in names.items()}
 
     def picture(self, name: str) -> bytes:
-        """What the participant of a running session sees now, as PNG; b"" if it is none."""
+        """Return what the participant of a running session sees now, as PNG; b"" if no such session runs."""
         watched = self._watched.get(name)
         if watched:
             return watched.picture.png(watched.live)
         return b""
 
     def log_of(self, name: str) -> Path | None:
-        """The log that a running session will have; None if it is none that was looked at."""
+        """Return the log that a running session will have; None if ``look`` did not name it."""
         if name in self._watched:
             return SegmentPath.of_part(self._study_dir / name).log
         return None
@@ -308,9 +329,9 @@ class RunningSessions:
     @staticmethod
     def _read(watched: _Watched, part: Path) -> None:
         try:
-            found = part.stat()
-            size = found.st_size
-            watched.written_s = found.st_mtime
+            status = part.stat()
+            size = status.st_size
+            watched.written_s = status.st_mtime
             if size == watched.size:
                 return
             live = LiveSession()

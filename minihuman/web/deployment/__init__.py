@@ -22,7 +22,7 @@ SECRETS_FILE_NAME = ".env"
 
 @dataclass(frozen=True, slots=True)
 class Deployment:
-    """How a study is served.
+    """The settings by which a study is served.
 
     Args:
         address: the public base URL, https.
@@ -59,8 +59,24 @@ def write_deployment(protocol: Protocol, out: Path, deployment: Deployment) -> l
         OSError: if a file cannot be written.
     """
     out.mkdir(parents=True, exist_ok=True)
+    contents = _render_files(protocol, deployment)
+    for name, content in contents.items():
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_bytes(content)
+    paths = [out / name for name in contents]
+    if deployment.postgres:
+        secret = out / SECRETS_FILE_NAME
+        if not secret.exists():
+            secret.touch(mode=stat.S_IRUSR | stat.S_IWUSR)
+            secret.write_text(f"POSTGRES_PASSWORD={secrets.token_urlsafe(24)}\n", encoding="ascii", newline="\n")
+        paths.append(secret)
+    return paths
+
+
+def _render_files(protocol: Protocol, deployment: Deployment) -> dict[str, bytes]:
+    """Render the folder's files but the passwords, by name."""
     agents = [block.agent for block in protocol.blocks if block.agent is not None]
-    wanted = {
+    needs_extra = {
         "web": True,
         "postgres": deployment.postgres,
         "s3": bool(deployment.bucket),
@@ -74,7 +90,7 @@ def write_deployment(protocol: Protocol, out: Path, deployment: Deployment) -> l
             deployment=deployment,
             host=urlsplit(deployment.address).hostname,
             study=protocol.study.name,
-            extras=",".join(name for name in wanted if wanted[name]),
+            extras=",".join(name for name in needs_extra if needs_extra[name]),
             files=sorted(contents),
         )
         contents[name] = text.encode()
@@ -82,11 +98,4 @@ def write_deployment(protocol: Protocol, out: Path, deployment: Deployment) -> l
         contents["register.url"] = b"postgresql://minihuman@postgres/studies\n"
     if deployment.bucket:
         contents["logs.url"] = f"{deployment.bucket}\n".encode()
-    for name, content in contents.items():
-        (out / name).parent.mkdir(parents=True, exist_ok=True)
-        (out / name).write_bytes(content)
-    secret = out / SECRETS_FILE_NAME
-    if deployment.postgres and not secret.exists():
-        secret.touch(mode=stat.S_IRUSR | stat.S_IWUSR)
-        secret.write_text(f"POSTGRES_PASSWORD={secrets.token_urlsafe(24)}\n", encoding="ascii", newline="\n")
-    return [out / name for name in contents] + ([secret] if deployment.postgres else [])
+    return contents

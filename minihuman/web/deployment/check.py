@@ -72,7 +72,7 @@ class DeploymentCheckError(MinihumanError, RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """What a check counted.
+    """The counts of a check.
 
     Args:
         interrupted: participants who were in a session when a server was stopped or killed, summed over these.
@@ -95,7 +95,7 @@ class CheckResult:
         return self.complete == self.participants and self.lost == self.twice == self.differences == 0
 
     def __str__(self) -> str:
-        """One line."""
+        """Summarise the check in one line."""
         return (
             f"{self.complete} of {self.participants} participants complete, {self.moved} on several servers; "
             f"{self.interrupted} sessions interrupted; {self.acknowledged} key presses acknowledged, {self.lost} lost; "
@@ -113,14 +113,17 @@ class _Server:
 
     def start(self) -> None:
         self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, text=True, encoding="utf-8")
-        found = next((line for line in self._process.stdout or () if "http://" in line), None)
-        if found is None:
+        address_line = next((line for line in self._process.stdout or () if "http://" in line), None)
+        if address_line is None:
             raise DeploymentCheckError("a server ended before it served; see its message above")
-        self.host = found.split("http://")[1].strip().rstrip("/")
+        self.host = address_line.split("http://")[1].strip().rstrip("/")
 
     def stop(self, *, kill: bool = False) -> None:
         with self._process:
-            (self._process.kill if kill else self._process.terminate)()
+            if kill:
+                self._process.kill()
+            else:
+                self._process.terminate()
 
 
 class _Page:
@@ -131,10 +134,12 @@ class _Page:
         self.end = ""
         self.acknowledged: Counter[tuple[str, int]] = Counter()  # key and time in ns
         self.hosts: set[str] = set()
-        self._find_host, self._rng, self._stream = find_host, rng, f"{rng.getrandbits(64):x}"
+        self._find_host = find_host
+        self._rng = rng
+        self._stream = f"{rng.getrandbits(64):x}"
         self._segment = ""
         self._zero_s = 0.0
-        self._last_ns = self._said = self._heard = 0
+        self._last_ns = self._last_number = self._heard = 0
         self._unacknowledged: dict[int, dict[str, Any]] = {}
         self._screen = ""
         self._due_ns = None
@@ -153,7 +158,7 @@ class _Page:
         settings: dict[str, Any] = {"max_size": None, "compression": None, "ping_interval": None, "open_timeout": 60}
         async with connect(f"ws://{host}/socket", origin=Origin(f"http://{host}"), **settings) as socket:
             hello = {"t": "hello", "version": MESSAGE_VERSION, "token": self.token, "stream": self._stream}
-            hello |= {"first": min(self._unacknowledged, default=self._said + 1), "segment": self._segment}
+            hello |= {"first": min(self._unacknowledged, default=self._last_number + 1), "segment": self._segment}
             await socket.send(json.dumps({**hello, "last": self._last_ns, "facts": _FACTS}))
             acting = asyncio.create_task(self._act(socket))
             try:
@@ -169,31 +174,34 @@ class _Page:
     def _now_ns(self) -> int:
         return max(self._last_ns + 1, round((time.monotonic() - self._zero_s) * 1e9))
 
-    async def _say(self, socket: ClientConnection, **what: Any) -> None:
-        self._said, self._last_ns = self._said + 1, self._now_ns()
-        message = {"t": "n", "n": self._said, "at": self._last_ns, "what": what}
-        self._unacknowledged[self._said] = message
+    async def _say(self, socket: ClientConnection, **fields: Any) -> None:
+        self._last_number += 1
+        self._last_ns = self._now_ns()
+        message = {"t": "n", "n": self._last_number, "at": self._last_ns, "what": fields}
+        self._unacknowledged[self._last_number] = message
         await socket.send(json.dumps(message))
 
     async def _act(self, socket: ClientConnection) -> None:
-        told = 0
+        acknowledged = 0
         press_s = time.monotonic() + _KEY_PERIOD_S * self._rng.random()
         while True:
             await asyncio.sleep(_POLL_S)
             if self._due_ns is not None and self._due_ns <= self._now_ns():
                 self._due_ns = None
                 await self._say(socket, t="tick")
-            if self._heard > told:
-                told = self._heard
-                await socket.send(json.dumps({"t": "heard", "n": told}))
+            if self._heard > acknowledged:
+                acknowledged = self._heard
+                await socket.send(json.dumps({"t": "heard", "n": acknowledged}))
             if self._screen and time.monotonic() >= press_s:
                 press_s = time.monotonic() + _KEY_PERIOD_S * (0.6 + 0.8 * self._rng.random())
-                key = self._rng.choice("123") if self._screen == "play" else "enter"
+                key = "enter"
+                if self._screen == "play":
+                    key = self._rng.choice("123")
                 for down in (True, False):
                     await self._say(socket, t="key", key=key, down=down, stamp=self._now_ns())
 
     def _read(self, data: str | bytes) -> Iterator[dict[str, Any]]:
-        """The messages in what arrived; of a picture, only its number."""
+        """Yield the messages in what arrived; of a picture, note its number."""
         if isinstance(data, str):
             yield json.loads(data)
             return
@@ -209,18 +217,20 @@ class _Page:
 
     async def _take(self, message: dict[str, Any], socket: ClientConnection, host: str) -> None:
         if "n" in message and "m" in message:
-            self._heard, message = message["n"], message["m"]
+            self._heard = message["n"]
+            message = message["m"]
         match message["t"]:
             case "welcome":
                 self.hosts.add(host)
                 await self._welcome(message, socket)
             case "acked":
                 for number in [number for number in self._unacknowledged if number <= message["through"]]:
-                    what = self._unacknowledged.pop(number)["what"]
-                    if what["t"] == "key" and what["down"]:
-                        self.acknowledged[what["key"], what["stamp"]] += 1
+                    content = self._unacknowledged.pop(number)["what"]
+                    if content["t"] == "key" and content["down"]:
+                        self.acknowledged[content["key"], content["stamp"]] += 1
             case "screen":
-                self._screen, self._due_ns = message["screen"]["kind"], message["tick"]
+                self._screen = message["screen"]["kind"]
+                self._due_ns = message["tick"]
                 if self._screen != "play":
                     at_ns = self._now_ns()
                     await self._say(socket, t="shown", submit=at_ns, flip=at_ns, screen=message["id"])
@@ -235,10 +245,13 @@ class _Page:
         """Take over a server's clock and numbers, and repeat what it has not heard."""
         if welcome["segment"] != self._segment:
             self._unacknowledged.clear()
-            self._segment, self._last_ns, self._said = welcome["segment"], 0, welcome["heard"]
+            self._segment = welcome["segment"]
+            self._last_ns = 0
+            self._last_number = welcome["heard"]
             self._zero_s = time.monotonic() - welcome["now"] / 1e9
-        if welcome["heard"] > self._said:
-            self._said, self._last_ns = welcome["heard"], max(self._last_ns, welcome["taken"])
+        if welcome["heard"] > self._last_number:
+            self._last_number = welcome["heard"]
+            self._last_ns = max(self._last_ns, welcome["taken"])
         for number in sorted(self._unacknowledged):
             if number > welcome["heard"]:
                 await socket.send(json.dumps(self._unacknowledged[number]))
@@ -291,7 +304,7 @@ def check_deployment(
 async def _play(
     servers: list[_Server], tokens: list[str], on_progress: Callable[[str], None]
 ) -> tuple[list[_Page], int]:
-    """Let everybody play while servers are restarted; the pages, and how many sessions that interrupted."""
+    """Let all participants play while servers restart; return the pages, and how many sessions that interrupted."""
     rng = random.Random(1)
     interrupted = 0
     pages = [_Page(token, lambda: rng.choice(servers).host, random.Random(n)) for n, token in enumerate(tokens)]
@@ -299,14 +312,14 @@ async def _play(
     async def restart() -> None:
         nonlocal interrupted
         while 2 * sum(bool(page.acknowledged) for page in pages) < len(pages):
-            if all(page.end for page in pages):  # there is nobody left to interrupt
+            if all(page.end for page in pages):  # no participant is left to interrupt
                 return
             await asyncio.sleep(_POLL_S)
-        for number, kill in [*((number, False) for number in range(len(servers))), (0, True)]:
+        for number, stop in [*((number, "restarted") for number in range(len(servers))), (0, "killed")]:
             present = sum(bool(page.acknowledged) and not page.end for page in pages)
             interrupted += present
-            on_progress(f"server {number + 1} {'killed' if kill else 'restarted'}, {present} participants in a session")
-            await asyncio.to_thread(servers[number].stop, kill=kill)
+            on_progress(f"server {number + 1} {stop}, {present} participants in a session")
+            await asyncio.to_thread(servers[number].stop, kill=stop == "killed")
             await asyncio.to_thread(servers[number].start)
             await asyncio.sleep(_PAUSE_S)
 
@@ -322,10 +335,16 @@ async def _play(
     return pages, interrupted
 
 
+def _count_presses(log: Path) -> Counter[tuple[str, int]]:
+    """Count the key presses in a log by key and time in ns."""
+    events = (event for event in read_events(log) if isinstance(event, KeyPressed))
+    return Counter((event.key, event.t_ns - event.waited_ns) for event in events if event.down)
+
+
 def _count(
     gathered: Path, folders: list[Path], pages: list[_Page], codes: dict[str, str | None], interrupted: int
 ) -> CheckResult:
-    """Hold what the pages had acknowledged against the logs in the store."""
+    """Compare what the pages had acknowledged with the logs in the store."""
     digests: dict[str, set[bytes]] = {}
     for log in (log for folder in (gathered, *folders) for log in folder.rglob("*.mcap")):
         if read_log(log).end_reason == "complete":
@@ -333,9 +352,10 @@ def _count(
     logs = {log.name.partition("_")[0]: log for log in gathered.rglob("*.mcap")}
     lost = 0
     for page in pages:
-        found = logs.get(codes[page.token] or "")
-        events = (event for event in read_events(found) if isinstance(event, KeyPressed)) if found else ()
-        pressed = Counter((event.key, event.t_ns - event.waited_ns) for event in events if event.down)
+        log_path = logs.get(codes[page.token] or "")
+        pressed: Counter[tuple[str, int]] = Counter()
+        if log_path is not None:
+            pressed = _count_presses(log_path)
         lost += (page.acknowledged - pressed).total()
     return CheckResult(
         participants=len(pages),
@@ -344,6 +364,6 @@ def _count(
         moved=sum(len(page.hosts) > 1 for page in pages),
         acknowledged=sum(page.acknowledged.total() for page in pages),
         lost=lost,
-        twice=sum(len(found) > 1 for found in digests.values()),
+        twice=sum(len(log_digests) > 1 for log_digests in digests.values()),
         differences=sum(bool(list(find_log_differences(log, World))) for log in logs.values()),
     )

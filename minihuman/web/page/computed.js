@@ -76,7 +76,7 @@ export class EpisodeComputer {
     const world = new FirstPersonWorld(this.firstPerson, { ...decodeState(state), walls, rooms, edges, looks });
     const unpacked = this.#sceneOf(state);
     /** @type {Scene | null} */ let scene = null;
-    unpacked.then((made) => { scene = made; });
+    unpacked.then((built) => { scene = built; });
     const [width, height] = state.size;
     return [world, { unpacked, isFlat: false, draw: () => {
       if (!scene) return null;
@@ -88,17 +88,17 @@ export class EpisodeComputer {
 
   /** A state's scene, in a memory with its textures, which the next one may share. @param {FirstPersonState} state */
   async #sceneOf({ scene: name, textures }) {
-    const before = this.#scene, [tables, ...pixels] = await Promise.all([name, ...textures].map((one) => this.#arraysOf(one)));
+    const before = this.#scene, [tables, ...pixels] = await Promise.all([name, ...textures].map((texture) => this.#arraysOf(texture)));
     if (before?.name === name) return before.scene;
     const shares = before?.textures === textures.join(" ");
-    const made = (async () => {
+    const building = (async () => {
       const last = shares ? await before.scene : null;
       if (last) return new Scene(last.kernels, tables, last.texels);
       const kernels = await this.firstPerson.again();
-      return new Scene(kernels, tables, Scene.unpackTextures(kernels, tables, pixels.map((one) => one.pixels)));
+      return new Scene(kernels, tables, Scene.unpackTextures(kernels, tables, pixels.map((texture) => texture.pixels)));
     })();
-    this.#scene = { name, textures: textures.join(" "), scene: made };
-    return made;
+    this.#scene = { name, textures: textures.join(" "), scene: building };
+    return building;
   }
 }
 
@@ -152,13 +152,13 @@ export class ComputedScenes {
   /** @param {any} saved @param {number} step @param {string} digest */
   #add(saved, step, digest) {
     const name = this.#next++;
-    /** @type {Map<number, [number, boolean]>} */ const found = new Map();
+    /** @type {Map<number, [number, boolean]>} */ const edges = new Map();
     /** @type {ComputedScene} */
     const scene = { saved, step, digest, picture: -1, edges: {
       get: (action) => {
         if (typeof action !== "number") return undefined;
-        const edge = found.get(action) ?? this.#step(scene, action);
-        if (edge) found.set(action, edge);
+        const edge = edges.get(action) ?? this.#step(scene, action);
+        if (edge) edges.set(action, edge);
         return edge;
       },
       has: () => true,

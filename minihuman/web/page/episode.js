@@ -81,7 +81,7 @@ export class EpisodePlayer {
   /** @type {Map<number, Graph>} */ #graphs = new Map();
   /** @type {Map<number, AgentControl>} the agent beside the person, by episode; of the latest */ #agents = new Map();
   #ratedAt = -Infinity;
-  /** @type {{ play: Play, step: number, saved: any } | null} the scene that was drawn last */ #seen = null;
+  /** @type {{ play: Play, step: number, saved: any } | null} the scene that was drawn last */ #drawn = null;
   /** @type {EpisodeComputer | null} */ computer = null;
 
   /**
@@ -318,7 +318,7 @@ export class EpisodePlayer {
   // Draw a scene, or where `motion` asks for it the way there, frame by frame: it counts as seen when that begins.
   /** @param {Play} play @param {ComputedScenes} scenes @param {string} what @returns {boolean} whether it could be drawn */
   #move(play, scenes, what) {
-    const { scene, step, rules: { motion } } = play, { isFlat } = scenes.artist, before = this.#seen, since = performance.now();
+    const { scene, step, rules: { motion } } = play, { isFlat } = scenes.artist, before = this.#drawn, since = performance.now();
     const from = motion && !isFlat && before?.play === play && before.step === step - 1 ? before.saved : null;
     const draw = () => {
       const share = from ? (performance.now() - since + FRAME_MS) / motion : 1;
@@ -329,7 +329,7 @@ export class EpisodePlayer {
     };
     if (!draw()) return false;
     play.drawn = what;
-    this.#seen = { play, step, saved: scenes.get(scene)?.saved };
+    this.#drawn = { play, step, saved: scenes.get(scene)?.saved };
     return true;
   }
 

@@ -15,7 +15,7 @@ const WAYS = { pad_left_x: ["stick_left", "stick_right"], pad_left_y: ["stick_up
 const NONE = { id: "", axes: [], buttons: [] };
 
 /** Whether one is there that the page can read: a browser shows none before a button of it is pressed. */
-export const findGamepad = () => navigator.getGamepads().find((one) => one?.connected && one.mapping === "standard");
+export const findGamepad = () => navigator.getGamepads().find((pad) => pad?.connected && pad.mapping === "standard");
 
 /** An axis as it is logged: beyond the dead zone, in steps. @param {number} raw */
 const levelOf = (raw) => (Math.sign(raw) * Math.round(

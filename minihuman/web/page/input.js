@@ -24,7 +24,7 @@ export class Keyboard {
   /** @type {Record<string, string>} the session's names */ codes = {};
   /** @type {Set<string>} */ #down = new Set();
   /** @type {Set<string>} that are down and were not handed on: their releases are not either */ #passedOver = new Set();
-  /** @type {Set<string>} that were pressed since the focus came */ #seen = new Set();
+  /** @type {Set<string>} that were pressed since the focus came */ #pressed = new Set();
   /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
 
   /** @param {EventTarget} target @param {KeyListener} listener */
@@ -38,7 +38,7 @@ export class Keyboard {
   releaseAll() {
     clearTimeout(this.#timer);
     this.#passedOver.clear();
-    this.#seen.clear();
+    this.#pressed.clear();
     const keys = [...this.#down];
     this.#down.clear();
     for (const key of keys) this.listener.release(key, this.listener.now(), true, "focus_loss");
@@ -75,7 +75,7 @@ export class Keyboard {
   press(key, symbol, ms, isTrusted, cause = "finger") {
     if (!this.listener.isActive() || this.#down.has(key)) return;
     this.#down.add(key);
-    this.#seen.add(key);
+    this.#pressed.add(key);
     this.listener.press(key, symbol, this.listener.timeOf(ms), isTrusted, false, cause);
     clearTimeout(this.#timer);
     if (cause === "finger") this.#timer = setTimeout(() => this.#repeat(key, symbol), REPEAT_DELAY_MS);
@@ -100,9 +100,9 @@ export class Keyboard {
     const key = this.#nameOf(event.code);
     if (this.#passedOver.delete(key) || !this.listener.isActive()) return;
     // Only its release is seen: it was down when the focus came.
-    if (!this.#down.has(key) && !this.#seen.has(key)) this.press(key, "", event.timeStamp, event.isTrusted, "held_before_focus");
-    const up = event.key === "Meta" ? [...this.#down] : [key]; // a Mac says nothing of keys that come up beside Command
-    for (const one of up) this.release(one, event.timeStamp, event.isTrusted);
+    if (!this.#down.has(key) && !this.#pressed.has(key)) this.press(key, "", event.timeStamp, event.isTrusted, "held_before_focus");
+    const names = event.key === "Meta" ? [...this.#down] : [key]; // a Mac says nothing of keys that come up beside Command
+    for (const name of names) this.release(name, event.timeStamp, event.isTrusted);
   }
 }
 

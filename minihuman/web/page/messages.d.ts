@@ -404,8 +404,8 @@ export interface PlayValues {
   mission: string;
   legend: [string, string, string][];
   pointer?: boolean;
-  messages?: PlayMessages;
   picture?: number;
+  messages?: PlayMessages;
 }
 
 /** What people who play together write and mark, for a window that draws it. */

@@ -213,7 +213,7 @@ class GridGame {
 class FirstPersonGame {
   /** @type {FirstPersonWorld} */ world;
   /** @type {Scene | null} of the present episode, once its textures are there */ #scene = null;
-  /** @type {UnpackedTextures | null} */ #shown = null;
+  /** @type {UnpackedTextures | null} */ #unpacked = null;
   steps = 0;
   #place = 0;
 
@@ -278,10 +278,10 @@ class FirstPersonGame {
     const { tables, textures } = this.starts[this.#place], place = this.#place;
     const pixels = await Promise.all(textures.map(async (/** @type {string} */ name) =>
       new Uint8Array(await this.pack.file(`textures/${name}.z`))));
-    const shown = this.#tables(tables), names = textures.join();
-    const last = this.#shown, isShown = last !== null && last.names === names;
-    const unpacked = isShown ? last : await this.#unpack(names, shown, pixels);
-    const scene = new Scene(unpacked.kernels, shown, unpacked.texels);
+    const arrays = this.#tables(tables), names = textures.join();
+    const last = this.#unpacked, isUnpacked = last !== null && last.names === names;
+    const unpacked = isUnpacked ? last : await this.#unpack(names, arrays, pixels);
+    const scene = new Scene(unpacked.kernels, arrays, unpacked.texels);
     if (place === this.#place) this.#scene = scene;
     return scene;
   }
@@ -289,11 +289,11 @@ class FirstPersonGame {
   /** @param {string} names @param {any} tables @param {Uint8Array[]} pixels @returns {Promise<UnpackedTextures>} */
   async #unpack(names, tables, pixels) {
     const kernels = await this.kernels.again();
-    this.#shown = { names, kernels, texels: Scene.unpackTextures(kernels, tables, pixels) };
-    return this.#shown;
+    this.#unpacked = { names, kernels, texels: Scene.unpackTextures(kernels, tables, pixels) };
+    return this.#unpacked;
   }
 
-  close() { this.#scene = this.#shown = null; }
+  close() { this.#scene = this.#unpacked = null; }
 }
 
 /** @param {HTMLCanvasElement} canvas @param {{ width: number, height: number, paint(canvas: HTMLCanvasElement): void }} picture */

@@ -137,9 +137,9 @@ class Page {
 
   /** @param {PageMessage} what @param {boolean} canWait @param {number} now @returns {number} the message's number */
   #send(what, canWait = this.#player.canWait(what), now = this.#outbox.nextTime()) {
-    const made = what.t !== "tick" && !UNTIMED.has(what.t) && this.#outbox.hasTime ? this.#computeTick(now) : undefined;
-    if (made) { // a step that the session makes first; by then the next may be due
-      this.#send({ t: "tick", digest: made.digest }, !made.ends, now);
+    const tick = what.t !== "tick" && !UNTIMED.has(what.t) && this.#outbox.hasTime ? this.#computeTick(now) : undefined;
+    if (tick) { // a step that the session makes first; by then the next may be due
+      this.#send({ t: "tick", digest: tick.digest }, !tick.ends, now);
       return this.#send(what, canWait);
     }
     const n = this.#outbox.add(what, canWait ? this.#player.isComputed && this.#due === null ? COMPUTED_WAIT_MS : WAIT_MS : 0, now);
@@ -251,9 +251,9 @@ class Page {
     if (time === null) return;
     const now = this.#outbox.nextTime();
     if (now < time) { this.#schedule(); return; }
-    const made = this.#computeTick(now);
-    if (!made && this.#nextTime() !== time) { this.#schedule(); return; } // a period without a step
-    const n = this.#send({ t: "tick", digest: made?.digest }, made && !made.ends, now);
+    const tick = this.#computeTick(now);
+    if (!tick && this.#nextTime() !== time) { this.#schedule(); return; } // a period without a step
+    const n = this.#send({ t: "tick", digest: tick?.digest }, tick && !tick.ends, now);
     const at = this.#outbox.state.last;
     if (this.#due !== null && at >= this.#due) this.#reportedDue = this.#due;
     if (this.#endsAt !== null && at >= this.#endsAt) this.#endsAt = null;
@@ -347,11 +347,11 @@ class Page {
 /** @param {Outbox} outbox @returns {Link} */
 function readLink({ state }) {
   const fragment = new URLSearchParams(location.hash.slice(1));
-  const given = [...new URLSearchParams(location.search), ...fragment]
+  const parameters = [...new URLSearchParams(location.search), ...fragment]
     .filter(([name, value]) => name !== "t" && name.length <= 64 && value.length <= 200).slice(0, 12); // longer: no platform's
   const token = fragment.get("t") ?? "";
-  const made = !token && !given.length; // whoever comes by no link brings one of their own, for studies that take anybody
-  return { token: made ? (state.token ??= makeToken()) : token, platform: Object.fromEntries(given), made };
+  const isMade = !token && !parameters.length; // whoever comes by no link brings one of their own, for studies that take anybody
+  return { token: isMade ? (state.token ??= makeToken()) : token, platform: Object.fromEntries(parameters), made: isMade };
 }
 
 function makeToken() {

@@ -92,21 +92,21 @@ export class FlipReporter {
   constructor(now, send) {
     this.now = now;
     this.#channel.port1.onmessage = () => {
-      const shown = this.#pending;
+      const pending = this.#pending;
       this.#pending = null;
-      if (!shown || document.hidden) return;
+      if (!pending || document.hidden) return;
       const flip = now();
-      const { then, ...what } = shown;
+      const { then, ...what } = pending;
       then?.(flip);
       this.#last = { ...what, flip };
       send({ t: "shown", ...what, flip });
     };
   }
 
-  /** @param {Shown} shown */
-  report(shown) {
+  /** @param {Shown} picture */
+  report(picture) {
     const waits = this.#pending !== null;
-    this.#pending = { submit: this.now(), ...shown };
+    this.#pending = { submit: this.now(), ...picture };
     if (!waits) requestAnimationFrame(() => this.#channel.port2.postMessage(0));
   }
 

@@ -10,7 +10,7 @@ export class ScreenPrefetch {
   /** @type {ScreenMessage | null} the server's screen */ serverScreen = null;
   /** @type {Step[]} */ trail = [];
   at = 0; // the name of what is shown
-  seen = Infinity; // when it was there, ns
+  shownAt = Infinity; // when it was there, ns
   lost = 0; // an input whose end is not known: nothing is known until the server has heard of it
 
   clear() { Object.assign(this, new ScreenPrefetch()); }
@@ -28,7 +28,7 @@ export class ScreenPrefetch {
 
   /** @param {number} name @param {number} flip */
   sawAt(name, flip) {
-    if (name === this.at) this.seen = flip;
+    if (name === this.at) this.shownAt = flip;
   }
 
   /**
@@ -36,7 +36,7 @@ export class ScreenPrefetch {
    * @param {number} n @param {string} input @param {number} at
    */
   took(n, input, at) {
-    const known = this.lost || !(at >= this.seen) ? undefined : this.edges.get(this.at)?.get(input);
+    const known = this.lost || !(at >= this.shownAt) ? undefined : this.edges.get(this.at)?.get(input);
     const screen = known === undefined ? undefined : this.screens.get(known);
     if (!screen) {
       this.lost = n;
@@ -45,7 +45,7 @@ export class ScreenPrefetch {
     this.trail.push({ n, to: screen.name });
     if (screen.name === this.at) return null;
     this.at = screen.name;
-    this.seen = Infinity;
+    this.shownAt = Infinity;
     return screen;
   }
 
@@ -77,7 +77,7 @@ export class ScreenPrefetch {
   #stay(screen) {
     this.trail = [];
     this.at = screen.name;
-    this.seen = Infinity;
+    this.shownAt = Infinity;
     return true;
   }
 }

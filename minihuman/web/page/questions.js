@@ -152,8 +152,8 @@ export class TextEntry {
   redraw(m, isPending, draw) {
     const s = this.#screen;
     const entry = s ? `${s.title}\n${s.question}` : "";
-    const held = entry && entry === this.#drawn ? this.#field : null;
-    if (held && held === this.#composed) {
+    const field = entry && entry === this.#drawn ? this.#field : null;
+    if (field && field === this.#composed) {
       this.#late = m;
       return false;
     }
@@ -162,8 +162,8 @@ export class TextEntry {
     draw();
     this.#drawn = entry;
     if (!s) return true;
-    if (!held || !isPending()) this.#draft = { text: s.item.text, caret: [...s.item.text].slice(0, s.item.caret).join("").length };
-    if (held) { this.#opened()?.replaceWith(held); this.#field = held; }
+    if (!field || !isPending()) this.#draft = { text: s.item.text, caret: [...s.item.text].slice(0, s.item.caret).join("").length };
+    if (field) { this.#opened()?.replaceWith(field); this.#field = field; }
     this.#put();
     this.#opened()?.focus();
     return true;
@@ -171,9 +171,9 @@ export class TextEntry {
 
   #opened() { return this.#field; }
 
-  /** @param {string} given */
-  #insert(given) {
-    const text = given.replace(/\p{Surrogate}/gu, "\ufffd"); // half of a letter, which no log holds
+  /** @param {string} input */
+  #insert(input) {
+    const text = input.replace(/\p{Surrogate}/gu, "\ufffd"); // half of a letter, which no log holds
     const letters = [...text];
     for (let from = 0; from < letters.length; from += MAX_LETTERS) this.type(letters.slice(from, from + MAX_LETTERS).join(""));
     const { text: before, caret } = this.#draft;

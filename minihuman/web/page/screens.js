@@ -136,9 +136,9 @@ export class ScreenView {
         episode.putPicture(picture);
         episode.reportHeld = () =>
           flips.report({ episode: s.episode, step: s.step, then: (flip) => this.page.entered(m, lasts, flip) });
-        const seen = flips.takeStep(s.episode, s.step);
-        if (seen === null) episode.reportHeld();
-        else this.page.entered(m, lasts, seen);
+        const flip = flips.takeStep(s.episode, s.step);
+        if (flip === null) episode.reportHeld();
+        else this.page.entered(m, lasts, flip);
       });
     } else {
       const then = (/** @type {number} */ flip) => this.page.entered(m, s.kind === "blank" ? lasts : null, flip);

@@ -167,28 +167,28 @@ export class Outbox {
    */
   async recover(store) {
     if (!store) return;
-    const kept = await store.load(), head = /** @type {StreamState | null} */ (JSON.parse(kept.get(0) ?? "null"));
+    const stored = await store.load(), head = /** @type {StreamState | null} */ (JSON.parse(stored.get(0) ?? "null"));
     this.#store = store;
-    kept.delete(0);
-    if (head && kept.size && ["", head.segment].includes(this.state.segment)) {
+    stored.delete(0);
+    if (head && stored.size && ["", head.segment].includes(this.state.segment)) {
       if (!this.state.segment) Object.assign(this.state, head, { stream: this.state.stream }); // what time it is the server says
       this.state.last = Math.max(this.state.last, head.last);
-      this.#merge(kept);
+      this.#merge(stored);
     }
-    for (const n of kept.keys()) if (!this.#messages.has(n)) store.set(n, null);
+    for (const n of stored.keys()) if (!this.#messages.has(n)) store.set(n, null);
     for (const [n, text] of this.#messages) store.set(n, text);
   }
 
   /**
    * Take over what another store has, too: either may be older than the other, or lack some. In the order of their times,
-   * numbered without a gap, which the server would refuse. @param {Map<number, string>} kept
+   * numbered without a gap, which the server would refuse. @param {Map<number, string>} stored
    */
-  #merge(kept) {
-    let n = Math.min(...kept.keys(), ...this.#messages.keys());
-    const all = [...kept.values(), ...this.#messages.values()].map((text) => /** @type {Message} */ (JSON.parse(text)));
+  #merge(stored) {
+    let n = Math.min(...stored.keys(), ...this.#messages.keys());
+    const all = [...stored.values(), ...this.#messages.values()].map((text) => /** @type {Message} */ (JSON.parse(text)));
     for (const old of this.#messages.keys()) this.storage.removeItem(`m${old}`);
     this.#messages.clear();
-    for (const message of [...new Map(all.map((m) => [m.at, m])).values()].sort((one, other) => one.at - other.at)) {
+    for (const message of [...new Map(all.map((m) => [m.at, m])).values()].sort((left, right) => left.at - right.at)) {
       const text = JSON.stringify({ ...message, n });
       this.#messages.set(n, text);
       this.#keep(`m${n++}`, text);

@@ -17,7 +17,7 @@ export class TouchKeys {
   /** @type {Record<string, string>} what the page says beside the session's words */ texts = {};
   /** @type {Map<number, PointerEvent>} where each finger began that is no press yet */ #origins = new Map();
   isTouched = matchMedia("(pointer: coarse)").matches;
-  #shown = "";
+  #looks = "";
 
   /** @param {HTMLElement} bar @param {Keyboard} keyboard @param {() => void} resized */
   constructor(bar, keyboard, resized) {
@@ -42,8 +42,8 @@ export class TouchKeys {
     const labels = screen.kind === "play" ? new Map(screen.legend.map(([cap, , action]) => [cap, action])) : new Map();
     labels.set(this.caps.escape, screen.kind === "text" && screen.title === this.texts.quit_title ? this.texts.touch_hold : this.texts.touch_leave);
     const looks = JSON.stringify([names, [...labels]]);
-    if (looks === this.#shown) return;
-    this.#shown = looks;
+    if (looks === this.#looks) return;
+    this.#looks = looks;
     const arrows = names.filter((name) => ARROWS.has(name)), others = names.filter((name) => !ARROWS.has(name));
     const played = others.filter((name) => name !== "escape");
     this.bar.dataset.columns = String(played.length > 4 ? 3 : played.length || 1);

@@ -50,7 +50,7 @@ export class Block {
 export function chooseModule(entry, name) {
   if (!entry) throw new Error(`there is no module ${name}`);
   const simd = WebAssembly.validate(SIMD_PROBE);
-  const file = entry.files.find((one) => one.simd && simd) ?? entry.files.find((one) => !one.simd);
+  const file = entry.files.find((candidate) => candidate.simd && simd) ?? entry.files.find((candidate) => !candidate.simd);
   if (!file) throw new Error(`there is no module ${name} for this browser`);
   return file;
 }
@@ -109,19 +109,19 @@ export class Kernels {
 
   /**
    * A function that calls a kernel with these arguments, in order, and one more number; what it gives is the first
-   * result. @param {string} name @param {(Block | number)[]} given
+   * result. @param {string} name @param {(Block | number)[]} args
    */
-  bind(name, ...given) {
-    const { arguments: wanted, results } = this.signatures[name] ?? { arguments: [], results: [] };
-    if (wanted.length !== given.length) throw new Error(`${name} takes ${wanted.length} arguments, not ${given.length}`);
+  bind(name, ...args) {
+    const { arguments: parameters, results } = this.signatures[name] ?? { arguments: [], results: [] };
+    if (parameters.length !== args.length) throw new Error(`${name} takes ${parameters.length} arguments, not ${args.length}`);
     /** @type {bigint[]} */ const words = [];
-    wanted.forEach((argument, at) => {
-      const one = given[at];
-      if (!(one instanceof Block)) return words.push(BigInt(/** @type {number} */ (one)));
-      if (one.kind !== argument.kind || one.shape.length !== argument.dimensions) {
-        throw new Error(`${name}: ${argument.name} is ${argument.kind} of ${argument.dimensions} dimensions`);
+    parameters.forEach((parameter, at) => {
+      const argument = args[at];
+      if (!(argument instanceof Block)) return words.push(BigInt(/** @type {number} */ (argument)));
+      if (argument.kind !== parameter.kind || argument.shape.length !== parameter.dimensions) {
+        throw new Error(`${name}: ${parameter.name} is ${parameter.kind} of ${parameter.dimensions} dimensions`);
       }
-      return words.push(BigInt(one.at), ...one.shape.map(BigInt));
+      return words.push(BigInt(argument.at), ...argument.shape.map(BigInt));
     });
     const table = this.array("int64", [words.length + results.length]);
     table.data.set(words);
@@ -148,7 +148,7 @@ export class GridWorld {
     this.words = kernels.array("uint64", [start.words.length]);
     this.image = kernels.array("uint8", [this.size, this.size, 3]);
     this.stepped = kernels.bind("step", this.row, this.words, this.image);
-    this.seen = kernels.bind("see", this.row, this.image);
+    this.see = kernels.bind("see", this.row, this.image);
     this.outcome = kernels.array("uint64", [2]);
     this.digested = kernels.bind("digest_step", this.row, this.image, this.outcome);
     /** @type {Map<string, Picture>} */ this.pictures = new Map();
@@ -166,7 +166,7 @@ export class GridWorld {
   /** Begin an episode in a world of the same size. @param {Start} start */
   begin(start) {
     this.restore(start);
-    this.seen.call();
+    this.see.call();
   }
 
   get playing() { return this.row.data[PHASE] === PLAYING; }
@@ -211,7 +211,7 @@ export class Picture {
     this.rgb = kernels.array("uint8", [this.height, this.width * 3]);
     this.flat = new Block(kernels.memory, "uint8", this.rgb.at, [this.rgb.length]);
     this.rgba = kernels.array("uint8", [this.width * this.height * 4]);
-    this.seen = kernels.bind("see", row, this.image);
+    this.see = kernels.bind("see", row, this.image);
     this.drawn = kernels.bind(
       "draw_cells", row, this.image, Number(full), Number(world.inView), kernels.array("int64", [columns, lines]),
       kernels.array("int64", [looks], atlas.number), kernels.array("int64", [4, looks], atlas.under),
@@ -226,7 +226,7 @@ export class Picture {
 
   /** @param {boolean} lit */
   draw(lit) {
-    if (lit || !this.full) this.seen.call();
+    if (lit || !this.full) this.see.call();
     else this.image.data.fill(0);
     this.drawn.call();
     return this;
@@ -332,11 +332,11 @@ export class Scene {
   static unpackTextures(kernels, tables, pixels) {
     kernels.free = kernels.base;
     const texels = kernels.array("uint32", [tables.limits[3]]), { free } = kernels;
-    const each = tables.table.length / (pixels.length || 1);
+    const rowLength = tables.table.length / (pixels.length || 1);
     pixels.forEach((rgb, number) => {
-      const sizes = tables.table.subarray(number * each, (number + 1) * each);
+      const sizes = tables.table.subarray(number * rowLength, (number + 1) * rowLength);
       const width = sizes[1] & 0xffff, height = sizes[1] >>> 16;
-      kernels.bind("fill_sizes", kernels.array("uint8", [height, width, 3], rgb), kernels.array("uint32", [each], sizes), texels)
+      kernels.bind("fill_sizes", kernels.array("uint8", [height, width, 3], rgb), kernels.array("uint32", [rowLength], sizes), texels)
         .call();
       kernels.free = free;
     });

@@ -61,20 +61,21 @@ def write_session(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
     digest = digest_episodes(episodes)
     study.mkdir(parents=True, exist_ok=True)
     with open_enrolment_log(study).hold() as register:
-        taken = [line for line in register.lines if isinstance(line, SlotTaken)]
-        _require_imported(taken, study)
-        before = next((line for line in taken if line.reason == _IMPORTED + digest), None)
-        index = len(taken) if before is None else before.index
-        plan = _plan_session(episodes, study.name, index)
+        taken_slots = [line for line in register.lines if isinstance(line, SlotTaken)]
+        _require_imported(taken_slots, study)
+        before = next((line for line in taken_slots if line.reason == _IMPORTED + digest), None)
         if before is None:
+            plan = _plan_session(episodes, study.name, len(taken_slots))
             register.append(_take_slot(plan, digest))
+        else:
+            plan = _plan_session(episodes, study.name, before.index)
     if SegmentPath.of_plan(study.parent, plan).log.exists():
         return None
     return _record(episodes, plan, study.parent, digest)
 
 
-def _require_imported(taken: Sequence[SlotTaken], study: Path) -> None:
-    for line in taken:
+def _require_imported(taken_slots: Sequence[SlotTaken], study: Path) -> None:
+    for line in taken_slots:
         if not line.reason.startswith(_IMPORTED):
             raise PageDataError(
                 f"{study} has {line.participant}, whose session was run here; import into a study's folder of its own"
@@ -82,13 +83,13 @@ def _require_imported(taken: Sequence[SlotTaken], study: Path) -> None:
 
 
 def _take_slot(plan: SessionPlan, digest: str) -> SlotTaken:
-    who = plan.participant
+    participant = plan.participant
     return SlotTaken(
         plan.allocation_sha256 or "",
-        who.index + 1,
-        who.index,
-        who.id,
-        who.group,
+        participant.index + 1,
+        participant.index,
+        participant.id,
+        participant.group,
         overridden=False,
         at=now_text(),
         reason=_IMPORTED + digest,
@@ -123,7 +124,7 @@ def _record(episodes: Sequence[PageEpisode], plan: SessionPlan, data: Path, dige
 
 
 class RecordedKeys(Window):
-    """A window in which a page's keys are pressed again, each so long after the first picture as the page says."""
+    """Presses a page's keys again, each as long after the first picture as the page says."""
 
     def __init__(self, session: SessionMachine, clock: VirtualClock, episodes: Sequence[PageEpisode]) -> None:
         self._session = session
@@ -155,11 +156,11 @@ class RecordedKeys(Window):
         return [KeyDown(self._clock(), "enter", "enter"), KeyUp(self._clock(), "enter", "enter")]
 
     def facts(self) -> dict[str, str]:
-        """What it is."""
+        """Return that a page is the window."""
         return {"window": "page"}
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing: there is nothing to give back."""
 
 
 def _list_inputs(episode: PageEpisode, shown_ns: int) -> Iterator[Input]:
@@ -202,7 +203,9 @@ def write_protocol(episodes: Sequence[PageEpisode], study: str, participants: in
 
 
 def _describe_condition(episode: PageEpisode) -> tuple[Any, ...]:
-    limit_ms = episode.time_limit_ms if episode.end == "time_limit" else 0.0
+    limit_ms = 0.0
+    if episode.end == "time_limit":
+        limit_ms = episode.time_limit_ms
     return episode.world, episode.options, episode.view, episode.key_map, limit_ms
 
 
@@ -231,7 +234,7 @@ def _describe_block(number: int, episodes: Sequence[PageEpisode]) -> dict[str, A
 
 
 def _list_session_keys(episodes: Sequence[PageEpisode]) -> dict[str, str]:
-    """List the actions by our names of keys, without keys that a session has for itself and nobody pressed."""
+    """List the actions by our names of keys, without reserved keys that were not pressed."""
     first = episodes[0]
     pressed = {key for episode in episodes for key in episode.keys}
     keys: dict[str, str] = {}
@@ -253,7 +256,7 @@ def _format_table(head: str, table: dict[str, Any]) -> list[str]:
 def _format_toml(value: Any) -> str:
     """Format a value as TOML: JSON's form, but for tables and the one character that JSON leaves bare."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{_format_toml(name)} = {_format_toml(each)}" for name, each in value.items()) + "}"
+        return "{" + ", ".join(f"{_format_toml(name)} = {_format_toml(field)}" for name, field in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_format_toml, value)) + "]"
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

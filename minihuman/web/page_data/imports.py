@@ -21,7 +21,7 @@ from minihuman.web.page_data.page_episodes import (
 
 @dataclass(frozen=True, slots=True)
 class ImportedFile:
-    """What became of one file of page data.
+    """The outcome of importing one file of page data.
 
     Attributes:
         file: the file.
@@ -39,7 +39,7 @@ class ImportedFile:
 
     @property
     def text(self) -> str:
-        """The same in a sentence."""
+        """Say in a sentence what became of the file."""
         if self.error is not None:
             return str(self.error)
         if self.log is None:

@@ -42,7 +42,7 @@ _PUNCTUATION = dict(zip("-=[]\\;'`,./ ", (*PUNCTUATION, "space"), strict=True))
 
 
 class PageDataError(MinihumanError, ValueError):
-    """Episodes that a page computed cannot be read, or are not what playing them again gives."""
+    """Episodes that a page computed cannot be read, or differ when they are played again."""
 
     exit_code = 1  # a check failed
 
@@ -76,17 +76,17 @@ class PageEpisode(msgspec.Struct, frozen=True):
 
     @property
     def step_digests(self) -> list[str]:
-        """The digest of each step."""
+        """Return the digest of each step."""
         return [self.digests[at : at + _DIGEST_LENGTH] for at in range(0, len(self.digests), _DIGEST_LENGTH)]
 
     @property
     def name(self) -> str:
-        """What an error calls it."""
+        """Return the name of the episode in errors."""
         return f"{self.world} seed {self.seed}"
 
     @property
     def physical_keys(self) -> dict[str, str]:
-        """Our name of each key of the map."""
+        """Return our name of each key of the map."""
         return {key: name_key(key) for key in self.key_map}
 
 
@@ -179,11 +179,11 @@ def _check_trial_order(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
             )
 
 
-def _convert(row: Mapping[str, Any], where: str) -> PageEpisode:
+def _convert(row: Mapping[str, Any], place: str) -> PageEpisode:
     try:
         return msgspec.convert(dict(row), PageEpisode, strict=True)
     except msgspec.ValidationError as error:
-        raise PageDataError(f"{where}: {error}") from error
+        raise PageDataError(f"{place}: {error}") from error
 
 
 def verify_episode(episode: PageEpisode) -> ActionsVerification:
@@ -246,12 +246,12 @@ def _list_wrong_options(options: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _list_wrong_numbers(episode: PageEpisode) -> Iterator[str]:
-    numbers = (*episode.rt_ms, *episode.rewards, *(held for held in episode.held_ms if held is not None))
+    numbers = (*episode.rt_ms, *episode.rewards, *(hold_ms for hold_ms in episode.held_ms if hold_ms is not None))
     if not all(map(math.isfinite, (*numbers, episode.reward, episode.playing_ms, episode.time_limit_ms))):
         yield "a number is not finite"
     if any(later < earlier for earlier, later in zip((0.0, *episode.rt_ms), episode.rt_ms, strict=False)):
         yield "rt_ms does not rise from key to key"
-    if any(held is not None and held < 0 for held in episode.held_ms):
+    if any(hold_ms is not None and hold_ms < 0 for hold_ms in episode.held_ms):
         yield "held_ms is below 0"
     if episode.started_unix_ms < 0 or episode.playing_ms < max(episode.rt_ms, default=0.0):
         yield "playing_ms is less than the last key's rt_ms, or the episode began before 1970"

@@ -68,7 +68,7 @@ CLOSE_OLD = 4002  # and after this it is loaded anew: it is of another release t
 
 
 def classify_connection_ending(connection: Connection) -> WebEnding:
-    """What the end of a session is to its participant: broken if its log is not whole, or its page sent too much."""
+    """Classify a session's end for its participant: broken if its log is not whole, or its page sent too much."""
     if connection.recording.is_broken or connection.is_over_budget:
         return "broken"
     session = connection.host.session
@@ -88,8 +88,6 @@ def build_session_over(connection: Connection, completion: Completion) -> messag
         unsaved = connection.count_unsaved()
         if unsaved:
             text = words["broken_in_part"].replace("{unsaved}", str(unsaved))
-        else:
-            text = text
         stop_code = find_stop_code(session.end_reason, session.end_detail)
         LOG.warning("a session stopped, code %s on its page: %s", stop_code, session.end_detail)
         code = code or stop_code
@@ -97,7 +95,7 @@ def build_session_over(connection: Connection, completion: Completion) -> messag
 
 
 class WebServer:
-    """A study, served.
+    """Serves a study to its participants' pages.
 
     Args:
         arrivals: the study, and who comes.
@@ -126,7 +124,7 @@ class WebServer:
         self._to_grow = asyncio.Event()
 
     def app(self) -> ASGIApp:
-        """The application."""
+        """Build the application."""
         routes = [
             *build_page_routes(),
             Route("/favicon.ico", _no_icon),
@@ -159,7 +157,7 @@ class WebServer:
         return Response("ok\n", media_type="text/plain")
 
     async def _metrics(self, request: Request) -> Response:
-        """What Prometheus reads; nothing that says who is there. Closed to all who come through a proxy."""
+        """Answer Prometheus, without anything that identifies participants; refuse requests through a proxy."""
         if not _may_read_metrics(request):
             return Response(status_code=404)
         gauges = {
@@ -186,13 +184,12 @@ class WebServer:
                 oldest = next(iter(self._silent))
                 del self._silent[oldest]
                 await oldest.close(CLOSE_BUSY)
-            hello, connection = await self._receive_hello(page, socket.client.host if socket.client else "")
-            if isinstance(connection, messages.Refusal) and connection.reason == "wait":
-                await page.close(CLOSE_BUSY)
-                return
+            address = ""
+            if socket.client is not None:
+                address = socket.client.host
+            hello, connection = await self._receive_hello(page, address)
             if isinstance(connection, messages.Refusal):
-                await page.send(encode_unnumbered(connection))
-                await page.close(CLOSE_OLD if connection.reason == "old" else REFUSED)
+                await _refuse(page, connection)
                 return
             await self._serve(page, connection, hello)
         except SocketClosedError:
@@ -296,7 +293,9 @@ class WebServer:
         await asyncio.to_thread(connection.finish)
         end = classify_connection_ending(connection)
         if not connection.agreed:
-            why = "declined" if end == "declined" else session.end_reason
+            why: str = session.end_reason
+            if end == "declined":
+                why = end
             self._factory.isolate(connection)
             await asyncio.to_thread(self._arrivals.decline, admission, why)
         elif session.end_reason in _VANISHED and connection.is_unproven:
@@ -386,12 +385,8 @@ class WebServer:
         while True:
             await asyncio.sleep(COPY_INTERVAL_S)
             now_s = monotonic_s()
-            due = now_s >= renewed_s + RENEWAL_INTERVAL_S
-            recorded = self._factory.recorded
-            connections = set(self.connections.values())
-            candidates = connections if due else connections & recorded
-            recorded.clear()
-            leased = [connection for connection in candidates if _has_lease(connection)]
+            is_due = now_s >= renewed_s + RENEWAL_INTERVAL_S
+            leased = self._take_leased(is_due=is_due)
             if not leased:
                 continue
             try:
@@ -402,22 +397,36 @@ class WebServer:
                 if not is_away:
                     LOG.warning("leases are not renewed, and nothing is acknowledged: %s", error)
                 is_away = True
-                recorded.update(leased)
+                self._factory.recorded.update(leased)
                 await asyncio.sleep(CHECK_INTERVAL_S)
                 continue
             is_away = False
-            renewed_s = now_s if due else renewed_s
+            if is_due:
+                renewed_s = now_s
             for connection in leased:
                 connection.changed.set()  # there is something to acknowledge
                 try:
-                    if connection.recording.is_finishing:
-                        lease = None
-                    else:
-                        lease = connection.lease
-                    if lease is not None and (lease.lost or lease.wanted):
-                        await self._give_up(connection, CLOSE_BUSY if lease.lost else ANOTHER)
+                    await self._give_up_if_wanted(connection)
                 except Exception:  # of one connection; the others go on
                     LOG.exception("a session could not be left to another server")
+
+    def _take_leased(self, *, is_due: bool) -> list[Connection]:
+        """Take the connections whose leases are renewed now: all where that is due, else those that recorded."""
+        connections = set(self.connections.values())
+        if not is_due:
+            connections &= self._factory.recorded
+        self._factory.recorded.clear()
+        return [connection for connection in connections if _has_lease(connection)]
+
+    async def _give_up_if_wanted(self, connection: Connection) -> None:
+        """Leave a session to another server that has its lease, or asks for it."""
+        lease = connection.lease
+        if lease is None or connection.recording.is_finishing:
+            return
+        if lease.lost:
+            await self._give_up(connection, CLOSE_BUSY)
+        elif lease.is_requested:
+            await self._give_up(connection, ANOTHER)
 
     async def _give_up(self, connection: Connection, code: int) -> None:
         """Leave a session to another server."""
@@ -455,6 +464,18 @@ class WebServer:
                 turn_s = monotonic_s()
         await connection.run(connection.send_prefetched)
         await asyncio.sleep(0)
+
+
+async def _refuse(page: PageSocket, refusal: messages.Refusal) -> None:
+    """Tell a page why it is refused, and close its socket; one that has to wait comes again by itself."""
+    if refusal.reason == "wait":
+        await page.close(CLOSE_BUSY)
+        return
+    await page.send(encode_unnumbered(refusal))
+    if refusal.reason == "old":
+        await page.close(CLOSE_OLD)
+    else:
+        await page.close(REFUSED)
 
 
 def _has_lease(connection: Connection) -> bool:

@@ -13,10 +13,11 @@ import sys
 import tempfile
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 from urllib.parse import parse_qsl, urlencode
@@ -66,29 +67,31 @@ class StudyEntry:
     problem: str = ""  # why its protocol cannot be read
 
     def sessions(self) -> list[SessionRow]:
-        """Its recorded sessions."""
+        """Read its recorded sessions."""
         if self.folder.is_dir():
             return list(read_session_index(self.folder))
         return []
 
     def due(self) -> tuple[DueSession, ...]:
-        """Who is expected for a further session, or for the rest of one."""
+        """List who is expected for a further session, or for the rest of one."""
         if self.folder.is_dir():
             return list_due_sessions(self.folder)
         return ()
 
     def running(self) -> set[str]:
-        """The participants whose sessions are being recorded now."""
-        parts = self.folder.rglob(f"*{PART_SUFFIX}") if self.folder.is_dir() else ()
+        """Find the participants whose sessions are being recorded now."""
+        if not self.folder.is_dir():
+            return set()
+        parts = self.folder.rglob(f"*{PART_SUFFIX}")
         return {part.name.partition("_")[0] for part in parts if is_being_recorded(part)}
 
     def counts(self) -> Mapping[str, int]:
-        """Its sessions by how far they are."""
+        """Count its sessions by how far they are."""
         running = self.running()
         return Counter(_state(row, running) for row in self.sessions())
 
     def command(self, action: str, form: Mapping[str, str]) -> list[str]:
-        """The words of the command that a button stands for.
+        """Return the words of the command that a button stands for.
 
         Raises:
             KeyError: if there is no such button.
@@ -98,7 +101,9 @@ class StudyEntry:
         data = f"--data={self.folder.parent}"
         reason = f"--reason={form.get('reason', '')}"
         code = form.get("participant", "")
-        window = "--windowed" if form.get("windowed") else "--fullscreen"
+        window = "--fullscreen"
+        if form.get("windowed"):
+            window = "--windowed"
         session = ["run", protocol, data, window, f"--participant={code}", f"--session={form.get('session', 1)}"]
         words = {
             "next": ["run", protocol, data, window, "--next-slot"],
@@ -119,18 +124,19 @@ class StudyEntry:
 
 
 def _state(row: SessionRow, running: set[str]) -> str:
-    if (found := row.summary) is None:
+    summary = row.summary
+    if summary is None:
         return "unreadable"
-    if found.complete or found.end_reason in FINAL_END_REASONS:
+    if summary.complete or summary.end_reason in FINAL_END_REASONS:
         return "ended"
-    if found.participant in running:
+    if summary.participant in running:
         return "running"
     return "unfinished"
 
 
 def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
     """Find the studies of a folder and its subfolders: files with a ``[study]`` table, then sessions without one."""
-    found = []
+    studies = []
     for path in sorted({*folder.glob("*.toml"), *folder.glob("*/*.toml")}):
         key = str(path.relative_to(folder))
         name = path.stem
@@ -143,18 +149,21 @@ def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
         except (OSError, ValueError) as error:
             problem = f"{path.name} cannot be read: {error}"
         if not isinstance(name, str) or not _NAME.fullmatch(name):
-            name, problem = path.stem, problem or f"study.name is {name!r}; use a-z, 0-9, - and _"
-        found.append(StudyEntry(key, name, data / name, path, problem))
-    known = {study.name for study in found}
-    others = sorted(path.parent for path in data.glob(f"*/{ENROLMENT_FILE_NAME}") if path.parent.name not in known)
-    return found + [StudyEntry(f"{path.name}/", path.name, path) for path in others]
+            problem = problem or f"study.name is {name!r}; use a-z, 0-9, - and _"
+            name = path.stem
+        studies.append(StudyEntry(key, name, data / name, path, problem))
+    known = {study.name for study in studies}
+    folders = sorted(path.parent for path in data.glob(f"*/{ENROLMENT_FILE_NAME}") if path.parent.name not in known)
+    return studies + [StudyEntry(f"{path.name}/", path.name, path) for path in folders]
 
 
 class CommandProcess:
     """A command of minihuman as a process, which outlives this one if it records a session."""
 
     def __init__(self, words: list[str], study: StudyEntry | None, output: Path) -> None:
-        self.words, self.study, self.started_at = words, study, datetime.now()
+        self.words = words
+        self.study = study
+        self.started_at = datetime.now()
         self._output = output
         with output.open("ab") as file:
             self._process = subprocess.Popen(
@@ -168,28 +177,28 @@ class CommandProcess:
 
     @property
     def line(self) -> str:
-        """As one would type it."""
+        """Return the command as it would be typed."""
         return shlex.join(["minihuman", *self.words])
 
     @property
     def verdict(self) -> str:
-        """How it went, in a word."""
+        """Return how it went, in a word."""
         return _VERDICTS.get(self._process.poll(), "ended")
 
     def output(self) -> str:
-        """The end of what it printed."""
+        """Return the end of what it printed."""
         with self._output.open("rb") as file:
             file.seek(max(0, self._output.stat().st_size - _SHOWN_BYTES))
             return file.read().decode(errors="replace")
 
     def links(self) -> list[str]:
-        """The addresses that it printed."""
+        """Return the addresses that it printed."""
         if self.words[0] in ("watch", "serve"):
             return _LINK.findall(self.output())
         return []
 
     def last_line(self) -> str:
-        """What it printed last."""
+        """Return the line that it printed last."""
         return next(reversed(self.output().split("\n")[:-1]), "")
 
     def stop(self) -> None:
@@ -225,7 +234,7 @@ class StartPage:
 
     @property
     def path(self) -> str:
-        """The secret part of its address."""
+        """Return the secret part of its address."""
         return f"/{self._token}/"
 
     @property
@@ -233,7 +242,7 @@ class StartPage:
         return f"/{self._report_token}"
 
     def app(self) -> Starlette:
-        """The application: it answers below its path, to this machine's name only."""
+        """Build the application, which answers below its path, to this machine's name only."""
         pages = Router(
             [
                 Route("/", self._home),
@@ -270,14 +279,18 @@ class StartPage:
             studies=[(study, *self._attempt(study.counts)) for study in find_studies(self._folder, self._data)],
             folder=self._folder.resolve().name,
             doctor=self._latest(None, "doctor"),
-            processes=[(number, one) for number, one in enumerate(self._processes) if one.verdict == "running"],
+            processes=[
+                (number, process) for number, process in enumerate(self._processes) if process.verdict == "running"
+            ],
         )
 
     def _study(self, request: Request) -> Response:
         study = self._find(request.query_params.get("key", ""))
         sessions, problem = self._attempt(study.sessions)
         due, undecided = self._attempt(study.due)
-        problems, _ = self._attempt(lambda: list_problems(study.folder) if sessions else ())
+        problems: Sequence[str] | None = ()
+        if sessions:
+            problems, _ = self._attempt(partial(list_problems, study.folder))
         report = self._data.parent / REPORTS_FOLDER / study.name / "report.html"
         return self._page(
             "study",
@@ -285,10 +298,10 @@ class StartPage:
             sessions=sessions or (),
             due=due or (),
             running=study.running(),
-            problems=[one for one in (study.problem, problem, undecided, *(problems or ())) if one],
+            problems=[text for text in (study.problem, problem, undecided, *(problems or ())) if text],
             latest={command: self._latest(study, command) for command in ("check", "doctor", "verify", "report")},
             report=report.is_file(),
-            processes=[(number, one) for number, one in enumerate(self._processes) if one.study == study],
+            processes=[(number, process) for number, process in enumerate(self._processes) if process.study == study],
         )
 
     def _process(self, request: Request) -> Response:
@@ -298,15 +311,14 @@ class StartPage:
     async def _start(self, request: Request) -> Response:
         _require_own_form(request)
         form = dict(parse_qsl((await request.body()).decode(errors="replace")))
-        study = self._find(form["study"]) if form.get("study") else None
-        try:
-            words = ["doctor", "--windowed", f"--data={self._data}"]
-            if study is None:
-                words = words
-            else:
+        study = None
+        words = ["doctor", "--windowed", f"--data={self._data}"]
+        if form.get("study"):
+            study = self._find(form["study"])
+            try:
                 words = study.command(form.get("action", ""), form)
-        except KeyError:
-            raise HTTPException(400, "there is no such button") from None
+            except KeyError:
+                raise HTTPException(400, "there is no such button") from None
         number = len(self._processes)
         self._processes.append(CommandProcess(words, study, self._temporary / f"{number}.txt"))
         return RedirectResponse(f"{self.path}process/{number}", 303)
@@ -332,14 +344,16 @@ class StartPage:
 
     @staticmethod
     def _attempt(read: Callable[[], T]) -> tuple[T | None, str]:
-        """What can be read, or None and why it cannot."""
+        """Read something; return it, or None and why it cannot be read."""
         try:
             return read(), ""
         except (MinihumanError, OSError) as error:
             return None, str(error)
 
     def _latest(self, study: StudyEntry | None, command: str) -> CommandProcess | None:
-        mine = (one for one in reversed(self._processes) if one.study == study and one.words[0] == command)
+        mine = (
+            process for process in reversed(self._processes) if process.study == study and process.words[0] == command
+        )
         return next(mine, None)
 
     def _find(self, key: str) -> StudyEntry:
@@ -380,10 +394,10 @@ def run_desk(folder: Path, data: Path, *, port: int, say: Callable[[str], None])
     with (
         tempfile.TemporaryDirectory(prefix="minihuman-", ignore_cleanup_errors=True) as temporary,
         closing(StartPage(folder, data, Path(temporary))) as desk,
-        closing(open_listening_socket(port)) as taken,
+        closing(open_listening_socket(port)) as listening_socket,
         suppress(KeyboardInterrupt),
     ):
-        say(f"http://{HOST}:{taken.getsockname()[1]}{desk.path}")
+        say(f"http://{HOST}:{listening_socket.getsockname()[1]}{desk.path}")
         config = uvicorn.Config(
             desk.app(),
             access_log=False,
@@ -391,4 +405,4 @@ def run_desk(folder: Path, data: Path, *, port: int, say: Callable[[str], None])
             log_level="warning",
             timeout_graceful_shutdown=2,
         )
-        uvicorn.Server(config).run(sockets=[taken])
+        uvicorn.Server(config).run(sockets=[listening_socket])

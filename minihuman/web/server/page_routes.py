@@ -19,7 +19,7 @@ _METHODS = ("GET", "HEAD", "POST")
 
 
 class HeaderMiddleware:
-    """An application whose every answer has the headers that keep its pages to themselves.
+    """Adds the headers of `http_security` to every answer of an application.
 
     Args:
         app: the application.
@@ -68,7 +68,7 @@ _TYPES = {
 
 
 def build_page_routes() -> list[Route]:
-    """The page at the root, and what it loads below `/static`."""
+    """Build the routes of the page at the root, and of what it loads below `/static`."""
     files = [path for path in sorted(PAGE_FOLDER.rglob("*")) if path.suffix in _TYPES]
     addresses = {path: f"/static/{path.relative_to(PAGE_FOLDER).as_posix()}" for path in files}
     of_page = [_route("/" if path.name == "page.html" else addresses[path], path) for path in files]

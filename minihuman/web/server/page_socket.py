@@ -39,7 +39,7 @@ class PageSocket:
             raise SocketClosedError from error
 
     async def receive(self) -> str:
-        """The next message.
+        """Receive the next message.
 
         Raises:
             MessageError: it is bytes, which no page sends.

@@ -46,7 +46,9 @@ def require_browser_support(protocol: Protocol) -> None:
     """
     blocks = protocol.blocks
     activities = protocol.activities
-    for name, kind in [(block.name, block.kind) for block in blocks] + [(one.name, one.kind) for one in activities]:
+    for name, kind in [(block.name, block.kind) for block in blocks] + [
+        (activity.name, activity.kind) for activity in activities
+    ]:
         if not find_kind(kind).browser:
             raise ProtocolError(
                 f"part {name!r} is of kind {kind!r}, which cannot be shown in a browser; use `minihuman run`"
@@ -59,17 +61,17 @@ def open_listening_socket(port: int, host: str = HOST) -> socket.socket:
     Raises:
         ServeError: if it is taken.
     """
-    taken = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    claim_address(taken)
+    listening_socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    claim_address(listening_socket)
     try:
-        taken.bind((host, port))
+        listening_socket.bind((host, port))
     except OSError as error:
-        taken.close()
+        listening_socket.close()
         raise ServeError(
             f"port {port} of {host} is not available ({error.strerror}); choose another with --port"
         ) from error
-    taken.listen(_WAITING)  # early connections wait until the server is ready
-    return taken
+    listening_socket.listen(_WAITING)  # early connections wait until the server is ready
+    return listening_socket
 
 
 def _require_handles(max_sessions: int) -> None:
@@ -86,7 +88,7 @@ def _require_handles(max_sessions: int) -> None:
 def run_server(
     protocol: Protocol,
     data: Path,
-    taken: socket.socket,
+    listening_socket: socket.socket,
     *,
     links: int,
     say: Callable[[str], None],
@@ -108,18 +110,18 @@ def run_server(
     except RemoteStoreError as error:  # people can take part all the same; `gather` asks again
         say(str(error))
     table = open_lease_table(data / protocol.study.name)
-    arrival_key = read_arrival_key() if protocol.web.require_signed_arrival else b""
-    arrivals = Arrivals(protocol, data, None if table is None else SessionLeases(table), arrival_key=arrival_key)
+    arrival_key = b""
+    if protocol.web.require_signed_arrival:
+        arrival_key = read_arrival_key()
+    leases = None
+    if table is not None:
+        leases = SessionLeases(table)
+    arrivals = Arrivals(protocol, data, leases, arrival_key=arrival_key)
     if address:
         address = f"{address.rstrip('/')}/"
     else:
-        address = f"http://{HOST}:{taken.getsockname()[1]}/"
-    for token in arrivals.recruits.issue(links):
-        say(build_link(address, token))
-    if not links:
-        say(address)
-    for platform in protocol.web.recruitment_platforms:
-        say(f"for {platform}: {build_platform_link(platform, address)}")
+        address = f"http://{HOST}:{listening_socket.getsockname()[1]}/"
+    _say_links(arrivals, links, address, say)
     server = WebServer(arrivals, data, worlds=worlds)
     config = uvicorn.Config(
         server.app(),
@@ -133,7 +135,17 @@ def run_server(
         timeout_graceful_shutdown=2,
     )
     with suppress(KeyboardInterrupt):  # uvicorn has shut down, and raises the signal again
-        uvicorn.Server(config).run(sockets=[taken])
+        uvicorn.Server(config).run(sockets=[listening_socket])
+
+
+def _say_links(arrivals: Arrivals, count: int, address: str, say: Callable[[str], None]) -> None:
+    """Issue links and say them, or the address where there are none, and each platform's link."""
+    for token in arrivals.recruits.issue(count):
+        say(build_link(address, token))
+    if not count:
+        say(address)
+    for platform in arrivals.protocol.web.recruitment_platforms:
+        say(f"for {platform}: {build_platform_link(platform, address)}")
 
 
 _PATIENCE_S = 30.0  # so long a worker may take to bring its logs to the disk
@@ -150,7 +162,7 @@ def list_process_commands(
     host: str = HOST,
     options: Sequence[str] = (),
 ) -> Iterator[tuple[str, ...]]:
-    """The words of each process beside the first worker; each worker has a port of its own, one after the other.
+    """Yield the words of each process beside the first worker; each worker has a port of its own, consecutively.
 
     ``options`` are other options of each worker.
     """
@@ -177,7 +189,7 @@ def list_process_commands(
 
 
 def list_limit_options(limits: WorldLimits) -> tuple[str, ...]:
-    """The options of `minihuman serve` that set the limits of worlds in processes of their own."""
+    """Return the options of `minihuman serve` that set the limits of worlds in processes of their own."""
     times = ("--world-step-timeout", f"{limits.step_s:g}", "--world-start-timeout", f"{limits.construction_s:g}")
     return (*times, "--world-memory", str(limits.memory_mib))
 
@@ -189,12 +201,12 @@ def keep_processes_running(commands: Iterable[Sequence[str]]) -> Iterator[None]:
     They end with this process, SIGTERM included.
     """
     exit_when_terminated()
-    kept = [_KeptProcess(words) for words in commands]
+    processes = [_KeptProcess(words) for words in commands]
     try:
         yield
     finally:
-        for one in kept:
-            one.stop()
+        for process in processes:
+            process.stop()
 
 
 class _KeptProcess:

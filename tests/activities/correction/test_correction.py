@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from minihuman.activities.clip_requests import EpisodeRequest
 from minihuman.activities.correction.events import (
     CorrectionBegun,
     CorrectionEnded,
@@ -10,10 +11,10 @@ from minihuman.activities.correction.events import (
     CorrectionStepped,
     NothingToCorrect,
 )
-from minihuman.activities.correction.requests import EpisodeRequest
 from minihuman.activities.correction.screens import FilmScreen
 from minihuman.activities.episode_clips import ClipOffered, EpisodeClip
-from minihuman.experiment.machine.events import PartEnded, SessionEnded, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import PartEnded, SessionEnded
 from minihuman.experiment.machine.inputs import FocusChanged
 from minihuman.experiment.machine.screens import PlayScreen
 from minihuman.experiment.machine.transitions import Phase

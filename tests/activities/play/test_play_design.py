@@ -2,6 +2,7 @@
 
 import pytest
 
+from minihuman.experiment.machine.event_rules import find_violations
 from minihuman.experiment.machine.events import (
     EpisodeEnded,
     EpisodesSkipped,
@@ -9,7 +10,6 @@ from minihuman.experiment.machine.events import (
     Scored,
     SessionEnded,
     Stepped,
-    find_violations,
 )
 from minihuman.experiment.machine.inputs import KeyDown, ScreenShown
 from minihuman.experiment.machine.screens import BlankScreen

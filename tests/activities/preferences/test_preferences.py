@@ -2,10 +2,11 @@
 
 import pytest
 
+from minihuman.activities.clip_requests import ClipRequest
 from minihuman.activities.episode_clips import ClipOffered, EpisodeClip
 from minihuman.activities.preferences.events import PairSeen, Preferred, StretchShown
-from minihuman.activities.preferences.requests import ClipRequest
-from minihuman.experiment.machine.events import PartEnded, SessionEnded, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import PartEnded, SessionEnded
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.replay import compare_replay
 from minihuman.worlds.adapters.world import World

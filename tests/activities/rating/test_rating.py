@@ -2,7 +2,8 @@
 
 from minihuman.activities.agent_blocks.requests import NewPolicy
 from minihuman.activities.rating.events import Rated
-from minihuman.experiment.machine.events import EpisodeEnded, FrameShown, Stepped, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import EpisodeEnded, FrameShown, Stepped
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.replay import compare_replay

@@ -7,7 +7,8 @@ import pytest
 from minihuman.activities.agent_blocks.activity import AGENT_RULES
 from minihuman.activities.agent_blocks.events import Advised, ControlChanged, LearnerAsked, PolicyGiven
 from minihuman.activities.agent_blocks.requests import Advice, AdviceRequest, NewPolicy, PolicyRequest
-from minihuman.experiment.machine.events import EpisodeStarted, KeyPressed, Stepped, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import EpisodeStarted, KeyPressed, Stepped
 from minihuman.experiment.machine.inputs import FocusChanged
 from minihuman.experiment.machine.screens import PlayScreen
 from minihuman.experiment.machine.transitions import Phase

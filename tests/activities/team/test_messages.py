@@ -1,12 +1,11 @@
 """What people of a team write and mark: who sees it, which log holds it, and what is left when its author withdraws."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
 from minihuman.activities.team.message_events import MessageShown
 from minihuman.activities.team.messages import MESSAGE_LETTERS
@@ -14,6 +13,7 @@ from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.withdrawal import withdraw_participant
 from minihuman.api import export
+from minihuman.cli.command_line import make_command_line
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import TextInput
@@ -51,7 +51,7 @@ def write(seat: Seat, text: str, *, sends: bool = True) -> None:
 
 
 def lines(seat: Seat) -> list[tuple[str, str]]:
-    return seat.machine.screen.messages["lines"]
+    return seat.machine.screen.page_fields["messages"]["lines"]
 
 
 def end(*seats: Seat) -> None:
@@ -144,11 +144,11 @@ def test_a_message_has_a_bound_and_a_second_one_waits_in_its_line(tmp_path: Path
     write(one, "x" * 3 * MESSAGE_LETTERS)
     write(one, "again")
     assert [event.text for event in one.of(MessageShown)] == ["x" * MESSAGE_LETTERS]
-    assert one.machine.screen.messages["entry"].text == "again"
+    assert one.machine.screen.page_fields["messages"]["entry"].text == "again"
     one.wait(2000)
     one.press("enter")
     assert one.of(MessageShown)[-1].text == "again"
-    assert one.machine.screen.messages["entry"] is None
+    assert one.machine.screen.page_fields["messages"]["entry"] is None
     write(one, "   ")
     assert len(one.of(MessageShown)) == 2
     assert list(compare_replay(one.events, World)) == []
@@ -184,15 +184,15 @@ def test_a_mark_is_on_the_cell_in_front_on_both_screens_for_two_seconds(tmp_path
     pose = one.machine.play.world.pose()
     [cell] = {event.cell for seat in (one, two) for event in seat.of(MessageShown)}
     assert abs(cell[0] - pose.x) + abs(cell[1] - pose.z) == 1
-    assert one.machine.screen.messages["cells"] == [(*cell, True)]
-    assert two.machine.screen.messages["cells"] == [(*cell, False)]
-    assert two.machine.screen.messages["bounds"] == two.machine.play.world.map().bounds
+    assert one.machine.screen.page_fields["messages"]["cells"] == [(*cell, True)]
+    assert two.machine.screen.page_fields["messages"]["cells"] == [(*cell, False)]
+    assert two.machine.screen.page_fields["messages"]["bounds"] == two.machine.play.world.map().bounds
     for seat in (one, two):
         assert seat.machine.next_tick_ns <= seat.of(MessageShown)[0].t_ns + 2_000_000_000
         seat.wait(1990)
-        assert len(seat.machine.screen.messages["cells"]) == 1
+        assert len(seat.machine.screen.page_fields["messages"]["cells"]) == 1
         seat.wait(20)
-        assert seat.machine.screen.messages["cells"] == []
+        assert seat.machine.screen.page_fields["messages"]["cells"] == []
     end(one, two)
     assert proven(one, two)
     assert [good for _, good in verify_teams(tmp_path / "duet")] == [True]
@@ -226,9 +226,9 @@ def test_no_export_holds_what_was_written(tmp_path: Path) -> None:
         write(seat, SECRET)
     end(*seats)
     for kind in ("csv", "parquet", "pettingzoo", "bids"):
-        command = [sys.executable, "-m", "minihuman", "export", kind, str(tmp_path / "duet"), str(tmp_path / kind)]
-        made = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert made.returncode == 0, made.stderr
+        words = ["export", kind, str(tmp_path / "duet"), str(tmp_path / kind)]
+        exported = CliRunner().invoke(make_command_line(), words)
+        assert exported.exit_code == 0, exported.output
         files = [path for path in (tmp_path / kind).rglob("*") if path.is_file()]
         assert files
         assert not [path for path in files if SECRET.encode() in path.read_bytes()]
@@ -274,7 +274,7 @@ def test_without_either_nothing_is_written_or_shown(tmp_path: Path) -> None:
     one.press("m", "f2")
     two.wait(1)
     assert one.of(MessageShown) == []
-    assert one.machine.screen.messages is None
+    assert one.machine.screen.page_fields == {}
 
 
 def test_messages_of_a_page_that_moves_its_clock_reach_the_partner_at_the_servers_interval(tmp_path: Path) -> None:

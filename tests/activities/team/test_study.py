@@ -20,7 +20,7 @@ from minihuman.replay.frames import render_frames, render_partner_frames
 from minihuman.reporting.results import compute_results
 from minihuman.runtime.simulated_session import simulate
 from minihuman.runtime.team_seating import require_one_process
-from minihuman.statistics.comparison import find_units
+from minihuman.statistics.units import find_units
 from tests.activities.team.study import PEOPLE, WITH_AGENT, team_study
 from tests.worlds.teams.overcooked import dynamics, needs_overcooked
 

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
+import scipy
 
 from minihuman.activities.trials.trial_measures import find_quantiles, mark_trimmed, measure_conditions
 from minihuman.dataset.tables import select
@@ -30,8 +30,8 @@ def test_detection_is_that_of_stanislaw_and_todorov():
 def test_detection_has_the_log_linear_correction_for_everybody(counts):
     hits, misses, false_alarms, correct_rejections = counts
     # Hautus (1995): (x + 0.5) / (n + 1)
-    z_hit = stats.norm.ppf((hits + 0.5) / (hits + misses + 1))
-    z_false_alarm = stats.norm.ppf((false_alarms + 0.5) / (false_alarms + correct_rejections + 1))
+    z_hit = scipy.stats.norm.ppf((hits + 0.5) / (hits + misses + 1))
+    z_false_alarm = scipy.stats.norm.ppf((false_alarms + 0.5) / (false_alarms + correct_rejections + 1))
     measured = measure_detection(*counts)
     assert measured.d_prime == pytest.approx(z_hit - z_false_alarm, rel=1e-9)
     assert measured.criterion == pytest.approx(-(z_hit + z_false_alarm) / 2, rel=1e-9, abs=1e-12)
@@ -70,7 +70,7 @@ def test_accuracy_times_and_detection_are_those_counted_by_hand():
     assert overall["omissions"] == pytest.approx(1 / 6)
     assert overall["hit_rate"] == pytest.approx(5 / 6)
     assert overall["false_alarm_rate"] == pytest.approx(1 / 3)
-    assert overall["d_prime"] == pytest.approx(stats.norm.ppf(5.5 / 7) - stats.norm.ppf(1.5 / 4))
+    assert overall["d_prime"] == pytest.approx(scipy.stats.norm.ppf(5.5 / 7) - scipy.stats.norm.ppf(1.5 / 4))
     times = measured["response_mean_ms"]
     assert times[("congruent", "no")] - times[("congruent", "yes")] == 520.0 - 410.0
 
@@ -78,7 +78,7 @@ def test_accuracy_times_and_detection_are_those_counted_by_hand():
 def test_times_further_than_three_scaled_deviations_from_the_median_are_trimmed():
     times = [480.0, 490.0, 500.0, 510.0, 520.0, 900.0]
     trials = make_trials([("go", "go", time, "") for time in times])
-    deviation = stats.median_abs_deviation(times, scale="normal")
+    deviation = scipy.stats.median_abs_deviation(times, scale="normal")
     expected = [bool(abs(time - np.median(times)) <= 3 * deviation) for time in times]
     assert mark_trimmed(trials).tolist() == expected == [True] * 5 + [False]
 

@@ -25,7 +25,7 @@ from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.replay import compare_replay
-from minihuman.exporters.flat_observations import env_spec
+from minihuman.exporters.environment_specs import build_environment_spec
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.session_loop import run_session
@@ -301,6 +301,6 @@ def test_an_image_is_in_a_log_once_and_in_what_is_exported_whole(tmp_path):
     assert path.stat().st_size < 4 * len(picture.getvalue())
     assert [good for _, good in verify_session(path)] == [True]
     log = read_log(path)
-    spec = env_spec(IncludedEpisode(log, log.episodes[-1]))
+    spec = build_environment_spec(IncludedEpisode(log, log.episodes[-1]))
     assert spec is not None
     assert base64.urlsafe_b64decode(spec.kwargs["image"]) == picture.getvalue()

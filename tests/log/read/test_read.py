@@ -91,9 +91,9 @@ def test_a_live_file_reads_up_to_now(tmp_path: Path) -> None:
     recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
     recorder.write(EVENTS[:30])
     recorder.drain()
-    session = read_log(recorder.where.part)
+    session = read_log(recorder.segment_path.part)
     assert (session.clean, session.end_reason, session.episodes[0].outcome) == (False, "cut_off", None)
-    assert list(read_events(recorder.where.part)) == EVENTS[:30]
+    assert list(read_events(recorder.segment_path.part)) == EVENTS[:30]
     recorder.close()
 
 

@@ -86,6 +86,6 @@ def test_a_log_that_does_not_say_where_the_monotonic_clock_stood_still_reads(tmp
     recorder = McapRecorder(tmp_path, session_plan(), started_ns=STARTED_NS)
     recorder.write([SessionStarted(0, session_plan(), {"player": "human"})])
     recorder.drain()
-    (segment,) = read_log(recorder.where.part).segments
+    (segment,) = read_log(recorder.segment_path.part).segments
     assert (segment.started_monotonic_ns, segment.monotonic_clock) == (None, "")
     recorder.close()

@@ -43,9 +43,9 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
     for event in EVENTS:
         recorder.write([event])
         recorder.drain()
-        steps_at[recorder.where.part.stat().st_size] = recorder.durable_steps
-    copy = recorder.where.part.with_name("copy.mcap.part")
-    shutil.copy(recorder.where.part, copy)
+        steps_at[recorder.segment_path.part.stat().st_size] = recorder.durable_steps
+    copy = recorder.segment_path.part.with_name("copy.mcap.part")
+    shutil.copy(recorder.segment_path.part, copy)
     recorder.close()
     return Live(copy, steps_at)
 
@@ -176,7 +176,7 @@ def test_a_live_file_torn_in_its_first_write_has_all_that_belongs_to_its_plan_or
     recorder = McapRecorder(tmp_path / "whole", plan, started_ns=STARTED_NS)
     recorder.write(session_events(plan, steps=1)[:1])
     recorder.leave()
-    whole = recorder.where.part.read_bytes()
+    whole = recorder.segment_path.part.read_bytes()
     part = SegmentPath.of_plan(tmp_path / "torn", plan).part
     part.parent.mkdir(parents=True)
     resumed = 0

@@ -40,14 +40,14 @@ def _left_over(data: Path, plan: SessionPlan, events: list[Event], *, started_ns
     recorder.write(events)
     recorder.drain()
     copy = data / "copy"
-    shutil.copy(recorder.where.part, copy)
-    log_before = recorder.where.log.read_bytes() if recorder.where.log.exists() else None
+    shutil.copy(recorder.segment_path.part, copy)
+    log_before = recorder.segment_path.log.read_bytes() if recorder.segment_path.log.exists() else None
     recorder.close()
-    recorder.where.log.unlink()
+    recorder.segment_path.log.unlink()
     if log_before is not None:
-        recorder.where.log.write_bytes(log_before)
-    copy.rename(recorder.where.part)
-    return recorder.where.part
+        recorder.segment_path.log.write_bytes(log_before)
+    copy.rename(recorder.segment_path.part)
+    return recorder.segment_path.part
 
 
 def test_a_resumed_session_ends_as_one_log_with_both_segments(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_while_a_second_segment_is_live_the_first_stays_readable(tmp_path: Path)
     recorder = McapRecorder(tmp_path, SECOND, started_ns=STARTED_NS + HOUR_NS)
     recorder.write(second[:20])
     recorder.drain()
-    assert recorder.where.part.name == "sub-07_ses-01_seg-02.mcap.part"
+    assert recorder.segment_path.part.name == "sub-07_ses-01_seg-02.mcap.part"
     assert list(read_events(log)) == first
     both = read_log(log.parent)
     assert [facts["segment"] for facts in both.metadata["segments"]] == ["1", "2"]
@@ -235,7 +235,7 @@ def test_a_recorder_whose_log_was_not_published_can_be_closed_again(tmp_path: Pa
         with pytest.raises(NotPublishedError):
             recorder.close()
     assert find_leftovers(tmp_path) == [], "it is still locked"
-    assert recorder.where.part.exists()
+    assert recorder.segment_path.part.exists()
     recorder.publish = lambda _: None
     log = recorder.close()
     assert log is not None
@@ -254,5 +254,5 @@ def test_a_recorder_whose_log_was_not_published_can_leave_it(tmp_path: Path) -> 
     with pytest.raises(NotPublishedError):
         recorder.close()
     recorder.leave()
-    assert find_leftovers(tmp_path) == [recorder.where.part]
-    assert list(read_events(recover_log(recorder.where.part).path)) == _first_events()
+    assert find_leftovers(tmp_path) == [recorder.segment_path.part]
+    assert list(read_events(recover_log(recorder.segment_path.part).path)) == _first_events()

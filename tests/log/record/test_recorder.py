@@ -68,7 +68,7 @@ def test_gathered_writes_make_the_same_log(tmp_path: Path) -> None:
 def test_the_log_lies_where_the_design_says(tmp_path: Path) -> None:
     recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
     log = tmp_path / "fourrooms" / "sub-07" / "ses-01" / "sub-07_ses-01.mcap"
-    assert recorder.where.part == log.with_name("sub-07_ses-01.mcap.part")
+    assert recorder.segment_path.part == log.with_name("sub-07_ses-01.mcap.part")
     recorder.write(EVENTS)
     assert recorder.close() == log
     assert [path.name for path in log.parent.iterdir()] == [log.name]
@@ -132,7 +132,7 @@ def test_a_live_session_is_neither_recorded_over_nor_recovered(tmp_path: Path) -
     with pytest.raises(LogError, match=r"already exists: the session is running elsewhere or was cut off"):
         McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
     with pytest.raises(LogError, match="still being written by a running session"):
-        recover_log(recorder.where.part)
+        recover_log(recorder.segment_path.part)
     recorder.write(EVENTS[20:])
     log = recorder.close()
     assert log is not None

@@ -80,19 +80,19 @@ def test_what_was_begun_is_written_once_it_is_settled_and_only_then_waited_for(t
     for event in EVENTS[20:24]:
         recorder.begin([event])  # a disk that takes nothing holds up nobody here
     assert stalls.wait(timeout=PATIENCE_S)
-    assert (len(list(read_events(recorder.where.part))), recorder.late_writes) == (20, 0)
+    assert (len(list(read_events(recorder.segment_path.part))), recorder.late_writes) == (20, 0)
     recorder.settle()  # the picture waits for as long as the bound
     recorder.settle()  # and nothing is waited for twice
     assert recorder.late_writes == 1
     recorder.begin(EVENTS[24:25])
     recorder.settle()  # another picture does not wait for the same disk
-    assert (len(list(read_events(recorder.where.part))), recorder.late_writes) == (20, 2)
+    assert (len(list(read_events(recorder.segment_path.part))), recorder.late_writes) == (20, 2)
     disk.set()
     recorder.drain()
     for number, event in enumerate(EVENTS[25:], 26):
         recorder.begin([event])
         recorder.settle()
-        assert len(list(read_events(recorder.where.part))) == number
+        assert len(list(read_events(recorder.segment_path.part))) == number
     assert recorder.late_writes == 2
     recorder.close()
 
@@ -115,7 +115,7 @@ def test_what_was_written_outlives_the_process_before_the_disk_has_it(tmp_path: 
     )
     for number, event in enumerate(EVENTS, 1):
         recorder.write([event])
-        assert len(list(read_events(recorder.where.part))) == number
+        assert len(list(read_events(recorder.segment_path.part))) == number
     assert (recorder.durable_steps, recorder.late_writes) == (0, 0)
     disk.set()
     recorder.close()
@@ -166,17 +166,17 @@ def test_a_live_file_that_is_taken_away_is_put_back(
     recorder.write(EVENTS[:20])
     recorder.drain()
     if taken == "removed":
-        recorder.where.part.unlink()
+        recorder.segment_path.part.unlink()
     elif taken == "moved":
-        recorder.where.part.rename(tmp_path / "elsewhere")
+        recorder.segment_path.part.rename(tmp_path / "elsewhere")
     else:
         shutil.rmtree(tmp_path / "data")
     recorder.write(EVENTS[20:21])
     recorder.drain()
-    assert list(read_events(recorder.where.part)) == EVENTS[:21], "noticed at the next flush"
-    assert f"{recorder.where.part} was taken away while it was being written; it is back" in caplog.text
+    assert list(read_events(recorder.segment_path.part)) == EVENTS[:21], "noticed at the next flush"
+    assert f"{recorder.segment_path.part} was taken away while it was being written; it is back" in caplog.text
     with pytest.raises(LogError, match="still being written by a running session"):
-        recover_log(recorder.where.part)
+        recover_log(recorder.segment_path.part)
     recorder.write(EVENTS[21:])
     log = recorder.close()
     assert log is not None
@@ -190,18 +190,18 @@ def test_a_live_file_that_was_changed_ends_as_a_failed_check_that_names_what_was
     recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
     recorder.write(EVENTS[:20])
     recorder.drain()
-    found = bytearray(recorder.where.part.read_bytes())
+    found = bytearray(recorder.segment_path.part.read_bytes())
     if harm == "a bit":
         found[-40] ^= 1
-        recorder.where.part.write_bytes(found)
+        recorder.segment_path.part.write_bytes(found)
     else:
-        os.truncate(recorder.where.part, len(found) - 500)
+        os.truncate(recorder.segment_path.part, len(found) - 500)
     recorder.write(EVENTS[20:])
     with pytest.raises(DataLossError, match=rf"kept \d+ of {STEPS} steps, .*an unchanged copy is .*as-found-1") as loss:
         recorder.close()
     assert loss.value.exit_code == 1
-    assert (recorder.where.part.with_name(f"{recorder.where.part.name}.as-found-1")).exists()
-    assert not read_log(recorder.where.log).clean
+    assert (recorder.segment_path.part.with_name(f"{recorder.segment_path.part.name}.as-found-1")).exists()
+    assert not read_log(recorder.segment_path.log).clean
 
 
 def test_a_disk_that_falls_far_behind_is_an_error_not_a_silent_loss(tmp_path: Path) -> None:
@@ -214,7 +214,7 @@ def test_a_disk_that_falls_far_behind_is_an_error_not_a_silent_loss(tmp_path: Pa
     disk.set()
     with pytest.raises(LogError, match="recording stopped"):
         recorder.close()
-    kept = list(read_events(recorder.where.part))
+    kept = list(read_events(recorder.segment_path.part))
     assert kept == EVENTS[: len(kept)]
     assert len(kept) >= 4, "what was queued before is written once the disk answers"
 
@@ -234,8 +234,8 @@ def test_a_failing_disk_is_said_at_the_next_write(tmp_path: Path) -> None:
         recorder.write([EVENTS[21]])
     with pytest.raises(LogError, match="Input/output error"):
         recorder.close()
-    recover_log(recorder.where.part)
-    kept = list(read_events(recorder.where.log))
+    recover_log(recorder.segment_path.part)
+    kept = list(read_events(recorder.segment_path.log))
     assert kept[:20] == EVENTS[:20]
 
 
@@ -275,7 +275,7 @@ def test_an_episode_that_may_not_fit_is_not_begun(tmp_path: Path) -> None:
             recorder.write(EVENTS)
         with pytest.raises(LogError, match="MiB free"):
             recorder.close()
-        assert list(read_events(recorder.where.part)) == EVENTS[:3]
+        assert list(read_events(recorder.segment_path.part)) == EVENTS[:3]
 
 
 def _size(events: list[Event]) -> int:

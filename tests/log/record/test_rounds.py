@@ -61,7 +61,7 @@ class File:
         self._promised = self._disk.written[self.fd]
         return bool(new)
 
-    def written_is(self, failed: Exception | None) -> None:
+    def finish_commit(self, failed: Exception | None) -> None:
         if failed is not None:
             self.wrong.append(str(failed))
         elif self._disk.kept[self.fd] < self._promised:

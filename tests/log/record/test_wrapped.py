@@ -62,10 +62,10 @@ def test_begin_returns_before_a_slow_disk_has_written(tmp_path: Path, wrap: Call
     )
     recorder = wrap(log)
     recorder.begin(EVENTS[:280])  # more than a buffer holds
-    assert log.where.part.stat().st_size == 0
+    assert log.segment_path.part.stat().st_size == 0
     disk.is_free.set()
     recorder.settle()
-    assert list(read_events(log.where.part)) == EVENTS[:280]
+    assert list(read_events(log.segment_path.part)) == EVENTS[:280]
     recorder.write(EVENTS[280:])
     path = recorder.close()
     assert path is not None

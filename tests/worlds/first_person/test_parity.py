@@ -105,7 +105,7 @@ def test_worlds_play_as_miniworlds_do_with_their_sine_replaced_by_ours(with_our_
 
 @needs("opengl")
 def test_with_our_sine_most_worlds_leave_miniworlds_own_path_by_a_last_bit_at_most(with_our_sine):
-    """What differs is a sine that the host's library does not round correctly; see docs/speed.md for how often."""
+    """What differs is a sine that the host's library does not round correctly; docs/promises.md says how often."""
     ours, _, theirs = with_our_sine
     for (job, parts), other in zip(ours, theirs, strict=True):
         assert np.allclose(np.array(parts[4]), other.poses, rtol=0, atol=1e-9), job.name

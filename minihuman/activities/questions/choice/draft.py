@@ -28,7 +28,7 @@ class ChoiceDraft(AnswerDraft):
         self._cursor = 0
 
     def key(self, press: KeyDown) -> bool:
-        """Up and down move, a digit or the space bar chooses."""
+        """Move with up and down; choose with a digit or the space bar."""
         n_options = len(self.question.options)
         if (digit := parse_digit(press.key)) and digit <= n_options:
             self._choose(digit - 1)
@@ -72,11 +72,11 @@ class ChoiceDraft(AnswerDraft):
         return "; ".join(self.question.options[number] for number in sorted(self._chosen))
 
     def widget(self) -> OptionList:
-        """The options."""
+        """Build the options."""
         return OptionList(self.question.options, tuple(sorted(self._chosen)), self._cursor, self.many)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """The right option, or any."""
+        """Choose the right option, or any."""
         if self._chosen:
             return None
         right = None

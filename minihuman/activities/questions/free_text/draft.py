@@ -36,8 +36,10 @@ class TextDraft(AnswerDraft):
             case "left" | "right":
                 by = horizontal_step(press.key, rtl=self.rtl)
                 self._caret = min(len(self._text), max(0, self._caret + by))
-            case "home" | "end":
-                self._caret = 0 if press.key == "home" else len(self._text)
+            case "home":
+                self._caret = 0
+            case "end":
+                self._caret = len(self._text)
             case "enter" | "kp_enter" if self.long:
                 self.type_text("\n")
             case _:
@@ -51,7 +53,7 @@ class TextDraft(AnswerDraft):
         self._put(self._text[: self._caret] + "".join(accepted[:room]), self._text[self._caret :])
 
     def accepts(self, character: str) -> bool:
-        """Whether a character may be in the text."""
+        """Tell whether a character may be in the text."""
         return character.isprintable() or (self.long and character == "\n")
 
     def _put(self, before: str, after: str) -> None:
@@ -69,12 +71,14 @@ class TextDraft(AnswerDraft):
         return self._text.strip()
 
     def widget(self) -> TextField:
-        """The field."""
+        """Build the field."""
         return TextField(self._text, self._caret, self.long, self.question.unit)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
-        """A number that could be an age."""
-        return None if self._text else str(18 + choose(50))
+        """Type a number that could be an age."""
+        if self._text:
+            return None
+        return str(18 + choose(50))
 
 
 class LongTextDraft(TextDraft):

@@ -29,7 +29,7 @@ class LikertDraft(AnswerDraft):
         self._chosen: int | None = None
 
     def key(self, press: KeyDown) -> bool:
-        """Left and right move, a digit chooses."""
+        """Move with left and right; choose with a digit."""
         if (digit := parse_digit(press.key)) and digit <= self._n_points:
             self._chosen = digit - 1
         elif by := horizontal_step(press.key, rtl=self.rtl):
@@ -68,11 +68,11 @@ class LikertDraft(AnswerDraft):
         return self.question.options or tuple(str(number + 1) for number in range(self._n_points))
 
     def widget(self) -> RatingScale:
-        """The points."""
+        """Build the points."""
         return RatingScale(self._labels, self.question.low, self.question.high, self._chosen)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Any point."""
+        """Choose any point."""
         if self._chosen is None:
             return Click(f"option:{choose(self._n_points)}")
         return None
@@ -87,7 +87,7 @@ class MatrixDraft(LikertDraft):
         self._row = 0
 
     def key(self, press: KeyDown) -> bool:
-        """Up and down choose the row; a digit also goes on to the next one."""
+        """Choose the row with up and down; a digit also goes on to the next one."""
         by = {"up": -1, "down": 1}.get(press.key, 0)
         if not by:
             self._chosen = self._rows[self._row]
@@ -114,26 +114,30 @@ class MatrixDraft(LikertDraft):
     @property
     def display_text(self) -> str:
         """The words or numbers of all rows."""
-        return ", ".join("" if point is None else self._labels[point] for point in self._rows)
+        return ", ".join(map(self._label_of, self._rows))
+
+    def _label_of(self, point: int | None) -> str:
+        if point is None:
+            return ""
+        return self._labels[point]
 
     @property
     def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
         """A rating for each statement."""
         codes = self.question.all_codes
-        labels = self._labels
         return tuple(
-            (name, None if point is None else codes[point], "" if point is None else labels[point])
+            (name, None if point is None else codes[point], self._label_of(point))
             for name, point in zip(self.question.asked, self._rows, strict=True)
         )
 
     def widget(self) -> RatingMatrix:  # type: ignore[override]
-        """The rows."""
-        asked = self.question
-        rows = tuple((asked.statements or {}).values())
-        return RatingMatrix(rows, self._labels, asked.low, asked.high, tuple(self._rows), self._row)
+        """Build the rows."""
+        question = self.question
+        rows = tuple((question.statements or {}).values())
+        return RatingMatrix(rows, self._labels, question.low, question.high, tuple(self._rows), self._row)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Any point in the first row without one."""
+        """Choose any point in the first row without one."""
         if None not in self._rows:
             return None
         return Click(f"option:{self._rows.index(None) * self._n_points + choose(self._n_points)}")

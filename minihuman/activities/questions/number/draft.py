@@ -13,17 +13,18 @@ NUMBER_RULES = "2"  # the fact "number_rules" of a session; a log without it was
 _DECIMAL_MARKS = {"en": ".", "ja": ".", "zh": ".", "de": ",", "es": ",", "fr": ","}
 _SAME = str.maketrans("\N{MINUS SIGN}\N{FULLWIDTH HYPHEN-MINUS}\N{FULLWIDTH FULL STOP}\N{FULLWIDTH COMMA}", "--.,")
 _NUMBER = re.compile(r"-?(\d+(?:[.,]\d+)*|[.,]\d+)[.,]?")
+_GROUPED = re.compile(r"-?[1-9]\d{0,2}(?:[.,]\d{3})+")  # as thousands are, whatever the marks mean
 
 
 def _plain_character(character: str) -> str:
-    """A digit of any script as one of 0 to 9, and every minus, point and comma as the ASCII one."""
+    """Return a digit of any script as one of 0 to 9, and every minus, point and comma as the ASCII one."""
     digit = unicodedata.decimal(character, None)
     if digit is None:
         return character.translate(_SAME)
     return str(digit)
 
 
-def parse_number(text: str, language: str, *, whole: bool = False) -> float | None:
+def parse_number(text: str, language: str, *, is_whole: bool = False) -> float | None:
     """Read a number as it is written in a language; None for no number, and where two readings are possible.
 
     A mark before exactly three digits may divide thousands or decimals. The language decides: "1,000" is 1000 in
@@ -38,34 +39,45 @@ def parse_number(text: str, language: str, *, whole: bool = False) -> float | No
         return None
     if not _NUMBER.fullmatch(plain):
         return None
-    marks = [c for c in plain if c in ".,"]
+    marks = [character for character in plain if character in ".,"]
     if not marks:
         return float(plain)
-    decimal = marks[-1]
-    groups = re.fullmatch(r"-?[1-9]\d{0,2}(?:[.,]\d{3})+", plain)
-    if len(marks) > 1 and len(set(marks)) == 1:
-        if groups:
-            return float(plain.replace(decimal, ""))
-        return None
-    if len(marks) == 1 and groups:
-        expected = _DECIMAL_MARKS.get(language)
-        if expected is None or (decimal == expected and (whole or plain.endswith("000"))):
-            return None
-        if decimal != expected:
-            return float(plain.replace(decimal, ""))
     if len(marks) > 1:
-        other = "," if decimal == "." else "."
-        if not re.fullmatch(rf"-?\d{{1,3}}(?:\{other}\d{{3}})+\{decimal}\d*", plain):
-            return None
-        plain = plain.replace(other, "")
-    return float(plain.replace(decimal, "."))
+        return _parse_many_marks(plain, marks)
+    if _GROUPED.fullmatch(plain):
+        return _parse_ambiguous(plain, marks[0], _DECIMAL_MARKS.get(language), is_whole=is_whole)
+    return float(plain.replace(marks[0], "."))
+
+
+def _parse_many_marks(plain: str, marks: list[str]) -> float | None:
+    """Read a number with two or more marks: all divide thousands, or the last alone is the decimal mark."""
+    last = marks[-1]
+    if len(set(marks)) == 1:
+        if _GROUPED.fullmatch(plain):
+            return float(plain.replace(last, ""))
+        return None
+    other = "," if last == "." else "."
+    if not re.fullmatch(rf"-?\d{{1,3}}(?:\{other}\d{{3}})+\{last}\d*", plain):
+        return None
+    return float(plain.replace(other, "").replace(last, "."))
+
+
+def _parse_ambiguous(plain: str, mark: str, decimal_mark: str | None, *, is_whole: bool) -> float | None:
+    """Read a number whose only mark stands before exactly three digits; None where two readings are likely."""
+    if decimal_mark is None:
+        return None
+    if mark != decimal_mark:
+        return float(plain.replace(mark, ""))
+    if is_whole or plain.endswith("000"):
+        return None
+    return float(plain.replace(mark, "."))
 
 
 class NumberDraft(TextDraft):
     """A number, typed."""
 
     def accepts(self, character: str) -> bool:
-        """Whether a character may be in a number."""
+        """Tell whether a character may be in a number."""
         if self.language is None:
             return character in "0123456789-.,"
         marks = "\N{ARABIC DECIMAL SEPARATOR}\N{ARABIC THOUSANDS SEPARATOR}"
@@ -78,12 +90,14 @@ class NumberDraft(TextDraft):
         if number is None or not math.isfinite(number):  # more digits than a number holds
             return None
         if self.question.whole:
-            return int(number) if number == int(number) else None
+            if number == int(number):
+                return int(number)
+            return None
         return number
 
     def _parse(self, text: str) -> float | None:
         if self.language is not None:
-            return parse_number(text, self.language, whole=self.question.whole)
+            return parse_number(text, self.language, is_whole=self.question.whole)
         try:
             return float(text.replace(",", "."))
         except ValueError:
@@ -104,17 +118,18 @@ class NumberDraft(TextDraft):
         return None
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
-        """A number in range, one that could be an age where the range has any."""
+        """Type a number in range, one that could be an age where the range has any."""
         if self.display_text:
             return None
         low = math.ceil(self.question.minimum)
         high = math.floor(self.question.maximum)
-        low = 18 if low <= 18 <= high else low
+        if low <= 18 <= high:
+            low = 18
         return str(low + choose(max(1, min(50, high - low + 1))))
 
 
 def _format(value: float) -> str:
-    """A number as people write it, without an exponent."""
+    """Format a number as people write it, without an exponent."""
     return f"{value:.9f}".rstrip("0").rstrip(".")
 
 

@@ -26,7 +26,7 @@ class SliderDraft(AnswerDraft):
         self._step: int | None = None  # from the minimum
 
     def key(self, press: KeyDown) -> bool:
-        """Arrows move by a step, page keys by a tenth, home and end to the ends."""
+        """Move by a step with arrows, by a tenth with page keys, to the ends with home and end."""
         tenth = max(1, self._n_steps // 10)
         moves = {"page_up": tenth, "page_down": -tenth, "up": 1, "down": -1}
         if by := horizontal_step(press.key, rtl=self.rtl) or moves.get(press.key, 0):
@@ -34,8 +34,10 @@ class SliderDraft(AnswerDraft):
                 self._step = self._n_steps // 2
             else:
                 self._step = min(self._n_steps, max(0, self._step + by))
-        elif press.key in ("home", "end"):
-            self._step = 0 if press.key == "home" else self._n_steps
+        elif press.key == "home":
+            self._step = 0
+        elif press.key == "end":
+            self._step = self._n_steps
         else:
             return False
         return True
@@ -51,21 +53,25 @@ class SliderDraft(AnswerDraft):
         if self._step is None:
             return None
         number = round(self.question.minimum + self._step * self.question.step, 9)
-        return int(number) if number == int(number) else number
+        if number == int(number):
+            return int(number)
+        return number
 
     @property
     def display_text(self) -> str:
         """The number."""
-        return "" if self.value is None else f"{self.value:g}"
+        if self.value is None:
+            return ""
+        return f"{self.value:g}"
 
     def widget(self) -> Slider:
-        """The line and its thumb."""
+        """Build the line and its thumb."""
         position = None if self._step is None else self._step / self._n_steps
         text = self.display_text if self.question.show_value else ""
         return Slider(self.question.low, self.question.high, position, text, min(self._n_steps, 20))
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Any place on the line."""
+        """Choose any place on the line."""
         if self._step is None:
             return Click("slider", choose(21) / 20)
         return None

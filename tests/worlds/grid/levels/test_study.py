@@ -8,7 +8,8 @@ import pytest
 
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_episodes
-from minihuman.experiment.machine.events import ClauseDone, EpisodeStarted, SessionStarted, Stepped, find_violations
+from minihuman.experiment.machine.event_rules import find_violations
+from minihuman.experiment.machine.events import ClauseDone, EpisodeStarted, SessionStarted, Stepped
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.replay import compare_replay
 from minihuman.log.read.session_reader import read_events, read_log
@@ -76,7 +77,7 @@ def test_from_inside_clauses_are_told_too_and_logs_of_before_they_were_are_prove
 
 
 def test_the_code_in_the_docs_runs():
-    page = (Path(__file__).parents[4] / "docs" / "instructions.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", page, re.S)
+    page = (Path(__file__).parents[4] / "docs" / "grid-worlds.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page.partition("\n## BabyAI levels\n")[2], re.S)
     assert len(blocks) >= 5
-    exec(compile("\n".join(blocks), "instructions.md", "exec"), {"__name__": "instructions"})
+    exec(compile("\n".join(blocks), "grid-worlds.md", "exec"), {"__name__": "levels"})

@@ -1,0 +1,201 @@
+"""Read all that a log holds, record by record, and note what is wrong with single records.
+
+What follows from what in a log is compared elsewhere: here a record is only read, chained and decoded.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mcap.records import Attachment, Metadata
+
+from minihuman.admin.verify.messages import MessageVerifier
+from minihuman.experiment.machine.events import Event, SessionEnded, SessionStarted
+from minihuman.experiment.replay import MACHINE_VERSION
+from minihuman.log import integrity, names as log_names, topics
+from minihuman.log.codec import EventDecoder, find_topic, select_decoder
+from minihuman.log.integrity import METADATA_PREFIX, HashChain, SegmentHead
+from minihuman.log.paths import PART_SUFFIX
+from minihuman.log.salvage.records import ChunkMessages, LogMessage
+from minihuman.log.salvage.scan import LogScanner
+
+_KNOWN_METADATA = (
+    log_names.SEGMENT_METADATA,
+    log_names.FACTS_METADATA,
+    log_names.END_METADATA,
+    log_names.MISSING_METADATA,
+    log_names.REPAIRED_METADATA,
+)
+
+
+@dataclass(slots=True)
+class LogSegment:
+    """A segment of a log, as its records describe it."""
+
+    facts: dict[str, str]
+    station: dict[str, str] | None = None
+    end: dict[str, str] | None = None
+    events: list[Event] = field(default_factory=list)
+    last_sequence: int = 0
+    last_ns: int = 0
+    first_ns: int = 0
+    head: str = ""  # of the chain, at its end
+
+    @property
+    def number(self) -> str:
+        """Return the segment's number; "?" where its metadata lack it."""
+        return self.facts.get("segment", "?")
+
+    @property
+    def started(self) -> SessionStarted | None:
+        """Return its plan and facts; None where they are missing."""
+        if not self.events or not isinstance(self.events[0], SessionStarted):
+            return None
+        return self.events[0]
+
+    @property
+    def ended(self) -> SessionEnded | None:
+        """Return its end by its last message; None where it was cut off."""
+        if not self.events or not isinstance(self.events[-1], SessionEnded):
+            return None
+        return self.events[-1]
+
+    @property
+    def provable(self) -> bool:
+        """Tell whether the session machine's present rules recorded it, and so all that is checked holds of it."""
+        return self.facts.get("session_rules") == str(MACHINE_VERSION)
+
+
+@dataclass(slots=True)
+class LogContents:
+    """The contents of a log."""
+
+    segments: list[LogSegment] = field(default_factory=list)
+    finished: bool = False
+    attached: list[Attachment] = field(default_factory=list)
+    differences: list[str] = field(default_factory=list)  # a sentence for each record that is not as it is written
+    plans: list[bytes] = field(default_factory=list)  # the messages
+    plan_copies: list[bytes] = field(default_factory=list)  # of those, in the second copies of the segments' starts
+
+
+def read_log_contents(path: Path) -> LogContents:
+    """Read everything in a log, and note what is wrong with single records.
+
+    Raises:
+        LogError: if the log cannot be read.
+    """
+    return _ContentsReader(path).read()
+
+
+class _ContentsReader:
+    """Reads a log's records in order.
+
+    Args:
+        path: the log.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._scan = LogScanner(path)
+        self._chain = HashChain()
+        self._contents = LogContents()
+        self._decode: EventDecoder | None = None  # of the latest segment's messages
+        self._verifier: MessageVerifier | None = None  # of the same, from its first message on
+
+    def read(self) -> LogContents:
+        """Read the log to its end."""
+        contents = self._contents
+        for record in self._scan:
+            match record:
+                case Metadata():
+                    self._chain.metadata(record)
+                    self._take_metadata(record)
+                case Attachment() if record.name == integrity.SEGMENT_HEAD_NAME:
+                    self._take_copy(record)
+                case Attachment():
+                    self._chain.attachment(record)
+                    contents.attached.append(record)
+                case LogMessage() if find_topic(record.channel.topic) is not None:
+                    self._take_message(record)
+        contents.finished = self._scan.finished
+        self._finish_messages()
+        if contents.plan_copies != contents.plans and all(segment.provable for segment in contents.segments):
+            contents.differences.append(
+                f"attachment {integrity.SEGMENT_HEAD_NAME} is not a copy of the plan, or not there once a segment"
+            )
+        return contents
+
+    def _take_metadata(self, record: Metadata) -> None:
+        contents = self._contents
+        if record.name == log_names.SEGMENT_METADATA:
+            self._finish_messages()
+            contents.segments.append(LogSegment(record.metadata))
+            self._decode = select_decoder(record.metadata, self._path)
+            return
+        if not record.name.startswith(METADATA_PREFIX):
+            return
+        if record.name not in _KNOWN_METADATA or not contents.segments:
+            contents.differences.append(f"metadata {record.name} is none that minihuman writes there")
+            return
+        segment = contents.segments[-1]
+        match record.name:
+            case log_names.FACTS_METADATA:
+                self._require_first(record.name, segment.station)
+                segment.station = record.metadata
+            case log_names.END_METADATA:
+                self._require_first(record.name, segment.end)
+                segment.end = record.metadata
+                segment.head = self._chain.head
+            case log_names.MISSING_METADATA:
+                gap = record.metadata
+                contents.differences.append(
+                    f"segment {gap.get('segment')}: messages {gap.get('first')} to {gap.get('last')} are missing: "
+                    "they were lost to damage"
+                )
+
+    def _require_first(self, name: str, earlier: dict[str, str] | None) -> None:
+        """Note a segment's metadata that are there already."""
+        if earlier is not None:
+            self._contents.differences.append(f"metadata {name} is there twice")
+
+    def _take_copy(self, record: Attachment) -> None:
+        """Take the plan from the second copy of a segment's start."""
+        with suppress(ValueError):
+            messages = ChunkMessages(SegmentHead.of(record.data).records, self._scan.channels)
+            self._contents.plan_copies += (message.data for message in messages)
+
+    def _take_message(self, record: LogMessage) -> None:
+        contents = self._contents
+        schema = self._scan.schemas.get(record.channel.schema_id)
+        self._chain.message(record, schema)
+        segment = contents.segments[-1]
+        if segment.end is not None:
+            contents.differences.append(f"a message on {record.channel.topic} lies behind the end of its segment")
+        segment.first_ns = segment.first_ns or record.log_time
+        segment.last_ns = max(segment.last_ns, record.log_time)
+        if not segment.provable:
+            return
+        if record.channel.topic == topics.PLAN:
+            contents.plans.append(record.data)
+        schema_name = ""
+        if schema is not None:
+            schema_name = schema.name
+        event, differences = self._verify_in(segment).check(record, schema_name)
+        contents.differences += (f"segment {segment.number}: {difference}" for difference in differences)
+        if event is not None:
+            segment.events.append(event)
+            segment.last_sequence = record.sequence
+
+    def _verify_in(self, segment: LogSegment) -> MessageVerifier:
+        """Return what verifies the segment's messages, from its first one on."""
+        if self._verifier is None:
+            assert self._decode is not None  # its segment's metadata came first
+            is_unfinished = self._path.name.endswith(PART_SUFFIX)
+            self._verifier = MessageVerifier(int(segment.facts["started_unix_ns"]), self._decode, live=is_unfinished)
+        return self._verifier
+
+    def _finish_messages(self) -> None:
+        """Note what is wrong at the end of the latest segment's messages."""
+        if self._verifier is not None:
+            self._contents.differences += self._verifier.finish()
+            self._verifier = None

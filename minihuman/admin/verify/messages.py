@@ -1,0 +1,150 @@
+"""Verify a segment's messages: each is as its event is written, and is repeated for viewers as it should be."""
+
+import io
+
+import msgspec
+import numpy as np
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from google.protobuf.message import Message
+from numpy.typing import NDArray
+from PIL import Image, ImageFilter
+
+from minihuman.experiment.machine.events import Event
+from minihuman.log import topics
+from minihuman.log.codec import EventDecoder, encode_event, event_cause_ns
+from minihuman.log.preview import PreviewEncoder
+from minihuman.log.proto import minihuman_v1_pb2 as v1
+from minihuman.log.salvage.records import LogMessage
+
+_FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.is_preview)
+
+
+class MessageVerifier:
+    """Verifies a segment's messages in order.
+
+    Args:
+        started_ns: the wall clock at the segment's time 0.
+        decode: reads its messages.
+        live: it is of a live file, in which nothing is repeated for viewers yet.
+    """
+
+    def __init__(self, started_ns: int, decode: EventDecoder, *, live: bool) -> None:
+        self._started_ns = started_ns
+        self._decode = decode
+        self._live = live
+        self._previews = PreviewEncoder(started_ns)
+        self._waiting: list[LogMessage] = []  # for viewers, since the last message that is part of the record
+        self._last: LogMessage | None = None  # of those that are
+
+    def check(self, message: LogMessage, schema: str) -> tuple[Event | None, list[str]]:
+        """Return the event in a message, None of one for viewers; and what of it is not as minihuman writes it."""
+        topic = message.channel.topic
+        if topic in _FOR_VIEWERS:
+            self._waiting.append(message)
+            self._previews.is_pose_per_step |= schema == PoseInFrame.DESCRIPTOR.full_name
+            return None, []
+        previews = self._waiting
+        self._waiting = []
+        self._last = message
+        place = f"message {message.sequence} on {topic}"
+        try:
+            event = self._decode(topic, message.data)
+        except Exception as error:  # a changed message can make protobuf raise anything
+            return None, [f"{place} cannot be read: {error}"]
+        if event is None:
+            return None, [f"{place} says nothing"]
+        differences = []
+        event_topic, encoded = encode_event(event)
+        log_time = self._started_ns + event.t_ns
+        if event_topic != topic or not _is_as_written(encoded, message.data):
+            differences.append(f"{place} is not as it is written")
+        if message.log_time != log_time:
+            differences.append(f"{place}: log time {message.log_time}, by its own time {log_time}")
+        if message.publish_time != self._started_ns + event_cause_ns(event):
+            differences.append(f"{place}: publish time {message.publish_time} is not when it was caused")
+        expected = list(self._previews.encode(topic, message.data))
+        return event, differences + self._compare(expected, message, previews, place)
+
+    def finish(self) -> list[str]:
+        """Compare what is for viewers at the segment's end: the poses of an episode that was cut off, nothing else."""
+        if self._last is None:
+            return [f"a message on {message.channel.topic} repeats nothing" for message in self._waiting]
+        return self._compare(list(self._previews.finish()), self._last, self._waiting, "the segment's end")
+
+    def _compare(
+        self, expected: list[tuple[str, Message]], message: LogMessage, previews: list[LogMessage], place: str
+    ) -> list[str]:
+        if self._live and not previews:
+            return []
+        topics_expected = [topic for topic, _ in expected]
+        topics_logged = [preview.channel.topic for preview in previews]
+        if topics_expected != topics_logged:
+            logged = ", ".join(topics_logged) or "none"
+            return [f"{place} is repeated for viewers on {logged}; it should be on {topics_expected}"]
+        differences = []
+        for (topic, again), preview in zip(expected, previews, strict=True):
+            times = (preview.sequence, preview.log_time, preview.publish_time)
+            has_times = times == (0, message.log_time, message.publish_time)
+            if not has_times or not _bytes_match(topic, again.SerializeToString(deterministic=True), preview.data):
+                differences.append(f"{place}: its copy for viewers on {topic} is another")
+        return differences
+
+
+def _is_as_written(again: Message, logged: bytes) -> bool:
+    """Tell whether a message is as minihuman writes it, or wrote it: a plan may lack fields that parts got since."""
+    if again.SerializeToString(deterministic=True) == logged:
+        return True
+    if not isinstance(again, v1.SessionPlan):
+        return False
+    for part, logged_part in zip(again.parts, v1.SessionPlan.FromString(logged).parts, strict=False):
+        part.plan_json = _without_later_defaults(part.plan_json, logged_part.plan_json)
+    return again.SerializeToString(deterministic=True) == logged
+
+
+def _without_later_defaults(plan_json: str, logged_json: str) -> str:
+    """Return a part's plan, as read from the logged one, without the fields that reading added with their defaults."""
+    plan = msgspec.json.decode(plan_json)
+    logged = msgspec.json.decode(logged_json)
+    if not isinstance(plan, dict) or not isinstance(logged, dict):
+        return plan_json
+    return msgspec.json.encode({name: value for name, value in plan.items() if name in logged}).decode()
+
+
+def _bytes_match(topic: str, again: bytes, logged_bytes: bytes) -> bool:
+    """Tell whether two messages show the same; another version of a library may compress a picture differently."""
+    if again == logged_bytes or topic not in (topics.MAP_IMAGE, topics.OBSERVATION_IMAGE):
+        return again == logged_bytes
+    try:
+        if _without_picture(again) != _without_picture(logged_bytes):
+            return False
+        expected = _picture(again)
+        logged = _picture(logged_bytes)
+        if topic == topics.MAP_IMAGE:  # Pillow 10 and 12 put the outline of a disc on different pixels
+            return _differ_by_a_pixel(expected, logged)
+        return bool((expected == logged).all())
+    except Exception:  # what is no picture
+        return False
+
+
+def _differ_by_a_pixel(drawing: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
+    """Tell whether two drawings [H, W, 3] are the same but for edges that lie up to one pixel apart."""
+    return drawing.shape == other.shape and _lies_within(drawing, other) and _lies_within(other, drawing)
+
+
+def _lies_within(drawing: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
+    """Tell whether each pixel of a drawing has a colour between those of the other within one pixel of it."""
+    image = Image.fromarray(other)
+    low = np.asarray(image.filter(ImageFilter.MinFilter(3)))
+    high = np.asarray(image.filter(ImageFilter.MaxFilter(3)))
+    return bool(((low <= drawing) & (drawing <= high)).all())
+
+
+def _without_picture(data: bytes) -> bytes:
+    message = CompressedImage.FromString(data)
+    message.data = b""
+    return message.SerializeToString(deterministic=True)
+
+
+def _picture(data: bytes) -> NDArray[np.uint8]:
+    return np.array(Image.open(io.BytesIO(CompressedImage.FromString(data).data)))

@@ -1,0 +1,158 @@
+"""Verify a logged plan: it is the one that the protocol's bytes give for this participant, and so is their slot.
+
+A plan of an earlier version lacks what was added since, and may be divided into other pages: both are allowed for.
+"""
+
+import hashlib
+from collections.abc import Iterator
+from itertools import zip_longest
+
+import msgspec
+
+from minihuman.activities.pages.plan import PagePlan
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.admin.design_decisions import decide_again
+from minihuman.admin.verify.contents import LogSegment
+from minihuman.display.text import is_division
+from minihuman.errors import MinihumanError
+from minihuman.experiment.plan.allocation import build_allocation_list
+from minihuman.experiment.plan.expansion import expand_protocol
+from minihuman.experiment.plan.part_plans import find_paged_text
+from minihuman.experiment.plan.participant_codes import parse_participant_code
+from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart, SessionPlan
+from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
+from minihuman.experiment.protocol.strata import build_strata
+from minihuman.worlds.hashing import resolve_files
+
+_ONCE_PER_PLAN = ("first_episode", "segment", "standing")  # what a resumed session changes in its plan
+
+
+def compare_plan(segment: LogSegment) -> Iterator[str]:
+    """Compare a segment's plan with the one that its protocol gives; yield the differences."""
+    if segment.started is None:
+        return
+    plan = segment.started.plan
+    if hashlib.sha256(plan.protocol_toml).hexdigest() != plan.protocol_sha256:
+        yield "plan: protocol_sha256 is not the protocol's"
+    try:
+        protocol = decode_logged_protocol(plan.protocol_toml)
+        protocol = msgspec.structs.replace(protocol, files=_page_pictures(protocol, plan) | plan.files)
+        again = expand_protocol(
+            protocol,
+            plan.participant,
+            session=plan.session,
+            overridden=plan.overridden,
+            outcome_rules=plan.outcome_rules,
+        )
+        yield from compare_slot(protocol, segment, plan)
+        if parse_participant_code(plan.participant.id) != plan.participant.index:
+            yield f"plan: participant {plan.participant.id} is at index {plan.participant.index}"
+    except MinihumanError as error:
+        yield f"plan: {error}"
+        return
+    for name in SessionPlan.__struct_fields__:
+        logged = getattr(plan, name)
+        now = getattr(again, name)
+        if name == "parts":
+            now = tuple(_as_part_before(protocol, plan, *parts) for parts in zip_longest(now, logged))
+        if name == "words":  # a language has got more of them since
+            now = {key: text for key, text in now.items() if key in logged}
+        if name == "episodes":
+            now = tuple(_as_planned_before(episode, before) for episode, before in zip_longest(now, logged))
+        if name not in _ONCE_PER_PLAN and logged != now:
+            yield f"plan: {name} is not what the protocol gives"
+
+
+def _page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, bytes]:
+    """Return the pictures of pages by the names that the protocol has for them; the log holds them page by page."""
+    named = [(part.plan, protocol.page_for(part.name, plan.participant.group)) for part in plan.parts]
+    logo = protocol.study.logo
+    return {
+        name: picture
+        for pages, page in named
+        if isinstance(pages, PagePlan)
+        for name, picture in zip((page and page.images) or (logo,), pages.pictures, strict=False)
+    }
+
+
+def _as_part_before(
+    protocol: Protocol, plan: SessionPlan, part: PlannedPart | None, logged: PlannedPart | None
+) -> PlannedPart | None:
+    """Return a planned part as it was planned when the logged one was: divided into those pages, with those fields."""
+    if part is None or logged is None or part.name != logged.name:
+        return part
+    return _without_later_fields(_divided_as_before(protocol, plan, part, logged), logged)
+
+
+def _divided_as_before(protocol: Protocol, plan: SessionPlan, part: PlannedPart, logged: PlannedPart) -> PlannedPart:
+    """Take over the logged pages of a plan from before there were rules of pagination, if they are the whole text.
+
+    Pages were measured by the fonts and the libraries of the machine then, so no other machine can find them again.
+    """
+    match part.plan, logged.plan:
+        case PagePlan(), PagePlan(pages=pages, pagination=msgspec.UNSET) as page:
+            pictures = len(page.pictures) or bool(page.example)
+            divided = {"pages": pages, "pagination": msgspec.UNSET}
+        case PlayPlan(), PlayPlan(instruction=pages, pagination=msgspec.UNSET) if pages:
+            pictures = 0
+            divided = {"instruction": pages, "pagination": msgspec.UNSET}
+        case _:
+            return part
+    text = find_paged_text(protocol, part.name, plan.participant.group)
+    if text is None or not is_division(pages, text, pictures=pictures):
+        return part
+    return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, **divided))
+
+
+def _without_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart:
+    """Return a planned part without what plans did not say yet when the logged one was made."""
+    if not isinstance(part.plan, PlayPlan) or not isinstance(logged.plan, PlayPlan):
+        return part
+    if logged.plan.computed == "page":
+        return part
+    # the server computed all first-person worlds, before that nothing was said
+    return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, computed=logged.plan.computed))
+
+
+def _as_planned_before(episode: EpisodePlan | None, logged: EpisodePlan | None) -> EpisodePlan | None:
+    """Return a planned episode as plans were when the logged one was made.
+
+    They had images and labels in an episode's options, and first-person worlds by the host's sine alone.
+    """
+    if episode is None or logged is None:
+        return episode
+    options = {name: setting for name, setting in episode.options.items() if name != "trig" or name in logged.options}
+    if options.get("image") != logged.options.get("image"):
+        options = resolve_files(options)
+    if not logged.labels and not set(episode.labels).isdisjoint(logged.options):
+        return msgspec.structs.replace(episode, options=options | episode.labels, labels={})
+    return msgspec.structs.replace(episode, options=options)
+
+
+def compare_slot(protocol: Protocol, segment: LogSegment, plan: SessionPlan) -> Iterator[str]:
+    """Compare group and stratum with the allocation list, and the stratum with the answer; yield the differences."""
+    participant = plan.participant
+    slots = build_allocation_list(protocol)
+    if not 0 <= participant.place < len(slots):
+        yield f"plan: slot {participant.place} is outside the allocation list of {len(slots)}"
+        return
+    slot = slots[participant.place]
+    if participant.assigned is not None and protocol.allocation.design is not None:
+        decided = decide_again(protocol, participant.assigned, participant.index, participant.stratum).group
+        if decided != participant.group:
+            yield (
+                f"plan: participant's group {participant.group!r}, by the statistics of {participant.assigned.design} "
+                f"{decided!r}"
+            )
+    elif (participant.assigned is None) == (protocol.allocation.design is not None) and not plan.overridden:
+        yield "plan: the group's assignment is not by the protocol's design"
+    elif not plan.overridden and slot.group != participant.group:
+        yield f"plan: participant's group {participant.group!r}, in the allocation list {slot.group!r}"
+    if slot.stratum != participant.stratum:
+        yield f"plan: participant's stratum {participant.stratum!r}, in the allocation list {slot.stratum!r}"
+    strata = build_strata(protocol)
+    if strata is None or plan.session > 1 or plan.segment > 1:
+        return
+    answered = strata.find_stratum(segment.events)
+    if answered not in (None, participant.stratum):
+        yield f"plan: participant's stratum {participant.stratum!r}, by the answer to {strata.question} {answered!r}"

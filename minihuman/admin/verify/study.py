@@ -1,0 +1,126 @@
+"""Verify a study: its enrolment log against its session logs, and its files against its manifest."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from pathlib import Path
+
+from minihuman.admin.design_decisions import verify_design_decisions
+from minihuman.admin.enrolment_entries import find_incomplete_logs, find_slots_without_log, open_enrolment_log
+from minihuman.admin.erasure_ledger import find_pending_machines
+from minihuman.admin.manifest import GONE, find_changed_files
+from minihuman.admin.session_index import find_double_sessions
+from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
+from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
+from minihuman.errors import LogError
+from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
+from minihuman.log.names import CHAIN_KEY
+from minihuman.log.paths import (
+    LOG_SUFFIX,
+    PART_SUFFIX,
+    SYSTEM_COMPANION,
+    find_log_folders,
+    find_system_companions,
+    group_sessions,
+)
+from minihuman.log.read.session_reader import read_log
+from minihuman.log.salvage.summary_section import read_summary
+
+
+def find_studies(folder: Path) -> list[Path]:
+    """Find the folders with an enrolment log: this one, or those in it."""
+    if not folder.is_dir():
+        return []
+    if open_enrolment_log(folder).begun:
+        return [folder]
+    return sorted(path for path in folder.iterdir() if path.is_dir() and open_enrolment_log(path).begun)
+
+
+def find_sessions(path: Path, *, required: bool = True) -> list[Path]:
+    """Find the sessions of a folder, or of all folders in it: log by log; a folder where one is in several files.
+
+    Raises:
+        LogError: if there is none, although one is required.
+    """
+    if not path.is_dir():
+        return [path]
+    places: list[Path] = []
+    for folder, names in find_log_folders(path):
+        sessions = list(group_sessions(folder, names).values())
+        if len(sessions) == 1 and len(sessions[0]) > 1:
+            places.append(folder)
+        else:
+            places += chain.from_iterable(sessions)
+    if not places and required:
+        raise LogError(
+            f"{path} contains no session logs (*{LOG_SUFFIX} or *{PART_SUFFIX}); name a log or a study's folder"
+        )
+    return sorted(places)
+
+
+def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
+    """Compare a study's enrolment log with its session logs; yield lines, each with whether it is good news.
+
+    Each chain head has its log, each segment of a finished log its chain head, and each slot that was taken a log. No
+    session was completed twice.
+
+    Raises:
+        LogError: if a line of the enrolment log is damaged.
+    """
+    folders = list(find_log_folders(study))
+    yield from ((f"skipped {path.name}: {SYSTEM_COMPANION}", True) for path in find_system_companions(folders))
+    yield from ((double, False) for double in find_double_sessions(folders))
+    yield from ((pending, False) for pending in find_pending_machines(study))
+    journal = open_enrolment_log(study)
+    if not journal.begun:
+        return
+    sessions = [session for folder, names in folders for session in group_sessions(folder, names).items()]
+    ends = {log.name: _read_ends(log) for log, files in sessions if log in files}
+    yield from find_incomplete_logs(journal.read(), ends)
+    yield from find_slots_without_log(journal.read(), {log.name.partition("_")[0] for log, _ in sessions})
+    for unfinished in find_unfinished_withdrawals(study):
+        yield unfinished, False
+    if protocol := _read_protocol(log for log, files in sessions if log in files):
+        yield from verify_design_decisions(study, protocol)
+    if journal.unchained:
+        yield f"{journal.unchained} lines of the enrolment log are unchained: an earlier version wrote them", True
+
+
+def _read_protocol(sessions: Iterable[Path]) -> Protocol | None:
+    """Read the protocol of a study's first log, where it has designs of the study; None if there is none."""
+    for log in sessions:
+        protocol = decode_logged_protocol(read_log(log).plan.protocol_toml)
+        if protocol.allocation.design or protocol.allocation.stopping:
+            return protocol
+        return None
+    return None
+
+
+def _read_ends(log: Path) -> tuple[str, ...]:
+    """Read which segments of a log have a chain head; none of a log that cannot be read."""
+    summary = read_summary(log)
+    if summary is None:
+        return ()
+    return tuple(end["segment"] for end in summary.ends if CHAIN_KEY in end)
+
+
+def verify_manifest(study: Path, seal: str) -> Iterator[tuple[str, bool]]:
+    """Yield lines on a sealed study, each with whether it is good news.
+
+    Raises:
+        LogError: if the seal is none.
+    """
+    withdrawn = read_withdrawn_codes(study)
+    by_code: Counter[str] = Counter()
+    changes: list[str] = []
+    for line in find_changed_files(study, seal):
+        code = line.partition("/")[0]
+        if code in withdrawn and line.endswith(GONE):
+            by_code[code] += 1
+        else:
+            changes.append(line)
+    for code, files in sorted(by_code.items()):
+        yield f"{files} files of {code} are gone: {code} withdrew after the manifest was made", True
+    yield from ((line, False) for line in changes)
+    if not changes:
+        yield f"every {'other ' if by_code else ''}file is as it was sealed", True

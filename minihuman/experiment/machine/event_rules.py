@@ -1,0 +1,212 @@
+"""Rules that every stream of events obeys: what comes first, what belongs to what, and what is counted."""
+
+from collections.abc import Iterable
+
+from minihuman.experiment.machine.events import (
+    Answered,
+    EpisodeEnded,
+    EpisodesSkipped,
+    EpisodeStarted,
+    Event,
+    FrameShown,
+    KeyMapDrawn,
+    Noted,
+    ObservationStored,
+    Outcome,
+    PartEnded,
+    PartStarted,
+    Paused,
+    Resumed,
+    Sampled,
+    SessionEnded,
+    SessionStarted,
+    Stepped,
+)
+from minihuman.experiment.plan.session_plan import KeyMap
+from minihuman.worlds.outcomes import OutcomeJudge
+
+
+def find_violations(events: Iterable[Event]) -> list[str]:
+    """List the rules that a stream breaks; none for a well-formed one. A stream that is cut short breaks none."""
+    reader = _StreamChecker()
+    for number, event in enumerate(events):
+        reader.read(number, event)
+    return reader.violations
+
+
+class _StreamChecker:
+    """Reads a stream once and remembers what the rules need."""
+
+    def __init__(self) -> None:
+        self.violations: list[str] = []
+        self._place = ""  # of the event, as a violation names it
+        self._t_ns = 0
+        self._sampled_ns: dict[str, int] = {}  # of each device's last sample
+        self._first = 0
+        self._next = 0
+        self._playing: EpisodeStarted | None = None
+        self._last_step: Stepped | None = None
+        self._steps = 0
+        self._observations = 0  # stored of the episode
+        self._return = 0.0
+        self._paused = False
+        self._ended = False
+        self._skipped = 0
+        self._part: int | None = None
+        self._last_episode = -1  # the one that runs, or ended last
+        self._key_map: KeyMap | None = None
+        self._judge = OutcomeJudge("")
+        self._outcome: Outcome | None = None  # of the running episode, once a step has ended it
+
+    def read(self, number: int, event: Event) -> None:
+        """Check an event against those that came before it."""
+        self._place = f"event {number}, {type(event).__name__}"
+        self._rule(isinstance(event, SessionStarted) == (number == 0), "SessionStarted is the first event, and only it")
+        self._rule(not self._ended, "nothing follows SessionEnded")
+        self._check_time(event)
+        match event:
+            case SessionStarted():
+                self._first = self._next = event.plan.first_episode
+            case SessionEnded():
+                self._check_session_end(event)
+            case KeyMapDrawn() | EpisodeStarted() | EpisodeEnded() | EpisodesSkipped():
+                self._read_episode_event(event)
+            case Stepped():
+                self._check_step(event)
+            case ObservationStored():
+                self._check_observation(event)
+            case FrameShown():
+                self._check_frame(event)
+            case PartStarted() | PartEnded() | Answered():
+                self._read_part_event(event)
+            case Paused() | Resumed():
+                self._read_pause_event(event)
+            case Noted():
+                self._rule(bool(event.kind), "a note says of what kind it is")
+
+    def _check_time(self, event: Event) -> None:
+        if isinstance(event, Sampled):
+            last_ns = self._sampled_ns.get(event.device, 0)
+            self._sampled_ns[event.device] = event.t_ns
+        else:
+            last_ns = self._t_ns
+            self._t_ns = event.t_ns
+        self._rule(event.t_ns >= last_ns, f"time goes back from {last_ns} to {event.t_ns} ns")
+
+    def _read_episode_event(self, event: KeyMapDrawn | EpisodeStarted | EpisodeEnded | EpisodesSkipped) -> None:
+        match event:
+            case KeyMapDrawn():
+                self._rule(self._playing is None, "key maps change between episodes")
+                self._key_map = event.key_map
+            case EpisodeStarted():
+                self._check_episode_start(event)
+            case EpisodeEnded():
+                self._check_episode_end(event)
+            case EpisodesSkipped():
+                self._rule(self._playing is None, "episodes are skipped between episodes")
+                self._rule(event.first == self._next and event.count > 0, f"episode {self._next} is next to be skipped")
+                self._next += event.count
+                self._skipped += event.count
+
+    def _read_part_event(self, event: PartStarted | PartEnded | Answered) -> None:
+        match event:
+            case PartStarted():
+                self._rule(self._part is None, "one part at a time")
+                self._part = event.part
+            case PartEnded():
+                self._rule(event.part == self._part, "a part that began ends")
+                self._part = None
+            case Answered():
+                self._rule(event.part == self._part, "an answer belongs to the part that runs")
+
+    def _read_pause_event(self, event: Paused | Resumed) -> None:
+        if isinstance(event, Paused):
+            self._rule(self._playing is not None and not self._paused, "only play can be paused, once")
+            self._paused = True
+        else:
+            self._rule(self._paused, "only a pause can be resumed")
+            self._paused = False
+
+    def _check_frame(self, event: FrameShown) -> None:
+        is_of_episode = event.episode == self._last_episode and event.step <= self._steps
+        self._rule(is_of_episode, "a frame shows a step of the running episode, or of the one that has just ended")
+        self._rule(event.submit_ns <= event.flip_ns, "a frame is submitted before it is flipped")
+
+    def _check_session_end(self, event: SessionEnded) -> None:
+        self._ended = True
+        self._rule(self._playing is None, "an episode ends before its session")
+        completed = self._next - self._skipped - self._first
+        self._rule(event.episodes_completed == completed, "completed episodes are counted")
+
+    def _check_episode_start(self, event: EpisodeStarted) -> None:
+        self._rule(self._playing is None, "one episode at a time")
+        self._rule(event.plan.episode == self._next, f"episode {self._next} is next, not {event.plan.episode}")
+        self._rule(event.plan.key_map == self._key_map, "an episode's key map was drawn before")
+        self._playing = event
+        self._last_step = None
+        self._steps = 0
+        self._return = 0.0
+        self._paused = False
+        self._observations = 0
+        self._last_episode = event.plan.episode
+        self._judge = OutcomeJudge(event.plan.outcome_rule)
+        self._outcome = None
+
+    def _check_observation(self, event: ObservationStored) -> None:
+        is_recorded = self._playing is not None and self._playing.plan.record_observations
+        self._rule(is_recorded and event.episode == self._next, "observations are stored where the plan asks for them")
+        self._rule(event.step == self._observations, f"the observation of step {self._observations} is next")
+        self._observations += 1
+
+    def _check_step(self, event: Stepped) -> None:
+        playing = self._playing
+        if playing is None or event.episode != playing.plan.episode:
+            self._rule(False, "steps belong to the running episode")
+            return
+        self._steps += 1
+        self._return += event.reward
+        self._rule(not self._paused, "nothing steps in a pause")
+        self._rule(event.step == self._steps, f"step {self._steps} is next, not {event.step}")
+        is_recorded = playing.plan.record_observations
+        self._rule(self._observations == is_recorded * (self._steps + 1), "a step's observation comes before it")
+        self._rule(_is_sum(event.return_, self._return), f"rewards sum to {self._return}, not {event.return_}")
+        self._rule(0 <= event.action < len(playing.action_names), f"there is no action {event.action}")
+        self._rule(event.key_t_ns <= event.t_ns, "a key comes before its step")
+        self._rule(event.rt_ms is None or event.rt_ms >= 0, "a reaction follows what it answers")
+        is_spent = event.step >= playing.plan.max_steps
+        self._rule(event.terminated or event.truncated or not is_spent, "the plan's step limit ends an episode")
+        last = self._last_step
+        self._rule(last is None or not (last.terminated or last.truncated), "nothing steps after the end")
+        self._last_step = event
+        self._outcome = self._judge.judge_step(event)
+
+    def _check_episode_end(self, event: EpisodeEnded) -> None:
+        playing = self._playing
+        last = self._last_step
+        if playing is None or event.episode != playing.plan.episode:
+            self._rule(False, "only the running episode ends")
+            return
+        totals_match = event.steps == self._steps and _is_sum(event.return_, self._return)
+        self._rule(totals_match, "an end counts the episode's steps")
+        final = playing.state_hash if last is None else last.state_hash
+        self._rule(event.state_hash == final, "an episode ends in the state of its last step")
+        expected: Outcome = "abandoned"
+        if self._outcome is not None:
+            expected = self._outcome
+        elif event.cause == "agent_failed":
+            expected = "agent_failed"
+        elif event.cause:
+            expected = self._judge.judge_time_limit()
+        self._rule(event.outcome == expected, f"the last step makes it {expected}, not {event.outcome}")
+        self._playing = None
+        self._paused = False
+        self._next += event.outcome != "abandoned"
+
+    def _rule(self, holds: bool, rule: str) -> None:
+        if not holds:
+            self.violations.append(f"{self._place}: {rule}")
+
+
+def _is_sum(logged: float, summed: float) -> bool:
+    """Tell whether a return is the sum of its rewards; of a reward that is NaN both are NaN."""
+    return logged == summed or (logged != logged and summed != summed)

@@ -1,0 +1,269 @@
+"""Rules of a block: its episodes, actions, keys, times, texts and kind, and what is given and does nothing."""
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from string import Formatter
+
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.activities.trials.plan import StimuliSpec
+from minihuman.errors import ProtocolError
+from minihuman.experiment.keys import PAD_AXES
+from minihuman.experiment.machine.activity import find_installed_kind, find_kind, list_kinds
+from minihuman.experiment.plan.designs import make_design
+from minihuman.experiment.protocol.model import MAX_SEED, BlockSpec, KeysSpec, Protocol
+from minihuman.experiment.protocol.validation_errors import FieldError
+from minihuman.worlds.catalogue import is_first_person
+from minihuman.worlds.outcomes import normalize_outcome_rule
+
+_FORMAT = re.compile(r"[<>^=+\- ,]{0,3}\d{0,3}(\.\d{1,2})?[a-z%]?")  # of a number or word in a text
+_DAY_MS = 86_400_000
+_TIMES = ("max_episode_s", "max_block_s", "inter_trial_interval_ms", "fixation_ms", "final_frame_ms", "feedback_ms")
+
+
+def check_block(block: BlockSpec, protocol: Protocol) -> Iterator[FieldError]:
+    """Yield every (field, complaint) about a block whose values have the right type."""
+    if not block.world:
+        yield "world", "is empty; `minihuman worlds` lists ours"
+    yield from _check_episodes(block)
+    yield from _check_actions(block, protocol.keys)
+    yield from _check_fixed_keys(block, protocol.keys.pool)
+    yield from _check_pace(block)
+    yield from _check_times(block)
+    yield from _check_motion(block)
+    yield from _check_stimuli(block.stimuli)
+    yield from _check_feedback(block)
+    yield from _check_kind(block, protocol.keys.pool)
+    yield from _check_page_computation(block)
+    yield from _check_outcome(block)
+    yield from _check_design(block)
+
+
+def check_useless_fields(block: BlockSpec, keys: KeysSpec) -> Iterator[FieldError]:
+    """Yield every (field, complaint) about what is given and does nothing."""
+    if keys.spare_keys == "ignore" and block.distractors:
+        yield "distractors", "has actions, but $.keys.spare_keys is 'ignore'; set it to 'distractor'"
+    if block.response_deadline_ms and block.noop_action is None:
+        yield "response_deadline_ms", "needs noop_action, which is done at the deadline; name one"
+    if block.pace == "on_key":
+        yield from _check_fields_of_time(block)
+    elif block.pace == "real_time":
+        yield from _check_fields_of_presses(block)
+    yield from _check_axes(block)
+
+
+def check_unused_tables(block: BlockSpec) -> Iterator[FieldError]:
+    """Yield every (field, complaint) about what is given and no group uses."""
+    overrides_of_groups = ({}, *block.group_overrides.values())
+    if block.fixed_keys and not any(
+        overrides.get("key_map", block.key_map) == "fixed" for overrides in overrides_of_groups
+    ):
+        yield "fixed_keys", f"is given, but key_map is {block.key_map!r}; set it to 'fixed'"
+    kinds = [overrides.get("kind", block.kind) for overrides in overrides_of_groups]
+    for table in ("agent", "team"):
+        if getattr(block, table) is not None and not any(_has_table(kind, table) for kind in kinds):
+            yield table, f"is given, but a {block.kind} block has none; use kind = {_name_kinds_with(table)}"
+
+
+def _check_episodes(block: BlockSpec) -> Iterator[FieldError]:
+    if not 1 <= block.episodes <= 10_000:
+        yield "episodes", f"is {block.episodes}; an episode count is 1 to 10000"
+    if not 1 <= block.max_steps <= 1_000_000:
+        yield "max_steps", f"is {block.max_steps}; use 1 to 1000000"
+    if isinstance(block.seeds, tuple):
+        if len(block.seeds) != block.episodes:
+            yield "seeds", f"has {len(block.seeds)} seeds for {block.episodes} episodes; give one an episode"
+        if any(not 0 <= seed <= MAX_SEED for seed in block.seeds):
+            yield "seeds", "has a negative seed; a seed is 0 or more"
+    criterion = block.stop_criterion
+    if criterion and not 1 <= criterion.successes <= criterion.of <= block.episodes:
+        asked_for = f"asks for {criterion.successes} of {criterion.of} in {block.episodes} episodes"
+        yield "stop_criterion", f"{asked_for}; use successes <= of <= episodes"
+
+
+def _check_actions(block: BlockSpec, keys: KeysSpec) -> Iterator[FieldError]:
+    n_keys = len(keys.pool)
+    counts = Counter(block.actions + block.distractors)
+    duplicates = [name for name, count in counts.items() if count > 1]
+    if not block.actions:
+        yield "actions", "is empty; name the actions that get a key"
+    if duplicates:
+        yield "actions", f"and distractors name {', '.join(map(repr, duplicates))} twice; name each once"
+    if len(block.actions) > n_keys:
+        yield "actions", f"has {len(block.actions)} for {n_keys} keys in $.keys.pool; add keys"
+    if keys.spare_keys == "distractor" and not block.distractors:
+        yield "distractors", "is empty, but $.keys.spare_keys is 'distractor'; name the actions to deal out"
+
+
+def _check_fixed_keys(block: BlockSpec, pool: tuple[str, ...]) -> Iterator[FieldError]:
+    if block.key_map == "fixed" and set(block.fixed_keys.values()) != set(block.actions):
+        yield (
+            "fixed_keys",
+            "gives keys to other actions than those of the block; give each a key: fixed_keys = { 1 = 'left' }",
+        )
+    for key in block.fixed_keys:
+        if key not in pool:
+            yield "fixed_keys", f"has the key {key!r}, which is not in $.keys.pool"
+
+
+def _check_pace(block: BlockSpec) -> Iterator[FieldError]:
+    if block.pace == "real_time" and not 5 <= block.step_period_ms <= 60_000:
+        yield "step_period_ms", f"is {block.step_period_ms}; real_time needs 5 to 60000 ms"
+    if not 0 <= block.response_deadline_ms <= 3_600_000:
+        yield "response_deadline_ms", f"is {block.response_deadline_ms:g}; use 0 to 3600000 ms"
+
+
+def _check_times(block: BlockSpec) -> Iterator[FieldError]:
+    for field in _TIMES:
+        time = getattr(block, field)
+        if not isinstance(time, tuple) and not 0 <= time <= _DAY_MS:
+            yield field, f"is {time:g}; use 0 or more"
+    interval = block.inter_trial_interval_ms
+    if isinstance(interval, tuple) and not 0 <= interval[0] <= interval[1] <= _DAY_MS:
+        yield "inter_trial_interval_ms", f"is {list(interval)}; give the shortest, then the longest"
+
+
+def _check_motion(block: BlockSpec) -> Iterator[FieldError]:
+    longest_ms = min(1000.0, block.step_period_ms or 1000.0)
+    has_motion = is_first_person(block.world) and block.view == "partial"
+    if block.motion_ms and not has_motion:
+        yield "motion_ms", "is for built-in first-person worlds with view = 'partial'; remove it"
+    if not 0 <= block.motion_ms <= longest_ms:
+        yield "motion_ms", f"is {block.motion_ms:g}; use 0 to {longest_ms:g} ms"
+
+
+def _check_stimuli(stimuli: StimuliSpec | None) -> Iterator[FieldError]:
+    if stimuli is None:
+        return
+    if bool(stimuli.file) == bool(stimuli.rows):
+        yield "stimuli", "needs a file or rows, and not both"
+    if stimuli.order == "fixed" and (stimuli.balanced_by or stimuli.max_run):
+        yield "stimuli.order", "is 'fixed', but balanced_by and max_run draw one; use 'shuffled'"
+    for column, most in stimuli.max_run.items():
+        if most < 1:
+            yield "stimuli.max_run", f"has {column} = {most}; use 1 or more"
+
+
+def _check_feedback(block: BlockSpec) -> Iterator[FieldError]:
+    if block.feedback_ms and not block.feedback:
+        yield "feedback_ms", f"is {block.feedback_ms:g}, but the block has no feedback; give it some"
+    texts = [block.feedback] if isinstance(block.feedback, str) else block.feedback.values()
+    for text in texts:
+        try:
+            _require_short_placeholders(text)
+            text.format(outcome="", reward=0.0, steps=0, episode=0, episodes=0, points=0.0, total=0.0)
+        except (KeyError, IndexError, ValueError, AttributeError) as error:
+            fields = "outcome, reward, steps, episode, episodes, points, total"
+            yield "feedback", f"has a bad placeholder ({error}); use {fields}"
+
+
+def _require_short_placeholders(text: str) -> None:
+    """Refuse placeholders that are more than a field and a short format: they could ask for a text of any size.
+
+    Raises:
+        ValueError: if there is one.
+    """
+    for _, field, format_spec, conversion in Formatter().parse(text):
+        if field is not None and (not field.isidentifier() or conversion or not _FORMAT.fullmatch(format_spec or "")):
+            raise ValueError(f"{{{field}{':' if format_spec else ''}{format_spec}}}")
+
+
+def _check_kind(block: BlockSpec, pool: tuple[str, ...]) -> Iterator[FieldError]:
+    """Check that a block's kind is a kind of block, and that the block is as its kind needs it."""
+    try:
+        kind = find_kind(block.kind)
+    except ProtocolError as error:
+        yield "kind", f"is {block.kind!r}: {error}"
+        return
+    if not issubclass(kind.plan, PlayPlan):
+        yield "kind", f"is {block.kind!r}, which is not a kind of block; list it in [[activities]]"
+    elif kind.check_block is not None:
+        yield from kind.check_block(block, pool)
+
+
+def _check_page_computation(block: BlockSpec) -> Iterator[FieldError]:
+    if block.computed != "page":
+        return
+    if not _can_page_compute(block.kind):
+        yield "computed", f"is 'page' for a {block.kind} block; a page computes play alone: use 'server'"
+    if block.view == "text":
+        yield "computed", "is 'page', but view is 'text', which a page does not draw: use 'server'"
+    if block.hold == "repeat":
+        yield "computed", "is 'page', but held keys repeat: a page does not compute them; use 'server'"
+    if block.design is not None:
+        yield "computed", "is 'page', but a design resolves each episode on the server; use 'server'"
+
+
+def _check_outcome(block: BlockSpec) -> Iterator[FieldError]:
+    """Check how success is stated, and which keys of ``info`` are kept."""
+    if block.success is not None:
+        try:
+            normalize_outcome_rule(block.success, at_any_step=False)
+        except ProtocolError as error:
+            yield "success", str(error)
+    for key in block.record_info:
+        if not key.strip() or '"' in key or block.record_info.count(key) > 1:
+            yield "record_info", f"has {key!r}; name each key of the world's info once, without quotation marks"
+
+
+def _check_design(block: BlockSpec) -> Iterator[FieldError]:
+    if block.design is None:
+        return
+    try:
+        make_design(block.design)
+    except ProtocolError as error:
+        yield "design", f"{block.design.name!r}: {error}"
+
+
+def _check_fields_of_time(block: BlockSpec) -> Iterator[FieldError]:
+    """Check a block in which only presses make steps for the fields of one in which time does."""
+    if block.step_period_ms or (block.noop_action and not block.response_deadline_ms):
+        yield "pace", "is 'on_key', which has no step_period_ms and no noop_action; remove them or use 'real_time'"
+    if block.hold != "once":
+        yield "hold", "is for 'real_time'; in 'on_key' each press is a step: remove it, or see auto_repeat"
+    if block.stimulus_onset != "world":
+        yield "stimulus_onset", "is for 'real_time'; in 'on_key' every picture is an onset; remove it"
+
+
+def _check_fields_of_presses(block: BlockSpec) -> Iterator[FieldError]:
+    """Check a block in which time makes steps for the fields of one in which only presses do."""
+    if block.response_deadline_ms:
+        yield "response_deadline_ms", "is for 'on_key'; in 'real_time' a tick decides: remove it"
+    if block.auto_repeat:
+        yield "auto_repeat", "is for 'on_key'; in 'real_time' a tick decides"
+
+
+def _check_axes(block: BlockSpec) -> Iterator[FieldError]:
+    is_for_agents = not is_played_alone(block.kind)
+    for field in ("axes", "spot"):
+        if getattr(block, field) and is_for_agents:
+            yield field, f"is for blocks that are played, not for kind {block.kind!r}; remove it"
+    if block.axes and block.hold != "repeat":
+        yield "axes", "are read at each tick; use pace = 'real_time' and hold = 'repeat'"
+    if block.spot and block.hold == "repeat":
+        yield "spot", "is an action of its own, but held keys combine; use hold = 'once'"
+    for axis in block.axes:
+        if axis not in PAD_AXES:
+            yield "axes", f"has {axis!r}, which is no axis; axes: {', '.join(PAD_AXES)}"
+
+
+def is_played_alone(kind: str) -> bool:
+    """Tell whether only the participant acts in blocks of a kind; one that is not installed is an error of its own."""
+    installed = find_installed_kind(kind)
+    return installed is None or installed.is_played_alone
+
+
+def _can_page_compute(kind: str) -> bool:
+    installed = find_installed_kind(kind)
+    return installed is None or installed.is_plain_play
+
+
+def _has_table(kind: str, table: str) -> bool:
+    """Tell whether blocks of a kind have a table of that name; what is no kind of block is an error of its own."""
+    installed = find_installed_kind(kind)
+    return installed is None or not issubclass(installed.plan, PlayPlan) or table in installed.plan_fields
+
+
+def _name_kinds_with(table: str) -> str:
+    kinds = list_kinds(lambda kind: issubclass(kind.plan, PlayPlan) and table in kind.plan_fields)
+    return " or ".join(map(repr, kinds))

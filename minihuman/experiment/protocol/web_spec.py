@@ -1,0 +1,85 @@
+"""The `[web]` table of a protocol: how the study runs in a browser, and who may take part there."""
+
+import re
+from collections.abc import Iterator
+from typing import Literal
+
+import msgspec
+
+from minihuman.experiment.protocol.validation_errors import Bound, FieldError, check_bounds
+
+Browser = Literal["chrome", "edge", "firefox", "safari"]
+RecruitmentPlatform = Literal["prolific", "sona", "mturk"]
+ImageEncoding = Literal["auto", "lossless", "jpeg"]
+
+_CODE = re.compile(r"[A-Za-z0-9_-]{0,64}")
+CODE_RULE = "use letters, digits, '-' and '_', at most 64"
+
+
+def is_completion_code(code: str) -> bool:
+    """Tell whether a code can be part of an address."""
+    return _CODE.fullmatch(code) is not None
+
+
+class CompletionCodesSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The codes that participants take back to where they were recruited, by the session's end; "" shows none."""
+
+    complete: str = ""
+    declined: str = ""  # did not agree
+    screened_out: str = ""  # browser, window, line or keyboard, or a criterion not reached
+    failed_check: str = ""  # wrong answers, where the questions say failed = "end"
+    timed_out: str = ""  # the participant was away for as long as the study waits
+    quit: str = ""  # ended it themselves
+
+
+class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The settings of the study in a browser, where it also runs without this table."""
+
+    image_size_px: tuple[int, int] = (
+        640,
+        480,
+    )  # of the world's picture, width and height; shown enlarged, never stretched
+    image_encoding: ImageEncoding = "auto"  # auto: grid worlds lossless, first-person ones as JPEG
+    reconnect_timeout_s: float = 600.0  # so long a lost line may take to come back before the session ends
+    idle_timeout_s: float = 1800.0  # so long nothing may be pressed; 0: for ever
+    allowed_browsers: tuple[Browser, ...] = ()  # that may take part; (): any
+    max_rtt_ms: float = 0.0  # the slowest line that may, there and back; 0: any
+    min_window_size_px: tuple[int, int] = (0, 0)  # the smallest window that may, width and height
+    require_keyboard: bool = True  # devices with only a touch screen may not take part
+    open_access: bool = False  # who comes without a link and from no platform gets a slot, too
+    recruitment_platforms: tuple[RecruitmentPlatform, ...] = ()  # that people may come from; () asks for links
+    max_concurrent_sessions: int = 200  # seats
+    max_unconsented_per_address: int = 20  # of people without a link who played nothing; raise it for a lab
+    require_signed_arrival: bool = False  # who comes from a platform needs a signature; see web/arrival_signature.py
+    completion_codes: CompletionCodesSpec = CompletionCodesSpec()
+    redirect: str = ""  # where the page leads at the end; {code} and {id}, the platform's id, are filled in
+
+
+_BOUNDS: tuple[Bound, ...] = (
+    *(("reconnect_timeout_s", 0, 86_400), ("idle_timeout_s", 0, 86_400), ("max_rtt_ms", 0, 60_000)),
+    *(("max_concurrent_sessions", 1, 10_000), ("max_unconsented_per_address", 1, 10_000)),
+)
+_SIZE_BOUNDS: tuple[Bound, ...] = (("image_size_px", 16, 4096), ("min_window_size_px", 0, 8192))
+
+
+def check_web(web: WebSpec) -> Iterator[FieldError]:
+    """Yield every value that has the right type but cannot be right."""
+    for field, least, most in _SIZE_BOUNDS:
+        size_px = getattr(web, field)
+        if not all(least <= side <= most for side in size_px):
+            yield f"$.web.{field}", f"is {list(size_px)}; use {least} to {most} px a side"
+    yield from check_bounds("$.web", web, _BOUNDS)
+    yield from _check_completion_codes(web.completion_codes)
+    if web.redirect and not web.redirect.startswith("https://"):
+        yield "$.web.redirect", f"is {web.redirect!r}; it starts with https://"
+    if set(re.findall(r"\{([^}]*)\}", web.redirect)) - {"code", "id"}:
+        yield "$.web.redirect", "has a bad placeholder; use {code} and {id}"
+
+
+def _check_completion_codes(codes: CompletionCodesSpec) -> Iterator[FieldError]:
+    code_of_end = msgspec.structs.asdict(codes)
+    for end, code in code_of_end.items():
+        if not is_completion_code(code):
+            yield f"$.web.completion_codes.{end}", f"is {code!r}; {CODE_RULE}"
+    if codes.complete and list(code_of_end.values()).count(codes.complete) > 1:
+        yield "$.web.completion_codes.complete", "is another end's code, too; give completion one of its own"

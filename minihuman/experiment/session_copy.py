@@ -1,0 +1,91 @@
+"""Copy a running session to try an input on it.
+
+The copy shares the world of the original and must not reset or step it; it may be lent a world of its own.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from minihuman.activities.questions.question import AnswerDraft
+from minihuman.errors import WorldError
+from minihuman.experiment.machine.activity import Activity, SessionContext
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.words import InterfaceWords
+from minihuman.worlds.adapters.world import World
+
+WorldLender = Callable[[str, dict[str, Any]], World | None]
+_COPIED_PACKAGES = ("minihuman.experiment.", "minihuman.activities.")
+
+
+def can_copy_session(session: SessionMachine) -> bool:
+    """Tell whether a session is in a part whose state is copied whole."""
+    return type(session) is SessionMachine and session.part.can_copy
+
+
+def copy_session(session: SessionMachine, lend: WorldLender) -> SessionMachine:
+    """Copy a session, to feed it inputs and throw it away; the copy is never closed, as its world is the other's.
+
+    Args:
+        session: where to start from.
+        lend: a world that may be reset for an id and its options; None where there is none, which ends the fork.
+    """
+    copied: SessionMachine = _Copier(lend).copy(session)
+    return copied
+
+
+class _LentContext(SessionContext):
+    """A context whose worlds are lent."""
+
+    _lend: WorldLender
+
+    def world(self, world_id: str, options: dict[str, Any]) -> World:
+        """Return the lent world."""
+        lent = self._lend(world_id, options)
+        if lent is None:
+            raise WorldError(f"the copied session has no world {world_id} to replay in")
+        return lent
+
+    def close(self) -> None:
+        """Do nothing: the world belongs to the other session."""
+
+
+class _Copier:
+    def __init__(self, lend: WorldLender) -> None:
+        self._lend = lend
+        self._copies: dict[int, Any] = {}  # by the identity of the original
+
+    def copy(self, value: Any) -> Any:
+        """Return a copy of what changes while a session runs; anything else as it is."""
+        kind = type(value)
+        if id(value) in self._copies:
+            return self._copies[id(value)]
+        if kind is list or kind is set:
+            return self._copies.setdefault(id(value), kind(map(self.copy, value)))
+        if kind is dict:
+            return self._copies.setdefault(id(value), {name: self.copy(element) for name, element in value.items()})
+        if kind is tuple:
+            return tuple(map(self.copy, value))
+        if _is_mutable(value):
+            return self._of_machine(value)
+        return value
+
+    def _of_machine(self, value: Any) -> Any:
+        kind = _LentContext if type(value) is SessionContext else type(value)
+        duplicate = object.__new__(kind)
+        self._copies[id(value)] = duplicate  # before its attributes, which may refer to it
+        duplicate.__dict__.update((name, self.copy(attribute)) for name, attribute in vars(value).items())
+        if isinstance(duplicate, _LentContext):
+            duplicate._lend = self._lend
+        return duplicate
+
+
+def _is_mutable(value: Any) -> bool:
+    """Tell whether an object is one of the machine's that changes while a session runs."""
+    kind = type(value)
+    frozen = getattr(kind, "__dataclass_params__", None)
+    if isinstance(value, Activity | AnswerDraft):  # a plug-in's too
+        return True
+    if not kind.__module__.startswith(_COPIED_PACKAGES) or (frozen is not None and frozen.frozen):
+        return False
+    has_state = hasattr(value, "__dict__") and not hasattr(kind, "__members__")
+    return has_state and not isinstance(value, type | InterfaceWords)

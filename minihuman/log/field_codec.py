@@ -1,0 +1,164 @@
+"""Encode a dataclass or a struct as a protobuf message, field by field, and decode it."""
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any, Literal, Protocol, get_args, get_origin, get_type_hints
+
+import msgspec
+from google.protobuf.message import Message
+
+from minihuman.errors import LogError
+
+
+def require_one_of(allowed: tuple[str, ...], value: str) -> Any:
+    """Pass a word of a fixed vocabulary (a ``Literal``'s arguments) through.
+
+    Raises:
+        LogError: if the word is not of the vocabulary.
+    """
+    if value not in allowed:
+        raise LogError(
+            f"value {value!r} in the log is not one of {', '.join(allowed)}; the log is damaged, or a newer minihuman "
+            "wrote it"
+        )
+    return value
+
+
+class Codec(Protocol):
+    """Encodes a value as a message and decodes it."""
+
+    def encode(self, value: Any, /) -> Any:
+        """Put a value into its message."""
+
+    def decode(self, message: Any, /) -> Any:
+        """Read the value in a message."""
+
+
+@dataclass(frozen=True, slots=True)
+class FieldCodec:
+    """A field that has another name or another form on the wire."""
+
+    name: str
+    encode: Callable[[Any], Any] | None = None
+    decode: Callable[[Any], Any] | None = None
+
+
+def nested(name: str, codec: Codec) -> FieldCodec:
+    """Encode a field as a message of its own."""
+    return FieldCodec(name, codec.encode, codec.decode)
+
+
+def repeated(name: str, codec: Codec) -> FieldCodec:
+    """Encode a tuple as a list of messages."""
+    return FieldCodec(
+        name, lambda values: list(map(codec.encode, values)), lambda messages: tuple(map(codec.decode, messages))
+    )
+
+
+def json_field(name: str, kind: Any = Any, *, default: str = "null") -> FieldCodec:
+    """Encode a field as JSON; ``default`` stands for the empty text of logs that are older than the field."""
+    return FieldCodec(name, to_json, lambda text: msgspec.json.decode(text or default, type=kind))
+
+
+def to_json(value: Any) -> str:
+    """Encode a value as a JSON text."""
+    return msgspec.json.encode(value).decode()
+
+
+class MessageCodec:
+    """Encodes a dataclass or a msgspec struct field by field.
+
+    A ``Literal`` is checked against its vocabulary, a repeated field is a tuple, and an absent optional field is None.
+
+    Args:
+        kind: the class of the values.
+        message: the type of their messages.
+        fields: the fields that differ on the wire, by their names in ``kind``.
+    """
+
+    def __init__(self, kind: type[Any], message: type[Message], fields: Mapping[str, FieldCodec] | None = None) -> None:
+        hints = get_type_hints(kind)
+        fields = fields or {}
+        names = msgspec.structs.fields(kind) if issubclass(kind, msgspec.Struct) else dataclasses.fields(kind)
+        self._names = tuple(definition.name for definition in names)
+        self._wire_names = tuple(fields[name].name if name in fields else name for name in self._names)
+        self._kind = kind
+        self._message = message
+        self._from_message = _values_getter(self._wire_names)
+        encoders: dict[str, Callable[[Any], Any]] = {}
+        self._decoders: list[tuple[int, Callable[[Any], Any]]] = []
+        self._vocabularies: list[tuple[int, tuple[str, ...]]] = []
+        self._optional: list[tuple[int, str]] = []
+        for place, (name, wire_name) in enumerate(zip(self._names, self._wire_names, strict=True)):
+            descriptor = message.DESCRIPTOR.fields_by_name[wire_name]
+            hint = hints[name]
+            codec = fields.get(name, FieldCodec(wire_name))
+            decode = codec.decode
+            if decode is None and descriptor.default_value == []:  # a repeated field's, in every release of protobuf
+                decode = tuple
+            optional = descriptor.has_presence and (descriptor.message_type is None or type(None) in get_args(hint))
+            if optional:
+                self._optional.append((place, wire_name))
+            if get_origin(hint) is Literal:
+                self._vocabularies.append((place, get_args(hint)))
+            if codec.encode is not None:
+                encoders[name] = _unless_none(codec.encode) if optional else codec.encode
+            if decode is not None:
+                self._decoders.append((place, _unless_none(decode) if optional else decode))
+        self._build = _message_builder(message, zip(self._names, self._wire_names, strict=True), encoders)
+
+    def encode(self, value: Any, /) -> Any:
+        """Put a value into its message."""
+        return self._build(value)
+
+    def decode(self, message: Any, /) -> Any:
+        """Read the value in a message.
+
+        Raises:
+            LogError: if a word in it is outside its vocabulary.
+        """
+        values = list(self._from_message(message))
+        for place, wire_name in self._optional:
+            if not message.HasField(wire_name):
+                values[place] = None
+        for place, decode in self._decoders:
+            values[place] = decode(values[place])
+        for place, allowed in self._vocabularies:
+            if values[place] not in allowed:
+                require_one_of(allowed, values[place])
+        return self._kind(*values)
+
+
+def _message_builder(
+    message: type[Message], names: Iterable[tuple[str, str]], encoders: Mapping[str, Callable[[Any], Any]]
+) -> Callable[[Any], Any]:
+    """Compile a function that makes a value's message, as dataclasses do with ``__init__``: 1.6 us instead of 2.4."""
+    encode = {f"encode_{name}": encoder for name, encoder in encoders.items()}
+    fields = (
+        f"{wire_name}=encode_{name}(value.{name})" if name in encoders else f"{wire_name}=value.{name}"
+        for name, wire_name in names
+    )
+    build: Callable[[Any], Any] = eval(f"lambda value: message({', '.join(fields)})", {"message": message, **encode})
+    return build
+
+
+def _values_getter(names: Iterable[str]) -> Callable[[Any], tuple[Any, ...]]:
+    first, *other_names = names
+    get = attrgetter(first, *other_names)
+    if other_names:
+        return get
+    return lambda value: (get(value),)
+
+
+def _unless_none(convert: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    return lambda value: None if value is None else convert(value)
+
+
+@dataclass(frozen=True, slots=True)
+class CustomCodec:
+    """Encodes a value as a message where the two have different shapes."""
+
+    encode: Callable[[Any], Any]
+    decode: Callable[[Any], Any]

@@ -1,0 +1,208 @@
+"""Rows of a session: the messages of one topic with their places, and the columns made of their fields.
+
+Messages are collected per topic and turned into columns at once. No object is made per step, key press or frame: that
+is what makes a study quick to read.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cache, cached_property
+from typing import Any, get_args, overload
+
+import numpy as np
+from google.protobuf.message import Message
+from numpy.typing import NDArray
+
+from minihuman.errors import LogError
+from minihuman.experiment.machine import events
+from minihuman.log import topics
+from minihuman.log.codec import decode_event, require_one_of
+from minihuman.log.model.event_columns import NO_ACTION, EventColumns
+from minihuman.log.model.session_log import pose_as_row
+from minihuman.log.proto import minihuman_v1_pb2 as v1
+from minihuman.log.read.protobuf_columns import BEYOND, FieldColumn, MessageColumns
+from minihuman.log.salvage.records import TopicMessages
+
+FREQUENT_TOPICS: dict[str, type[Message]] = {topics.STEP: v1.Step, topics.KEY: v1.KeyEvent, topics.FRAME: v1.FrameShown}
+_TIMES = frozenset({"t_ns", "pressed_ns", "key_t_ns", "submit_ns", "flip_ns"})  # columns that are times
+
+
+class SampleSequence(Sequence[events.Sampled]):
+    """Samples in the order they were recorded, in session time.
+
+    Raises:
+        google.protobuf.message.DecodeError: when a message is looked at that is no sample.
+    """
+
+    def __init__(self, messages: Sequence[bytes], start_ns: int) -> None:
+        """Return ``start_ns`` is the session time at which their segment began."""
+        self._messages = messages
+        self._start_ns = start_ns
+
+    def __len__(self) -> int:
+        return len(self._messages)
+
+    def __iter__(self) -> Iterator[events.Sampled]:
+        return map(self._read, self._messages)
+
+    @overload
+    def __getitem__(self, place: int) -> events.Sampled: ...
+    @overload
+    def __getitem__(self, place: slice) -> "SampleSequence": ...
+    def __getitem__(self, place: int | slice) -> "events.Sampled | SampleSequence":
+        if isinstance(place, slice):
+            return SampleSequence(self._messages[place], self._start_ns)
+        return self._read(self._messages[place])
+
+    def _read(self, message: bytes) -> events.Sampled:
+        sampled = decode_event(topics.SAMPLE, message)
+        assert isinstance(sampled, events.Sampled)
+        return replace(sampled, t_ns=sampled.t_ns + self._start_ns)
+
+
+_AXES = ("x", "y", "z", "yaw_rad")
+_VERDICTS = get_args(events.KeyVerdict)
+
+
+def check_step_numbers(episode: int, episodes: NDArray[np.int64], steps: NDArray[np.int64]) -> None:
+    """Refuse an episode that lacks a step, or has one of another episode.
+
+    Raises:
+        LogError: if it does.
+    """
+    wrong = np.flatnonzero((episodes != episode) | (steps != np.arange(1, len(steps) + 1)))
+    if wrong.size:
+        first = wrong[0]
+        raise LogError(
+            f"episode {episodes[first] + 1} step {steps[first]} follows episode {episode + 1} step {first}; "
+            "the steps in between are missing"
+        )
+
+
+def build_step_columns(column: Callable[[str], FieldColumn]) -> dict[str, NDArray[Any]]:
+    """Build the columns of ``EpisodeLog`` that have a row for each step."""
+    rt_ms = column("rt_ms")
+    return {
+        "actions": column("action").values,
+        "key_t_ns": column("key_t_ns").values,
+        "rewards": column("reward").values,
+        "terminated": column("terminated").values,
+        "truncated": column("truncated").values,
+        "rt_ms": np.where(rt_ms.is_present, rt_ms.values, np.nan),
+    }
+
+
+def build_state_columns(
+    starts: Sequence[events.EpisodeStarted], resets: Sequence[int], column: Callable[[str], FieldColumn]
+) -> dict[str, NDArray[Any]]:
+    """Build the columns of ``EpisodeLog`` that have a row for the reset and one for each step."""
+    pose = column("pose")
+    after = np.stack([np.where(pose.is_present, pose.values[axis].values, np.nan) for axis in _AXES], axis=1)
+    first = np.array([pose_as_row(start.pose) for start in starts], np.float64).reshape(-1, len(_AXES))
+    moments: dict[str, NDArray[Any]] = {"poses": np.insert(after, resets, first, axis=0)}
+    for of_episode, name, dtype in (
+        ("t_ns", "t_ns", np.int64),
+        ("state_hashes", "state_hash", np.uint64),
+        ("observation_hashes", "observation_hash", np.uint64),
+        ("onsets", "onset", np.bool_),
+    ):
+        first = np.array([getattr(start, name) for start in starts], dtype)
+        moments[of_episode] = np.insert(column(name).values, resets, first)
+    return moments
+
+
+def build_key_columns(column: Callable[[str], FieldColumn], count: int) -> EventColumns[events.KeyPressed]:
+    """Build key presses and releases from the columns of their messages.
+
+    Raises:
+        LogError: if a verdict is outside its vocabulary.
+    """
+    for word in column("verdict").values.categories:
+        require_one_of(_VERDICTS, word)
+
+    def values(name: str) -> Any:
+        cells = column(name)
+        if name == "action":
+            return np.where(cells.is_present, cells.values, NO_ACTION)
+        return cells.values
+
+    return EventColumns(events.KeyPressed, cache(values), range(count))
+
+
+class TopicRows:
+    """A session's messages on one topic: their places among all messages, and their fields, read on demand."""
+
+    def __init__(self, topic: str, batches: Sequence[TopicMessages], data: bytes) -> None:
+        self._topic = topic
+        self.places, self._begins, self._ends = (
+            np.concatenate([np.zeros(0, np.int64), *(getattr(of_topic, name) for of_topic in batches)])
+            for name in ("places", "begins", "ends")
+        )
+        self._data = data
+        self._shifted: dict[str, FieldColumn] = {}
+        self._offsets_ns: NDArray[np.int64] | None = None  # from segment time to session time; None: all are 0
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def shift_to_session_time(self, begins: NDArray[np.int64], starts_ns: NDArray[np.int64]) -> None:
+        """Add to each time the session time at which its segment starts.
+
+        Args:
+            begins: int64[segments], the first place of each segment.
+            starts_ns: int64[segments].
+        """
+        if starts_ns.any():
+            self._offsets_ns = starts_ns[np.searchsorted(begins, self.places, side="right") - 1]
+
+    @cached_property
+    def _columns(self) -> MessageColumns:
+        return MessageColumns(FREQUENT_TOPICS[self._topic].DESCRIPTOR, self._data, self._begins, self._ends)
+
+    def column(self, name: str) -> FieldColumn:
+        """Return one field of all the messages.
+
+        Raises:
+            LogError: if it cannot be read.
+        """
+        if name in self._shifted:
+            return self._shifted[name]
+        try:
+            cells = self._columns[name]
+        except ValueError as error:
+            raise LogError(f"a message on {self._topic} cannot be read: {error}") from error
+        if self._offsets_ns is not None and name in _TIMES:
+            cells = cells._replace(values=cells.values + self._offsets_ns)
+            self._shifted[name] = cells
+        return cells
+
+    def between(self, begin: int, end: int | None) -> slice:
+        """Return which of the messages lie between two places, the second excluded; None for the log's end."""
+        first = int(np.searchsorted(self.places, begin))
+        return slice(first, len(self.places) if end is None else int(np.searchsorted(self.places, end)))
+
+
+class FrequentRows:
+    """The messages on the topics that have thousands: steps, keys and frames."""
+
+    def __init__(self, batches: Mapping[str, Sequence[TopicMessages]], chunks: Sequence[bytes]) -> None:
+        data = b"".join((*chunks, BEYOND))
+        self.steps, self.keys, self.frames = (
+            TopicRows(topic, batches.get(topic, ()), data) for topic in FREQUENT_TOPICS
+        )
+
+    def shift_to_session_time(self, begins: NDArray[np.int64], starts_ns: NDArray[np.int64]) -> None:
+        """Shift all times to the session's clock."""
+        for rows in (self.steps, self.keys, self.frames):
+            rows.shift_to_session_time(begins, starts_ns)
+
+    @cached_property
+    def key_events(self) -> EventColumns[events.KeyPressed]:
+        """Every press and release."""
+        return build_key_columns(self.keys.column, len(self.keys))
+
+    @cached_property
+    def frame_events(self) -> EventColumns[events.FrameShown]:
+        """Every picture that was shown."""
+        frames = self.frames  # alone: what is cached here and held this would be a cycle, freed only by the collector
+        return EventColumns(events.FrameShown, lambda name: frames.column(name).values, range(len(frames)))

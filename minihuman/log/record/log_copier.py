@@ -1,0 +1,239 @@
+"""Copy log files record by record into one finished log: its chain, its counts, the previews and second copies."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+
+from google.protobuf.message import Message as Protobuf
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.writer import Writer
+
+from minihuman.experiment.machine.events import EpisodeEnded, EpisodesSkipped, Event, SessionEnded, SessionStarted
+from minihuman.log import integrity, names, topics
+from minihuman.log.codec import RECORD_TOPICS, decode_event
+from minihuman.log.integrity import HashChain
+from minihuman.log.model.session_log import CUT_OFF
+from minihuman.log.names import CHAIN_KEY
+from minihuman.log.preview import PreviewEncoder
+from minihuman.log.salvage.records import LogMessage
+from minihuman.log.salvage.scan import LogScanner, MissingMessages
+
+UNNUMBERED = 0  # the sequence of a preview
+EPISODE_BYTES = 16 * 1024  # an episode with fewer shares its chunk with the next
+_PREVIEW_TOPICS = frozenset(topic.name for topic in topics.TOPICS if topic.is_preview)
+_SUMMARY_TOPICS = frozenset({topics.SKIP, topics.PLAN, topics.EPISODE_END, topics.SESSION_END})  # for a segment's end
+_HEAD = (names.SEGMENT_METADATA, names.FACTS_METADATA)
+
+
+class LogCopier:
+    """Copies whole files into one writer, giving schemas and channels that recur one number."""
+
+    def __init__(self, writer: Writer) -> None:
+        self.chain = HashChain()
+        self.starts: list[dict[str, str]] = []  # the segments' metadata
+        self.ends: list[dict[str, str]] = []
+        self.counts: Counter[str] = Counter()  # messages per topic, of the last segment copied
+        self.total: Counter[str] = Counter()  # of all segments
+        self.end_reason = ""  # of the last segment copied; "" if it holds none
+        self.last_sequence = 0  # of the last segment copied
+        self.planned = 0  # episodes of the session
+        self.skipped = 0  # of them, in all segments copied: a criterion was met, or the time was up
+        self.completed: set[int] = set()  # of them, in all segments copied: with an outcome other than abandoned
+        self.lasted_ns = 0  # from the last segment's first message to its last
+        self._first_ns = 0
+        self._writer = writer
+        self._schemas: dict[tuple[str, bytes], int] = {}
+        self._channels: dict[tuple[str, int], int] = {}
+        self._attachments: set[tuple[str, bytes]] = set()
+        self._head: dict[str, Metadata] = {}  # of the segment whose plan is next
+        self._early_attachments: list[Attachment] = []  # to it
+        self._early_previews: list[tuple[LogMessage, Schema | None]] = []  # previews, before that plan
+        self._draw = False
+        self._previews: PreviewEncoder | None = None  # None: none are added
+        self._last: LogMessage | None = None  # of the record
+        self._chunk_bytes = 0
+
+    def copy_file(self, scan: LogScanner, *, draw: bool = False) -> None:
+        """Copy every record that the scan finds; add previews, unless the file has them."""
+        self._previews = None
+        self._draw = draw
+        for record in scan:
+            match record:
+                case LogMessage():
+                    self._message(record, scan.schemas.get(record.channel.schema_id))
+                case Metadata() if record.name in _HEAD:
+                    self._head[record.name] = record
+                case Metadata():
+                    self.metadata(record.name, record.metadata)
+                case Attachment() if record.name != integrity.SEGMENT_HEAD_NAME and self._head:
+                    self._early_attachments.append(record)
+                case Attachment() if record.name != integrity.SEGMENT_HEAD_NAME:
+                    self._attachment(record)
+        self._write_head()
+        if self._previews is not None and self._last is not None:
+            self._add_previews(self._previews.finish(), self._last)
+
+    def metadata(self, name: str, facts: Mapping[str, object], *, sealed: bool = False) -> None:
+        """Add a metadata record; ``sealed``: with the head of the chain, itself included."""
+        record = Metadata(name, {key: _format_fact(fact) for key, fact in facts.items()})
+        self._flush()  # else it would come before the messages that it follows
+        self.chain.metadata(record)
+        if sealed:
+            record.metadata[CHAIN_KEY] = self.chain.head
+        self._writer.add_metadata(record.name, record.metadata)
+        if name == names.SEGMENT_METADATA:
+            self.starts.append(record.metadata)
+            self.counts.clear()
+            self.end_reason = ""
+            self.last_sequence = 0
+            self.lasted_ns = self._first_ns = 0
+        elif name == names.END_METADATA:
+            self.ends.append(record.metadata)
+
+    def missing(self, gaps: Iterable[MissingMessages]) -> None:
+        """Record which messages were lost."""
+        for gap in gaps:
+            self.metadata(names.MISSING_METADATA, {"segment": gap.segment, "first": gap.first, "last": gap.last})
+
+    def end(self, segment: int, **facts: object) -> None:
+        """Record how a segment ended, with the head of the hash chain."""
+        self.metadata(names.END_METADATA, {"segment": segment} | facts, sealed=True)
+
+    def summarize_segment(self) -> dict[str, object]:
+        """Summarize the last segment copied, for the metadata of its end."""
+        return {
+            "reason": self.end_reason or CUT_OFF,
+            "steps": self.counts[topics.STEP],
+            "last_message": self.last_sequence,
+            "planned": self.planned - self.skipped,
+            "completed": len(self.completed),
+            "lasted_ns": self.lasted_ns,
+        }
+
+    def _attachment(self, record: Attachment) -> None:
+        if (record.name, record.data) in self._attachments:
+            return
+        self._attachments.add((record.name, record.data))
+        self._flush()
+        self._writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
+        self.chain.attachment(record)
+
+    def _message(self, message: LogMessage, schema: Schema | None) -> None:
+        topic = message.channel.topic
+        if topic in _PREVIEW_TOPICS:
+            self._previews = None  # a file of an earlier version
+        if self._head and topic in _PREVIEW_TOPICS:
+            self._early_previews.append((message, schema))  # a line about the plan that comes next
+            return
+        if topic == topics.PLAN:
+            self._start(message, schema)
+        self._write_head()
+        if topic in RECORD_TOPICS:
+            self.last_sequence = message.sequence
+            self._last = message
+        if self._previews is not None:
+            self._add_previews(self._previews.encode(topic, message.data), message)
+        self._add(message, schema)
+        if topic == topics.PLAN or (topic == topics.EPISODE_END and self._chunk_bytes > EPISODE_BYTES):
+            self._flush()
+        self._first_ns = self._first_ns or message.log_time
+        self.lasted_ns = max(self.lasted_ns, message.log_time - self._first_ns)
+        if topic in _SUMMARY_TOPICS:
+            with suppress(Exception):  # as in _add_previews
+                self._count_event(decode_event(topic, message.data))
+
+    def _count_event(self, event: Event | None) -> None:
+        match event:
+            case SessionStarted(plan=plan):
+                self.planned = len(plan.episodes)
+            case EpisodesSkipped(count=count):
+                self.skipped += count
+            case EpisodeEnded(outcome=outcome, episode=episode) if outcome != "abandoned":
+                self.completed.add(episode)
+            case SessionEnded(reason=reason):
+                self.end_reason = reason
+
+    def _start(self, message: LogMessage, schema: Schema | None) -> None:
+        """Put the second copy of a segment's start behind its metadata."""
+        self._flush()
+        if self._draw and names.SEGMENT_METADATA in self._head:
+            self._previews = PreviewEncoder(int(self._head[names.SEGMENT_METADATA].metadata["started_unix_ns"]))
+        number = self._channel(message.channel, schema)
+        topic = message.channel.topic
+        encoding = message.channel.message_encoding
+        schemas = []
+        channels = [Channel(number, topic, encoding, message.channel.metadata, schema_id=0)]
+        if schema is not None:
+            channels[0].schema_id = self._schemas[schema.name, schema.data]
+            schemas.append(Schema(channels[0].schema_id, schema.data, schema.encoding, schema.name))
+        plan = Message(number, message.log_time, message.data, message.publish_time, message.sequence)
+        copied = integrity.pack_segment_head(self._head.values(), schemas, channels, plan)
+        self._write_head(copied, message.log_time)
+
+    def _write_head(self, copied: bytes = b"", log_time: int = 0) -> None:
+        head = self._head
+        self._head = {}
+        attached = self._early_attachments
+        self._early_attachments = []
+        previews = self._early_previews
+        self._early_previews = []
+        for record in head.values():
+            self.metadata(record.name, record.metadata)
+        if copied:
+            self._writer.add_attachment(
+                log_time, log_time, integrity.SEGMENT_HEAD_NAME, integrity.SEGMENT_HEAD_MEDIA_TYPE, copied
+            )
+        for attachment in attached:
+            self._attachment(attachment)
+        for message, schema in previews:
+            self._add(message, schema)
+
+    def _add_previews(self, encoded: Iterator[tuple[str, Protobuf]], message: LogMessage) -> None:
+        """Add previews with a message's times, before it: a step whose own message is there is whole."""
+        previews: list[tuple[str, Protobuf]] = []
+        with suppress(Exception):  # of foreign bytes; the message itself is kept
+            previews += encoded
+        for topic, preview in previews:
+            name = preview.DESCRIPTOR.full_name
+            data = preview.SerializeToString(deterministic=True)
+            schema = Schema(id=0, data=topics.schema_bytes(type(preview)), encoding="protobuf", name=name)
+            channel = Channel(id=0, topic=topic, message_encoding="protobuf", metadata={}, schema_id=0)
+            self._add(LogMessage(channel, UNNUMBERED, message.log_time, message.publish_time, data), schema)
+
+    def _add(self, message: LogMessage, schema: Schema | None) -> None:
+        self._writer.add_message(
+            self._channel(message.channel, schema),
+            log_time=message.log_time,
+            data=message.data,
+            publish_time=message.publish_time,
+            sequence=message.sequence,
+        )
+        self.chain.message(message, schema)
+        self.counts[message.channel.topic] += 1
+        self.total[message.channel.topic] += 1
+        self._chunk_bytes += 1 + len(message.data)
+
+    def _flush(self) -> None:
+        """End the chunk, if there is a message in it."""
+        if self._chunk_bytes:
+            self._writer.flush()
+            self._chunk_bytes = 0
+
+    def _channel(self, channel: Channel, schema: Schema | None) -> int:
+        known = ("", b"") if schema is None else (schema.name, schema.data)
+        if schema is None:
+            self._schemas[known] = 0  # as MCAP says that there is none; another program's topic may have none
+        elif known not in self._schemas:
+            self._schemas[known] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        key = (channel.topic, self._schemas[known])
+        if key not in self._channels:
+            self._channels[key] = self._writer.register_channel(
+                channel.topic, channel.message_encoding, self._schemas[known], channel.metadata
+            )
+        return self._channels[key]
+
+
+def _format_fact(fact: object) -> str:
+    if isinstance(fact, bool):
+        return str(fact).lower()
+    return str(fact)

@@ -1,0 +1,94 @@
+"""The measures that groups are compared on: columns of the block table, with their labels, formulas and roles."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.reporting.study_measures import find_measure
+
+MEASURES = {  # columns of the block table that groups are compared on, and what they are called
+    "log_excess_steps_mean": "log of the excess steps over the shortest path (without the goal: at the limit)",
+    "spl_mean": "SPL: success weighted by path length",
+    "success": "success (share of episodes)",
+    "reward_mean": "reward",
+    "steps_at_limit_mean": "steps (without the goal: at the limit)",
+    "reward_first": "reward of the first episode",
+    "reward_slope": "learning: change of reward from one episode to the next, over the first five",
+    "excess_steps_mean": "excess steps over the shortest path (successes only)",
+    "playing_s_mean": "playing time per episode (s)",
+    "response_median_ms": "reaction time, median (ms)",
+    "path_efficiency_mean": "path efficiency (straight distance over ground covered)",
+    "ineffective_share": "share of ineffective steps",
+    "all_keys_discovered_s": "time until all keys were discovered (s)",
+    "log_steps_ratio_mean": "log of steps / shortest path (without the goal: at the limit)",
+    "reaction_median_ms": "key press after the latest picture, median (ms)",
+}
+
+
+# Times are compared on their logarithms: what slows people down multiplies them, and a mean of raw seconds of a skewed
+# group against a less skewed one rejects a true null in 16 % of studies.
+LOG_MEASURES = ("playing_s_mean", "response_median_ms", "all_keys_discovered_s", "reaction_median_ms")
+
+
+# Compared only where the protocol names them: they repeat another measure, at a cost in Holm's correction.
+ONLY_IF_NAMED = frozenset({"log_steps_ratio_mean", "reaction_median_ms"})
+TRIAL_BLOCK_MEASURES = ("reward_mean", "response_median_ms")  # of MEASURES, those that a block of trials has
+FORMULAS = {  # of one episode, where a measure's name does not tell it
+    "log_excess_steps_mean": "ln(1 + steps - shortest), shortest: steps of the shortest known path",
+    "log_steps_ratio_mean": "ln(steps / shortest)",
+    "spl_mean": "shortest / steps with the goal, 0 without",
+    "reward_mean": "the world's own, summed over the episode",
+    "reward_slope": "slope of a straight line",
+    "excess_steps_mean": "steps - shortest",
+    "response_median_ms": "key press minus stimulus onset: the flip of the latest picture; in real time, of the "
+    "onset that the world or the block names",
+    "reaction_median_ms": "key press minus the flip of the latest picture, in real time of a tick's",
+    "ineffective_share": "steps without a visible effect",
+}
+
+
+def label_measure(name: str) -> str:
+    """Return what a measure is called on the page."""
+    return MEASURES.get(name) or find_measure(name).label
+
+
+Role = Literal["primary", "secondary", "exploratory"]  # named in the protocol or not
+
+
+def list_default_measures(rows: pd.DataFrame) -> list[str]:
+    """List the measures that are compared where the protocol names none: those that have values."""
+    return [name for name in MEASURES if name not in ONLY_IF_NAMED and rows[name].notna().any()]
+
+
+def take_logarithms(rows: pd.DataFrame, measures: Sequence[str]) -> tuple[pd.DataFrame, frozenset[str]]:
+    """Replace measures of ``LOG_MEASURES`` by their logarithms; return the rows, and which measures those are.
+
+    A measure with a value of 0 or less stays as it is.
+    """
+    times = [name for name in measures if name in LOG_MEASURES or (":" in name and find_measure(name).is_log)]
+    logs = [name for name in times if not (rows[name] <= 0).any()]
+    return rows.assign(**{name: np.log(rows[name].astype(float)) for name in logs}), frozenset(logs)
+
+
+def set_measures_aside(rows: pd.DataFrame, *, late: int) -> dict[str, str]:
+    """Find the measures that omit those who failed, where some did, and say why; ``late`` episodes had no success."""
+    undiscovered = int((rows["all_keys_discovered_s"].isna() & (rows["keys_total"] > 0)).sum())
+    reasons: dict[str, str] = {}
+    if late:
+        reasons["excess_steps_mean"] = f"omits {late} episodes without success"
+    if undiscovered:
+        reasons["all_keys_discovered_s"] = (
+            f"omits {undiscovered} who never discovered them all; compared below with these censored"
+        )
+    return {name: reason for name, reason in reasons.items() if rows[name].notna().any()}
+
+
+def assign_roles(names: Sequence[str], analysis: AnalysisSpec) -> dict[str, Role]:
+    """Give each measure the role that the protocol names it in."""
+    roles: dict[str, Role] = dict.fromkeys(names, "exploratory")
+    roles |= {name: "secondary" for name in analysis.secondary_measures if name in roles}
+    roles |= {name: "primary" for name in (analysis.primary_measure,) if name in roles}
+    return roles

@@ -1,0 +1,410 @@
+"""The results of one block, from the tables.
+
+Group comparisons, changes between sessions, survival times until all keys were found and until the goal, the two-part
+comparison of rewards that are 0 after a timeout, growth, equivalence, reliability and power.
+"""
+
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import get_args
+
+import numpy as np
+import pandas as pd
+
+from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.reporting.block_measures import (
+    LOG_MEASURES,
+    MEASURES,
+    ONLY_IF_NAMED,
+    Role,
+    assign_roles,
+    set_measures_aside,
+    take_logarithms,
+)
+from minihuman.statistics.comparison import GroupComparison, compare_groups, compare_pair, correct_comparisons
+from minihuman.statistics.paired import GrowthComparison, compare_growth, paired_test
+from minihuman.statistics.permutation import adjust_groups
+from minihuman.statistics.reliability import Reliability, estimate_reliability
+from minihuman.statistics.survival import SurvivalComparison, SurvivalTimes, compare_survival
+from minihuman.statistics.t_tests import Equivalence, PowerAnalysis, Values, check_equivalence, compute_power
+from minihuman.statistics.two_part_model import TwoPartComparison, compare_two_parts, has_mass_at_zero
+from minihuman.statistics.units import name_units
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockSurvival:
+    """The survival times of one block by group; empty where there was nothing to wait for."""
+
+    keys: Mapping[str, SurvivalTimes]  # playing seconds until every key was found, one per participant
+    goal: Mapping[str, SurvivalTimes]  # steps until the goal, one per episode: a participant's are not independent
+    compared: tuple[tuple[str, str, SurvivalComparison], ...]  # of keys: which groups, and how
+
+    @property
+    def without_goal(self) -> list[str]:
+        """Say by group how many episodes did not reach the goal; nothing where all did."""
+        missed = {group: int((~times.observed).sum()) for group, times in self.goal.items()}
+        if not any(missed.values()):
+            return []
+        return [f"{group} {missed[group]} of {len(times.observed)}" for group, times in self.goal.items()]
+
+
+def collect_survival_times(rows: pd.DataFrame, all_episodes: pd.DataFrame, order: Sequence[str]) -> BlockSurvival:
+    """Collect them from a block's rows of the block table and all of its episodes; the goal's from those included.
+
+    A participant who never found every key was watched for all of the block's playing time. An episode that failed will
+    not reach the goal any more: it waits to its step limit, as one that timed out; it is not censored before.
+    """
+    episodes = all_episodes[all_episodes["exclusion_reason"].isna()]
+    playing_s = all_episodes.groupby(["participant", "session"])["playing_s"].sum()
+    keys: dict[str, SurvivalTimes] = {}
+    goal: dict[str, SurvivalTimes] = {}
+    for group in order:
+        group_rows = rows[(rows["group"] == group) & (rows["keys_total"] > 0)]
+        first = group_rows.sort_values("session").drop_duplicates("participant")
+        if len(first):
+            keys[group] = _collect_key_times(first, playing_s)
+        has_outcome = episodes["success"].notna()
+        group_episodes = episodes[(episodes["group"] == group) & (episodes["steps"] > 0) & has_outcome]
+        if len(group_episodes):
+            failed = group_episodes["outcome"] == "failure"
+            steps = group_episodes["steps"].where(~failed, group_episodes["max_steps"])
+            goal[group] = SurvivalTimes(steps.to_numpy(float), group_episodes["success"].to_numpy(bool))
+    compared = []
+    for first_group, second_group in combinations(keys, 2):
+        comparison = compare_survival(keys[first_group], keys[second_group])
+        if comparison is not None:
+            compared.append((first_group, second_group, comparison))
+    return BlockSurvival(keys, goal, tuple(compared))
+
+
+def _collect_key_times(first: pd.DataFrame, playing_s: "pd.Series[float]") -> SurvivalTimes:
+    """Collect the seconds until all keys were found, from each participant's first session of the block."""
+    sessions = pd.MultiIndex.from_frame(first[["participant", "session"]])
+    watched_s = playing_s.reindex(sessions).fillna(0.0).to_numpy(float)
+    discovered_s = first["all_keys_discovered_s"].to_numpy(float)
+    never_all = np.isnan(discovered_s)
+    return SurvivalTimes(np.where(never_all, watched_s, discovered_s), ~never_all)
+
+
+def compare_reward_parts(episodes: pd.DataFrame, order: Sequence[str]) -> tuple[TwoPartComparison, ...]:
+    """Compare every two groups in both parts of the reward; none where it has no mass at 0."""
+    if episodes["success"].isna().all() or not has_mass_at_zero(episodes["reward"].to_numpy(np.float64)):
+        return ()
+    return tuple(compare_two_parts(episodes, "reward", pair) for pair in combinations(order, 2))
+
+
+_LOG_EXCESS = "log of the excess steps over the shortest path"
+
+
+@dataclass(frozen=True, slots=True)
+class EquivalenceResult:
+    """The equivalence test of two groups."""
+
+    first: str
+    second: str
+    test: Equivalence
+
+
+@dataclass(frozen=True, slots=True)
+class SessionChange:
+    """A group's change of a measure from one session to another, over the participants who have it in both."""
+
+    measure: str
+    group: str
+    sessions: tuple[int, int]
+    n: int
+    estimate: float  # the later session's mean minus the first's
+    interval: tuple[float, float]  # 95 %, of the same sign flips as p; NaN where too few participants have both
+    p: float  # paired permutation test
+    is_log: bool = False  # the change is one of natural logarithms
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockResults:
+    """The results of one block, for the groups that played it."""
+
+    block: str
+    worlds: tuple[str, ...]
+    episodes: int  # included
+    subjects: pd.DataFrame  # group, participant, session, episodes, reward_mean, reward_sd
+    groups: pd.DataFrame  # group, participants, then mean and standard deviation of the subjects' means
+    measures: pd.DataFrame  # measure, group, n, mean, sd; of measures that have a value in this block
+    by_session: pd.DataFrame  # measure, group, session, n, mean, sd; the same, each session by itself
+    changes: tuple[SessionChange, ...]  # from the block's first session to each later one
+    changes_compared: tuple[tuple[tuple[int, int], GroupComparison], ...]  # which sessions, and groups on their change
+    comparisons: tuple[GroupComparison, ...]  # the primary measure first, then the secondary ones
+    roles: Mapping[str, Role]  # of each measure that is compared
+    adjusted: tuple[GroupComparison, ...]  # of the primary measure, for the covariates that the protocol names
+    set_aside: Mapping[str, str]  # measures that are not compared since they omit those who failed, and why
+    alike: tuple[EquivalenceResult, ...]  # of the primary measure, where the protocol gives a margin
+    waits: BlockSurvival  # until every key was found, and until the goal
+    parts: tuple[TwoPartComparison, ...]  # of the reward, where it has mass at 0
+    growth: GrowthComparison | None  # of the excess steps, or of the reward, over the block's episodes
+    reliabilities: tuple[Reliability, ...]  # of the measures that an episode has a value of; none of teams
+    powers: tuple[PowerAnalysis, ...]  # one for each pair of groups, in the order of the headline
+    teams: int = 0  # of several people, each of which is one unit of the statistics; 0: participants are
+
+    @property
+    def headline(self) -> tuple[GroupComparison, ...]:
+        """Return the comparisons on the primary measure, or on the first of ``MEASURES`` that has values."""
+        return _select_headline(self.comparisons, self.roles)
+
+
+def _select_headline(comparisons: Sequence[GroupComparison], roles: Mapping[str, Role]) -> tuple[GroupComparison, ...]:
+    compared = [comparison.measure for comparison in comparisons]
+    primary = [measure for measure in compared if roles[measure] == "primary"]
+    chosen = next(iter([*primary, *roles]), None)
+    return tuple(comparison for comparison in comparisons if comparison.measure == chosen)
+
+
+def compute_block_results(
+    block: str,
+    rows: pd.DataFrame,
+    all_episodes: pd.DataFrame,
+    order: list[str],
+    analysis: AnalysisSpec,
+    units: Mapping[str, str] | None = None,
+) -> BlockResults:
+    """Compute one block's results from its included rows of the block table and all of its episodes.
+
+    Where people played together, ``units`` names each one's team, which is then the unit of every statistic.
+    """
+    units = units or {}
+    order = [group for group in order if (rows["group"] == group).any()]
+    waits = collect_survival_times(rows, all_episodes, order)
+    people = rows.sort_values(["participant", "session"])
+    if units:
+        rows = name_units(rows, units)
+        all_episodes = name_units(all_episodes, units)
+        waits = replace(waits, compared=())  # times of members of one team are not independent
+    episodes = all_episodes[all_episodes["exclusion_reason"].isna()]
+    rows = _order_by_group(rows.sort_values(["participant", "session"]), order)
+    set_aside = _list_set_aside(rows, episodes, analysis)
+    columns = list(dict.fromkeys([*MEASURES, *_list_named(analysis), *analysis.covariates]))
+    measured = _select_measures(rows, columns, analysis, set_aside)
+    roles = assign_roles(measured, analysis)
+    means = _average_sessions(rows, columns)
+    scaled, logs = take_logarithms(rows, measured)
+    scaled_means = _average_sessions(scaled, columns)
+    comparisons = compare_measures(scaled_means, roles, order, logs)
+    changed = list_changes(scaled, measured)
+    subject_columns = ["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]
+    return BlockResults(
+        block=block,
+        worlds=tuple(dict.fromkeys(episodes["world"])),
+        episodes=len(episodes),
+        subjects=_order_by_group(people, order)[subject_columns].reset_index(drop=True),
+        groups=_order_by_group(summarise_group_rewards(means), order),
+        measures=_describe_measures(_order_by_group(means, order), measured, ["group"]),
+        by_session=_describe_measures(_order_by_group(rows, order), measured, ["group", "session"]),
+        changes=tuple(_estimate_changes(changed, measured, order, logs)),
+        changes_compared=tuple(_compare_changes(changed, roles, order, logs)),
+        comparisons=comparisons,
+        roles=roles,
+        adjusted=compare_adjusted(scaled_means, analysis, order, logs),
+        alike=_check_equivalences(means, analysis, order),
+        waits=waits,
+        parts=compare_reward_parts(episodes, order),
+        set_aside=set_aside,
+        growth=_compare_growth(episodes, order),
+        reliabilities=() if units else tuple(estimate_reliabilities(episodes, measured)),
+        powers=tuple(compute_power(comparison.n) for comparison in _select_headline(comparisons, roles)),
+        teams=len({*units.values()} & {*rows["participant"]}),
+    )
+
+
+def _list_named(analysis: AnalysisSpec) -> list[str]:
+    """List the measures that the protocol names, the primary one first."""
+    return [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
+
+
+def _list_set_aside(rows: pd.DataFrame, episodes: pd.DataFrame, analysis: AnalysisSpec) -> dict[str, str]:
+    """List the measures that are not compared since they omit those who failed, and why; none that is named."""
+    late = int(episodes["success"].eq(False).sum())
+    named = _list_named(analysis)
+    return {name: reason for name, reason in set_measures_aside(rows, late=late).items() if name not in named}
+
+
+def _select_measures(
+    rows: pd.DataFrame, columns: Sequence[str], analysis: AnalysisSpec, set_aside: Collection[str]
+) -> list[str]:
+    """Select the columns that groups are compared on: named ones, and the default ones that have values."""
+    named = _list_named(analysis)
+    default = [name for name in MEASURES if name not in ONLY_IF_NAMED and name not in set_aside]
+    return [name for name in columns if (name in named or name in default) and rows[name].notna().any()]
+
+
+def _average_sessions(rows: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
+    """Average each participant's sessions: a row per group and participant."""
+    return rows.groupby(["group", "participant"])[list(columns)].mean().reset_index()
+
+
+def _compare_growth(episodes: pd.DataFrame, order: Sequence[str]) -> GrowthComparison | None:
+    """Compare how the excess steps change over the block's episodes; the reward where none has excess steps."""
+    if "log_excess_steps" in episodes and episodes["log_excess_steps"].notna().any():
+        return compare_growth(episodes.rename(columns={"log_excess_steps": _LOG_EXCESS}), _LOG_EXCESS, order=order)
+    return compare_growth(episodes, "reward", order=order)
+
+
+def estimate_reliabilities(episodes: pd.DataFrame, measures: Sequence[str]) -> Iterator[Reliability]:
+    """Estimate the reliability of each measure that an episode has a value of; of times, of their logarithms."""
+    episodes = episodes.sort_values("session", kind="stable")  # rows of a session are in the order of play
+    for name in measures:
+        column = name.removesuffix("_mean")
+        if column not in episodes:
+            continue
+        values = episodes[column].astype(float)
+        if name in LOG_MEASURES:
+            with_values = episodes.assign(value=np.log(values.where(values > 0)))
+        else:
+            with_values = episodes.assign(value=values)
+        reliability = estimate_reliability(name, with_values[["group", "participant", "value"]])
+        if reliability is not None:
+            yield reliability
+
+
+def compare_adjusted(
+    participant_means: pd.DataFrame, analysis: AnalysisSpec, order: Sequence[str], logs: Collection[str] = ()
+) -> tuple[GroupComparison, ...]:
+    """Compare groups on the primary measure at equal covariates (analysis of covariance), each pair by itself.
+
+    Participants without a covariate are left out. None where the protocol names no covariates; a pair with too few
+    participants for the slopes has its reason.
+    """
+    primary = analysis.primary_measure
+    covariates = list(analysis.covariates)
+    if not covariates or primary not in participant_means:
+        return ()
+    known = participant_means.dropna(subset=[primary, *covariates])
+    parts = {
+        group: (rows[primary].to_numpy(float), rows[covariates].to_numpy(float))
+        for group, rows in known.groupby(known["group"].astype(str))
+    }
+    comparisons = []
+    for first, second in combinations([group for group in order if group in parts], 2):
+        adjusted = adjust_groups(parts[first], parts[second])
+        a, b, test = adjusted or (parts[first][0], parts[second][0], None)
+        comparison = compare_pair(primary, (first, a), (second, b), test, is_log=primary in logs)
+        if test is None:
+            sizes = f"{len(a)} and {len(b)} are too few, or too much alike"
+            comparison = replace(comparison, reason=f"{sizes}, for the slopes of {len(covariates)} covariates")
+        comparisons.append(comparison)
+    return correct_comparisons(comparisons)
+
+
+def compare_measures(
+    participant_means: pd.DataFrame,
+    roles: Mapping[str, Role],
+    order: Sequence[str],
+    logs: Collection[str] = (),
+    *,
+    intervals: bool = True,
+) -> tuple[GroupComparison, ...]:
+    """Compare every two groups on every measure, each role corrected by itself.
+
+    Args:
+        participant_means: a row per participant.
+        roles: of the measures.
+        order: of the groups.
+        logs: the measures that are logarithms.
+        intervals: whether to compute intervals, which take most of the time.
+    """
+    comparisons: list[GroupComparison] = []
+    for role in get_args(Role):
+        measures = [name for name in roles if roles[name] == role]
+        comparisons += compare_groups(participant_means, measures, order=order, log_measures=logs, intervals=intervals)
+    return tuple(comparisons)
+
+
+def list_changes(rows: pd.DataFrame, measures: Sequence[str]) -> dict[tuple[int, int], pd.DataFrame]:
+    """List every participant's change from the block's first session to each later one, by pair of sessions.
+
+    A participant who has only one of both has NaN.
+
+    A pair of sessions that no participant has both of is left out.
+    """
+    values = {
+        int(str(session)): part.groupby(["group", "participant"])[list(measures)].mean().astype(float)
+        for session, part in rows.groupby("session")
+    }
+    first, *later = sorted(values) or [0]
+    changed = {(first, session): (values[session] - values[first]).reset_index() for session in later}
+    return {sessions: change for sessions, change in changed.items() if change[list(measures)].notna().any(axis=None)}
+
+
+def _estimate_changes(
+    changed: Mapping[tuple[int, int], pd.DataFrame],
+    measures: Sequence[str],
+    order: Sequence[str],
+    logs: Collection[str],
+) -> Iterator[SessionChange]:
+    """Estimate each group's mean change of each measure, by pair of sessions."""
+    for sessions, rows in changed.items():
+        for measure in measures:
+            for group in order:
+                changes = rows.loc[rows["group"] == group, measure].dropna().to_numpy(np.float64)
+                if len(changes):
+                    yield _estimate_change(changes, measure, group, sessions, is_log=measure in logs)
+
+
+def _estimate_change(
+    changes: Values, measure: str, group: str, sessions: tuple[int, int], *, is_log: bool
+) -> SessionChange:
+    test = paired_test(changes)
+    interval = (math.nan, math.nan)
+    p = math.nan
+    if test is not None and test.error > 0:
+        interval = test.interval()
+        p = test.p()
+    return SessionChange(measure, group, sessions, len(changes), float(changes.mean()), interval, p, is_log)
+
+
+def _compare_changes(
+    changed: Mapping[tuple[int, int], pd.DataFrame],
+    roles: Mapping[str, Role],
+    order: Sequence[str],
+    logs: Collection[str],
+) -> Iterator[tuple[tuple[int, int], GroupComparison]]:
+    """Compare groups on their changes, by pair of sessions."""
+    for sessions, rows in changed.items():
+        for comparison in compare_measures(rows, roles, order, logs):
+            yield sessions, comparison
+
+
+def _check_equivalences(
+    participant_means: pd.DataFrame, analysis: AnalysisSpec, order: Sequence[str]
+) -> tuple[EquivalenceResult, ...]:
+    """Test every two groups for equivalence on the primary measure; none where the protocol gives no margin."""
+    if analysis.equivalence_margin is None:
+        return ()
+    bounds = (-analysis.equivalence_margin, analysis.equivalence_margin)
+    values = {
+        group: participant_means.loc[participant_means["group"] == group, analysis.primary_measure]
+        .dropna()
+        .to_numpy(np.float64)
+        for group in order
+    }
+    tested = ((a, b, check_equivalence(values[a], values[b], bounds)) for a, b in combinations(order, 2))
+    return tuple(EquivalenceResult(a, b, test) for a, b, test in tested if test is not None)
+
+
+def summarise_group_rewards(participant_means: pd.DataFrame) -> pd.DataFrame:
+    """Compute the mean and standard deviation, by group, of the subjects' mean rewards."""
+    grouped = participant_means.groupby("group")["reward_mean"]
+    return grouped.agg(participants="count", reward_mean="mean", reward_sd="std").reset_index()
+
+
+def _order_by_group(rows: pd.DataFrame, order: Sequence[str]) -> pd.DataFrame:
+    """Sort the rows by group; within a group they keep their order."""
+    places = {group: place for place, group in enumerate(order)}
+    return rows.sort_values("group", key=lambda groups: groups.map(places), kind="stable").reset_index(drop=True)
+
+
+def _describe_measures(rows: pd.DataFrame, names: list[str], by: list[str]) -> pd.DataFrame:
+    """Count values and compute their mean and standard deviation, by measure and by columns."""
+    long = rows.melt(by, names, var_name="measure")
+    table = long.groupby(["measure", *by], sort=False)["value"].agg(n="count", mean="mean", sd="std").reset_index()
+    order = {name: place for place, name in enumerate(dict.fromkeys([*MEASURES, *names]))}
+    return table.sort_values("measure", key=lambda names: names.map(order), kind="stable").reset_index(drop=True)

@@ -1,0 +1,106 @@
+"""The sentences that state a comparison on the page: differences, equivalence and power."""
+
+import math
+from collections.abc import Mapping
+
+from minihuman.reporting.block_measures import Role, label_measure
+from minihuman.reporting.block_results import EquivalenceResult
+from minihuman.reporting.template import (
+    format_interval,
+    format_number,
+    format_p_value,
+)
+from minihuman.statistics.comparison import GroupComparison
+from minihuman.statistics.paired import PairedComparison
+from minihuman.statistics.t_tests import PowerAnalysis
+
+_FACTORS = {  # of what a difference of logarithms is a factor
+    "log_excess_steps_mean": "the excess steps, plus one",
+    "log_steps_ratio_mean": "the steps",
+}
+_ALPHA = 0.05
+
+
+def _begin_with_measure(name: str) -> str:
+    """Return a measure's label with a capital letter, to begin a sentence."""
+    label = label_measure(name)
+    return f"{label[0].upper()}{label[1:]}"
+
+
+def difference_statement(comparison: GroupComparison, block: str) -> str:
+    """State how far apart two groups are in a block, in one sentence."""
+    per = "over" if comparison.is_log else "minus"
+    groups = f"{comparison.first} {per} {comparison.second}"
+    opening = f"{_begin_with_measure(comparison.measure)}, block {block}: {groups} "
+    if comparison.reason and math.isnan(comparison.p):
+        return f"{opening}was not compared ({comparison.reason})."
+    caveat = ""
+    if comparison.smallest_p >= _ALPHA:
+        caveat = " Groups of these sizes cannot reach p < 0.05, whatever the difference."
+    size = ""
+    if not math.isnan(comparison.g):
+        interval = format_interval(comparison.g_interval, 2)
+        size = f"; standardised difference g {format_number(comparison.g, 2)}, interval {interval}"
+    estimate = f"{_state_estimate(comparison)}{_state_factor(comparison)}"
+    p = format_p_value(comparison.p)
+    participants = f"{comparison.n[0]} and {comparison.n[1]} participants"
+    return f"{opening}is {estimate}; permutation p {p}{size}; {participants}).{caveat}"
+
+
+def _state_estimate(comparison: GroupComparison | PairedComparison) -> str:
+    """State the difference, or the ratio of logarithms' means, with its interval; the bracket stays open."""
+    if comparison.is_log:
+        bounds = (math.exp(comparison.interval[0]), math.exp(comparison.interval[1]))
+        ratio = format_number(math.exp(comparison.difference))
+        return f"{ratio} (ratio of geometric means; 95 % interval {format_interval(bounds)}"
+    difference = format_number(comparison.difference, sign="+")
+    return f"{difference} (95 % interval {format_interval(comparison.interval, sign='+')}"
+
+
+def _state_factor(comparison: GroupComparison) -> str:
+    """State by what factor steps are multiplied, of a difference of logarithms of steps."""
+    quantity = _FACTORS.get(comparison.measure)
+    if quantity is None or math.isnan(comparison.interval[0]):
+        return ""
+    factor = math.exp(comparison.difference)
+    bounds = (math.exp(comparison.interval[0]), math.exp(comparison.interval[1]))
+    return f"; as a factor of {quantity}: {format_number(factor, 2)}, {format_interval(bounds, 2)}"
+
+
+def paired_statement(comparison: PairedComparison) -> str:
+    """State how far apart two conditions are within participants, in one sentence."""
+    caveat = ""
+    if comparison.smallest_p >= _ALPHA:
+        caveat = " So few participants cannot reach p < 0.05, whatever the difference."
+    per = "over" if comparison.is_log else "minus"
+    conditions = f"{comparison.first} {per} {comparison.second}"
+    ps = f"paired permutation p {format_p_value(comparison.p)}, Holm {format_p_value(comparison.p_holm)}"
+    return (
+        f"{_begin_with_measure(comparison.measure)}, within participants: {conditions} is "
+        f"{_state_estimate(comparison)}; {ps}; {comparison.n} participants).{caveat}"
+    )
+
+
+def equivalence_statement(equivalence: EquivalenceResult, roles: Mapping[str, Role]) -> str:
+    """State whether two groups are shown to be equivalent, in one sentence."""
+    (primary,) = (name for name, role in roles.items() if role == "primary")
+    test = equivalence.test
+    verdict = "are equivalent" if test.alike else "are not shown to be equivalent"
+    return (
+        f"{_begin_with_measure(primary)}: {equivalence.first} and {equivalence.second} {verdict} within "
+        f"{test.bounds[1]:g}, the protocol's margin (two one-sided tests, p {format_p_value(test.p)}; 90 % interval of "
+        f"the difference {format_interval(test.interval, sign='+')})."
+    )
+
+
+def power_statement(power: PowerAnalysis) -> str:
+    """State what the sample could show, in one sentence."""
+    a, b = power.n
+    if math.isnan(power.power_for_large):
+        return f"Power: with {a} and {b} participants no difference between groups can be tested."
+    return (
+        f"Power: with {a} and {b} participants a two-sided t test at 5 %, before any correction, detects a "
+        f"difference of 0.8 standard deviations with a power of {100 * power.power_for_large:.0f} %; a power of 80 % "
+        f"needs one of {power.detectable_g:.2f} standard deviations, or {power.needed_for_large} participants per "
+        f"group for one of 0.8."
+    )

@@ -1,0 +1,152 @@
+"""Conditions compared within participants: blocks, or the levels of a label of trials."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import get_args
+
+import msgspec
+import pandas as pd
+
+from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.experiment.protocol.study_design import ExperimentDesign
+from minihuman.reporting.block_measures import (
+    MEASURES,
+    Role,
+    assign_roles,
+    list_default_measures,
+    take_logarithms,
+)
+from minihuman.reporting.study_measures import load_trial_measures
+from minihuman.statistics.paired import CrossoverTerm, PairedComparison, compare_conditions, fit_crossover
+from minihuman.statistics.units import find_units, name_units
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WithinResults:
+    """Blocks compared with each other within participants, a value per participant and block."""
+
+    conditions: tuple[str, ...]
+    comparisons: tuple[PairedComparison, ...]
+    effects: tuple[CrossoverTerm, ...]  # of order, where it differs between participants
+    roles: Mapping[str, Role]
+    label: str = ""  # of trials, whose levels the conditions are; "" where they are blocks
+
+
+def unite_teams(rows: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
+    """Put the team in the place of its members, in the rows of blocks that people played together."""
+    if teams is None or teams.empty:
+        return rows
+    parts = [
+        name_units(part, find_units(teams[teams["block"] == block]))
+        for block, part in rows.groupby("block", sort=False)
+    ]
+    return pd.concat(parts).loc[rows.index]
+
+
+def name_conditions(
+    rows: pd.DataFrame, analysis: AnalysisSpec, design: ExperimentDesign
+) -> tuple[pd.DataFrame, AnalysisSpec]:
+    """Put each block's condition in the place of the block, in the rows and in the analysis."""
+    if not design.conditions:
+        return rows, analysis
+    named = rows.assign(block=rows["block"].replace(dict(design.condition_of_block)))
+    return named, msgspec.structs.replace(analysis, conditions=design.conditions)
+
+
+def compare_within(rows: pd.DataFrame, analysis: AnalysisSpec) -> WithinResults | None:
+    """Compare the protocol's conditions within participants; None where it names none.
+
+    Measures are the primary and the secondary ones, each role corrected by itself (Holm), or else all that have values.
+    A participant's value of a condition is the mean over sessions. Effects of position and carry-over are tested in the
+    order of the first session.
+    """
+    if not analysis.conditions:
+        return None
+    rows = rows.reset_index(drop=True)
+    place = rows.groupby(["participant", "session"], sort=False).cumcount()
+    condition_rows = rows.assign(place=place)[rows["block"].isin(analysis.conditions)]
+    named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
+    measured = [name for name in named or list_default_measures(condition_rows) if condition_rows[name].notna().any()]
+    scaled, logs = take_logarithms(condition_rows, measured)
+    roles = assign_roles(measured, analysis)
+    tables = {
+        name: scaled.pivot_table(name, "participant", "block").reindex(columns=list(analysis.conditions))
+        for name in measured
+    }
+    comparisons: list[PairedComparison] = []
+    for role in get_args(Role):
+        tables_of_role = {name: tables[name] for name in roles if roles[name] == role}
+        comparisons += compare_conditions(tables_of_role, log_measures=logs)
+    effects = _test_order_effects(scaled, measured)
+    return WithinResults(analysis.conditions, tuple(comparisons), effects, roles)
+
+
+def _test_order_effects(scaled: pd.DataFrame, measures: Sequence[str]) -> tuple[CrossoverTerm, ...]:
+    """Test position and carry-over, of the first session of each condition; none where all had the same order."""
+    first = scaled.sort_values(["session", "place"]).drop_duplicates(["participant", "block"]).sort_values("place")
+    order = first.groupby("participant", sort=False)
+    first = first.assign(position=order.cumcount() + 1, before=order["block"].shift().fillna(""))
+    if not first.groupby("block")["position"].nunique().max() > 1:
+        return ()
+    terms: list[CrossoverTerm] = []
+    for name in measures:
+        terms += fit_crossover(name, first.rename(columns={"block": "condition", name: "value"}))
+    return tuple(terms)
+
+
+def compare_labels(
+    episodes: pd.DataFrame, analysis: AnalysisSpec, trial_levels: pd.DataFrame | None = None
+) -> WithinResults | None:
+    """Compare the levels of a label of trials within participants, over the included trials that have it.
+
+    A participant's value of a level is the mean over its trials; of response times the median over trials; of a
+    measure of trials what the section on trials has, the mean over blocks.
+
+    Args:
+        episodes: the included ones.
+        analysis: names the label, and the measures.
+        trial_levels: a row per participant, session, block, label and level, with the measures of trials.
+    """
+    label = analysis.condition_label
+    levels = read_label(episodes, label)
+    rows = episodes.assign(block=levels)[levels != ""]
+    if rows.empty:
+        return None
+    measured = _measure_levels(rows, label, trial_levels)
+    conditions = tuple(sorted(measured["block"].unique()))
+    if len(conditions) < 2:
+        return None
+    primary_measure = ""
+    if analysis.primary_measure in measured:
+        primary_measure = analysis.primary_measure
+    of_levels = AnalysisSpec(
+        primary_measure=primary_measure,
+        secondary_measures=tuple(name for name in analysis.secondary_measures if name in measured),
+        conditions=conditions,
+    )
+    within = compare_within(measured, of_levels)
+    if within is None:
+        return None
+    return replace(within, effects=(), label=label)  # levels alternate: they have no position
+
+
+def _measure_levels(rows: pd.DataFrame, label: str, trial_levels: pd.DataFrame | None) -> pd.DataFrame:
+    """Compute each participant's measures of each level of a label, in the column ``block``."""
+    keys = ["participant", "session", "block"]
+    rows = rows.assign(success=pd.to_numeric(rows["success"]))
+    values = rows.groupby(keys, sort=False).agg(
+        success=("success", "mean"), reward_mean=("reward", "mean"), response_median_ms=("response_median_ms", "median")
+    )
+    measured = values.reindex(columns=list(MEASURES)).reset_index()
+    if trial_levels is not None:
+        of_label = trial_levels[trial_levels["label"].eq(label)].drop(columns=["block"])
+        named = {name: f"trials:{name}" for name in load_trial_measures()}
+        means = of_label.rename(columns={"level": "block", **named}).groupby(keys)[list(named.values())].mean()
+        measured = measured.merge(means.reset_index(), on=keys, how="left")
+    return measured
+
+
+def read_label(episodes: pd.DataFrame, label: str) -> "pd.Series[str]":
+    """Read the level of a label that each episode has, as a text; "" where it has none."""
+    return episodes["labels"].map(lambda text: str(json.loads(text or "{}").get(label, "")), na_action=None)

@@ -1,0 +1,142 @@
+"""A simulated person's response to one trial: a race of accumulators, and values learnt from rewards.
+
+Each response has an accumulator with drift towards one threshold; the first to arrive is made, if it arrives before
+the deadline (racing Wald accumulators: Logan, Van Zandt, Verbruggen and Wagenmakers, 2014, Psychological Review 121;
+Tillman, Van Zandt and Logan, 2020, Psychonomic Bulletin & Review 27). A word that names a response, or the side on
+which a stimulus stands, drives that response too, whatever is asked: so congruent trials are faster. Where chance
+decides what is right, values are learnt by Q-learning, and drift follows the softmax of them. It is no model of any
+person: its parameters are known, so that an analysis can be tested on data whose truth is known.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from minihuman.experiment.stimuli import NO_RESPONSE, Stimulus
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseParameters:
+    """One simulated person's parameters; the defaults are the population's medians."""
+
+    threshold: float = 2.0  # in units of the noise's standard deviation over a second
+    drift_correct: float = 8.0  # per second, of the correct response
+    drift_error: float = 1.5  # of each other response
+    drift_automatic: float = 2.5  # more for the response that the stimulus names or points to
+    nondecision_ms: float = 250.0
+    learning_rate: float = 0.3  # of Q-learning
+    inverse_temperature: float = 5.0
+    lapse: float = 0.015  # probability of any response
+
+
+_SPREADS = {  # the standard deviation of each parameter's logarithm between people
+    "threshold": 0.12,
+    "drift_correct": 0.15,
+    "drift_error": 0.2,
+    "drift_automatic": 0.3,
+    "nondecision_ms": 0.12,
+    "learning_rate": 0.3,
+    "inverse_temperature": 0.3,
+    "lapse": 0.6,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TrialResponse:
+    """The response of a person in a trial."""
+
+    response: str  # "none": it is withheld
+    time_ms: float  # since the stimulus
+
+
+class TrialResponder:
+    """Responds to trials, and learns from their rewards.
+
+    Args:
+        rng: of this person.
+        spread: times the spread between people; 0 makes everyone the median person.
+    """
+
+    def __init__(self, rng: np.random.Generator, *, spread: float = 1.0) -> None:
+        self._rng = rng
+        self.parameters = draw_parameters(rng, spread)
+        self._values: dict[tuple[int, str], float] = {}  # of a response at a choice
+        self._may_withhold = False  # to withhold a response is one, too, in a task where it has been right
+        self._last: tuple[Stimulus, int, str] | None = None  # which world, at which choice, what was done
+
+    def begin(self) -> None:
+        """Learn from the reward of the trial before."""
+        if self._last is None:
+            return
+        stimulus, choice, response = self._last
+        self._last = None
+        value = self._values.get((choice, response), 0.5)
+        self._values[choice, response] = value + self.parameters.learning_rate * (stimulus.last_reward - value)
+
+    def respond(self, stimulus: Stimulus, responses: Sequence[str], deadline_ms: float) -> TrialResponse:
+        """Respond to what is shown.
+
+        Args:
+            stimulus: the trial's world.
+            responses: that have a key.
+            deadline_ms: after which a response is not made any more; 0: there is none.
+        """
+        choice = stimulus.choice
+        if self._rng.random() < self.parameters.lapse:
+            response = responses[int(self._rng.integers(len(responses)))]
+            arrival_ms = float(self._rng.uniform(200, 900))
+        else:
+            response, arrival_ms = self._race(self._find_drifts(stimulus, responses, choice))
+        if deadline_ms and arrival_ms >= deadline_ms:
+            response = NO_RESPONSE
+        elif not stimulus.correct_response:
+            self._last = stimulus, choice, response
+        return TrialResponse(response, arrival_ms)
+
+    def _find_drifts(self, stimulus: Stimulus, responses: Sequence[str], choice: int) -> dict[str, float]:
+        parameters = self.parameters
+        correct = stimulus.correct_response
+        if not correct:
+            values = {name: self._values.get((choice, name), 0.5) for name in responses}
+            weights = {name: math.exp(parameters.inverse_temperature * value) for name, value in values.items()}
+            total = sum(weights.values())
+            return {name: parameters.drift_correct * weight / total for name, weight in weights.items()}
+        self._may_withhold |= correct == NO_RESPONSE
+        drifts = dict.fromkeys(responses, parameters.drift_error)
+        if self._may_withhold:
+            drifts.setdefault(NO_RESPONSE, parameters.drift_error)
+        if correct in drifts:
+            drifts[correct] = parameters.drift_correct
+        for name in stimulus.prompted_responses:
+            if name in drifts:
+                drifts[name] += parameters.drift_automatic
+        return drifts
+
+    def _race(self, drifts: Mapping[str, float]) -> tuple[str, float]:
+        """Find which accumulator arrives first, and when."""
+        threshold = self.parameters.threshold
+        arrivals_s = {
+            name: float(self._rng.wald(threshold / drift, threshold**2)) for name, drift in drifts.items() if drift > 0
+        }
+        first = min(arrivals_s, key=lambda name: arrivals_s[name])
+        return first, self.parameters.nondecision_ms + 1000 * arrivals_s[first]
+
+
+def draw_parameters(rng: np.random.Generator, spread: float = 1.0) -> ResponseParameters:
+    """Draw one person."""
+    parameters: dict[str, Any] = {}
+    for name, deviation in _SPREADS.items():
+        factor = math.exp(spread * deviation * float(rng.standard_normal()))
+        parameters[name] = getattr(ResponseParameters(), name) * factor
+    parameters["learning_rate"] = min(parameters["learning_rate"], 1.0)
+    return replace(ResponseParameters(), **parameters)
+
+
+def find_stimulus(world: Any) -> Stimulus | None:
+    """Return the trial that a world is; None for another world."""
+    if isinstance(world, Stimulus):
+        return world
+    return None

@@ -1,0 +1,279 @@
+"""Permutation tests of the difference of two groups, plain or adjusted for covariates."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from minihuman.statistics.regroupings import RESAMPLES, SEED, count_regroupings, draw_totals, has_limit
+from minihuman.statistics.t_tests import Values, compare_means
+
+ALPHA = 0.05
+LEAST_ESTIMATED = 4  # below whom a difference has no interval: of 2 against 18 it would hold the truth in 0.994
+LEAST_FREEDOM = 5  # residual degrees of freedom, below which nothing is adjusted for covariates
+_SMALL = 10  # participants in the smaller of unequal groups, below whom t floors p
+_TIES = 1e-9  # by so much, relative, may two squared t that are equal come out apart
+_NO_SPREAD = 1e-13  # of the squared deviations, a share that rounding leaves where there are none
+_NOTHING = (math.nan, math.nan)
+_LARGEST_T = 1e18  # squared
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PermutationTest:
+    """The permutation test of |Welch's t| of two groups, for any shift between their means.
+
+    Studentised (Janssen, 1997), so that a test of means stays one where spreads and sizes differ: of the plain
+    difference, 5 against 25 with SDs 3 to 1 reject a true null in 27 to 29 % of studies. The interval holds the shifts
+    that the same regroupings do not reject at 5 %, so that it never contradicts p.
+    """
+
+    n: tuple[int, int]
+    difference: float
+    error: float  # of the difference, Welch's
+    freedom: float  # and its degrees of freedom
+    sum_of_squares: float  # within groups
+    members: Values  # (regroupings,) how many of the first group stay in it
+    sums: Values  # (regroupings,) in the first group, of deviations from the own group's mean
+    own_sums: Values  # (regroupings,) the same, over those who stay
+    squares: Values  # (regroupings,) of those deviations
+    extra: int  # 1 where regroupings are a random sample: the groups as they were count as one more
+
+    def p(self, shift: float = 0.0) -> float:
+        """Return the two-sided p of a difference of ``shift``.
+
+        Groups of unequal sizes, of which one is below ten, make regroupings reject a true null too often if the small
+        one varies more, so there p is no smaller than Welch's t has it; below four participants, than a t with the
+        smaller group's degrees of freedom, which is never too small for normal values (Mickey and Brown, 1966).
+        """
+        p = self.regrouped_p(shift)
+        if not self.error > 0 or smallest_p(self.n) >= ALPHA:
+            return p
+        freedom = floor_freedom(self.n, self.freedom)
+        if not freedom:
+            return p
+        return max(p, float(2 * scipy.special.stdtr(freedom, -abs(self.difference - shift) / self.error)))
+
+    def regrouped_p(self, shift: float = 0.0) -> float:
+        """Return the share of regroupings at least as far apart as the groups, once the first is moved by -shift."""
+        n, m = self.n
+        d = self.difference - shift
+        sums = self.sums + d * self.members
+        squares = self.squares + d * (2 * self.own_sums + d * self.members)
+        total = n * d
+        total_squares = self.sum_of_squares + n * d * d
+        scale = total_squares / (n + m)
+        other_sums = total - sums
+        apart = (sums / n - other_sums / m) ** 2
+        error = _squared_error(squares - sums**2 / n, n, scale)
+        error += _squared_error(total_squares - squares - other_sums**2 / m, m, scale)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.where(apart <= _NO_SPREAD * scale, 0.0, np.minimum(apart / error, _LARGEST_T))
+        least = self._square_t(d, scale)
+        as_far = int(np.count_nonzero(t >= least * (1 - _TIES)))
+        return (as_far + self.extra) / (len(t) + self.extra)
+
+    def _square_t(self, difference: float, scale: float) -> float:
+        """Return the groups' own squared t of a difference; 0 where only rounding leaves any difference."""
+        if difference * difference <= _NO_SPREAD * scale:
+            return 0.0
+        if self.error**2 > _NO_SPREAD * scale:
+            return min((difference / self.error) ** 2, _LARGEST_T)
+        return _LARGEST_T
+
+    @property
+    def has_interval(self) -> bool:
+        """Say whether values vary, and groups are large enough for an interval and for p < 0.05."""
+        return self.error > 0 and min(self.n) >= LEAST_ESTIMATED and smallest_p(self.n) < ALPHA
+
+    def interval(self) -> tuple[float, float]:
+        """Return the 95 % interval of the difference; NaN where it has none."""
+        if self.has_interval:
+            return invert_test(self.p, self.difference, self.error)
+        return _NOTHING
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdjustedTest:
+    """The permutation test of a difference of two groups at equal covariates (an analysis of covariance).
+
+    Residuals of the model without groups are permuted and the whole model is fitted to them again (Freedman and Lane,
+    1983), so that p counts the error of the slopes. Studentised by HC3 (DiCiccio and Romano, 2017); p is no smaller
+    than its t has it where sizes differ, as in the test of means. The interval inverts the same test.
+    """
+
+    n: tuple[int, int]
+    difference: float
+    error: float  # HC3
+    freedom: float  # Welch's, of the values at equal covariates, less a degree per covariate
+    shifts: Values  # (permutations,) what each permutation estimates of the residuals
+    own_shifts: Values  # (permutations,) and of the groups less what covariates predict of them
+    squares: Values  # (3, permutations) squared error: of a shift of 0, and its first and second power's coefficients
+
+    def p(self, shift: float = 0.0) -> float:
+        """Return the two-sided p of an adjusted difference of ``shift``."""
+        observed = abs(self.difference - shift) / self.error
+        d = -shift
+        error = self.squares[0] + 2 * d * self.squares[1] + d * d * self.squares[2]
+        apart = np.abs(self.shifts + d * self.own_shifts) / np.sqrt(np.maximum(error, 1 / _LARGEST_T))
+        regrouped = (int(np.count_nonzero(apart >= observed * (1 - _TIES))) + 1) / (len(apart) + 1)
+        floor = floor_freedom(self.n, self.freedom)
+        if floor:
+            return max(regrouped, float(2 * scipy.special.stdtr(floor, -observed)))
+        return regrouped
+
+    def interval(self) -> tuple[float, float]:
+        """Return the 95 % interval of the adjusted difference."""
+        return invert_test(self.p, self.difference, self.error)
+
+
+def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[Values, Values, AdjustedTest] | None:
+    """Adjust two groups' values to the covariates' means, and test their difference.
+
+    Args:
+        a: values (n,) and covariates (n, covariates) of the first group.
+        b: of the second group.
+
+    Returns:
+        None where fewer than LEAST_FREEDOM residual degrees of freedom are left, a group has fewer than
+        LEAST_ESTIMATED, or the covariates leave nothing to compare.
+    """
+    n = len(a[0])
+    m = len(b[0])
+    values, covariates = (np.concatenate(arrays) for arrays in zip(a, b, strict=True))
+    freedom = n + m - 2 - covariates.shape[1]
+    if freedom < LEAST_FREEDOM or min(n, m) < LEAST_ESTIMATED:
+        return None
+    centred = covariates - covariates.mean(axis=0)
+    basis = np.linalg.qr(np.column_stack([np.ones(n + m), centred]))[0]
+    groups = (np.arange(n + m) < n).astype(float)
+    x, e = (column - basis @ (basis.T @ column) for column in (groups, values))
+    scale = float(x @ x)
+    if scale <= _NO_SPREAD * (n + m) or e @ e <= _NO_SPREAD * float(values @ values):
+        return None
+    weights = (x / scale / np.maximum(1 - (basis**2).sum(axis=1) - x**2 / scale, _TIES)) ** 2
+
+    def fit(rows: Values) -> tuple[Values, Values]:
+        rows = rows - (rows @ basis) @ basis.T
+        shifts = rows @ x / scale
+        return shifts, rows - shifts[:, None] * x
+
+    (difference,), residuals = fit(e[None])
+    if has_limit(n, m, n + m):
+        shifts = np.random.default_rng(SEED).standard_normal(RESAMPLES)
+        own_shifts = np.zeros(1)
+        squares = np.array([[1.0], [0.0], [0.0]])
+    else:
+        order = _draw_orders(n + m)
+        shifts, left = fit(e[order])
+        own_shifts, own_left = fit(x[order])
+        squares = np.stack([left**2 @ weights, (left * own_left) @ weights, own_left**2 @ weights])
+    error = math.sqrt(float(residuals[0] ** 2 @ weights))
+    slopes = np.linalg.lstsq(centred, values - difference * (groups - groups.mean()) - values.mean(), rcond=None)[0]
+    adjusted = values - centred @ slopes
+    satterthwaite = max(compare_means(adjusted[:n], adjusted[n:]).freedom - covariates.shape[1], 1.0)
+    test = AdjustedTest((n, m), float(difference), error, satterthwaite, shifts, own_shifts, squares)
+    return adjusted[:n], adjusted[n:], test
+
+
+def _draw_orders(total: int) -> NDArray[np.int_]:
+    """Draw RESAMPLES permutations of the participants, (permutations, total)."""
+    rng = np.random.default_rng(SEED)
+    return rng.permuted(np.tile(np.arange(total), (RESAMPLES, 1)), axis=1)
+
+
+def invert_test(p: Callable[[float], float], estimate: float, error: float) -> tuple[float, float]:
+    """Search outwards from the estimate for the interval of values that a two-sided test does not reject at 5 %."""
+    zero_rejected = p(0.0) < ALPHA
+    return (
+        _search_bound(p, estimate, -error, zero_rejected=zero_rejected),
+        _search_bound(p, estimate, error, zero_rejected=zero_rejected),
+    )
+
+
+def _search_bound(p: Callable[[float], float], estimate: float, step: float, *, zero_rejected: bool) -> float:
+    """Return the last value on the side of ``step`` that is not rejected."""
+    inside = estimate
+    outside = math.nan
+    if -estimate * step > 0:  # 0 lies on this side, and what p says of it stands
+        if zero_rejected:
+            outside = 0.0
+        else:
+            inside = 0.0
+    while math.isnan(outside):
+        if p(inside + step) < ALPHA:
+            outside = inside + step
+        else:
+            inside = inside + step
+            step = 2 * step
+    while abs(outside - inside) > 1e-6 * abs(step):
+        middle = (inside + outside) / 2
+        if p(middle) < ALPHA:
+            outside = middle
+        else:
+            inside = middle
+    return inside
+
+
+def _squared_error(squares: Values, n: int, scale: float) -> Values:
+    """Return the squared error of a mean from its group's sum of squares; exactly 0 where only rounding leaves any."""
+    return np.where(squares <= _NO_SPREAD * scale * n, 0.0, squares / (n * (n - 1)))
+
+
+def permutation_tests(pairs: Sequence[tuple[Values, Values]]) -> list[PermutationTest | None]:
+    """Test each pair of groups over their regroupings, all of them if there are at most RESAMPLES.
+
+    None where a group has fewer than two. Pairs of the same sizes are regrouped in the same ways.
+    """
+    tests: list[PermutationTest | None] = [None] * len(pairs)
+    sizes = [(len(a), len(b)) for a, b in pairs]
+    for n, m in sorted({size for size in sizes if min(size) > 1}):
+        places = [place for place, size in enumerate(sizes) if size == (n, m)]
+        means = [(float(pairs[place][0].mean()), float(pairs[place][1].mean())) for place in places]
+        deviations = np.array(
+            [np.concatenate([pairs[at][0] - a, pairs[at][1] - b]) for at, (a, b) in zip(places, means, strict=True)]
+        )
+        is_first = np.arange(n + m) < n
+        columns = np.concatenate([deviations, deviations**2, deviations * is_first, is_first[None]]).T
+        totals = draw_totals(columns, n)
+        extra = int(count_regroupings(n, m) > RESAMPLES)
+        count = len(places)
+        for at, (place, (a, b)) in enumerate(zip(places, means, strict=True)):
+            squares = deviations[at] ** 2
+            parts = np.array([squares[:n].sum() / (n * (n - 1)), squares[n:].sum() / (m * (m - 1))])
+            error = math.sqrt(parts.sum())
+            if error > 0:
+                freedom = float(parts.sum() ** 2 / (parts**2 / (n - 1, m - 1)).sum())
+            else:
+                freedom = math.nan
+            tests[place] = PermutationTest(
+                (n, m), a - b, error, freedom, float(squares.sum()), totals[:, -1], totals[:, at],
+                totals[:, 2 * count + at], totals[:, count + at], extra,
+            )  # fmt: skip
+    return tests
+
+
+def floor_freedom(n: tuple[int, int], freedom: float) -> float:
+    """Return the degrees of freedom of the t below which a permutation test's p may not fall; 0 where there is none.
+
+    Args:
+        n: participants per group.
+        freedom: Welch's.
+    """
+    small = min(n)
+    if small < 4:
+        return small - 1
+    if small < _SMALL and n[0] != n[1]:
+        return freedom
+    return 0
+
+
+def smallest_p(n: tuple[int, int]) -> float:
+    """Return the smallest p that the permutation test can come to with groups of these sizes."""
+    regroupings = count_regroupings(*n)
+    if regroupings > RESAMPLES:
+        return 1 / (RESAMPLES + 1)
+    extremes = 2 if n[0] == n[1] else 1  # equal groups swapped are as far apart
+    return extremes / regroupings

@@ -1,0 +1,123 @@
+"""Welch's t test of two groups, equivalence tests, and the power of a t test."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+LEVEL = 0.95
+Values = NDArray[np.float64]
+_LARGE_G = 0.8
+_LIKELY = 0.8
+_ONE_SIDED = 5.0  # standard errors
+_LARGEST_G = 30.0
+_NEAR_ENOUGH = 1e-9  # standard deviations
+
+
+@dataclass(frozen=True, slots=True)
+class Welch:
+    """A difference of two means with Welch's (1947) standard error and degrees of freedom."""
+
+    difference: float
+    error: float
+    freedom: float
+
+    def interval(self, level: float = LEVEL) -> tuple[float, float]:
+        """Return the t interval of the difference."""
+        half = float(scipy.special.stdtrit(self.freedom, (1 + level) / 2)) * self.error
+        return self.difference - half, self.difference + half
+
+    @property
+    def p(self) -> float:
+        """Return the two-sided p of no difference."""
+        return float(2 * scipy.special.stdtr(self.freedom, -abs(self.difference) / self.error))
+
+
+def compare_means(a: Values, b: Values) -> Welch:
+    """Compare the means of two groups of two or more values, of which at least one has some spread."""
+    parts = (a.var(ddof=1) / len(a), b.var(ddof=1) / len(b))
+    freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(a) - 1) + parts[1] ** 2 / (len(b) - 1))
+    return Welch(float(a.mean() - b.mean()), math.sqrt(sum(parts)), float(freedom))
+
+
+@dataclass(frozen=True, slots=True)
+class Equivalence:
+    """Two one-sided tests (Schuirmann, 1987) of whether a difference lies within bounds, with Welch's t."""
+
+    bounds: tuple[float, float]
+    difference: float  # first minus second
+    interval: tuple[float, float]  # of 90 %: it lies within the bounds where p is below 0.05
+    p: float  # the larger of the two
+
+    @property
+    def alike(self) -> bool:
+        """Say whether the difference is shown to lie within the bounds."""
+        return self.p < 0.05
+
+
+def check_equivalence(a: Values, b: Values, bounds: tuple[float, float]) -> Equivalence | None:
+    """Test whether the means of two groups differ by less than the bounds.
+
+    None where nothing varies, or a group has fewer than two values.
+
+    Raises:
+        ValueError: if the bounds do not lie around 0.
+    """
+    low, high = bounds
+    if not low < 0 < high:
+        raise ValueError(
+            f"the lower equivalence bound must be below 0 and the upper one above 0, not {low:g} and {high:g}"
+        )
+    if min(len(a), len(b)) < 2 or max(np.ptp(a), np.ptp(b)) == 0:
+        return None
+    comparison = compare_means(a, b)
+    above = scipy.special.stdtr(comparison.freedom, -(comparison.difference - low) / comparison.error)
+    below = scipy.special.stdtr(comparison.freedom, (comparison.difference - high) / comparison.error)
+    return Equivalence(bounds, comparison.difference, comparison.interval(0.9), float(max(above, below)))
+
+
+@dataclass(frozen=True, slots=True)
+class PowerAnalysis:
+    """What a comparison of two groups of these sizes could show, by a two-sided t test at 5 %."""
+
+    n: tuple[int, int]
+    power_for_large: float  # chance to find a difference of 0.8 standard deviations
+    detectable_g: float  # the difference found with a chance of 80 %, in standard deviations
+    needed_for_large: int  # participants per group for a chance of 80 % at 0.8 standard deviations
+
+
+def compute_power(n: tuple[int, int]) -> PowerAnalysis:
+    """Compute what two groups of ``n`` participants could show; NaN with fewer than two in a group."""
+    needed = next(size for size in range(2, 1000) if t_test_power(_LARGE_G, (size, size)) >= _LIKELY)
+    if min(n) < 2:
+        return PowerAnalysis(n, math.nan, math.nan, needed)
+    return PowerAnalysis(n, t_test_power(_LARGE_G, n), _find_detectable_difference(_LIKELY, n), needed)
+
+
+def _find_detectable_difference(chance: float, n: tuple[int, int]) -> float:
+    """Find the difference in standard deviations that a t test detects with this chance, by bisection."""
+    low = 0.0
+    high = _LARGEST_G
+    while high - low > _NEAR_ENOUGH:
+        middle = (low + high) / 2
+        if t_test_power(middle, n) < chance:
+            low = middle
+        else:
+            high = middle
+    return (low + high) / 2
+
+
+def t_test_power(d: float, n: tuple[int, int], *, level: float = LEVEL) -> float:
+    """Compute the chance that a two-sided t test finds a difference of ``d`` standard deviations (Cohen, 1988)."""
+    freedom = sum(n) - 2
+    shift = d * math.sqrt(n[0] * n[1] / sum(n))
+    critical = float(scipy.special.stdtrit(freedom, (1 + level) / 2))
+    above = 1.0 - float(scipy.special.nctdtr(freedom, shift, critical))
+    # the other tail is nothing by then, and SciPy's is NaN
+    if shift < _ONE_SIDED:
+        below = float(scipy.special.nctdtr(freedom, shift, -critical))
+    else:
+        below = 0.0
+    return above + below
