@@ -306,8 +306,8 @@ are installed, and writes this page ({date}, Python {python}, numpy {numpy}; oth
 ## What success is
 
 By hand, from their documentation. A block states `success` as the third column has it; where that is "-", what
-[`minihuman check` finds](../docs/environments.md) is right: the table of Gymnasium's and ALE's own, or `info["is_success"]` and
-`info["success"]`.
+[`minihuman check` finds](../docs/environments.md) is right: the table of Gymnasium's and ALE's own, or
+`info["is_success"]` and `info["success"]`.
 
 | package | ids | `success` | why |
 |---|---|---|---|
