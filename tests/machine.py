@@ -109,6 +109,12 @@ REQUIREMENTS = {
     "other pyglet": Requirement(
         "the other major version of pyglet", ".ci/run pyglet2", _find_variable("MINIHUMAN_OTHER_PYGLET"), in_ci=False
     ),
+    "torch-ac": Requirement(
+        "torch-ac, which trains policies on Minigrid",
+        "pip install torch-ac",
+        _find_package("torch", "torch_ac"),
+        in_ci=False,
+    ),
     "validators": Requirement(
         "the validators of archives", ".ci/run standards", _find_variable("MINIHUMAN_STANDARDS"), in_ci=False
     ),

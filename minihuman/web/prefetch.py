@@ -181,9 +181,9 @@ class LookAheadGraph:
             picture = cache.number_tiles(tiles)
         else:
             pixels = np.ascontiguousarray(world.frame(*look))
-            picture = cache.number(pixels)
             if not world.is_built_in:
                 picture_hash = hash_picture(pixels)
+            picture = cache.number(pixels, picture_hash=picture_hash)
         saved = None
         if not closed and not self.blind:
             try:

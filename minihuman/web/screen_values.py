@@ -34,6 +34,7 @@ from minihuman.web.screen_types import (
     ScreenLocale,
     TextValues,
 )
+from minihuman.worlds.picture_hash import hash_picture
 from minihuman.worlds.team import PictureTiles
 
 _WINDOW_PX = (960, 720)  # of a picture that a plug-in draws
@@ -230,10 +231,16 @@ class ImageCache:
         self._new: list[PictureMessage] = []  # not sent yet
         self._tiles: dict[Hashable, int] = {}  # numbers of tiles, by key
 
-    def number(self, picture: NDArray[np.uint8], *, is_tile: bool = False) -> int:
-        """Number a picture, uint8[H, W, 3]; send a new one before it is named. Tiles are packed exactly."""
+    def number(self, picture: NDArray[np.uint8], *, is_tile: bool = False, picture_hash: int = 0) -> int:
+        """Number a picture; a new one is to be sent before it is named.
+
+        Args:
+            picture: uint8[H, W, 3].
+            is_tile: whether it is one of a picture's tiles, which are packed exactly.
+            picture_hash: its hash by `hash_picture`, where that was taken already.
+        """
         raw = np.ascontiguousarray(picture)
-        digest = xxhash.xxh3_128_digest(raw.data) + bytes(str(picture.shape), "ascii")
+        digest = (picture_hash or hash_picture(raw)).to_bytes(8, "little") + bytes(str(picture.shape), "ascii")
         if digest not in self._numbers:
             encoding = self._encoding
             if is_tile:

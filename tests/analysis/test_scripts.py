@@ -69,6 +69,7 @@ def test_every_script_is_tested():
         "cli/test_teach.py",
         "test_error_rates.py",
         "designs/test_bars.py",
+        "analysis/test_public_environments.py",
     )
     tests = Path(__file__).read_text() + "".join((SCRIPTS.parent / "tests" / each).read_text() for each in others)
     scripts = [path for path in SCRIPTS.glob("*.py") if "__main__" in path.read_text()]

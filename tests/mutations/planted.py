@@ -27,8 +27,8 @@ PLANTED = (
     Mutant(
         "an answer's time counts from the first change, not from the question's picture",
         "activities/questions/tables.py",
-        '"answer_ms": (event.t_ns - event.shown_ns) * _MS_PER_NS if was_shown else None,\n        "changes"',
-        '"answer_ms": (event.t_ns - event.first_ns) * _MS_PER_NS if was_shown else None,\n        "changes"',
+        '"answer_ms": _find_latency_ms(event.shown_ns, event.t_ns)',
+        '"answer_ms": _find_latency_ms(event.first_ns, event.t_ns)',
         ("tests/data/test_tables.py", "tests/activities/questions/test_questions.py", "tests/report/test_answers.py"),
     ),
     Mutant(
@@ -55,8 +55,8 @@ PLANTED = (
     Mutant(
         "the steps of a torn write count as durable",
         "log/record/disk.py",
-        "*(job.steps for job in written if job.whole)",
-        "*(job.steps for job in written)",
+        "*(job.steps for job in jobs if job.fully_written)",
+        "*(job.steps for job in jobs)",
         ("tests/log/record", "tests/promises/test_faults.py"),
     ),
     Mutant(

@@ -6,6 +6,7 @@ import numpy as np
 
 from minihuman.web import screen_values
 from minihuman.web.screen_values import JPEG, TILED, ZLIB, ImageCache
+from minihuman.worlds.picture_hash import hash_picture
 from minihuman.worlds.team import PictureTiles, make_team
 
 
@@ -38,6 +39,17 @@ def test_what_is_kept_for_everybody_has_a_bound(monkeypatch) -> None:
         shared.of(bytes([number]), "lossless", noise)
         assert sum(len(packed) for _, packed in shared._packed.values()) == shared._bytes <= 20_000
     assert (bytes([49]), "lossless") in shared._packed, "the latest stay"
+
+
+def test_a_picture_that_was_hashed_for_the_log_is_not_hashed_again_and_is_sent_once(monkeypatch) -> None:
+    cache = ImageCache("lossless")
+    plain, other = (np.full((16, 16, 3), shade, np.uint8) for shade in (77, 78))
+    cache.number(plain)
+    hashes = [hash_picture(plain), hash_picture(other)]
+    monkeypatch.setattr(screen_values, "hash_picture", lambda *_: (_ for _ in ()).throw(AssertionError("hashed again")))
+    numbers = [cache.number(picture, picture_hash=known) for picture, known in zip((plain, other), hashes, strict=True)]
+    assert numbers == [0, 1]
+    assert [zlib.decompress(message.data)[0] for message in cache.take_new()] == [77, 78]
 
 
 def taken(into: ImageCache, picture: np.ndarray) -> list:

@@ -177,6 +177,7 @@ class RunningEpisode:
         with catch_world_errors():
             picture = self.world.frame(self.plan.view, self._picture_px, self.plan.palette)
         if not self.world.is_built_in:  # what is ours is drawn again by its version
+            picture = np.ascontiguousarray(picture)  # pygame's are transposed: copied once for the hash and the display
             self.keep_picture_hash(hash_picture(picture))
         return picture
 

@@ -1,15 +1,23 @@
 """Makes the environment behind a world, and checks that it says what a world has to know."""
 
+import re
 from collections.abc import Collection, Mapping
 from typing import Any
 
 import gymnasium
 
 from minihuman.errors import WorldError
+from minihuman.worlds.adapters.foreign_code import describe_error
 from minihuman.worlds.adapters.returned_values import describe_value
 from minihuman.worlds.adapters.seat import SeatEnv, make_seat
 from minihuman.worlds.contract import NativeWorld
 from minihuman.worlds.hashing import resolve_files
+
+_MISSING_ARGUMENTS = re.compile(
+    r"missing \d+ required (?:positional|keyword-only) arguments?: (.+?)(?: was raised from|$)"
+)
+
+_UNEXPECTED_ARGUMENT = re.compile(r"unexpected keyword argument '(\w+)'")
 
 
 def has_own_rule(native: Any) -> bool:
@@ -32,10 +40,10 @@ def is_built_in(env: gymnasium.Env[Any, Any]) -> bool:
 
 
 def make_environment(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
-    """Make the environment of a world: a seat of a team world, or what Gymnasium makes of the id.
+    """Make an environment that draws pictures, by its id.
 
     Raises:
-        WorldError: if it cannot be made, or does not render pictures.
+        WorldError: if it cannot be made, or has no render mode for pictures.
     """
     try:
         seat = make_seat(world_id, options)
@@ -56,19 +64,31 @@ def make_environment(world_id: str, options: dict[str, Any]) -> gymnasium.Env[An
     except WorldError as error:
         raise WorldError(f"{world_id}: {error}") from error
     except TypeError as error:
-        if options:
-            reason = f"the options {options!r} are invalid: {error}"
-        else:
-            reason = f"it cannot be created: {error}"
-        raise WorldError(f"{world_id}: {reason}") from error
+        raise WorldError(f"{world_id}: {_explain_arguments(error, options)}") from error
     except Exception as error:  # a constructor may raise whatever it likes of an id or an option
+        with_options = f" with the options {options!r}" if options else ""
         raise WorldError(
-            f"{world_id} cannot be created with the options {options!r} ({type(error).__name__}: {error})"
+            f"{world_id}: it cannot be created{with_options}: making it {describe_error(error)}"
         ) from error
     if "rgb_array" not in _render_modes(world_id, env):
         env.close()
         raise WorldError(f"{world_id} has no render mode 'rgb_array', which a session needs to show pictures; add it")
     return env
+
+
+def _explain_arguments(error: TypeError, options: Mapping[str, Any]) -> str:
+    """Explain a TypeError of a constructor, which is mostly one of its arguments."""
+    missing = _MISSING_ARGUMENTS.search(str(error))
+    if missing:
+        return f"its constructor needs {missing[1]}; give it in the block, as options = {{ NAME = VALUE }}"
+    unexpected = _UNEXPECTED_ARGUMENT.search(str(error))
+    if unexpected and unexpected[1] == "render_mode":
+        return "its constructor takes no render_mode; write def __init__(self, render_mode=None) and keep it"
+    if unexpected and unexpected[1] not in options:
+        return f"its constructor takes no {unexpected[1]}, which its registration gives; correct one of the two"
+    if options:
+        return f"the options {options!r} are invalid: {error}"
+    return f"it cannot be created: making it {describe_error(error)}"
 
 
 def _render_modes(world_id: str, env: gymnasium.Env[Any, Any]) -> Collection[Any]:

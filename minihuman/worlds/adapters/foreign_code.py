@@ -85,7 +85,14 @@ def describe_error(error: BaseException) -> str:
         case RecursionError():
             return f"calls itself without end{place}"
     text = " ".join(str(error).split())
-    message = f": {text[:_MOST_TEXT]}" if text else ""
+    if isinstance(error, NotImplementedError) and not text:
+        return f"is not implemented{place}"
+    if text:
+        message = f": {text[:_MOST_TEXT]}"
+    elif frames and frames[-1].line:  # an assertion without words: its line says what does not hold
+        message = f" at `{frames[-1].line[:_MOST_TEXT]}`"
+    else:
+        message = ""
     return f"raised {type(error).__name__}{message}{place}"
 
 

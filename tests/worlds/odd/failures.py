@@ -110,19 +110,43 @@ class MakingRaises(Plain):
         raise OSError("no licence")
 
 
+@odd(r"it cannot be created: making it raised AssertionError at `assert version >= 3` \(failures\.py:\d+\)")
+class MakingAssertsWithoutWords(Plain):
+    def __init__(self, render_mode=None):
+        version = 2
+        assert version >= 3
+
+
+@odd(r"step\(\) raised RuntimeError at `raise RuntimeError` \(failures\.py:\d+\)")
+class StepRaisesWithoutWords(Plain):
+    def reward(self):
+        raise RuntimeError
+
+
 @odd(r"tried to end the program")
 class MakingExits(Plain):
     def __init__(self, render_mode=None):
         sys.exit(3)
 
 
-@odd(r"needs|missing|cannot be created|invalid")
+@odd(r"its constructor needs 'level'; give it in the block, as options =")
 class MakingNeedsArgument(Plain):
     def __init__(self, level, render_mode=None):
         super().__init__(render_mode)
 
 
-@odd(r"render_mode|cannot be created|render mode")
+@odd(r"its constructor takes no width, which its registration gives", kwargs={"width": 9})
+class MakingWithAnotherArgument(Plain):
+    pass
+
+
+@odd(r"render\(\) is not implemented")
+class PictureNotImplemented(Plain):
+    def render(self):
+        raise NotImplementedError
+
+
+@odd(r"its constructor takes no render_mode; write def __init__")
 class MakingWithoutRenderMode(Plain):
     def __init__(self):
         super().__init__()
