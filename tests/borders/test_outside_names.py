@@ -260,7 +260,7 @@ JOINED = {
     ("web/arrivals.py", "admission.participant"): "asks only whether it exists",
     ("admin/remote_logs.py", "study"): "parsed by outside_names",
     ("admin/status.py", "name"): "listed from the folder itself",
-    ("runtime/watch/dashboard.py", "asked or 'page.html'"): "one of a fixed table",
+    ("runtime/watch/dashboard.py", "file_name or 'page.html'"): "one of a fixed table",
     ("runtime/watch/dashboard.py", "code"): "asks only whether it exists",
     ("web/deployment/check.py", "f'server-{number}'"): "a number",
     ("web/deployment/check.py", "f'{name}.toml'"): "of the protocol",
