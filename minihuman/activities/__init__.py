@@ -1,6 +1,6 @@
-"""Activities: the kinds of part that a session can have, a folder for each.
+"""Activities: the kinds of part that a session can have, with one folder for each kind.
 
-A folder has all of its kind: the plan, the activity with its events and screens, log rows, tables, figures and the
-page's code. Nothing else knows a kind by name: the entry points of the group `minihuman.activities` list them, and
-`minihuman.experiment.machine.activity` loads them.
+A folder holds everything about its kind: the plan, the activity with its events and screens, log rows, tables, figures
+and the page's code. Nothing else refers to a kind by name: the entry points of the group `minihuman.activities` list
+the kinds, and `minihuman.experiment.machine.activity` loads them.
 """

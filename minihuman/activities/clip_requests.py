@@ -1,4 +1,4 @@
-"""What comparisons and corrections ask of the session host: clips of the session's own episodes."""
+"""Requests of comparisons and corrections to the session host for clips of the session's own episodes."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,7 +10,7 @@ from minihuman.experiment.machine.activity import ActivityRequest
 
 @dataclass(frozen=True, slots=True)
 class ClipRequest(ActivityRequest):
-    """A clip to compare; two are requested, one after the other."""
+    """A request for one clip to compare; a comparison makes two, one after the other."""
 
     awaits_others: ClassVar[bool] = True
     part: int
@@ -25,7 +25,10 @@ class ClipRequest(ActivityRequest):
 
 @dataclass(frozen=True, slots=True)
 class EpisodeRequest(ActivityRequest):
-    """An episode to review; the answer is a ``ClipOffered`` of the whole episode, or of None if there is no other."""
+    """A request for an episode to review.
+
+    The answer is a ``ClipOffered`` with the whole episode, or with None if there is no other.
+    """
 
     part: int
     source: str  # the block whose episodes are looked at

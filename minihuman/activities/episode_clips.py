@@ -1,4 +1,4 @@
-"""Clips of episodes, recreated from seeds and actions: what preferences compare and corrections review."""
+"""Clips of episodes, recreated from seeds and actions, for comparisons and corrections."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeClip:
-    """Some steps of an episode, by what makes it again: the world, its seed and every action up to its last step."""
+    """A sequence of an episode's steps, with what recreates it.
+
+    The world, its seed and every action up to the clip's last step recreate the pictures.
+    """
 
     episode: int  # of the session it was played in, 0 for the first
     attempt: int  # 1, or more where the episode was begun again
@@ -31,13 +34,13 @@ class EpisodeClip:
 
     @property
     def last(self) -> int:
-        """The step whose picture is the last."""
+        """The step that the last picture shows."""
         return len(self.actions)
 
 
 @dataclass(frozen=True, slots=True)
 class ClipOffered(ActivityInput):
-    """A clip; None if no two differ."""
+    """A clip from the session host; None if there is no further clip."""
 
     stretch: EpisodeClip | None
 
@@ -46,16 +49,16 @@ ImageArray = NDArray[np.uint8]
 
 
 class EpisodeFilm(Sequence[ImageArray]):
-    """Pictures of a step and of each one after it, uint8[H, W, 3].
+    """The pictures of a clip, one per step, each an array uint8[height, width, 3] that is drawn when it is read.
 
     Args:
-        world: one made for the episode; others may use it between two looks.
-        seed: of its reset.
-        actions: the world's.
-        view: how much of the world is seen.
-        palette: its colours.
-        picture_px: the largest picture wanted, width and height; None draws none.
-        first: the step whose picture is the first; 0 is the reset.
+        world: a world that was made for the episode; other code may use it between two reads.
+        seed: the seed of the episode's reset.
+        actions: the numbers of the world's actions from the reset on.
+        view: the part of the world that is shown.
+        palette: the world's colours.
+        picture_px: the largest picture wanted, as width and height in pixels; None draws empty pictures.
+        first: the step that the first picture shows; 0 is the reset.
     """
 
     def __init__(
@@ -87,7 +90,7 @@ class EpisodeFilm(Sequence[ImageArray]):
             self.last_hash = world.state_hash()
 
     def __len__(self) -> int:
-        """Return one more than the steps from the first picture on."""
+        """Return the number of pictures: one for the first step and one for each later step."""
         return len(self._actions) + 1 - self._first
 
     @overload
@@ -95,7 +98,7 @@ class EpisodeFilm(Sequence[ImageArray]):
     @overload
     def __getitem__(self, step: slice) -> Sequence[ImageArray]: ...
     def __getitem__(self, step: int | slice) -> ImageArray | Sequence[ImageArray]:
-        """Draw a picture now."""
+        """Draw and return the picture at an index, or the pictures of a slice."""
         if isinstance(step, slice):
             return [self[number] for number in range(*step.indices(len(self)))]
         if not -len(self) <= step < len(self):

@@ -1,1 +1,1 @@
-"""Agent blocks: what takeover and rating share, blocks that an agent plays at a fixed pace."""
+"""Agent blocks: code shared by takeover and rating, in which an agent plays a block at a fixed pace."""

@@ -1,9 +1,9 @@
 """Takeover and rating: blocks that an agent plays at a fixed pace while a person takes over or rates it.
 
-The policy is not here: its action probabilities arrive as an input and the action is drawn here, so a log holds
-everything the agent did and a replay draws the same actions. Steps count from 0 for the reset. A rating also counts
-while the last image is held, because people rate what they saw about 0.6 s earlier: a rated block needs a longer
-`final_frame_ms`. Assigning credit is left to the learner.
+The policy runs elsewhere: its action probabilities arrive as an input, and the action is drawn here. A log therefore
+holds everything that the agent did, and a replay draws the same actions. Steps count from 0, which is the reset. A
+rating also counts while the last image is held, because people rate what they saw about 0.6 s earlier: a rated block
+needs a longer `final_frame_ms`. Assigning credit is left to the learner.
 """
 
 from dataclasses import replace
@@ -36,7 +36,7 @@ REPEAT_INTERVAL_NS = 100_000_000  # a held rating key counts once in so long
 
 
 class AgentPlayActivity(PlayActivity):
-    """Plays a block's episodes by a policy's advice."""
+    """An activity in which an agent plays a block's episodes by a policy's action probabilities."""
 
     can_copy = False
     agent_plays = True
@@ -58,22 +58,22 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def agent(self) -> AgentPlan:
-        """The protocol's ``[blocks.agent]``."""
+        """The protocol's ``[blocks.agent]`` table."""
         return self.plan.agent
 
     @property
     def hand_back_key(self) -> str:
-        """The key that gives the agent control back; "" where takeovers are not possible."""
+        """The key that returns control to the agent; "" where takeovers are not possible."""
         return ""
 
     @property
     def rating_keys(self) -> tuple[str, str]:
-        """The keys that say good and bad; "" where steps are not rated."""
+        """The keys that rate a step as good and as bad; "" where steps are not rated."""
         return "", ""
 
     @property
     def rated_episode(self) -> RunningEpisode | None:
-        """The episode that is over, but can still be rated; None in every other phase."""
+        """The finished episode that can still be rated; None in every other phase."""
         return None
 
     @property
@@ -84,7 +84,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def request(self) -> ActivityRequest | None:  # type: ignore[override]
-        """A policy between episodes, its advice in each state."""
+        """The request for a policy between episodes, or for advice in the present state; None if neither is due."""
         if not self.playing:
             if self._has_first_policy and not self._learning:
                 return None
@@ -100,7 +100,7 @@ class AgentPlayActivity(PlayActivity):
         return AdviceRequest(self.policy, self._current.steps)
 
     def receive(self, happened: Input) -> None:
-        """Take an input."""
+        """Handle an input, including new policies and advice."""
         match happened:
             case NewPolicy():
                 self._take_policy(happened)
@@ -113,7 +113,7 @@ class AgentPlayActivity(PlayActivity):
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
-        """Return the policy and the advice that came from outside."""
+        """Return the input that caused an event: a new policy or advice; None for other events."""
         match event:
             case PolicyGiven():
                 return NewPolicy(event.t_ns, event.policy, event.failure)
@@ -154,7 +154,7 @@ class AgentPlayActivity(PlayActivity):
         self.context.emit(self.advised)
 
     def _choose(self, advice: Advice) -> int | None:
-        """Choose an action that has a key, by the policy's probabilities; None where it gives them no chance."""
+        """Draw an action that has a key by the policy's probabilities, or return None if they are not usable."""
         if len(advice.probabilities) != len(self._current.world.action_names):
             return None
         play = self._current
@@ -174,7 +174,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def _playable(self) -> list[int]:
-        """The world's actions that have a key."""
+        """The numbers of the world's actions that have a key."""
         play = self._current
         actions = {play.action_of(key) for key in play.plan.key_map.keys}
         return sorted(action for action in actions if action is not None)
@@ -187,12 +187,12 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def real_time(self) -> bool:  # type: ignore[override]
-        """Whether the agent makes steps now."""
+        """Whether steps happen by the clock now, made by the agent or by the world."""
         return self.playing and (self.controller == "agent" or self._current.real_time)
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The agent's next step, beside what every block waits for."""
+        """The time of the agent's next step or of the block's next tick, whichever comes first, in nanoseconds."""
         block_due_ns = super().next_tick_ns
         agent_due_ns = self._due_ns if self._agent_can_step else None
         return min((t for t in (block_due_ns, agent_due_ns) if t is not None), default=None)
@@ -224,7 +224,7 @@ class AgentPlayActivity(PlayActivity):
             self._due_ns = screen_shown.flip_ns + self.period_ns
 
     def suspend(self, reason: PauseReason) -> None:
-        """Stop the agent's clock too; the next picture shown starts it anew."""
+        """Stop the block's clocks and the agent's; the next picture shown restarts the agent's."""
         super().suspend(reason)
         self._due_ns = None
 
@@ -250,7 +250,7 @@ class AgentPlayActivity(PlayActivity):
         self.context.emit(ControlChanged(now_ns, play.plan.episode, play.steps, controller, reason, pressed_ns))
 
     def _between_episodes(self) -> None:
-        """Ask the learner, where it is its turn."""
+        """Ask the learner for a new policy if its turn has come."""
         agent = self.agent
         played = self.context.next_episode - self.plan.first
         if agent.learner and not self._learning and self.has_next_episode and played % agent.update_every == 0:
@@ -260,7 +260,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def learning_s(self) -> float:  # type: ignore[override]
-        """The time that the next episode waits for the learner."""
+        """The longest time that the next episode waits for the learner, in seconds."""
         if self._learning:
             return self.agent.wait_s
         return 0.0
@@ -269,11 +269,11 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def period_ns(self) -> int:
-        """From the picture of one of the agent's steps to the next step."""
+        """The time from the display of one of the agent's steps to its next step, in nanoseconds."""
         return round(self.agent.step_ms * NS_PER_MS)
 
     def describe_steering(self, play: RunningEpisode) -> Steering:
-        """Return who steers, what the agent does next, and what keys do meanwhile."""
+        """Return who is in control, the agent's next action, and what the keys do meanwhile."""
         rules = SteeringRules(
             period_ns=self.period_ns,
             person_acts=self.takes_over,
@@ -289,7 +289,7 @@ class AgentPlayActivity(PlayActivity):
         return Steering(self.controller, action, self.limit_ns, rules)
 
     def control_text(self, controller: Controller) -> str:
-        """Return the text below the picture."""
+        """Return the text below the picture that says who is in control."""
         return self.context.words[f"steers.{controller}"]
 
     @property

@@ -1,4 +1,4 @@
-"""Columns of the tables that blocks that an agent plays have."""
+"""Columns of the tables of agent blocks."""
 
 from minihuman.dataset.table_columns import (
     EPISODE_COLUMN,

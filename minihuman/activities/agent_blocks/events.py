@@ -1,4 +1,4 @@
-"""Events of blocks that an agent plays."""
+"""Events of agent blocks."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,7 +11,7 @@ ControlReason = Literal["start", "key", "hand_back", "no_policy", "agent_failed"
 
 @dataclass(frozen=True, slots=True)
 class PolicyGiven(ActivityEvent):
-    """This policy plays from the next episode on."""
+    """A policy was given that plays from the next episode on, or a learner or agent failed."""
 
     part: int
     episode: int  # the next one
@@ -29,7 +29,7 @@ class LearnerAsked(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class Advised(ActivityEvent):
-    """The action that the policy would take after a step, also while the person is in control."""
+    """The action that the policy would take after a step, logged even while the person is in control."""
 
     episode: int
     step: int  # that it follows, 0 for the reset
@@ -39,7 +39,7 @@ class Advised(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class ControlChanged(ActivityEvent):
-    """The controller from now on."""
+    """Control passed to the agent or to the person."""
 
     episode: int
     step: int  # that it follows

@@ -1,4 +1,4 @@
-"""Plans of blocks that an agent plays."""
+"""Plans of agent blocks."""
 
 from collections.abc import Container
 from typing import ClassVar, Literal
@@ -12,7 +12,7 @@ LATEST_POLICY = "latest"  # the policy that an earlier part of the session ended
 
 
 class AgentPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[blocks.agent]`` in the protocol."""
+    """The settings of ``[blocks.agent]`` in the protocol."""
 
     policy: str = ""  # a policy file beside the protocol, an agent that is registered, LATEST; "": none yet
     step_ms: float = 600.0  # from the picture of one step to the next step
@@ -27,16 +27,16 @@ class AgentPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class AgentPlayPlan(PlayPlan, frozen=True):
-    """A block that an agent plays."""
+    """The plan of a block that an agent plays."""
 
     host: ClassVar[str] = AGENT_HOST
     agent: AgentPlan = AgentPlan()
 
     @property
     def needs_learner(self) -> bool:
-        """Whether a learner makes the next policies."""
+        """Whether a learner makes new policies during the block."""
         return bool(self.agent.learner)
 
     def plays_policy_file(self, files: Container[str]) -> bool:
-        """Whether a policy plays that a learner makes, or that is one of the protocol's files."""
+        """Tell whether the block plays a policy that a learner makes or that is one of the protocol's files."""
         return bool(self.agent.learner) or self.agent.policy in files

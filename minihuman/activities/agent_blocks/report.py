@@ -1,4 +1,4 @@
-"""The report's section on teaching: who steered, how often policy and person agreed, what was rated and preferred."""
+"""The report's section on teaching: who was in control, how often policy and person agreed, and the ratings."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +19,7 @@ _MS_PER_MIN = 60_000.0
 
 
 def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
-    """Group the episodes with an agent by block."""
+    """Group the episodes that an agent played by block."""
     episodes_by_block: dict[str, list[TaughtEpisode]] = defaultdict(list)
     for episode in log.episodes:
         if episode.taught is not None and len(episode.actions):
@@ -28,7 +28,7 @@ def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
 
 
 def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
-    """Count the minutes in which the person steered, without pauses."""
+    """Return the minutes in which the person was in control, without pauses."""
     begins = episode.t_ns[:-1]
     ends = episode.t_ns[1:]
     took = ends - begins
@@ -38,7 +38,7 @@ def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
 
 
 def policy_agreement(episodes: Sequence[TaughtEpisode]) -> float:
-    """Return the share of the person's steps at which the policy would have done the same; NaN without any."""
+    """Return the share of the person's steps at which the policy would have acted alike; NaN if there are none."""
     agreements = [np.zeros(0, np.bool_)]
     for episode, taught in episodes:
         advised_steps = taught.by_person & (taught.policy_actions != NO_ADVICE)
@@ -50,9 +50,9 @@ def policy_agreement(episodes: Sequence[TaughtEpisode]) -> float:
 
 
 def autonomy_gain_per_min(episodes: Sequence[TaughtEpisode]) -> float:
-    """Return how much the agent's share of an episode's steps grew per minute that the person had steered before.
+    """Return how much the agent's share of an episode's steps grew per minute of the person's earlier control.
 
-    The slope of a least-squares line; NaN where the person's minutes do not tell episodes apart.
+    This is the slope of a least-squares line; NaN if every episode followed the same number of minutes.
     """
     minutes = np.cumsum([0.0, *(steering_minutes(episode, taught) for episode, taught in episodes)])[:-1]
     shares = np.array([float((~taught.by_person).mean()) for _, taught in episodes])
@@ -64,7 +64,7 @@ def autonomy_gain_per_min(episodes: Sequence[TaughtEpisode]) -> float:
 
 
 def teaching_figures(logs: Mapping[str, SessionLog], out: Path) -> Iterator[ReportFigure]:
-    """Draw who was in control and how it was rated, per session and block."""
+    """Draw who was in control, and the ratings, for each session and block."""
     for name, log in logs.items():
         for block, episodes in group_taught_by_block(log).items():
             stem = out / f"{block}_steering_{name.replace(' ', '_')}"
@@ -81,7 +81,7 @@ def teaching_figures(logs: Mapping[str, SessionLog], out: Path) -> Iterator[Repo
 
 
 def build_section(source: SectionSource) -> ReportSection:
-    """Build the section on teaching; without tables where no agent played."""
+    """Build the report's section on teaching; it has no table if no agent played."""
     logs = source.read_logs(source.table("controls"))
     heads = (
         "session", "block", "episodes", "policies", "takeovers per episode", "person", "min", "agreement",
@@ -108,7 +108,7 @@ grew per minute of the person's earlier control (slope of a line). Good, bad: ra
 
 
 def measure_teaching(episodes: Sequence[TaughtEpisode]) -> dict[str, float]:
-    """Measure what a protocol can name as ``teaching:NAME``, for a session's block."""
+    """Compute the measures that a protocol can name as ``teaching:NAME``, for one block of one session."""
     steps = np.concatenate([taught.by_person for _, taught in episodes])
     return {
         "takeovers": sum(taught.interventions for _, taught in episodes) / len(episodes),
@@ -120,7 +120,10 @@ def measure_teaching(episodes: Sequence[TaughtEpisode]) -> dict[str, float]:
 
 
 def tabulate_teaching(logs: Mapping[str, SessionLog]) -> pd.DataFrame:
-    """Tabulate a row per session and block with an agent: participant, session, block and the measures of teaching."""
+    """Return a table of the measures of teaching, with one row per session and agent block.
+
+    The columns are participant, session, block and the measures.
+    """
     rows = [
         {
             "participant": log.plan.participant.id,

@@ -1,4 +1,4 @@
-"""What blocks that an agent plays ask of the session host, and the inputs that answer."""
+"""Requests of agent blocks to the session host, and the inputs that answer them."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from minihuman.experiment.machine.inputs import ActivityInput
 
 @dataclass(frozen=True, slots=True)
 class PolicyRequest(ActivityRequest):
-    """The part has begun, or its learner was asked: which policy plays from the next episode on?"""
+    """A request for the policy of the next episodes, made as the part begins or after a learner was asked."""
 
     part: int
     name: str  # of the part
@@ -26,7 +26,7 @@ class PolicyRequest(ActivityRequest):
 
 @dataclass(frozen=True, slots=True)
 class AdviceRequest(ActivityRequest):
-    """A request for the policy's action in the world as it is now."""
+    """A request for the policy's action probabilities in the world's present state."""
 
     policy: str  # SHA-256 of its file, or its name
     step: int
@@ -34,7 +34,7 @@ class AdviceRequest(ActivityRequest):
 
 @dataclass(frozen=True, slots=True)
 class NewPolicy(ActivityInput):
-    """A new policy, or the failure of a learner: then the policy before stays."""
+    """A new policy, or the failure of a learner, after which the previous policy stays in force."""
 
     policy: str  # SHA-256 of its file, or the name of an agent that has none
     failure: str = ""  # why there is none

@@ -1,4 +1,4 @@
-"""Rows of the log that blocks have which an agent plays: each event, its topic and its message."""
+"""Log rows of agent blocks: each event with its topic and message."""
 
 from minihuman.activities.agent_blocks.events import Advised, ControlChanged, LearnerAsked, PolicyGiven
 from minihuman.log.codec import EventRow

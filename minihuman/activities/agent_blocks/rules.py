@@ -1,4 +1,4 @@
-"""Rules of ``[blocks.agent]``: each is a function that yields the errors it finds."""
+"""Validation rules of ``[blocks.agent]``: each is a function that yields the errors it finds."""
 
 from collections.abc import Iterator
 from typing import Protocol
@@ -11,7 +11,7 @@ _KEY_FIELDS = ("hand_back", "good", "bad")
 
 
 class AgentBlock(Protocol):
-    """The fields of a protocol's block that the rules look at."""
+    """The fields of a protocol's block that the rules read."""
 
     kind: str
     pace: str
@@ -19,7 +19,7 @@ class AgentBlock(Protocol):
 
 
 def check_block(block: AgentBlock, pool: tuple[str, ...]) -> RuleErrors:
-    """Yield what is wrong with an agent's block of a protocol; ``pool`` is the keys that may have an action."""
+    """Yield the errors of an agent block in a protocol; ``pool`` holds the keys that may have an action."""
     if block.pace != "on_key":
         yield "pace", f"is {block.pace!r}, but the agent of a {block.kind} block has its own pace; leave it out"
     for field, error in check_agent(block.agent or AgentPlan(), pool):
@@ -27,7 +27,7 @@ def check_block(block: AgentBlock, pool: tuple[str, ...]) -> RuleErrors:
 
 
 def check_agent(agent: AgentPlan, pool: tuple[str, ...]) -> RuleErrors:
-    """Yield what is wrong with an agent; ``pool`` is the keys that may have an action."""
+    """Yield the errors of an agent's settings; ``pool`` holds the keys that may have an action."""
     yield from _check_times(agent)
     for name in _KEY_FIELDS:
         yield from _check_key(name, getattr(agent, name), pool)

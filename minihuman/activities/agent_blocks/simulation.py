@@ -1,4 +1,4 @@
-"""How a simulated person watches an agent play."""
+"""Simulation of a person who watches an agent play."""
 
 from minihuman.activities.agent_blocks.activity import AgentPlayActivity
 from minihuman.experiment.machine.activity import Activity
@@ -15,7 +15,7 @@ from minihuman.simulation.participant import KeyPress, SimulatedTeacher, Watched
 
 
 def build_watched_step(part: AgentPlayActivity, play: RunningEpisode, t_ns: int) -> WatchedStep:
-    """Build what a teacher sees of a state."""
+    """Build the description of a state that a simulated teacher receives."""
     advised = part.advised
     action = "" if advised is None else play.world.action_names[advised.action]
     has_reached_goal = play.outcome == "goal"
@@ -25,7 +25,10 @@ def build_watched_step(part: AgentPlayActivity, play: RunningEpisode, t_ns: int)
 
 
 class AgentBlockSimulator(PartSimulator):
-    """Looks once at each state; only a teacher intervenes, others play where no agent does."""
+    """A simulated participant who looks at each state once.
+
+    Only a teacher intervenes; other participants act only in episodes without an agent.
+    """
 
     def __init__(self, person: SimulatedPerson) -> None:
         super().__init__(person)
@@ -33,7 +36,7 @@ class AgentBlockSimulator(PartSimulator):
         self._last_look = ("", -1)  # who steered, and which step it was
 
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Look at the state on the screen."""
+        """Respond to the state on the screen."""
         if not isinstance(screen, PlayScreen) or not isinstance(part, AgentPlayActivity):
             return False
         play = part.play if part.playing else part.rated_episode

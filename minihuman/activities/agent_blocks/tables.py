@@ -1,4 +1,4 @@
-"""Tables of blocks that an agent plays: its policies, what it advised, and who was in control."""
+"""Tables of agent blocks: the policies, their advice, and who was in control."""
 
 import json
 

@@ -1,6 +1,6 @@
 """Correction: review an episode after it was played and demonstrate what should have been done.
 
-Which episodes are reviewed is decided outside. A correction begins in the exact state after the chosen step; its
+The session host decides which episodes are reviewed. A correction begins in the exact state after the chosen step; its
 steps are events of their own and continue the episode's count. It is not an episode of the session.
 """
 
@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 
 
 class CorrectionActivity(Activity):
-    """Reviews one episode after the other."""
+    """An activity in which the participant reviews one episode after another."""
 
     def begin(self) -> None:
-        """Wait for the first episode."""
+        """Wait for the first episode to review."""
         self._plan: CorrectionPlan = self.part.plan
         self._number = 0
         self._corrections = 0
@@ -57,14 +57,14 @@ class CorrectionActivity(Activity):
 
     @property
     def request(self) -> ActivityRequest | None:  # type: ignore[override]
-        """The next episode."""
+        """The request for the next episode to review; None if none is due."""
         if self.ended or self.phase is not Phase.PREPARING:
             return None
         return EpisodeRequest(self.number, self._plan.source, self._number, self._plan.episodes)
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
-        """Return the episodes from the session host, and when pictures were shown."""
+        """Return the input that caused an event: an offered episode or a shown picture; None for other events."""
         match event:
             case EpisodeLookedAt():
                 return ClipOffered(event.t_ns, event.stretch)
@@ -75,7 +75,7 @@ class CorrectionActivity(Activity):
         return None
 
     def receive(self, happened: Input) -> None:
-        """Take an input."""
+        """Handle an input."""
         match happened:
             case ClipOffered() if self.request is not None:
                 self._offer(happened.stretch)
@@ -93,14 +93,14 @@ class CorrectionActivity(Activity):
 
     @property
     def reviewed_episode(self) -> tuple[EpisodeClip, int] | None:
-        """The episode and step under review, for simulated participants; None if there is none."""
+        """The episode and the step under review, for simulated participants; None if there is none."""
         if self._episode is None or self.phase is not Phase.LOOKING:
             return None
         return (self._episode, self._step)
 
     @property
     def review_id(self) -> tuple[int, int]:
-        """The part, and the episode in it."""
+        """The part's index in the plan, and the index of the reviewed episode within the part."""
         return self.number, self._number
 
     def suspend(self, reason: PauseReason) -> None:
@@ -109,7 +109,7 @@ class CorrectionActivity(Activity):
             self.play.suspend()
 
     def stop(self) -> None:
-        """Break off what is shown."""
+        """End a correction that is in progress."""
         if self.phase is Phase.SHOWING:
             self._end_correction("stopped")
 
@@ -260,13 +260,13 @@ class CorrectionActivity(Activity):
 
     @property
     def _current_step(self) -> int:
-        """The step of the correction that runs, or of the episode that is looked at."""
+        """The step of the running correction, or otherwise of the episode under review."""
         if self.play is None:
             return self._step
         return self.play.steps
 
     def screen(self) -> Screen:
-        """Build the episode's picture and the keys, or the correction."""
+        """Build the screen of the running correction, or of the episode under review."""
         if self._film is None:
             return screen_texts.build_wait_screen(self.context.words)
         state = (self.phase, self._number, self._corrections, self._current_step)

@@ -1,4 +1,4 @@
-"""Columns of the tables that corrections have."""
+"""Columns of the table of corrections."""
 
 from minihuman.dataset.table_columns import PART_COLUMN, SEGMENT_COLUMN, SESSION_COLUMNS, TIME_COLUMN, TableColumn
 

@@ -1,4 +1,4 @@
-"""Draw an episode that is reviewed."""
+"""Drawing of the screen of an episode under review."""
 
 from minihuman.activities.correction.screens import FilmScreen
 from minihuman.display.drawing import sheet as theme
@@ -7,7 +7,7 @@ from minihuman.display.drawing.sheet import MARGIN, Sheet, Size
 
 
 def draw_film(screen: FilmScreen, size_px: Size) -> Sheet:
-    """Draw it."""
+    """Draw the episode's present picture and the keys."""
     sheet = Sheet(size_px, screen.locale)
     width, height = size_px
     margin = height * MARGIN

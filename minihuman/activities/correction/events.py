@@ -11,7 +11,7 @@ CorrectionOutcome = Literal["goal", "failure", "timeout", "stopped", "ended"]
 
 @dataclass(frozen=True, slots=True)
 class EpisodeLookedAt(ActivityEvent):
-    """An episode of the session is reviewed, recreated from its seed and actions."""
+    """The review of an episode began; the episode is recreated from its seed and actions."""
 
     part: int
     number: int
@@ -25,13 +25,13 @@ class EpisodeLookedAt(ActivityEvent):
 
     @property
     def stretch(self) -> EpisodeClip:
-        """All of it."""
+        """The whole episode as a clip."""
         return EpisodeClip(self.episode, self.attempt, 0, self.world, self.options, self.seed, self.actions)
 
 
 @dataclass(frozen=True, slots=True)
 class NothingToCorrect(ActivityEvent):
-    """There is no other episode to review."""
+    """The session host had no other episode to review."""
 
     part: int
     number: int
@@ -39,7 +39,7 @@ class NothingToCorrect(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class CorrectionSeen(ActivityEvent):
-    """A picture of the episode, or of its correction, reached the display."""
+    """A picture of the reviewed episode, or of its correction, reached the display."""
 
     part: int
     number: int
@@ -50,7 +50,7 @@ class CorrectionSeen(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class CorrectionBegun(ActivityEvent, EpisodeBeginning):
-    """A correction begins."""
+    """A correction began."""
 
     part: int
     correction: int  # 0 for the part's first
@@ -62,13 +62,13 @@ class CorrectionBegun(ActivityEvent, EpisodeBeginning):
 
     @property
     def begins_at(self) -> tuple[int, int]:
-        """The episode, in the state that is corrected."""
+        """The index of the corrected episode, and the step after which the correction begins."""
         return self.episode, self.step
 
 
 @dataclass(frozen=True, slots=True)
 class CorrectionStepped(ActivityEvent, EpisodeStep):
-    """A step of a correction."""
+    """A correction made a step."""
 
     part: int
     correction: int

@@ -1,4 +1,4 @@
-"""The screen of a reviewed episode as values for the page."""
+"""The screen of an episode under review as values for the page."""
 
 from typing import Any
 
@@ -7,5 +7,5 @@ from minihuman.web.screen_values import NumberPicture, select_values
 
 
 def build_page_values(screen: FilmScreen, number: NumberPicture) -> dict[str, Any]:
-    """Give the words and the keys; the page goes through the episode by itself."""
+    """Return the texts and keys of the screen; the page itself steps through the episode."""
     return select_values(screen, "prompt progress step back forward film")

@@ -8,7 +8,7 @@ from minihuman.experiment.plan.session_plan import PartPlan
 
 
 class CorrectionPlan(PartPlan, frozen=True, forbid_unknown_fields=True):
-    """``plan`` of an activity of kind "correction"."""
+    """The plan of an activity of kind "correction"."""
 
     host: ClassVar[str] = AGENT_HOST
     source: str  # the block of this session whose episodes are looked at
@@ -20,9 +20,9 @@ class CorrectionPlan(PartPlan, frozen=True, forbid_unknown_fields=True):
 
     @property
     def needs_learner(self) -> bool:
-        """Whether a learner is asked: for an episode none is."""
+        """Whether a learner chooses the episodes; always false."""
         return False
 
     def plays_policy_file(self, files: Container[str]) -> bool:
-        """Whether a policy plays in it: none does."""
+        """Tell whether a policy plays in the part; always false."""
         return False

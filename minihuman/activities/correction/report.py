@@ -1,4 +1,4 @@
-"""The report's table on corrections: how many there were, and how long."""
+"""The report's table of corrections: their number and their length."""
 
 from minihuman.reporting.activity_sections import CaptionedTable, ReportSection, SectionSource
 from minihuman.reporting.template import Table
@@ -8,7 +8,7 @@ _CAPTION = "Corrections after the fact: their number, and their steps in total."
 
 
 def build_section(source: SectionSource) -> ReportSection | None:
-    """Build the table of corrections; None where there were none."""
+    """Build the section on corrections, or return None if there were none."""
     logs = source.read_logs(source.table("corrections"))
     rows = [
         (name, str(len(log.corrections)), str(sum(len(correction.actions) for correction in log.corrections)))

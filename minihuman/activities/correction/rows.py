@@ -1,4 +1,4 @@
-"""Rows of the log that corrections have: each event, its topic and its message."""
+"""Log rows of corrections: each event with its topic and message."""
 
 from minihuman.activities.correction.events import (
     CorrectionBegun,

@@ -1,4 +1,4 @@
-"""The screen of an episode that is reviewed: one film."""
+"""The screen of an episode under review."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from minihuman.experiment.machine.screens import FilmsScreen, PageView
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilmScreen(FilmsScreen):
-    """One picture of an episode that is gone through step by step."""
+    """A screen that shows one picture of an episode, through which the participant steps."""
 
     drawing: ClassVar[str] = "minihuman.activities.correction.drawing:draw_film"
     page_view: ClassVar[PageView | None] = PageView(
@@ -30,15 +30,15 @@ class FilmScreen(FilmsScreen):
 
     @property
     def films(self) -> tuple[Sequence[NDArray[np.uint8]], ...]:
-        """The episode's film."""
+        """The episode's film, as a tuple of one."""
         return (self.pictures,)
 
     @property
     def shown_step(self) -> int:
-        """The step that is looked at."""
+        """The step whose picture is shown."""
         return self.step
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """The words, and which episode it is."""
+        """The texts and the reviewed episode's id: two screens that share them differ in the shown step alone."""
         return self.prompt, self.progress, self.film

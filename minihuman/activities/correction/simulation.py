@@ -1,4 +1,4 @@
-"""How a simulated person looks episodes through."""
+"""Simulation of a participant who reviews episodes."""
 
 from minihuman.activities.correction.activity import CorrectionActivity
 from minihuman.activities.correction.plan import CorrectionPlan
@@ -12,14 +12,17 @@ STEPPING_MS = 200.0  # from one picture to the next, through an episode that is 
 
 
 class CorrectionSimulator(PartSimulator):
-    """Goes on; a teacher first goes to the step from which they show what should have been done, once an episode."""
+    """A simulated participant who skips through the episodes under review.
+
+    A teacher first goes to the step from which they demonstrate what should have been done, once per episode.
+    """
 
     def __init__(self, person: SimulatedPerson) -> None:
         super().__init__(person)
         self._last_review: tuple[int, int] | None = None  # part and episode
 
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Look at the episode on the screen."""
+        """Respond to the episode on the screen."""
         if not isinstance(screen, FilmScreen) or not isinstance(part, CorrectionActivity):
             return False
         if part.reviewed_episode is None:

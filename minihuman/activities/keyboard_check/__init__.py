@@ -1,1 +1,1 @@
-"""Keyboard check: every key of the pool must arrive once before data are recorded."""
+"""Keyboard check: the participant must press every key of the pool once before data are recorded."""

@@ -1,4 +1,4 @@
-"""Keyboard check: every key of the pool must arrive once before data are recorded."""
+"""Keyboard check: the participant must press every key of the pool once before data are recorded."""
 
 from minihuman.activities.keyboard_check.early_plans import find_early_check
 from minihuman.activities.keyboard_check.plan import KeyboardCheckPlan
@@ -11,18 +11,18 @@ from minihuman.experiment.machine.transitions import Phase
 
 
 class KeyboardCheckActivity(Activity):
-    """Lights each key up when it has arrived, and says what it types."""
+    """An activity that shows which keys of the pool have arrived, and what each key types."""
 
     phase = Phase.KEYBOARD_CHECK
     can_copy = True
 
     def begin(self) -> None:
-        """Ask for every key."""
+        """Ask for every key of the pool."""
         self._arrived: dict[str, str] = {}  # key -> symbol
         self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
 
     def receive(self, happened: Input) -> None:
-        """Take a key."""
+        """Handle a key press."""
         if not isinstance(happened, KeyDown):
             return
         plan: KeyboardCheckPlan = self.part.plan
@@ -37,7 +37,7 @@ class KeyboardCheckActivity(Activity):
             self.ended = PartEnding()
 
     def screen(self) -> TextScreen:
-        """Build the screen of the keys, where they lie to each other."""
+        """Build the screen of the keys, arranged as on the keyboard."""
         return build_keyboard_check_screen(self.context.words, self.part.plan.keys, frozenset(self._arrived))
 
 

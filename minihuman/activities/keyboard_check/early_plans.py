@@ -7,6 +7,6 @@ from minihuman.experiment.plan.session_plan import PlannedPart, SessionPlan
 
 
 def find_early_check(plan: SessionPlan) -> Iterator[tuple[int, PlannedPart]]:
-    """Yield the keyboard check of an early plan, with its place in the session."""
+    """Yield the keyboard check of an early plan, with its position in the session."""
     if plan.keyboard_check:
         yield 1, PlannedPart("keyboard_check", "keyboard_check", KeyboardCheckPlan(plan.key_pool))

@@ -7,7 +7,7 @@ from minihuman.experiment.words import InterfaceWords
 
 
 def build_keyboard_check_screen(words: InterfaceWords, keys: Sequence[str], pressed: frozenset[str]) -> TextScreen:
-    """Build the screen of every key of the pool, and whether it has arrived yet."""
+    """Build the screen that shows, for every key of the pool, whether it has been pressed yet."""
     left = len(set(keys)) - len(pressed)
     return TextScreen(
         words["keyboard_check.title"],

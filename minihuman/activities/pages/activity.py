@@ -1,4 +1,4 @@
-"""Pages: a text read page by page. A consent text must be read to its end before agreement."""
+"""Pages: a text read page by page. A consent text must be read to its end before the participant can agree."""
 
 import io
 from enum import StrEnum
@@ -38,7 +38,7 @@ def _find_phase(plan: PagePlan) -> Phase:
 
 
 def _find_direction(key: str) -> int:
-    """Find by how many pages a key turns."""
+    """Return by how many pages a key turns: 1, -1, or 0 for any other key."""
     if key in FORWARD_KEYS:
         return 1
     if key in BACK_KEYS:
@@ -47,7 +47,7 @@ def _find_direction(key: str) -> int:
 
 
 class PagesActivity(Activity):
-    """Shows a text; on its last page Enter goes on."""
+    """An activity that shows a text page by page; Enter on the last page ends it."""
 
     can_copy = True
 
@@ -66,7 +66,7 @@ class PagesActivity(Activity):
         self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
 
     def receive(self, happened: Input) -> None:
-        """Turn a page, or go on from the last."""
+        """Handle an input: turn a page, leave the last page, or decline."""
         match happened:
             case ScreenShown():
                 self.context.emit(build_page_shown(self.number, self._reader, happened))
@@ -83,7 +83,10 @@ class PagesActivity(Activity):
                 self.ended = PartEnding("failed", reason="declined", detail="the participant did not agree")
 
     def _turn(self, by: int, *, by_enter: bool) -> bool:
-        """Turn the page; tell whether that led anywhere. Only Enter or its button leaves the last page, no arrow."""
+        """Turn pages and return whether that had an effect.
+
+        Only Enter or its button leaves the last page; an arrow key does not.
+        """
         if not by:
             return False
         if self._reader.turn(by):
@@ -100,7 +103,7 @@ class PagesActivity(Activity):
             self.context.emit(Noted(self.context.now_ns, "consent", text))
 
     def screen(self) -> PageScreen:
-        """Return the open page."""
+        """Build the screen of the open page."""
         if self._open is None or self._open.page != self._reader.page + 1:
             self._open = self._screen()
         return self._open
@@ -129,7 +132,7 @@ class PagesActivity(Activity):
 
 
 def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArray[np.uint8], tuple[PictureLabel, ...]]:
-    """Draw the world from above; return where in it the marked things are, too."""
+    """Draw an example's world from above; return the picture and the labels of its marked objects."""
     world = context.world(example.world, example.options)
     with catch_world_errors():
         world.reset(example.seed)

@@ -1,4 +1,4 @@
-"""Columns of the tables that pages have."""
+"""Columns of the table of pages."""
 
 from minihuman.dataset.table_columns import PART_COLUMN, SEGMENT_COLUMN, SESSION_COLUMNS, TIME_COLUMN, TableColumn
 

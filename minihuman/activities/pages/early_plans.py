@@ -1,4 +1,4 @@
-"""Pages in plans that were recorded before plans had parts: the consent text and the closing words."""
+"""Pages in plans that were recorded before plans had parts: the consent text and the closing text."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ from minihuman.experiment.words import InterfaceWords
 
 
 def find_early_pages(plan: SessionPlan) -> Iterator[tuple[int, PlannedPart]]:
-    """Yield the pages of an early plan, each with its place in the session."""
+    """Yield the pages of an early plan, each with its position in the session."""
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
     if plan.consent_text and plan.segment == 1:
         text = plan.consent_text.strip()

@@ -1,4 +1,4 @@
-"""Which page of a text is open: shared by every text that has pages."""
+"""The position in a text with pages, shared by every activity that shows one."""
 
 from minihuman.experiment.machine.activity import ENTER_KEYS
 from minihuman.experiment.machine.events import PageShown
@@ -9,7 +9,7 @@ BACK_KEYS = ("left", "page_up", "backspace")
 
 
 class PageReader:
-    """The open page and those that were open, shared by every text that has pages."""
+    """The open page of a text, and the furthest page that was open."""
 
     def __init__(self, pages: int) -> None:
         self.pages = max(1, pages)
@@ -22,7 +22,7 @@ class PageReader:
         return self.page == self.pages - 1
 
     def turn(self, by: int) -> bool:
-        """Open the next or the previous page; False if there is none."""
+        """Open the next or the previous page; return False if there is none."""
         page = self.page + by
         if not 0 <= page < self.pages:
             return False
@@ -32,7 +32,7 @@ class PageReader:
 
 
 def build_page_shown(part: int, reader: PageReader, screen_shown: ScreenShown) -> PageShown:
-    """Say that the open page reached the display."""
+    """Build the event that the open page reached the display."""
     return PageShown(
         screen_shown.t_ns, part, reader.page + 1, reader.pages, screen_shown.submit_ns, screen_shown.flip_ns
     )

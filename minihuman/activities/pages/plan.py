@@ -1,4 +1,4 @@
-"""Plans of texts in pages."""
+"""Plans of texts that are shown page by page."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from minihuman.experiment.plan.session_plan import PartPlan
 
 
 class ExampleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A picture of a world, with words at some of its things."""
+    """A picture of a world in which some objects have labels."""
 
     world: str
     options: dict[str, Any] = {}
@@ -17,7 +17,7 @@ class ExampleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PagePlan(PartPlan, frozen=True):
-    """A text in pages, divided by measured height when the plan was made."""
+    """A text in pages, which were divided by measured height when the plan was made."""
 
     title: str
     pages: tuple[str, ...]
@@ -30,10 +30,10 @@ class PagePlan(PartPlan, frozen=True):
 
     @property
     def asks_consent(self) -> bool:
-        """Whether the text is agreed to."""
+        """Whether the participant must agree to the text."""
         return self.agree
 
     @property
     def closes_session(self) -> bool:
-        """Whether the text is the session's last words."""
+        """Whether the text closes the session."""
         return self.closing

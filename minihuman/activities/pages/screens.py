@@ -1,4 +1,4 @@
-"""The screens of texts in pages."""
+"""Screens of texts that are shown page by page."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,10 @@ def build_page_screen(
     marks: tuple[PictureLabel, ...] = (),
     decline_label: str = "",
 ) -> PageScreen:
-    """Build a page of a text; ``last`` is the last page's prompt, ``button`` what its button says.
+    """Build the screen of one page of a text.
 
-    ``decline_label`` is the label of the button that declines; "" shows no such button.
+    ``last`` is the prompt of the last page, ``button`` the label of the button that leaves it, and ``decline_label``
+    the label of the button that declines; "" shows no such button.
     """
     buttons: list[Button] = []
     if page:

@@ -1,4 +1,4 @@
-"""The table of pages: when each reached the display."""
+"""The table of pages: the time at which each reached the display."""
 
 from minihuman.activities.pages.columns import PAGES
 from minihuman.dataset.activity_tables import ActivityTable, TableRow
