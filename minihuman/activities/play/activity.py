@@ -1,7 +1,7 @@
 """Play: the episodes of one block, with instructions, fixation, feedback and rest.
 
-Holds the block's transition table, and drives its parts: the sequence of episodes, their time limits (of playing time,
-pauses excluded), timed screens, the keys of texts, and screens.
+The module holds the block's transition table and drives the block's components: the sequence of episodes, their limits
+of playing time (pauses excluded), the timed screens, the keys of texts, and the screens.
 """
 
 from collections.abc import Callable, Mapping
@@ -70,7 +70,7 @@ POINTER = "pointer"  # a step's key where a click made it
 
 
 class PlayActivity(Activity):
-    """Plays a block's episodes from the next one that the session has not completed."""
+    """An activity that plays a block's episodes, from the first that the session has not completed."""
 
     plan: PlayPlan
     can_copy = True
@@ -101,29 +101,29 @@ class PlayActivity(Activity):
 
     @property
     def has_next_episode(self) -> bool:
-        """Whether the block goes on."""
+        """Whether another episode of the block follows."""
         return self.sequence.has_next
 
     @property
     def needs_new_world(self) -> bool:
-        """Whether the next episode's world has to be made."""
+        """Whether the next episode's world must still be created."""
         plan = self.next_plan
         return not self.context.has_world(plan.world, plan.options)
 
     @property
     def next_plan(self) -> EpisodePlan:
-        """The next episode; a block whose episodes are resolved while it runs overrides it."""
+        """The plan of the next episode; a block that resolves its episodes while it runs overrides it."""
         return self.sequence.next_plan
 
     @property
     def waits_for_ready(self) -> bool:
-        """Whether the next episode waits for Enter."""
+        """Whether the next episode starts only when the participant presses Enter."""
         ready = self.plan.trial.ready if self.plan.trial else "each"
         return ready == "each" or (ready == "first" and not self.has_begun)
 
     @property
     def feedback_text(self) -> str:
-        """The feedback on the last episode; "" if there is none."""
+        """The text of the feedback on the last episode; "" if there is none."""
         if self._play:
             return self.plan.feedback.get(self._play.outcome or "", "")
         return ""
@@ -131,7 +131,7 @@ class PlayActivity(Activity):
     # The port
 
     def begin(self) -> None:
-        """Begin the block, or go on with it."""
+        """Begin the block, or resume it."""
         self.sequence.resume()
         self.sequence.decide(time_is_up=self._limits.block_is_over(self.context.now_ns))
         if not self.has_next_episode:
@@ -140,7 +140,7 @@ class PlayActivity(Activity):
         self._move(TransitionCause.BEGAN)
 
     def receive(self, happened: Input) -> None:
-        """Take an input."""
+        """Handle an input, after whatever was due before it."""
         match happened:
             case ScreenShown():
                 self._shown(happened)
@@ -163,7 +163,7 @@ class PlayActivity(Activity):
                 self._turn(1 if target == "go_on" else -1, by_enter=True)
 
     def suspend(self, reason: PauseReason) -> None:
-        """Stop the clocks."""
+        """Stop the clocks, and log the pause of a running episode."""
         self._timer.suspend(self.phase)
         if self.phase is Phase.PLAYING:
             self._current.suspend()
@@ -171,7 +171,7 @@ class PlayActivity(Activity):
             self.context.emit(Paused(self.context.now_ns, reason))
 
     def resume(self) -> None:
-        """Let them run again."""
+        """Restart the clocks, and log that a running episode resumes."""
         super().resume()
         if self.phase is Phase.PLAYING:
             self._limits.resume(self.context.now_ns)
@@ -180,30 +180,33 @@ class PlayActivity(Activity):
             self._timer.resume(self.phase, self.context.now_ns)
 
     def stop(self) -> None:
-        """Abandon what is being played."""
+        """End a running episode as abandoned."""
         if self._play and self._play.started and self._play.outcome is None:
             self.context.emit(self._play.end(self.context.now_ns))
 
     @property
     def playing(self) -> bool:  # type: ignore[override]
-        """Whether an episode runs."""
+        """Whether an episode is running."""
         return self.phase is Phase.PLAYING
 
     @property
     def real_time(self) -> bool:  # type: ignore[override]
-        """Whether time makes its steps."""
+        """Whether the running episode's steps happen by the clock, without waiting for keys."""
         return self.playing and self._current.real_time
 
     @property
     def limit_ns(self) -> int | None:  # type: ignore[override]
-        """When the time for the episode, or for the block, is over; None while nothing is played or without a limit."""
+        """The time at which the episode's or the block's limit is reached; None between episodes or without a limit."""
         if self.playing:
             return self._limits.due_ns
         return None
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The next step of real time, a limit, the end of a timed screen, or a rest's next second."""
+        """The time of the next change by the clock; None if nothing is due.
+
+        A change is a real-time step, a time limit, the end of a timed screen, or the next second of a rest.
+        """
         if self.phase is Phase.PLAYING:
             self.play = self._current
             due = [t for t in (self._current.next_tick_ns, self._limits.due_ns) if t is not None]
@@ -213,7 +216,7 @@ class PlayActivity(Activity):
         return self._timer.due_ns(self.phase, self.context.now_ns)
 
     def screen(self) -> Screen:
-        """Build the screen of the phase."""
+        """Build the screen of the present phase, or return the last one if nothing has changed."""
         steps = self._play and self._play.steps
         rest_s = self._timer.left_s(self.context.now_ns)
         now = (self.phase, self._reader.page, self._play, steps, rest_s, self._look)
@@ -254,7 +257,7 @@ class PlayActivity(Activity):
         self._timer.note_seen(self.phase, screen_shown.flip_ns)
 
     def _let_time_pass(self) -> None:
-        """Do what was due by now, before any later input."""
+        """Process whatever the clock has made due: a time limit, a real-time step, or the end of a timed phase."""
         now_ns = self.context.now_ns
         if self.phase is Phase.PLAYING:
             cause = self._limits.over(now_ns)
@@ -305,7 +308,10 @@ class PlayActivity(Activity):
     # Moving on
 
     def _move(self, cause: TransitionCause) -> None:
-        """Follow the table, and on through phases that have nothing to show. An impossible move changes nothing."""
+        """Enter the next phase by the transition table, and skip phases that have nothing to show.
+
+        If the table has no transition for the cause, nothing changes.
+        """
         move = self.transitions.find(self.phase, cause, self)
         if move is None:
             return
@@ -329,7 +335,7 @@ class PlayActivity(Activity):
             self._start_episode()
 
     def _prepare(self) -> None:
-        """Reset the world behind a text, so that play starts at once."""
+        """Reset the next episode's world while a text is shown, so that play starts without delay."""
         self._play = self._make_episode(self.next_plan)
         if self.context.renders_steps:
             self._play.picture()  # a world's first picture takes longer: not after the key that starts play
@@ -361,10 +367,10 @@ class PlayActivity(Activity):
         self._episode_started()
 
     def _episode_started(self) -> None:
-        """React to the start of an episode; subclasses override it."""
+        """React to the start of an episode; a hook for subclasses."""
 
     def _between_episodes(self) -> None:
-        """React to the end of an episode; subclasses override it."""
+        """React to the end of an episode; a hook for subclasses."""
 
     def _stepped(self, stepped: Stepped) -> None:
         play = self._current
@@ -392,7 +398,7 @@ class PlayActivity(Activity):
 
     @property
     def _look(self) -> object:
-        """What else the screen depends on; subclasses override it."""
+        """Further state on which the screen depends; a hook for subclasses."""
         return None
 
     @property

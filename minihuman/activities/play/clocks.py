@@ -1,4 +1,4 @@
-"""The clocks of a block: limits of playing time, and phases that end by themselves."""
+"""The clocks of a block: limits of playing time, and the durations of timed phases."""
 
 from collections.abc import Callable
 from enum import StrEnum
@@ -13,7 +13,7 @@ NS_PER_S = 1_000_000_000
 
 
 class BlockTimeLimits:
-    """Two clocks that run while an episode is played; 0 s is no limit."""
+    """The time limits of the episode and of the block, which count only while an episode is played; 0 s is no limit."""
 
     def __init__(self, episode_s: float, block_s: float) -> None:
         self._episode_ns = round(episode_s * NS_PER_S)
@@ -28,11 +28,11 @@ class BlockTimeLimits:
         self._running_since_ns = now_ns
 
     def resume(self, now_ns: int) -> None:
-        """Let the clocks run again."""
+        """Restart the clocks after a pause."""
         self._running_since_ns = now_ns
 
     def stop(self, now_ns: int) -> None:
-        """Stop for a pause, or as the episode is over."""
+        """Stop the clocks for a pause or at the end of an episode."""
         if self._running_since_ns is not None:
             ran_ns = now_ns - self._running_since_ns
             self._played_ns += ran_ns
@@ -41,13 +41,13 @@ class BlockTimeLimits:
 
     @property
     def due_ns(self) -> int | None:
-        """The time of the next limit; None: there is none, or the clocks stand."""
+        """The time at which the next limit is reached; None if there is no limit or the clocks are stopped."""
         if self._running_since_ns is None or not (self._episode_ns or self._block_ns):
             return None
         return self._running_since_ns + max(0, min(limit - played for limit, played in self._pairs if limit))
 
     def over(self, now_ns: int) -> EndCause:
-        """Return which limit has been reached; "" for none."""
+        """Return the limit that has been reached, as the cause of the episode's end; "" for none."""
         due_ns = self.due_ns
         if due_ns is None or now_ns < due_ns:
             return ""
@@ -56,7 +56,7 @@ class BlockTimeLimits:
         return "max_s"
 
     def block_is_over(self, now_ns: int) -> bool:
-        """Tell whether the block's time has been played."""
+        """Tell whether the block's playing time is used up."""
         if self._running_since_ns is None:
             running_ns = 0
         else:
@@ -72,12 +72,12 @@ _TIMED = (Phase.INTERVAL, Phase.FIXATION, Phase.HOLD, Phase.LEARNING)  # time en
 
 
 class PhaseTimer:
-    """The time of the present phase; phases without a length leave it alone.
+    """The timer of the present phase; it does nothing in phases that time does not end.
 
     Args:
-        plan: the block's.
-        sequence: knows the interval before the next episode.
-        learning_s: how long the next episode may wait for an agent that learns.
+        plan: the block's plan.
+        sequence: the block's episodes, which know the interval before the next one.
+        learning_s: returns the longest wait of the next episode for an agent that learns, in seconds.
     """
 
     def __init__(self, plan: PlayPlan, sequence: EpisodeSequence, learning_s: Callable[[], float]) -> None:
@@ -89,37 +89,37 @@ class PhaseTimer:
         self._until_ns: int | None = None
 
     def begin(self, phase: StrEnum, now_ns: int) -> None:
-        """Begin the time of a phase."""
+        """Start the timer of a phase."""
         if phase in self._timed:
             self._until_ns = now_ns + self._lasts_ns(phase)
         elif phase is Phase.REST:
             self._until_ns = now_ns + round(self._plan.rest_s * NS_PER_S)
 
     def note_seen(self, phase: StrEnum, flip_ns: int) -> None:
-        """Count the phase's time from when its screen reached the display; learning lasts however late that was."""
+        """Restart the phase's time from when its screen reached the display, except in the learning phase."""
         if phase in self._timed and phase is not Phase.LEARNING and self._until_ns is not None:
             self._until_ns = flip_ns + self._lasts_ns(phase)
 
     def suspend(self, phase: StrEnum) -> None:
-        """Stop the phase's time, as something is in front; a rest goes on even so."""
+        """Stop the phase's time while another screen covers it; a rest keeps counting."""
         if phase in self._timed:
             self._until_ns = None
 
     def resume(self, phase: StrEnum, now_ns: int) -> None:
-        """Restart the phase's time in full."""
+        """Restart the phase's time from the beginning."""
         if phase in self._timed:
             self._until_ns = now_ns + self._lasts_ns(phase)
 
     def over(self, phase: StrEnum, now_ns: int) -> bool:
-        """Tell whether a phase that time ends has lasted long enough."""
+        """Tell whether a timed phase has lasted its full time."""
         return phase in self._timed and self._until_ns is not None and now_ns >= self._until_ns
 
     def ends(self, phase: StrEnum) -> bool:
-        """Tell whether time ends a phase, and no key."""
+        """Tell whether a phase ends by time rather than by a key."""
         return phase in self._timed
 
     def due_ns(self, phase: StrEnum, now_ns: int) -> int | None:
-        """Return when something changes by itself, a rest's next second too; None: never."""
+        """Return the time of the phase's next change, a rest's next second included; None if there is none."""
         if self._until_ns is None or now_ns >= self._until_ns:
             return None
         if phase is Phase.REST:
@@ -127,7 +127,7 @@ class PhaseTimer:
         return self._until_ns
 
     def left_s(self, now_ns: int) -> int:
-        """Count the seconds that are left, begun ones whole."""
+        """Return the seconds that are left, rounded up."""
         return max(0, -(-((self._until_ns or 0) - now_ns) // NS_PER_S))
 
     def _lasts_ns(self, phase: StrEnum) -> int:

@@ -1,4 +1,4 @@
-"""Columns of the tables that blocks of episodes have."""
+"""Columns of the tables of blocks of episodes."""
 
 from minihuman.dataset.table_columns import PART_COLUMN, SEGMENT_COLUMN, SESSION_COLUMNS, TIME_COLUMN, TableColumn
 

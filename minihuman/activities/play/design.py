@@ -1,4 +1,4 @@
-"""A block's design, asked before each episode."""
+"""The adaptive design of a block, which decides before each episode."""
 
 from typing import Any
 
@@ -14,13 +14,13 @@ from minihuman.worlds.hashing import hash64
 
 
 class BlockDesign:
-    """A block's design: asked before each episode, and once when the block is over.
+    """The adaptive design of a block, which decides before each episode and once when the block is over.
 
     Args:
-        spec: the design.
+        spec: the design's settings.
         number: the part's index in the plan.
-        name: the part's.
-        context: the session, which takes the events.
+        name: the part's name.
+        context: the session, which receives the events.
     """
 
     def __init__(self, spec: DesignSpec, number: int, name: str, context: SessionContext) -> None:
@@ -33,14 +33,17 @@ class BlockDesign:
         self.history: list[PlayedEpisode] = []
 
     def add_episode(self, play: RunningEpisode) -> None:
-        """Add an episode that is over."""
+        """Add a finished episode to the design's history."""
         plan = play.plan
         outcome = play.outcome
         assert outcome is not None
         self.history.append(PlayedEpisode(plan.options, plan.seed, outcome, play.steps, play.return_))
 
     def decide(self, *, goes_on: bool) -> bool:
-        """Ask about the next episode, or for the last estimates; tell whether the design ends the block."""
+        """Ask the design about the next episode and return whether it ends the block.
+
+        When the block is over (``goes_on`` is false), the design is asked for its last estimates alone.
+        """
         context = self._context
         plan = self._context.plan
         purpose = f"design-{self._name}-session-{plan.session}-episode-{context.next_episode}"
@@ -62,7 +65,7 @@ class BlockDesign:
         return decision.stop and goes_on
 
     def resolve(self, plan: EpisodePlan) -> EpisodePlan:
-        """Return the next episode as the design wants it."""
+        """Return an episode's plan with the options and the seed that the design decided on."""
         assert self._decided is not None, "a design decides before each episode"
         resolved = msgspec.structs.replace(plan, options=plan.options | self._decided.options)
         if self._decided.seed is None:

@@ -10,7 +10,7 @@ _OUTCOMES = ("goal", "timeout", "failure", "abandoned")
 
 
 def find_early_blocks(plan: SessionPlan) -> Iterator[tuple[int, PlannedPart]]:
-    """Yield the blocks of an early plan, each with its place in the session."""
+    """Yield the blocks of an early plan, each with its position in the session."""
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
     count = len(plan.texts)
     for number, text in enumerate(plan.texts):

@@ -1,4 +1,4 @@
-"""The sequence of a block's episodes: which comes next, what the last one was worth, and why no other follows."""
+"""The sequence of a block's episodes: the next episode, the last one's points, and the reason why no other follows."""
 
 from minihuman.activities.play.design import BlockDesign
 from minihuman.activities.play.plan import PlayPlan
@@ -10,12 +10,12 @@ from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
 
 
 class EpisodeSequence:
-    """The episodes of one block. Plays none.
+    """The sequence of one block's episodes; it counts episodes and does not play them.
 
     Args:
         number: the part's index in the plan.
-        part: its kind, name and plan.
-        context: the session, whose next episode it counts, and which takes the events.
+        part: the part, with its kind, name and plan.
+        context: the session, whose index of the next episode is advanced and which receives the events.
     """
 
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
@@ -28,12 +28,12 @@ class EpisodeSequence:
 
     @property
     def has_next(self) -> bool:
-        """Whether the block goes on."""
+        """Whether another episode of the block follows."""
         return self._tally.has_next(self._context.next_episode)
 
     @property
     def next_plan(self) -> EpisodePlan:
-        """The next episode, as a design wants it where the block has one."""
+        """The plan of the next episode, resolved by the block's design if it has one."""
         plan = self._context.plan.episodes[self._context.next_episode]
         if self._design is None:
             return plan
@@ -41,7 +41,7 @@ class EpisodeSequence:
 
     @property
     def interval_ms(self) -> float:
-        """The time that the screen is empty before the next episode."""
+        """The time for which the screen is empty before the next episode, in milliseconds."""
         intervals_ms = self._plan.trial.intervals_ms if self._plan.trial else ()
         place = self._context.next_episode - self._plan.first
         if place < len(intervals_ms):  # after the last episode there is none
@@ -54,7 +54,7 @@ class EpisodeSequence:
         return self._tally.scored
 
     def resume(self) -> None:
-        """Count what an earlier segment played, if the session goes on in this block."""
+        """Take over the episodes that an earlier segment played, if the session resumes within this block."""
         standing = self._context.plan.standing
         if self._number == standing.part and self._context.next_episode == self._context.plan.first_episode:
             self._tally.outcomes += standing.outcomes
@@ -62,7 +62,7 @@ class EpisodeSequence:
                 self._design.history += standing.history or ()
 
     def add_episode(self, play: RunningEpisode) -> None:
-        """Count an episode that is over, and go on to the next."""
+        """Count a finished episode, log its points, and advance to the next."""
         context = self._context
         points = self._tally.add_episode(play)
         if points is not None:
@@ -74,7 +74,7 @@ class EpisodeSequence:
             self._design.add_episode(play)
 
     def decide(self, *, time_is_up: bool) -> None:
-        """Settle whether another episode follows, and which."""
+        """Decide whether another episode follows, and ask the block's design for it."""
         self._tally.decide(time_is_up=time_is_up)
         if self._design is None:
             return
@@ -83,11 +83,11 @@ class EpisodeSequence:
             self.stop("design")
 
     def stop(self, reason: SkipReason) -> None:
-        """Let no other episode follow."""
+        """End the sequence, so that no other episode follows."""
         self._tally.skip = reason
 
     def end(self) -> PartEnding:
-        """Skip the episodes that are not played, and return how the block ended."""
+        """Log the episodes that were skipped and return how the block ended."""
         context = self._context
         past = self._plan.first + self._plan.count
         skip = self._tally.skip

@@ -1,6 +1,4 @@
-"""Plans of blocks: which episodes are played, what is shown around them, when a block ends, and the agent or the team
-that plays along.
-"""
+"""Plans of blocks: the episodes, the screens around them, and the conditions under which a block ends."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -13,14 +11,17 @@ from minihuman.experiment.plan.session_plan import PartPlan
 
 
 class CriterionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Practice goes on until so many of the last episodes reached the goal; a block's ``episodes`` are the most."""
+    """The criterion that ends practice: so many successes among the last episodes.
+
+    A block's ``episodes`` is then the largest number of episodes.
+    """
 
     successes: int
     of: int  # the last so many
     otherwise: Literal["go_on", "end"] = "go_on"  # what follows if it is never met
 
     def is_met(self, outcomes: Sequence[str]) -> bool:
-        """Tell whether the last outcomes are good enough; fewer than ``of`` may be."""
+        """Tell whether enough of the last ``of`` outcomes, or of all if there are fewer, reached the goal."""
         return sum(outcome == "goal" for outcome in outcomes[-self.of :]) >= self.successes
 
 
@@ -35,11 +36,11 @@ class PointsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def needs_success(self) -> bool:
-        """Whether they hang on how an episode ended."""
+        """Whether the points depend on how an episode ended."""
         return len({self.goal, self.timeout, self.failure}) > 1
 
     def compute(self, outcome: str, steps: int, reward: float) -> float:
-        """Compute the points of an episode; none for one that was abandoned or whose agent failed."""
+        """Compute the points of an episode; one that was abandoned or whose agent failed earns none."""
         if outcome in ("abandoned", "agent_failed"):
             return 0.0
         by_outcome = {"goal": self.goal, "timeout": self.timeout, "failure": self.failure}
@@ -50,7 +51,7 @@ ComputedBy = Literal["page", "server"]
 
 
 class PlayPlan(PartPlan, frozen=True):
-    """A block: which episodes, and what surrounds them. Empty texts and times of 0 show nothing."""
+    """The plan of a block: its episodes and what surrounds them. Empty texts and times of 0 show nothing."""
 
     block: int  # the place among the session's blocks
     blocks: int  # how many the session has
@@ -88,7 +89,7 @@ ReadyPolicy = Literal["each", "first", "none"]
 
 
 class TrialRules(msgspec.Struct, frozen=True):
-    """The rules of trials, which follow each other by the clock; in a plan only where its block has some."""
+    """The rules of trials, which follow each other by the clock; only the plans of blocks of trials have them."""
 
     ready: ReadyPolicy = "each"  # which episodes wait for Enter
     feedback_ms: float = 0.0  # the feedback goes by itself; 0: by Enter

@@ -34,7 +34,7 @@ OUTCOME_MARKS: dict[Outcome | None, OutcomeMark] = {"goal": "good", "timeout": "
 
 
 def format_progress(context: "SessionContext", block: PlayPlan, episode: EpisodePlan, points: float | None) -> str:
-    """Format where in the session an episode is, "Part 1 of 2, episode 3 of 10", and the points so far."""
+    """Format an episode's position in the session, such as "Part 1 of 2, episode 3 of 10", and the points so far."""
     words = context.words
     fields = {
         "part": block.block + 1,
@@ -54,7 +54,7 @@ def format_progress(context: "SessionContext", block: PlayPlan, episode: Episode
 def build_feedback_screen(
     words: InterfaceWords, block: PlayPlan, played: RunningEpisode, progress_line: str, points: float, total: float
 ) -> TextScreen:
-    """Build the screen of the block's feedback for an outcome, its fields filled in."""
+    """Build the block's feedback screen for an episode's outcome, with its fields filled in."""
     outcome = played.outcome or "abandoned"
     body = block.feedback[outcome].format(
         outcome=words[f"outcome.{outcome}"],
@@ -71,18 +71,18 @@ def build_feedback_screen(
 
 
 def build_rest_screen(words: InterfaceWords, text: str, left_s: int) -> TextScreen:
-    """Build the screen of the rest after a block, with the seconds that must still pass."""
+    """Build the screen of the rest after a block, with the seconds that remain of it."""
     prompt = words["go_on"] if left_s <= 0 else words.fill("rest.wait", seconds=left_s)
     return TextScreen(words["rest.title"], text.strip() or words["rest.body"], prompt, locale=words.locale)
 
 
 class BlockScreens:
-    """A block's screens. Decides nothing.
+    """A builder of a block's screens.
 
     Args:
-        plan: the block's.
-        context: the session around it, for its words and points.
-        shows_progress: whether a line says which episode it is.
+        plan: the block's plan.
+        context: the session around the block, for its texts and points.
+        shows_progress: whether a line shows the episode's position in the session.
     """
 
     def __init__(self, plan: PlayPlan, context: SessionContext, *, shows_progress: bool = True) -> None:
@@ -92,7 +92,7 @@ class BlockScreens:
         self._last_view: tuple[int, int, Pose | None] | None = None  # the latest step's episode, number and pose
 
     def before(self, phase: StrEnum, reader: PageReader) -> Screen | None:
-        """Build a screen without an episode; None where the phase shows one."""
+        """Build the screen of a phase that shows no episode; return None for other phases."""
         words = self._context.words
         match phase:
             case Phase.INSTRUCTIONS:
@@ -118,7 +118,7 @@ class BlockScreens:
         return build_rest_screen(self._context.words, fill_score_fields(self._context, self._plan.rest), left_s)
 
     def ready(self, play: RunningEpisode) -> TextScreen:
-        """Build the last screen before an episode."""
+        """Build the screen that waits for Enter before an episode."""
         words = self._context.words
         mission = screen_texts.capitalise(self._mission(play))
         return TextScreen(
@@ -126,13 +126,13 @@ class BlockScreens:
         )
 
     def feedback(self, play: RunningEpisode, scored: float) -> TextScreen:
-        """Build the screen of the feedback on an episode."""
+        """Build the feedback screen of an episode."""
         return build_feedback_screen(
             self._context.words, self._plan, play, self._progress(play), scored, self._context.points
         )
 
     def play(self, play: RunningEpisode, *, is_last: bool, points: float) -> PlayScreen:
-        """Build an episode's picture; the last one, which stays, says what the episode was worth."""
+        """Build the screen of a running episode; the last picture, which stays on, also shows the points."""
         words = self._context.words
         legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
         mark: OutcomeMark = ""
@@ -157,7 +157,7 @@ class BlockScreens:
         )
 
     def _motion(self, play: RunningEpisode) -> Motion | None:
-        """Return how the view gets to a step's picture from the one before."""
+        """Return the motion of the view from the previous step's picture to this one; None if there is none."""
         before = self._last_view
         self._last_view = (play.plan.episode, play.steps, play.world.pose())
         if before is None or before[2] is None or before[:2] != (play.plan.episode, play.steps - 1):

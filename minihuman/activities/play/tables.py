@@ -1,4 +1,4 @@
-"""Tables of blocks of episodes: points and skipped episodes, subgoals, decisions of adaptive designs."""
+"""Tables of blocks of episodes: points, skipped episodes, subgoals, and the decisions of adaptive designs."""
 
 import json
 

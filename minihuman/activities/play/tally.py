@@ -1,4 +1,4 @@
-"""The tally of a block's episodes: outcomes, points, and whether another follows."""
+"""The tally of a block's episodes: their outcomes, their points, and whether another follows."""
 
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.experiment.machine.events import SkipReason
@@ -6,10 +6,10 @@ from minihuman.experiment.machine.running_episode import RunningEpisode
 
 
 class BlockTally:
-    """Counts a block's episodes that are over.
+    """The outcomes and points of a block's finished episodes.
 
     Args:
-        plan: the block's.
+        plan: the block's plan.
     """
 
     def __init__(self, plan: PlayPlan) -> None:
@@ -19,7 +19,7 @@ class BlockTally:
         self.skip: SkipReason | None = None  # why no other episode is played
 
     def add_episode(self, play: RunningEpisode) -> float | None:
-        """Count an episode that is over; return its points, None in a block without points."""
+        """Count a finished episode and return its points, or None in a block without points."""
         assert play.outcome is not None
         self.outcomes.append(play.outcome)
         if self._plan.points is None:
@@ -28,7 +28,7 @@ class BlockTally:
         return self.scored
 
     def decide(self, *, time_is_up: bool) -> None:
-        """Settle whether the block is over before its last episode."""
+        """Decide whether the block ends before its last planned episode."""
         until = self._plan.until
         if until is not None and until.is_met(self.outcomes):
             self.skip = "criterion"
@@ -36,7 +36,7 @@ class BlockTally:
             self.skip = "time"
 
     def has_next(self, next_episode: int) -> bool:
-        """Tell whether the block goes on with that episode."""
+        """Tell whether the block continues with the episode of the given index."""
         return self.skip is None and next_episode < self._plan.first + self._plan.count
 
     @property

@@ -1,4 +1,7 @@
-"""What keys do on the screens around an episode: turn pages, go on, or nothing. Decides; it emits and moves nothing."""
+"""The effects of keys on the screens around an episode: turn a page, continue, or nothing.
+
+This module decides what a key does; its caller turns the page, changes the phase and logs the key.
+"""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -16,7 +19,7 @@ _TEXT_PHASES = (Phase.READY, Phase.FEEDBACK)
 
 @dataclass(frozen=True, slots=True)
 class TextKeyEffect:
-    """The effect of a key."""
+    """The effect of a key: its verdict for the log, the pages it turns, and whether it continues to the next phase."""
 
     verdict: KeyVerdict
     turns: int = 0  # pages, forward above 0
@@ -24,11 +27,11 @@ class TextKeyEffect:
 
 
 class TextKeys:
-    """The keys of a block's texts.
+    """The keys of a block's text screens.
 
     Args:
-        reader: the instruction's pages.
-        timer: the time of the present phase.
+        reader: the pages of the instruction.
+        timer: the timer of the present phase.
     """
 
     def __init__(self, reader: PageReader, timer: PhaseTimer) -> None:
@@ -38,14 +41,14 @@ class TextKeys:
     def judge(
         self, press: KeyDown, phase: StrEnum, *, now_ns: int, flip_ns: int | None, play: RunningEpisode | None
     ) -> TextKeyEffect:
-        """Return what a key does.
+        """Return the effect of a key.
 
         Args:
-            press: the key.
-            phase: where the block is.
+            press: the key press.
+            phase: the block's present phase.
             now_ns: the session's time.
-            flip_ns: when the present text reached the display; None: not yet.
-            play: the last or next episode, whose keys mean something to the participant.
+            flip_ns: the time at which the present text reached the display; None if it has not yet.
+            play: the last or next episode, whose keys mean something to the participant; None if there is none.
         """
         is_enter = press.key in ENTER_KEYS
         if phase is Phase.INSTRUCTIONS and press.key in (*FORWARD_KEYS, *BACK_KEYS):
@@ -64,7 +67,7 @@ class TextKeys:
         return TextKeyEffect("accepted" if is_page or is_last_enter else "unmapped", turns=turns)
 
     def _waits_for_enter(self, phase: StrEnum, now_ns: int) -> bool:
-        """Tell whether a phase goes on with Enter now."""
+        """Tell whether Enter ends a phase at this time."""
         if phase is Phase.REST:
             return not self._timer.left_s(now_ns)
         return phase in _TEXT_PHASES and not self._timer.ends(phase)

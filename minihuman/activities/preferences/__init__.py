@@ -1,1 +1,1 @@
-"""Preferences: which of two clips of episodes is better."""
+"""Preferences: the participant compares two clips of episodes."""

@@ -1,7 +1,7 @@
 """Preferences: compare two clips of episodes side by side, recreated from seeds and actions.
 
-Which clips are compared is decided outside. Which one is on the left is drawn here, so that each side shows half of
-the first clips. Clips repeat until the participant answers.
+The session host chooses the clips. The side of each clip is drawn here, so that half of the first clips appear on
+either side. Clips repeat until the participant answers.
 """
 
 import json
@@ -30,7 +30,7 @@ from minihuman.experiment.plan.random_streams import draw_permutation
 
 
 class PreferencesActivity(Activity):
-    """Asks for pair after pair."""
+    """An activity in which the participant compares one pair of clips after another."""
 
     def begin(self) -> None:
         """Wait for the first pair."""
@@ -58,7 +58,7 @@ class PreferencesActivity(Activity):
 
     @property
     def request(self) -> ActivityRequest | None:  # type: ignore[override]
-        """The next clip."""
+        """The request for the next clip; None if none is due."""
         if self.ended or self.phase is not Phase.PREPARING:
             return None
         first = self._offered[0] if self._offered else None
@@ -69,7 +69,7 @@ class PreferencesActivity(Activity):
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
-        """Return the clips from the session host, and when their pictures were shown."""
+        """Return the input that caused an event: an offered clip or a shown picture; None for other events."""
         match event:
             case PairSeen():
                 return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns)
@@ -80,7 +80,7 @@ class PreferencesActivity(Activity):
         return None
 
     def receive(self, happened: Input) -> None:
-        """Take an input."""
+        """Handle an input, after whatever was due before it."""
         self._let_time_pass()
         match happened:
             case ClipOffered() if self.request is not None:
@@ -96,11 +96,11 @@ class PreferencesActivity(Activity):
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The next pictures."""
+        """The time of the next pictures; None while the present ones have not reached the display."""
         return self._until_ns
 
     def suspend(self, reason: PauseReason) -> None:
-        """Stop the clips."""
+        """Pause the clips until their pictures are shown again."""
         self._until_ns = None
 
     # Pairs
@@ -147,7 +147,7 @@ class PreferencesActivity(Activity):
 
     @property
     def pair_id(self) -> tuple[int, int]:
-        """The part, and the pair in it."""
+        """The part's index in the plan, and the index of the pair within the part."""
         return self.number, self._pair
 
     @property
@@ -156,7 +156,7 @@ class PreferencesActivity(Activity):
         return max(map(len, self._films.values()))
 
     def _let_time_pass(self) -> None:
-        """Go on to the next picture; both stand for one more period at the end."""
+        """Advance to the next pictures when they are due; at the end the last pictures stay for one more period."""
         if self._until_ns is None or self.context.now_ns < self._until_ns:
             return
         self._until_ns = None
@@ -196,7 +196,7 @@ class PreferencesActivity(Activity):
     # What is seen
 
     def screen(self) -> Screen:
-        """Build both clips at the same step, or the waiting screen."""
+        """Build the screen of both clips at the same step, or the waiting screen."""
         if self.phase is not Phase.COMPARING:
             return screen_texts.build_wait_screen(self.context.words)
         now = (self._pair, self._step, self._replays)

@@ -1,4 +1,4 @@
-"""Columns of the tables that comparisons of clips have."""
+"""Columns of the table of comparisons."""
 
 from minihuman.dataset.table_columns import PART_COLUMN, SEGMENT_COLUMN, SESSION_COLUMNS, TIME_COLUMN, TableColumn
 

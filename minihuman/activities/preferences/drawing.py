@@ -1,4 +1,4 @@
-"""Draw a comparison: two films side by side."""
+"""Drawing of a comparison: two films side by side."""
 
 from minihuman.activities.preferences.screens import PairScreen
 from minihuman.display.drawing import sheet as theme
@@ -7,7 +7,7 @@ from minihuman.display.drawing.sheet import MARGIN, Sheet, Size
 
 
 def draw_pair(screen: PairScreen, size_px: Size) -> Sheet:
-    """Draw it: both sides alike, so that nothing but what they show tells them apart."""
+    """Draw both films alike, so that they differ in nothing but their content."""
     sheet = Sheet(size_px, screen.locale)
     width, height = size_px
     margin = height * MARGIN

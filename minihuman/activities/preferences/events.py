@@ -12,7 +12,7 @@ PairAnswer = Literal["left", "right", "equal", "cannot_tell"]
 
 @dataclass(frozen=True, slots=True)
 class StretchShown(ActivityEvent):
-    """A clip is one side of a pair. Both sides are logged before the pair is shown."""
+    """A clip was assigned to one side of a pair. Both sides are logged before the pair is shown."""
 
     part: int
     pair: int
@@ -29,13 +29,13 @@ class StretchShown(ActivityEvent):
 
     @property
     def stretch(self) -> EpisodeClip:
-        """The clip that was shown."""
+        """The clip on this side of the pair."""
         return EpisodeClip(self.episode, self.attempt, self.first, self.world, self.options, self.seed, self.actions)
 
 
 @dataclass(frozen=True, slots=True)
 class NothingToCompare(ActivityEvent):
-    """No two clips differ: the part is over."""
+    """The session host had no two clips that differ, which ends the part."""
 
     part: int
     pair: int
@@ -43,7 +43,7 @@ class NothingToCompare(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class PairSeen(ActivityEvent):
-    """A pair's pictures reached the display."""
+    """The pictures of a pair reached the display."""
 
     part: int
     pair: int
@@ -54,7 +54,7 @@ class PairSeen(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class Preferred(ActivityEvent):
-    """The answer to a pair."""
+    """The participant answered a pair."""
 
     part: int
     pair: int

@@ -1,4 +1,4 @@
-"""A comparison's screen as values for the page."""
+"""The screen of a comparison as values for the page."""
 
 from typing import Any
 
@@ -7,5 +7,5 @@ from minihuman.web.screen_values import NumberPicture, select_values
 
 
 def build_page_values(screen: PairScreen, number: NumberPicture) -> dict[str, Any]:
-    """Give the words and the times; the page plays both films by itself."""
+    """Return the texts and times of the screen; the page itself plays both films."""
     return {**select_values(screen, "title prompt progress step replay_key"), "period": screen.period_ns}

@@ -11,7 +11,7 @@ PairingPolicy = Literal["random", "disagreement"]  # any pair, or one that an en
 
 
 class PreferencesPlan(PartPlan, frozen=True, forbid_unknown_fields=True):
-    """``plan`` of an activity of kind "preferences"."""
+    """The plan of an activity of kind "preferences"."""
 
     host: ClassVar[str] = AGENT_HOST
     source: str  # the block of this session whose episodes are compared
@@ -30,9 +30,9 @@ class PreferencesPlan(PartPlan, frozen=True, forbid_unknown_fields=True):
 
     @property
     def needs_learner(self) -> bool:
-        """Whether a learner says which pairs are disagreed on."""
+        """Whether a learner chooses the pairs, by the disagreement about them."""
         return self.pairing == "disagreement"
 
     def plays_policy_file(self, files: Container[str]) -> bool:
-        """Whether a policy plays in it: none does."""
+        """Tell whether a policy plays in the part; always false."""
         return False

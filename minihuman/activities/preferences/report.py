@@ -1,4 +1,4 @@
-"""The report's table on comparisons of clips: the answers, and how long they took."""
+"""The report's table of comparisons: the answers and the response times."""
 
 from collections.abc import Mapping
 
@@ -14,7 +14,7 @@ _MS_PER_S = 1e3
 
 
 def build_section(source: SectionSource) -> ReportSection | None:
-    """Build the table of comparisons; None where there were none."""
+    """Build the section on comparisons, or return None if there were none."""
     rows = _build_rows(source.read_logs(source.table("preferences")))
     if rows:
         return ReportSection("Teaching", [CaptionedTable(Table(_HEADS, rows), _CAPTION)], rank=2)

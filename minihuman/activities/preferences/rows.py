@@ -1,4 +1,4 @@
-"""Rows of the log that comparisons of clips have: each event, its topic and its message."""
+"""Log rows of comparisons: each event with its topic and message."""
 
 from minihuman.activities.preferences.events import NothingToCompare, PairSeen, Preferred, StretchShown
 from minihuman.log.codec import EventRow

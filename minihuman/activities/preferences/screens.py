@@ -12,7 +12,7 @@ from minihuman.experiment.machine.screens import FilmsScreen, PageView
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairScreen(FilmsScreen):
-    """Two films side by side, of which one is to be preferred: at one step of both."""
+    """A screen of two films side by side, both at the same step, between which the participant chooses."""
 
     drawing: ClassVar[str] = "minihuman.activities.preferences.drawing:draw_pair"
     page_view: ClassVar[PageView | None] = PageView(
@@ -32,35 +32,35 @@ class PairScreen(FilmsScreen):
 
     @property
     def films(self) -> tuple[Sequence[NDArray[np.uint8]], ...]:
-        """The left and the right film."""
+        """The left and the right film, as sequences of pictures."""
         return self.lefts, self.rights
 
     @property
     def shown_step(self) -> int:
-        """The step of both films."""
+        """The step at which both films are shown."""
         return self.step
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """The words, and which pair it is."""
+        """The texts and the pair's id: two screens that share them differ in the shown step alone."""
         return self.prompt, self.progress, self.pair
 
     @property
     def length(self) -> int:
-        """The number of steps of the longer film."""
+        """The number of pictures of the longer film."""
         return max(len(self.lefts), len(self.rights))
 
     @property
     def left(self) -> NDArray[np.uint8]:
-        """The picture on the left now."""
+        """The present picture of the left film."""
         return self.lefts[min(self.step, len(self.lefts) - 1)]
 
     @property
     def right(self) -> NDArray[np.uint8]:
-        """The picture on the right now."""
+        """The present picture of the right film."""
         return self.rights[min(self.step, len(self.rights) - 1)]
 
     @property
     def along(self) -> float:
-        """The share of the films that was shown, 0..1."""
+        """The share of the longer film that has been shown, from 0 to 1."""
         return min(1.0, self.step / max(1, self.length - 1))

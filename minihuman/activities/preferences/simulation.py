@@ -1,4 +1,4 @@
-"""How a simulated person compares clips."""
+"""Simulation of a participant who compares clips."""
 
 from typing import get_args
 
@@ -13,14 +13,17 @@ from minihuman.simulation.participant import SimulatedTeacher
 
 
 class PreferencesSimulator(PartSimulator):
-    """Watches a pair to its end, then chooses a side; a participant who is no teacher answers at random."""
+    """A simulated participant who watches each pair to its end and then chooses a side.
+
+    A participant who is no teacher answers at random.
+    """
 
     def __init__(self, person: SimulatedPerson) -> None:
         super().__init__(person)
         self._last_pair: tuple[int, int] | None = None  # part and pair that were compared last
 
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Compare the pair on the screen, once."""
+        """Answer the pair on the screen once."""
         if not isinstance(screen, PairScreen) or not isinstance(part, PreferencesActivity):
             return False
         if part.pair is None or self._last_pair == part.pair_id:

@@ -1,1 +1,1 @@
-"""Questions: a folder for each kind, and the questionnaire that asks them."""
+"""Questions: the questionnaire activity, and a folder for each kind of question."""

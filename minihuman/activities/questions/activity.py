@@ -1,4 +1,4 @@
-"""A questionnaire: ask questions one after the other; some have a correct answer and a number of tries."""
+"""Questionnaires: ask questions one after the other, with a number of tries where answers can be wrong."""
 
 from typing import Any
 
@@ -22,13 +22,13 @@ from minihuman.experiment.machine.transitions import Phase
 
 
 class QuestionsActivity(Activity):
-    """Asks each question; may step back to the one before."""
+    """An activity that asks the questions of a questionnaire; the participant can step back to earlier ones."""
 
     phase = Phase.QUESTIONS
     can_copy = True
 
     def begin(self) -> None:
-        """Ask the first."""
+        """Ask the first question."""
         self._plan: QuestionsPlan = self.part.plan
         self._tries = self.context.tries.get(self.part.name, 0)
         self._wrong = False  # the screen that says so is shown
@@ -49,7 +49,7 @@ class QuestionsActivity(Activity):
         self._note = ""
 
     def receive(self, happened: Input) -> None:
-        """Take an input."""
+        """Handle an input."""
         match happened:
             case ScreenShown():
                 self._shown_ns = self._shown_ns or happened.flip_ns
@@ -94,7 +94,7 @@ class QuestionsActivity(Activity):
         return self.draft.value, self.draft.display_text
 
     def _changed_from(self, before: tuple[AnswerValue, str]) -> None:
-        """Say so if the answer is another now."""
+        """Log a change if the answer differs from an earlier one."""
         if self._answer == before:
             return
         self._note = ""
@@ -110,7 +110,7 @@ class QuestionsActivity(Activity):
             self._open(before[-1])
 
     def _give(self) -> None:
-        """Give the answer, unless something is missing."""
+        """Log the answer and continue, or show a note if the answer is missing or not valid."""
         draft = self.draft
         now_ns = self.context.now_ns
         if draft.error is not None:
@@ -144,7 +144,7 @@ class QuestionsActivity(Activity):
 
     @property
     def _asked_numbers(self) -> list[int]:
-        """The questions that are asked as the answers are now; those that an answer rules out are passed over."""
+        """The indices of the questions that the answers so far leave open to ask; ``only_if`` excludes the others."""
         answers_by_name: dict[str, list[Any]] = {}
         numbers = []
         for number, draft in enumerate(self._drafts):
@@ -187,7 +187,7 @@ class QuestionsActivity(Activity):
             self._ask_all()
 
     def screen(self) -> QuestionScreen | TextScreen:
-        """Build the question that is asked, or the note that something was wrong."""
+        """Build the screen of the present question, or of the note that an answer was wrong."""
         words = self.context.words
         if self._wrong:
             return build_wrong_answer_screen(words, self._plan.wrong)
@@ -202,7 +202,7 @@ class QuestionsActivity(Activity):
 
     @property
     def draft(self) -> AnswerDraft:
-        """The answer in progress."""
+        """The draft of the answer to the present question."""
         return self._drafts[self._number]
 
 

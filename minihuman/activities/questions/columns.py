@@ -1,4 +1,4 @@
-"""Columns of the tables that answers to questions have."""
+"""Columns of the tables of answers."""
 
 from minihuman.dataset.table_columns import PART_COLUMN, SEGMENT_COLUMN, SESSION_COLUMNS, TableColumn
 

@@ -8,7 +8,7 @@ from minihuman.activities.questions.question import QuestionItemSpec
 
 
 class QuestionsPlan(msgspec.Struct, frozen=True):
-    """Questions in the order asked, and what follows wrong answers."""
+    """The plan of a questionnaire: its questions in order, and what follows wrong answers."""
 
     title: str
     items: tuple[QuestionItemSpec, ...]

@@ -1,7 +1,7 @@
-"""A kind of question: what an item says, the answer while it is given, and how a kind is registered.
+"""Question kinds: the specification of a question, the draft of its answer, and the registration of a kind.
 
-A kind is one file with one `QuestionKind`, which the entry-point group ``minihuman.questions`` names. What is shown of
-an answer is a widget (`minihuman.experiment.machine.screens`), a value that windows and the page know how to draw.
+A kind is one file with one `QuestionKind`, registered in the entry-point group ``minihuman.questions``. Its answer is
+displayed by a widget (`minihuman.experiment.machine.screens`), a value that windows and the page know how to draw.
 """
 
 import abc
@@ -22,7 +22,7 @@ AnswerValue = str | int | float | list[str | int] | None
 
 
 class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One question."""
+    """One question of a questionnaire, as the protocol specifies it."""
 
     name: str  # in the log and the table
     kind: str
@@ -47,19 +47,19 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def asked(self) -> dict[str, str]:
-        """The name of each answer in the log, and what it answers: one, but for a matrix."""
+        """The text of the question by the name of its answer in the log; a matrix has an entry for each statement."""
         if not self.statements:
             return {self.name: self.ask}
         return {f"{self.name}_{name}": f"{self.ask} {text}".strip() for name, text in self.statements.items()}
 
     @property
     def all_codes(self) -> tuple[str | int, ...]:
-        """A code for each option or point."""
+        """The code of each option or point."""
         return self.codes or tuple(range(1, (len(self.options) or self.points) + 1))
 
     @property
     def right_answers(self) -> tuple[str | int | float, ...]:
-        """Every right answer; empty where none is right or wrong."""
+        """Every right answer; empty if no answer is right or wrong."""
         if self.right is None:
             return ()
         if isinstance(self.right, tuple):
@@ -69,22 +69,23 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class Click:
-    """A press of the pointer on a target of a widget; ``along`` as in `PointerPressed`."""
+    """A press of the pointer on a target of a widget; ``along`` is defined as in `PointerPressed`."""
 
     target: str
     along: float = 0.5
 
 
 class AnswerDraft(abc.ABC):
-    """An answer that is not given yet.
+    """An answer while the participant is giving it.
 
-    Its state is numbers, texts, and lists, sets and dicts of them, so that a browser's session can be copied.
+    Its state consists of numbers, texts, and lists, sets and dicts of them, so that a session in a browser can be
+    copied.
 
     Args:
-        question: what is asked.
-        settings: the item's ``settings`` as the kind's own type; None if the kind has none.
+        question: the question's specification.
+        settings: the question's ``settings``, converted to the kind's own type; None if the kind has none.
         rtl: whether text runs from right to left.
-        language: how numbers are written; None reads them by the first rules, as old logs do.
+        language: the language in which numbers are written; None parses them by the rules of old logs.
     """
 
     def __init__(self, question: QuestionItemSpec, settings: Any, *, rtl: bool, language: str | None) -> None:
@@ -95,45 +96,45 @@ class AnswerDraft(abc.ABC):
 
     @abc.abstractmethod
     def key(self, press: KeyDown) -> bool:
-        """Take a key; return whether it means anything here."""
+        """Handle a key press and return whether the key has a meaning for this question."""
 
     def type_text(self, text: str) -> None:  # noqa: B027 - most kinds take no text
-        """Take text."""
+        """Handle typed text."""
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:  # noqa: B027 - a text field needs no click
-        """Take a pointer that went down on a target (``down``), or moved after that."""
+        """Handle the pointer on a target: a press (``down``), or a move after one."""
 
     @property
     @abc.abstractmethod
     def value(self) -> AnswerValue:
-        """The answer as it is now; None if there is none."""
+        """The answer so far; None if there is none."""
 
     @property
     @abc.abstractmethod
     def display_text(self) -> str:
-        """The answer as the participant sees it."""
+        """The answer so far, as the participant sees it."""
 
     @property
     def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
-        """The name, value and words to log once the answer is given; several for a matrix."""
+        """The name, value and text of each answer to log; a matrix has several."""
         return ((self.question.name, self.value, self.display_text),)
 
     @abc.abstractmethod
     def widget(self) -> AnswerWidget:
-        """Build what windows and the page draw."""
+        """Build the widget that windows and the page draw."""
 
     @abc.abstractmethod
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | str | None:
-        """Give the next input of a simulated participant: a click, text to type, or None when the answer can be given.
+        """Return the next input of a simulated participant: a click, text to type, or None once the answer is complete.
 
         Args:
-            choose: draws a number below its argument.
-            attends: draws whether the participant gives the right answer, where there is one.
+            choose: draws a whole number from 0 up to but not including its argument.
+            attends: draws whether the participant gives the right answer, if there is one.
         """
 
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
-        """The reason why the answer cannot be given: the key of an interface word and its fields."""
+        """The reason why the answer cannot be given, as the key of an interface text and its fields; None if it can."""
         if self.question.required and self.value is None:
             return ("note.required", {})
         return None
@@ -151,13 +152,13 @@ class QuestionKind:
     """A kind of question, as it is registered.
 
     Attributes:
-        name: the protocol's word for it.
-        draft: the answer while it is given.
-        answer_type: an option's code, several codes, a code that has a mean, a number, or text.
-        check: yields what is wrong with an item of a protocol.
-        settings: the type of the item's ``settings``; None if the kind has none.
-        prompt: says how to answer, where the interface's words have no ``prompt.NAME``.
-        takes_text: whether keys that the draft does not take are typed text.
+        name: the kind's name in protocols.
+        draft: builds the draft of an answer.
+        answer_type: the type of answers: an option's code, several codes, a code that has a mean, a number, or text.
+        check: yields the errors of a question in a protocol.
+        settings: the type of a question's ``settings``; None if the kind has none.
+        prompt: the text that says how to answer, for a kind without ``prompt.NAME`` among the interface texts.
+        takes_text: whether keys that the draft does not handle are typed text.
     """
 
     name: str
@@ -171,10 +172,10 @@ class QuestionKind:
 
 @remember_by_name
 def find_question_kind(name: str) -> QuestionKind:
-    """Find the kind of question of that name.
+    """Return the question kind of a given name.
 
     Raises:
-        ProtocolError: if none is installed.
+        ProtocolError: if no kind of that name is installed, or the entry point is no `QuestionKind`.
     """
     kind = load_plugin(QUESTION_GROUP, name, ProtocolError, noun="question kind")
     if not isinstance(kind, QuestionKind):
@@ -186,7 +187,7 @@ def find_question_kind(name: str) -> QuestionKind:
 
 
 def build_draft(question: QuestionItemSpec, *, rtl: bool, language: str | None = None) -> AnswerDraft:
-    """Build an empty answer to a question; ``language`` as in `AnswerDraft`."""
+    """Build an empty answer to a question; ``language`` is defined as in `AnswerDraft`."""
     kind = find_question_kind(question.kind)
     if kind.settings is None:
         settings = None
@@ -196,7 +197,7 @@ def build_draft(question: QuestionItemSpec, *, rtl: bool, language: str | None =
 
 
 def check_item(item: QuestionItemSpec) -> ItemErrors:
-    """Yield what is wrong with a question of a protocol."""
+    """Yield the errors of a question in a protocol."""
     try:
         kind = find_question_kind(item.kind)
     except ProtocolError as error:
@@ -224,13 +225,13 @@ def check_item(item: QuestionItemSpec) -> ItemErrors:
 
 
 def check_range(item: QuestionItemSpec) -> ItemErrors:
-    """Yield what is wrong with an item's range of numbers."""
+    """Yield an error if a question's range of numbers is empty."""
     if item.minimum >= item.maximum or item.step <= 0:
         yield "minimum", f"to maximum is {item.minimum:g} to {item.maximum:g} in steps of {item.step:g}, which is none"
 
 
 def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
-    """Tell whether an answer is the right one; None where there is none."""
+    """Tell whether an answer is right; None if the question has no right answer."""
     if question.right is None:
         return None
     if isinstance(value, list):
@@ -243,7 +244,7 @@ def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
 
 
 def parse_digit(key: str) -> int:
-    """Parse the number on a digit key, of the keypad too; 0 for any other key."""
+    """Return the number on a digit key, including the keypad's; 0 for any other key."""
     plain = key.removeprefix("kp_")
     if plain.isdecimal() and len(plain) == 1:
         return int(plain)
@@ -251,7 +252,7 @@ def parse_digit(key: str) -> int:
 
 
 def parse_option(target: str) -> int | None:
-    """Parse the number of the option that a target names; None if it names none."""
+    """Return the index of the option that a target names; None if it names none."""
     kind, _, number = target.partition(":")
     if kind == "option" and number.isdecimal():
         return int(number)

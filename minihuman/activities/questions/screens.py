@@ -1,4 +1,4 @@
-"""The screens of questionnaires."""
+"""Screens of questionnaires."""
 
 from minihuman.activities.questions.question import AnswerDraft, find_question_kind
 from minihuman.experiment.machine.screens import Button, QuestionScreen, TextScreen
@@ -14,7 +14,7 @@ def build_question_screen(
     count: int,
     note: str,
 ) -> QuestionScreen:
-    """Build the screen of one question and its answer so far."""
+    """Build the screen of a question with its answer so far."""
     buttons: tuple[Button, ...] = (Button("back", words["button.back"]),) if number else ()
     buttons += (Button("go_on", words["button.go_on"]),)
     if count > 1:
@@ -27,5 +27,5 @@ def build_question_screen(
 
 
 def build_wrong_answer_screen(words: InterfaceWords, text: str) -> TextScreen:
-    """Build the screen after wrong answers, when there is another try."""
+    """Build the screen that announces another try after wrong answers."""
     return TextScreen(words["wrong.title"], text.strip() or words["wrong.body"], words["go_on"], locale=words.locale)

@@ -1,4 +1,4 @@
-"""How a simulated person answers questions."""
+"""Simulation of a participant who answers questions."""
 
 from minihuman.activities.questions.activity import QuestionsActivity
 from minihuman.activities.questions.question import Click
@@ -8,10 +8,13 @@ from minihuman.simulation.part_simulation import PartSimulator
 
 
 class QuestionsSimulator(PartSimulator):
-    """Answers as the question's kind says; nothing is known of what these people think, but most attend."""
+    """A simulated participant who answers as the question's kind prescribes.
+
+    Opinions are drawn at random; most participants attend and give the right answer where there is one.
+    """
 
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Answer the question on the screen, or leave it when it is answered."""
+        """Answer the question on the screen, or leave it once it is answered."""
         if not isinstance(screen, QuestionScreen) or not isinstance(part, QuestionsActivity):
             return False
         match part.draft.simulate(self.person.choose, self.person.attends):

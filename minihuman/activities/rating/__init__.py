@@ -1,1 +1,1 @@
-"""Rating: an agent plays, and the person says what is good and bad."""
+"""Rating: an agent plays, and the person rates its behaviour as good or bad."""

@@ -1,4 +1,4 @@
-"""Rating: only the agent plays a block, and the person says by keys what is good and bad."""
+"""Rating: an agent plays a block alone, and the person rates its behaviour as good or bad by key presses."""
 
 from dataclasses import replace
 
@@ -18,7 +18,10 @@ from minihuman.experiment.machine.transitions import Phase
 
 
 class RatingActivity(AgentPlayActivity):
-    """Only the agent acts. If it fails, its episode ends; where there is none, all actions are equally likely."""
+    """An activity in which the person rates an agent and only the agent acts.
+
+    If the agent fails, its episode ends; where there is no policy yet, all actions are equally likely.
+    """
 
     acts_without_policy = True
 
@@ -29,7 +32,7 @@ class RatingActivity(AgentPlayActivity):
         self._last_ns: int | None = None  # of the last press that counted
 
     def receive(self, happened: Input) -> None:
-        """Take an input."""
+        """Handle an input, including rating keys."""
         self._end_flash()
         can_rate = self.phase in (Phase.PLAYING, Phase.HOLD) and self._current.started
         if can_rate and isinstance(happened, KeyDown) and happened.key in self._values:
@@ -56,7 +59,7 @@ class RatingActivity(AgentPlayActivity):
         self._flash_until_ns = now_ns + FLASH_NS
 
     def _key_in_play(self, press: KeyDown) -> None:
-        """Emit the key without an effect: only the agent acts."""
+        """Log the key without any effect, since only the agent acts."""
         self.context.emit_key(press, "repeat" if press.repeat else "unmapped", self.phase)
 
     @property
@@ -83,20 +86,20 @@ class RatingActivity(AgentPlayActivity):
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The end of a flash, beside what every agent waits for."""
+        """The end of a rating's flash, or the next tick of every agent block, whichever comes first."""
         due = (super().next_tick_ns, self._flash_until_ns)
         return min((t for t in due if t is not None), default=None)
 
     @property
     def rated_episode(self) -> RunningEpisode | None:
-        """The episode whose last picture stays."""
+        """The finished episode whose last picture is still shown, and can be rated."""
         if self.phase is Phase.HOLD:
             return self._current
         return None
 
     @property
     def rating_keys(self) -> tuple[str, str]:
-        """The keys that say good and bad."""
+        """The keys that rate a step as good and as bad."""
         return self.agent.good, self.agent.bad
 
     @property
@@ -107,7 +110,7 @@ class RatingActivity(AgentPlayActivity):
         return replace(super()._play_screen(), flash=_find_mark(self._flash))
 
     def control_text(self, controller: Controller) -> str:
-        """Return the text below the picture: the rating keys."""
+        """Return the text below the picture, which names the rating keys."""
         words = self.context.words
         good, bad = (cap for _, cap, _ in words.labels(self.rating_keys))
         return words.fill("rating.prompt", good=good, bad=bad)

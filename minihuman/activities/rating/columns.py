@@ -1,4 +1,4 @@
-"""Columns of the tables that rated blocks have."""
+"""Columns of the tables of rated blocks."""
 
 from minihuman.dataset.table_columns import EPISODE_COLUMN, SEGMENT_COLUMN, SESSION_COLUMNS, TIME_COLUMN, TableColumn
 

@@ -7,7 +7,10 @@ from minihuman.experiment.machine.events import ActivityEvent
 
 @dataclass(frozen=True, slots=True)
 class Rated(ActivityEvent):
-    """A press for good or bad. Which step it refers to is left to the learner; ``FrameShown`` has the pictures."""
+    """The person pressed a key for good or bad.
+
+    The learner decides which step the rating refers to; ``FrameShown`` events hold the pictures' times.
+    """
 
     episode: int
     step: int  # the world's when the session took the press

@@ -1,4 +1,4 @@
-"""Rows of the log that rated blocks have: each event, its topic and its message."""
+"""Log rows of rated blocks: each event with its topic and message."""
 
 from minihuman.activities.agent_blocks.rows import AGENT_ROWS
 from minihuman.activities.rating.events import Rated

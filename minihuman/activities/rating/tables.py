@@ -1,4 +1,4 @@
-"""Tables of rated blocks: those of every block that an agent plays, and the ratings."""
+"""Tables of rated blocks: the ratings, and the tables of every agent block."""
 
 from minihuman.activities.agent_blocks.tables import AGENT_TABLES
 from minihuman.activities.rating.columns import RATINGS

@@ -1,1 +1,1 @@
-"""Takeover: an agent plays, and a key of the person takes control."""
+"""Takeover: an agent plays, and the person can take control by a key."""

@@ -1,4 +1,4 @@
-"""Takeover: an agent plays a block; a key of the person takes control, and another gives it back."""
+"""Takeover: an agent plays a block, and the person takes control by a key and returns it by another."""
 
 from minihuman.activities.agent_blocks.activity import AgentPlayActivity
 from minihuman.activities.agent_blocks.events import Controller
@@ -9,7 +9,7 @@ from minihuman.experiment.machine.inputs import KeyDown
 
 
 class TakeoverActivity(AgentPlayActivity):
-    """A key of the person takes control; the hand-back key returns it to the agent."""
+    """An activity in which the person takes control from an agent by a key and returns it by the hand-back key."""
 
     takes_over = True
 
@@ -32,13 +32,13 @@ class TakeoverActivity(AgentPlayActivity):
 
     @property
     def hand_back_key(self) -> str:
-        """The key that gives the agent control back; "" where there is no agent to give it to."""
+        """The key that returns control to the agent; "" if there is no agent to return it to."""
         if self.policy:
             return self.agent.hand_back
         return ""
 
     def control_text(self, controller: Controller) -> str:
-        """Return the text below the picture, with how to hand back."""
+        """Return the text below the picture, which says who is in control and how to hand back."""
         words = self.context.words
         text = super().control_text(controller)
         if controller == "agent" or not self.policy:

@@ -1,8 +1,8 @@
-"""Team: a block played in a world with several bodies, by people and agents. One session machine for each person.
+"""Team: a block that people and agents play in a world with several bodies, with one session machine for each person.
 
-A machine submits its own person's action and waits for the joint action, which a team host closes; the joint action is
-an input, so a log alone replays all bodies. Others are seat 0, 1, ... and never a code. The team, its seat and the
-seeds of its episodes are open in the plan and resolved by `TeamFormed` before the first reset.
+A machine submits its own person's action and waits for the joint action, which a team host closes. The joint action is
+an input, so one log alone replays all bodies. Other members appear as seat 0, 1, ... and never by their codes. The plan
+leaves the team, its seat and the seeds of its episodes open; `TeamFormed` resolves them before the first reset.
 """
 
 from dataclasses import replace
@@ -72,7 +72,7 @@ TEAM_TRANSITIONS: "TransitionTable[Any]" = TransitionTable(
 
 
 class TeamPlayActivity(PlayActivity):
-    """Plays a block's episodes in one seat of a team."""
+    """An activity that plays a block's episodes in one seat of a team."""
 
     plan: TeamPlayPlan
     can_copy = False
@@ -89,7 +89,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def next_plan(self) -> EpisodePlan:
-        """The next episode, with what the team resolved: its seed, and the seat."""
+        """The plan of the next episode, with the seed, the seat and the keys that the team resolved."""
         plan = super().next_plan
         assert self.formed is not None, "a team is formed before its first episode"
         options = {**plan.options, "seat": self.formed.seat}
@@ -122,7 +122,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def team_episode(self) -> TeamEpisode:
-        """The running episode."""
+        """The present episode, as a team's episode."""
         assert isinstance(self._play, TeamEpisode)
         return self._play
 
@@ -130,7 +130,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def request(self) -> ActivityRequest | None:  # type: ignore[override]
-        """The team, the start of an episode, the next joint action."""
+        """The request for the team, for the start of an episode or for the next joint action; None if none is due."""
         if self.phase is Phase.LOBBY:
             return TeamRequest(self.number, self.part.name, self.plan, self.context.teams)
         if self.phase is Phase.WAITING and self.formed is not None:
@@ -154,7 +154,7 @@ class TeamPlayActivity(PlayActivity):
         return None
 
     def receive(self, happened: Input) -> None:
-        """Take an input."""
+        """Handle an input, including answers from the team host."""
         match happened:
             case TeamJoined() if self.phase is Phase.LOBBY:
                 self._join(happened.team, happened.salt)
@@ -179,7 +179,7 @@ class TeamPlayActivity(PlayActivity):
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
-        """What came from the team host."""
+        """Return the input from the team host that caused an event; None for other events."""
         match event:
             case TeamFormed():
                 return TeamJoined(event.t_ns, Team(event.team, event.index, event.seat, event.seats), event.salt)
@@ -289,7 +289,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """What every block waits for, and the next time to ask for what has not come."""
+        """The next tick of any block, the next repetition of a request, or the end of a mark, whichever comes first."""
         due = super().next_tick_ns
         waits = self.phase in (Phase.LOBBY, Phase.WAITING) or (self.playing and self.team_episode.submitted is not None)
         gone = [mark.t_ns + INTERVAL_NS for mark in self._messages.marks if self.playing]
@@ -325,7 +325,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def _has_partner_gone(self) -> bool:
-        """Whether an agent has the seat of another person, and the session is by the rules that say so."""
+        """Whether an agent acts in another person's seat, in a session whose presence rules announce it."""
         if self.formed is None or self.context.facts.get("presence_rules", "1") != PRESENCE_RULES:
             return False
         partner_seats = [

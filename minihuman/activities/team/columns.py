@@ -1,4 +1,4 @@
-"""Columns of the tables that a team's blocks have."""
+"""Columns of the tables of team blocks."""
 
 from minihuman.dataset.table_columns import (
     BLOCK_COLUMNS,

@@ -1,4 +1,4 @@
-"""Debriefing: tell, after the last questions, what the partners were, and offer to withdraw."""
+"""Debriefing: disclose, after the last questions, whether the partners were people or agents, and offer to withdraw."""
 
 import msgspec
 
@@ -16,11 +16,14 @@ from minihuman.experiment.machine.transitions import Phase
 
 
 class DebriefPlan(msgspec.Struct, frozen=True):
-    """``plan`` of the page that tells, after the last questions, what the partners were."""
+    """The plan of the debriefing page, which follows the last questions."""
 
 
 class DebriefActivity(Activity):
-    """Tells what the partners were, and offers to withdraw; nothing where the session was in no team."""
+    """An activity that discloses whether the partners were people or agents, and offers to withdraw.
+
+    If the session never played with a partner, the text leaves open which kind they were.
+    """
 
     can_copy = True
     phase = Phase.DEBRIEFING
@@ -30,7 +33,7 @@ class DebriefActivity(Activity):
         self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
 
     def receive(self, happened: Input) -> None:
-        """Take an input: Enter goes on."""
+        """Handle an input; Enter ends the part."""
         if isinstance(happened, KeyDown):
             goes_on = happened.key in ENTER_KEYS and not happened.repeat
             self.context.emit_key(happened, "accepted" if goes_on else "unmapped", self.phase)
@@ -38,7 +41,7 @@ class DebriefActivity(Activity):
                 self.ended = PartEnding()
 
     def screen(self) -> Screen:
-        """What the partners were."""
+        """Build the screen that says what the partners were."""
         words = self.context.words
         were = [words[f"team.was_{holder}"] for holder in ("person", "agent") if holder in self.context.partners]
         body = "\n\n".join((*(were or [words["team.was_either"]]), words["team.withdraw"]))

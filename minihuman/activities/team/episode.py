@@ -1,4 +1,4 @@
-"""A team's episode, seen from one seat: what its person submits, and joint steps with their digest."""
+"""An episode of a team, seen from one seat: the person's submissions, and joint steps with their digest."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -20,17 +20,20 @@ if TYPE_CHECKING:
 
 
 def digest_joint_actions(team: str, seed: int, actions: Sequence[Sequence[int]]) -> int:
-    """A digest of an episode's joint actions, uint64: BLAKE2b chained over team, seed and each step's actions."""
+    """Return the digest of an episode's joint actions as uint64.
+
+    The digest is BLAKE2b, chained over the team, the seed and each step's actions.
+    """
     return reduce(extend_digest, actions, start_digest(team, seed))
 
 
 def start_digest(team: str, seed: int) -> int:
-    """The digest of an episode before its first step."""
+    """Return the digest of an episode before its first step."""
     return _hash(f"{team} {seed}".encode())
 
 
 def extend_digest(digest: int, actions: Sequence[int]) -> int:
-    """The digest with one more step."""
+    """Return the digest extended by one more joint action."""
     return _hash(np.array([digest, *actions], np.uint64).astype("<u8").tobytes())
 
 
@@ -40,7 +43,7 @@ def _hash(data: bytes) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Submission:
-    """This seat's action for the next step, until that is closed."""
+    """The action that this seat has submitted for the next step, until the step is closed."""
 
     action: int
     key: str
@@ -49,7 +52,7 @@ class Submission:
 
 
 class TeamEpisode(RunningEpisode):
-    """An episode of a team, seen from one seat: each step needs a joint action."""
+    """An episode of a team, seen from one seat; each of its steps needs a joint action."""
 
     is_joint = True
 
@@ -72,30 +75,36 @@ class TeamEpisode(RunningEpisode):
 
     @property
     def open_action(self) -> int | None:  # type: ignore[override]
-        """What this seat has submitted in turns; None where time closes the steps."""
+        """The action that this seat has submitted in turn-based play; None without one, or in real time."""
         if self.real_time or self.submitted is None:
             return None
         return self.submitted.action
 
     def describe_correction(self, t_ns: int, step: int, submit_ns: int, flip_ns: int) -> PictureCorrected:
-        """Return the event of a picture that showed this seat's action alone, before the others' changed the step."""
+        """Return the event of a picture that showed this seat's action before the others' actions changed the step."""
         return PictureCorrected(t_ns, self.plan.episode, step, submit_ns, flip_ns)
 
     def poses(self) -> tuple[float, ...]:
-        """Where every body stands: x, y, z and yaw_rad of each, by seat."""
+        """Return the pose of every body, by seat: x, y, z and yaw_rad of each."""
         with catch_world_errors():
             poses = self.world.unwrapped.poses()
         return tuple(number for pose in poses for number in (pose.x, pose.y, pose.z, pose.yaw_rad))
 
     def record_shown(self, screen_shown: ScreenShown) -> FrameShown:
-        """Take note that a picture reached the display; a tick that waits for its joint action goes on waiting."""
+        """Return the event of a picture that reached the display.
+
+        A tick that waits for its joint action keeps waiting.
+        """
         event = super().record_shown(screen_shown)
         if self.submitted is not None:
             self.next_tick_ns = None
         return event
 
     def tick(self, t_ns: int) -> Stepped | None:
-        """If a period has run out, submit the queued key's action, or the idle one; the step comes with the others'."""
+        """Submit the queued key's action, or the idle action, if a period has run out.
+
+        No step is returned: the step follows when the joint action arrives.
+        """
         if self.next_tick_ns is not None and t_ns >= self.next_tick_ns and self.submitted is None:
             self._due_ns = self.next_tick_ns
             self.next_tick_ns = None
@@ -103,7 +112,7 @@ class TeamEpisode(RunningEpisode):
         return None
 
     def _take_press(self, t_ns: int) -> Submission:
-        """This seat's action at a tick: the queued key's, or that of the keys that are down; else the idle one."""
+        """Return this seat's submission at a tick: the action of the queued or held keys, or the idle action."""
         idle: int = self.world.unwrapped.team.idle_action
         if not self.repeats_held:
             press = self._queued
@@ -121,7 +130,7 @@ class TeamEpisode(RunningEpisode):
         return Submission(number, keys[-1], pressed.get(keys[-1], t_ns), keys[-1] in pressed)
 
     def step_joint(self, t_ns: int, joint: JointTaken) -> tuple[Stepped, tuple[float, ...], Submission | None]:
-        """Make the joint step: its event, the rewards by seat, and what this seat had submitted."""
+        """Make a joint step and return its event, the rewards by seat, and this seat's submission for it."""
         mine = self.submitted
         self.submitted = None
         if mine is not None and joint.sources[self.team.seat] == "person":

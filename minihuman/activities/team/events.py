@@ -1,4 +1,4 @@
-"""Events of blocks that a team plays."""
+"""Events of team blocks."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -14,7 +14,7 @@ GoneReason = Literal["no_partner", "partner_left", "replaced", "declined"]
 
 @dataclass(frozen=True, slots=True)
 class TeamFormed(ActivityEvent):
-    """The team of a block is complete: what the plan left open is resolved."""
+    """The team of a block is complete, which resolves what the plan left open."""
 
     part: int
     team: str
@@ -27,7 +27,7 @@ class TeamFormed(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class SeatsReadied(ActivityEvent):
-    """Every seat was ready."""
+    """Every seat was ready for an episode."""
 
     episode: int
     poses: tuple[float, ...]  # at the reset, by seat: x, y, z and yaw_rad of each
@@ -35,7 +35,7 @@ class SeatsReadied(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class JointStepped(ActivityEvent):
-    """A joint step: what every body did and got. Before the event of the seat's own step."""
+    """A joint step was made: every body's action and reward. It precedes the event of the seat's own step."""
 
     episode: int
     step: int
@@ -48,7 +48,7 @@ class JointStepped(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class InputLate(ActivityEvent):
-    """This seat's input came after its step was closed: it changed nothing."""
+    """This seat's input came after its step was closed and had no effect."""
 
     episode: int
     step: int
@@ -59,7 +59,10 @@ class InputLate(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class PictureCorrected(ActivityEvent):
-    """A picture that showed a step before it was closed: this seat's action, the others idle. Theirs changed it."""
+    """A picture reached the display that showed a step before it was closed.
+
+    It showed this seat's action with the others idle; the others' actions then changed the step.
+    """
 
     episode: int
     step: int
@@ -69,7 +72,7 @@ class PictureCorrected(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class SeatTaken(ActivityEvent):
-    """Another holds a person's seat from this step on: an agent, or the person who is back."""
+    """A different holder acts in a person's seat from this step on: an agent, or the person who has returned."""
 
     episode: int
     step: int
@@ -79,7 +82,7 @@ class SeatTaken(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class SeatSeen(ActivityEvent):
-    """A person's seat is seen otherwise than before: its page, or the person before it, is gone or here again."""
+    """The visible state of a person's seat changed: its page or its person is away, or is here again."""
 
     episode: int
     step: int  # that was open then
@@ -90,7 +93,10 @@ class SeatSeen(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class TeamEnded(ActivityEvent):
-    """The block ends before its last episode, as no partner came or one left; or the team before its first step."""
+    """The block ended before its last episode, or the team before its first step.
+
+    It ends because no partner came, or because one left.
+    """
 
     part: int
     reason: GoneReason

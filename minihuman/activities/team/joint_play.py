@@ -1,8 +1,8 @@
-"""The play of one team in a block: lifts the barrier before each episode, and closes the joint actions. No I/O.
+"""The play of one team in a block: it opens the barrier before each episode and closes the joint actions. No I/O.
 
-It is given what its seats ask and the time, and answers; what a seat's agent chooses it asks for. It puts together who
-is present (`TeamPresence`), which inputs are there (`OpenStep`), how long they have been waited for (`StepClock`) and
-when they were due (`TickSchedule`).
+The seats' requests and the time are passed in, and the answers are returned; agents' choices are requested from the
+caller. The play combines who is present (`TeamPresence`), which inputs have come (`OpenStep`), how long the step has
+been open (`StepClock`) and when the inputs were due (`TickSchedule`).
 """
 
 import math
@@ -37,7 +37,7 @@ class ReadyBarrier:
 
 @dataclass(slots=True)
 class TeamHistory:
-    """What the logs of a team say of a block that a process before this one led."""
+    """The history of a block that an earlier process hosted, as the team's logs record it."""
 
     steps: dict[int, list[JointAction]] = field(default_factory=dict)  # by episode
     has_ended: bool = False  # a partner left, and the block ended for it
@@ -45,11 +45,11 @@ class TeamHistory:
 
 
 class JointPlay:
-    """One team in one block.
+    """The play of one team in one block.
 
     Args:
-        kinds: by seat, "person" or an agent.
-        rules: the protocol's ``[blocks.team]``.
+        kinds: by seat, "person" or the name of an agent.
+        rules: the protocol's ``[blocks.team]`` table.
     """
 
     def __init__(self, kinds: tuple[str, ...], rules: TeamPlan) -> None:
@@ -66,7 +66,7 @@ class JointPlay:
 
     @property
     def is_over(self) -> bool:
-        """Whether it never played and never will: its people go back to the lobby."""
+        """Whether the team ended before its first step, so that its people return to the lobby."""
         return self._has_declined and not self._has_played
 
     @property
@@ -74,13 +74,13 @@ class JointPlay:
         return any(self._steps.values())
 
     def pop_concerned(self) -> set[int]:
-        """Return the seats whose next answer may be another than their last, since this was asked last."""
+        """Return the seats whose next answer may have changed since the last call."""
         seats = self._concerned
         self._concerned = set()
         return seats
 
     def restore(self, history: TeamHistory) -> None:
-        """Go on from what logs say."""
+        """Restore the state that the logs record."""
         self._steps = history.steps
         self.presence.has_ended = history.has_ended
         latest = self._steps[max(self._steps)][-1:] if self._steps else ()
@@ -91,13 +91,13 @@ class JointPlay:
             self._hand_over(history.finished)
 
     def list_steps(self, episode: int) -> Sequence[JointAction]:
-        """The steps of an episode that are closed."""
+        """Return the closed steps of an episode."""
         return self._steps.setdefault(episode, [])
 
     def learn_steps(
         self, episode: int, actions: Sequence[tuple[int, ...]], sources: Sequence[tuple[ActionSource, ...]]
     ) -> None:
-        """Learn of steps that were closed before this process began, from a session that has made them."""
+        """Add an episode's steps that were closed before this process began, from a session that has made them."""
         steps = self._steps.setdefault(episode, [])
         n_known = len(steps)
         steps += [JointAction(*pair) for pair in zip(actions[n_known:], sources[n_known:], strict=True)]
@@ -105,7 +105,7 @@ class JointPlay:
     # What seats ask
 
     def answer_ready(self, want: ReadyRequest, now_s: float) -> SeatsReady | TeamLost | None:
-        """Tell a seat that is ready whether the episode may begin; None as long as partners are waited for."""
+        """Answer a seat that is ready: the episode may begin, or the team is lost; None while partners are awaited."""
         seat = want.team.seat
         episode = want.plan.episode
         if self.is_over:
@@ -131,14 +131,17 @@ class JointPlay:
         return SeatsReady(0, episode)
 
     def find_news(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> SeatSighted | None:
-        """Tell a seat of another, or of itself, that is seen otherwise than it knows."""
+        """Return a seat whose state differs from what the requesting seat knows; None if there is none.
+
+        The seat returned may be the requesting seat itself.
+        """
         news = self.presence.find_news(want.states, now_s, is_real_time=is_real_time)
         if news is None:
             return None
         return SeatSighted(0, news.seat, news.state, round(news.for_s * MS_PER_S))
 
     def answer_message(self, want: JointRequest, now_s: float) -> MessageGiven | None:
-        """Take a seat's messages, and return the next one of another that it has not received."""
+        """Accept a seat's messages and return the next message that it has not received; None if there is none."""
         if self.messages.send(want.sent, now_s):
             self._concern_others(want.team.seat)
         message = self.messages.find_next(want.team.seat, want.received, now_s)
@@ -147,15 +150,16 @@ class JointPlay:
         return MessageGiven(0, message)
 
     def submit(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> JointTaken | TeamLost | StepDue | None:
-        """Take a seat's input for a step; None as long as others are waited for.
+        """Accept a seat's input for a step and return the answer to it; None while other inputs are awaited.
 
         Args:
-            want: the step, and the input.
-            now_s: the time.
-            is_real_time: whether time makes the steps: no tick waits for an input that is late.
+            want: the request, with the step and the input.
+            now_s: the present time in seconds.
+            is_real_time: whether steps happen by the clock, so that no tick waits for a late input.
 
         Returns:
-            The joint action of a step that is closed; or what to ask of agents, to `close` the step with.
+            The joint action of a closed step, the loss of the team, or a step that is due: the caller asks its
+            agents for their actions and passes them to `close`.
         """
         seat = want.team.seat
         episode = want.plan.episode
@@ -187,13 +191,13 @@ class JointPlay:
         return self._judge_open_step(want, now_s, is_real_time=is_real_time)
 
     def close(self, due: StepDue, seat: int, chosen: Mapping[int, int], idle_action: int) -> JointTaken:
-        """Close a step for good.
+        """Close a step for good and return its joint action.
 
         Args:
-            due: the step.
-            seat: that asked, and is answered at once.
+            due: the step to close.
+            seat: the seat whose request closes the step; it is answered at once.
             chosen: the agents' actions, by seat.
-            idle_action: of a seat whose input is late.
+            idle_action: the action of a seat whose input is late.
         """
         joint_action = due.close(chosen, idle_action)
         self._steps[due.episode].append(joint_action)
@@ -201,7 +205,7 @@ class JointPlay:
         return JointTaken(0, due.episode, due.step, *joint_action)
 
     def leave(self, seat: int) -> None:
-        """Take note that the session of a seat is over."""
+        """Record that the session of a seat is over."""
         if self._rules.pairing not in ("same", "fixed") and not self._has_played:
             self._has_declined = True
         self._hand_over({seat})
@@ -225,13 +229,13 @@ class JointPlay:
         return self._open_step.find_due(frozenset())
 
     def _find_delay(self, want: JointRequest, missing: Collection[int], now_s: float) -> Delay:
-        """Find how late the missing inputs are by the server's clock, whatever the others' pages say of the time."""
+        """Return how late the missing inputs are by the server's clock, whatever times other pages report."""
         period_s = want.plan.step_period_ms / MS_PER_S
         due_s = self._schedules[want.plan.episode].find_due_s(missing, want.step, self._clock.opened_s, period_s)
         return self._clock.find_delay(now_s, due_s)
 
     def _replace_missing(self, barrier: ReadyBarrier, asking: int, now_s: float) -> bool:
-        """Give the seats of those to the stand-in who are gone, or not ready for too long; False if the block ends."""
+        """Give the stand-in the seats of people who are away or not ready in time; return False if the block ends."""
         missing = self.presence.present - barrier.seats
         replaced = missing & set(self.presence.find_overdue(asking, now_s, is_real_time=False))
         if now_s - barrier.since_s >= self._rules.thinking_limit_s:
@@ -239,7 +243,7 @@ class JointPlay:
         return self._hand_over(replaced, now_s)
 
     def _hand_over(self, seats: Collection[int], now_s: float = -math.inf) -> bool:
-        """Give seats to the stand-in; False where the block ends instead."""
+        """Give seats to the stand-in; return False if the block ends instead."""
         if not seats or self.presence.hand_over(seats, now_s):
             return True
         self._concerned |= self.presence.persons

@@ -1,6 +1,6 @@
-"""Joint steps: the inputs of the step that is open, and what has to be asked of agents before it closes. No clock.
+"""Joint steps: the inputs of the open step, and the agents' actions that it needs before it closes. Reads no clock.
 
-A closed step never reopens, and of two inputs of a seat for one step the first counts.
+A closed step never reopens, and the first of two inputs of a seat for one step counts.
 """
 
 from collections.abc import Iterable, Mapping
@@ -11,7 +11,7 @@ from minihuman.activities.team.events import ActionSource
 
 
 class JointAction(NamedTuple):
-    """What every body does in a step, and who decided it."""
+    """The action of every body in a step, and who decided it."""
 
     actions: tuple[int, ...]  # by seat
     sources: tuple[ActionSource, ...]
@@ -19,7 +19,7 @@ class JointAction(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StepDue:
-    """A step that can be closed as soon as its agents have chosen."""
+    """A step that can be closed once its agents have chosen."""
 
     episode: int
     step: int  # 1 for the first
@@ -28,11 +28,11 @@ class StepDue:
     agents: tuple[int, ...]  # seats in which an agent acts
 
     def close(self, chosen: Mapping[int, int], idle_action: int) -> JointAction:
-        """Return the joint action.
+        """Return the joint action of people, agents and late seats.
 
         Args:
             chosen: the agents' actions, by seat.
-            idle_action: of who is late.
+            idle_action: the action of a seat whose input is late.
         """
         actions: dict[int, tuple[int, ActionSource]] = {
             **{seat: (action, "person") for seat, action in self.inputs.items()},
@@ -44,10 +44,10 @@ class StepDue:
 
 
 class OpenStep:
-    """The step that is open.
+    """The step that is open, with the inputs that have come for it.
 
     Args:
-        n_seats: of the team, agents counted.
+        n_seats: the number of the team's seats, including those of agents.
     """
 
     def __init__(self, n_seats: int) -> None:
@@ -58,27 +58,27 @@ class OpenStep:
 
     @property
     def has_input(self) -> bool:
-        """Whether anybody has acted."""
+        """Whether any seat has given an input."""
         return bool(self._inputs)
 
     @property
     def seats(self) -> frozenset[int]:
-        """The seats that have acted."""
+        """The seats that have given an input."""
         return frozenset(self._inputs)
 
     def has_submitted(self, seat: int, episode: int, step: int) -> bool:
-        """Tell whether a seat's input for a step is here."""
+        """Tell whether a seat has given its input for a step."""
         return self._place == (episode, step) and seat in self._inputs
 
     def open(self, episode: int, step: int) -> None:
-        """Open a step, unless it is open."""
+        """Open a step, unless it is open already."""
         if self._place != (episode, step):
             self._place = (episode, step)
             self._inputs = {}
             self._idle = set()
 
     def submit(self, seat: int, action: int, *, is_key: bool = True) -> None:
-        """Take a seat's input; its first one counts."""
+        """Record a seat's input; only its first input for a step counts."""
         if seat in self._inputs:
             return
         self._inputs[seat] = action
@@ -86,13 +86,16 @@ class OpenStep:
             self._idle.add(seat)
 
     def withdraw_idle(self, seats: Iterable[int]) -> None:
-        """Forget the inputs that no key gave of seats that are an agent's now, so that it acts in this step already."""
+        """Discard the idle inputs, which no key gave, of seats that an agent now holds.
+
+        The agent can then act in this step already.
+        """
         for seat in self._idle & set(seats):
             del self._inputs[seat]
         self._idle -= set(seats)
 
     def find_due(self, late: frozenset[int]) -> StepDue:
-        """Return the step as it is to be closed now, the agents acting where no input came and none is late."""
+        """Return the step as it would close now: an agent acts in each seat that has no input and is not late."""
         episode, step = self._place
         agents = tuple(seat for seat in range(self._n_seats) if seat not in self._inputs and seat not in late)
         return StepDue(episode, step, dict(self._inputs), late, agents)

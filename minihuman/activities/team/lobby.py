@@ -1,4 +1,4 @@
-"""The lobby of a block: who waits for partners, whom the pairing puts together, and who sits where. No I/O."""
+"""The lobby of a block: the sessions that wait for partners, their pairing, and the drawing of seats. No I/O."""
 
 from bisect import bisect_left
 from collections.abc import Callable, Hashable, Iterable, Sequence
@@ -14,7 +14,7 @@ Member = TypeVar("Member", bound=Hashable)
 
 
 def name_team(seed: int, index: int, *, is_solo: bool) -> str:
-    """Draw a team's id: random, and the same where the study is simulated again."""
+    """Draw a team's id from the study's seed; a repeated simulation of the study draws the same id."""
     word = int(draw_words(1, seed=seed, purpose="solo-team-id" if is_solo else "team-id", index=index)[0])
     return f"{word:016x}"[:8]
 
@@ -39,7 +39,7 @@ class LobbyEntry(Generic[Member]):
 
 @dataclass(frozen=True, slots=True)
 class RecordedTeam:
-    """A team of several people that was formed before."""
+    """A team of several people that was formed earlier in the study."""
 
     name: str
     index: int
@@ -47,7 +47,7 @@ class RecordedTeam:
 
 @dataclass(frozen=True, slots=True)
 class SeatedTeam(Generic[Member]):
-    """A team that is formed: who sits where."""
+    """A complete team with the session in each seat."""
 
     name: str
     index: int
@@ -60,18 +60,18 @@ class SeatedTeam(Generic[Member]):
         return {seat: entry.member for seat, entry in self.entries.items()}
 
     def admit(self) -> None:
-        """Tell each entry its team."""
+        """Assign the team to each of its lobby entries."""
         for seat, entry in self.entries.items():
             entry.team = Team(self.name, self.index, seat, self.kinds)
 
 
 class Lobby(Generic[Member]):
-    """Those who wait for partners in one block.
+    """The sessions that wait for partners in one block.
 
     Args:
-        block: its name.
-        seed: the study's.
-        list_places: lists the places of the allocation list that a group has, in order.
+        block: the block's name.
+        seed: the study's seed.
+        list_places: returns a group's places in the allocation list, in order.
     """
 
     def __init__(self, block: str, seed: int, list_places: Callable[[str], list[int]]) -> None:
@@ -81,28 +81,28 @@ class Lobby(Generic[Member]):
         self._entries: list[LobbyEntry[Member]] = []
 
     def find(self, member: Member) -> LobbyEntry[Member] | None:
-        """Find a member's entry."""
+        """Return a member's entry; None if the member is not in the lobby."""
         return next((entry for entry in self._entries if entry.member == member), None)
 
     def enter(self, entry: LobbyEntry[Member]) -> None:
-        """Let a member in."""
+        """Add a member's entry."""
         self._entries.append(entry)
 
     def leave(self, member: Member) -> None:
-        """Let a member out, if it is in."""
+        """Remove a member, if it is in the lobby."""
         self._entries = [entry for entry in self._entries if entry.member != member]
 
     @property
     def unpaired(self) -> list[LobbyEntry[Member]]:
-        """Those without a team, in the order of their participants."""
+        """The entries without a team, in the order of their participants."""
         return sorted((entry for entry in self._entries if entry.team is None), key=lambda entry: entry.index)
 
     def match(self, entry: LobbyEntry[Member], present_since_s: float) -> list[LobbyEntry[Member]] | None:
-        """Return who plays with whom: all seats of people filled, the entry among them; None as long as not.
+        """Return the entries of a complete team, the given entry among them; None if too few partners are present.
 
         Args:
-            entry: who looks for partners.
-            present_since_s: who asked last before then is gone.
+            entry: the session that looks for partners.
+            present_since_s: a session whose last request is earlier than this time is absent.
         """
         candidates = self._list_candidates(entry, present_since_s)
         n_partners = len(entry.rules.persons) - 1
@@ -113,7 +113,7 @@ class Lobby(Generic[Member]):
         return sorted([entry, *candidates[:n_partners]], key=lambda partner: partner.index)
 
     def _list_candidates(self, entry: LobbyEntry[Member], present_since_s: float) -> list[LobbyEntry[Member]]:
-        """Return who may play with an entry, in the order in which they came."""
+        """Return the entries that may be paired with an entry, in the order of arrival."""
         present = [
             other
             for other in self._entries
@@ -135,7 +135,7 @@ class Lobby(Generic[Member]):
         return True
 
     def _number_pair(self, entry: LobbyEntry[Member]) -> int:
-        """Return the number of a participant's fixed team: its rank among its group's places decides it."""
+        """Return the number of a participant's fixed team, which follows from their rank among the group's places."""
         rank = bisect_left(self._list_places(entry.participant.group), entry.participant.place)
         return rank // len(entry.rules.persons)
 
@@ -146,10 +146,10 @@ class Lobby(Generic[Member]):
         return [in_order[place] for place in order]
 
     def seat(self, partners: Sequence[LobbyEntry[Member]], recorded: Iterable[RecordedTeam]) -> SeatedTeam[Member]:
-        """Draw who of the partners sits where; a seat of a person without one has the stand-in.
+        """Draw the partners' seats; a person's seat without a partner is given to the stand-in.
 
         Args:
-            partners: who plays with whom.
+            partners: the entries that play together.
             recorded: the study's teams of several people so far.
         """
         rules = partners[0].rules
@@ -167,6 +167,6 @@ class Lobby(Generic[Member]):
 
 
 def _find_same_team(partners: Sequence[LobbyEntry[Member]], teams: list[RecordedTeam]) -> int | None:
-    """Find the index of the team that all partners were in last."""
+    """Return the index of the team in which all partners were last; None if they were not in the same one."""
     latest = {partner.earlier_teams[-1:] for partner in partners}
     return next((team.index for team in teams if {(team.name,)} == latest), None)

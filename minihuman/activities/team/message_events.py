@@ -1,4 +1,4 @@
-"""Events of messages in a team."""
+"""Events of messages within a team."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from minihuman.experiment.machine.inputs import ActivityInput
 
 @dataclass(frozen=True, slots=True)
 class MessageShown(ActivityEvent):
-    """Words or a mark, one's own or another's, came onto the screen."""
+    """A message, the person's own or another's, appeared on the screen: words or a mark."""
 
     episode: int
     step: int  # the latest then
@@ -19,24 +19,24 @@ class MessageShown(ActivityEvent):
 
     @property
     def words_to_others(self) -> str:
-        """The words, empty for a mark."""
+        """The message's words; empty for a mark."""
         return self.text
 
 
 @dataclass(frozen=True, slots=True)
 class MessageTyped(ActivityEvent):
-    """Letters of a message were typed: in no table, as an answer's `TextTyped` are."""
+    """Letters of a message were typed. Like an answer's `TextTyped` events, they are in no table."""
 
     text: str
 
     @property
     def words_to_others(self) -> str:
-        """The letters."""
+        """The letters that were typed."""
         return self.text
 
 
 @dataclass(frozen=True, slots=True)
 class MessageGiven(ActivityInput):
-    """Another seat's message, as it was shown there; in a replay without its words."""
+    """A message of another seat, as that seat's screen showed it; in a replay it has no words."""
 
     message: MessageShown

@@ -1,6 +1,7 @@
-"""The messages that a team's seats pass to each other: words at once, a mark as long as it is seen. No clock.
+"""The exchange of messages between a team's seats: words are kept, and a mark expires. Reads no clock.
 
-A page says when its messages were written, so the interval between what others see of a seat is kept here.
+Pages report when their messages were written and are not trusted, so the least interval between the messages that
+others see of a seat is kept here.
 """
 
 from collections.abc import Iterable, Set
@@ -14,21 +15,21 @@ MARK_S = INTERVAL_NS / 1e9  # how long a mark is seen
 
 @dataclass(frozen=True, slots=True)
 class SentMessage:
-    """A message, and from when on others see it."""
+    """A message, and the time from which other seats see it."""
 
     message: MessageShown
     since_s: float
 
 
 class MessageExchange:
-    """The messages of a block, in the order in which they came."""
+    """The messages of a block, in order of arrival."""
 
     def __init__(self) -> None:
         self._sent: dict[str, SentMessage] = {}  # by digest
         self._next_s: dict[int, float] = {}  # by seat, when the next message of it can be seen
 
     def send(self, messages: Iterable[MessageShown], now_s: float) -> bool:
-        """Take a seat's messages; whether there is a new one among them."""
+        """Add a seat's messages and return whether any of them is new."""
         new = [message for message in messages if message.digest not in self._sent]
         for message in new:
             since_s = max(now_s, self._next_s.get(message.seat, now_s))
@@ -37,7 +38,7 @@ class MessageExchange:
         return bool(new)
 
     def find_next(self, seat: int, received: Set[str], now_s: float) -> MessageShown | None:
-        """Find the next message of another that a seat has not received; words wait for it, a mark does not."""
+        """Return the next message of another seat that a seat has not received; words wait for it, a mark expires."""
         for sent in self._sent.values():
             seen_s = now_s - sent.since_s
             is_due = seen_s >= 0 and (bool(sent.message.text) or seen_s < MARK_S)

@@ -1,7 +1,8 @@
-"""Messages in a team: what people type to each other while they play, and cells that they mark. No clock, no socket.
+"""Messages in a team: texts that people type to each other during play, and cells that they mark. No clock, no socket.
 
-Typed words are in their author's log alone. Another's log holds the digest of those that came onto its screen, salted
-with a secret of the author's log: withdrawing a person removes their words, and `verify` still compares both logs.
+Typed words are in their author's log alone. Other logs hold the digests of the messages that appeared on their screens,
+salted with a secret of the author's log. Withdrawing a person therefore removes their words, and `verify` can still
+compare the logs.
 """
 
 import hashlib
@@ -40,17 +41,20 @@ class TeamMessages:
 
     @property
     def received(self) -> frozenset[str]:
-        """The digests of what need not be given again: a session that was resumed from its log lacks others' words."""
+        """The digests of the messages that need not be sent again.
+
+        A session that was resumed from its log lacks the words of other seats, so their digests are not among these.
+        """
         return frozenset(digest for digest, message in self.messages.items() if message.text or message.cell)
 
     @property
     def marks(self) -> list[MessageShown]:
-        """The marks that are to be seen now."""
+        """The marks that are visible now."""
         over_ns = self.context.now_ns - INTERVAL_NS
         return [message for message in self.messages.values() if message.cell and message.t_ns > over_ns]
 
     def take_key(self, press: KeyDown, play: RunningEpisode) -> bool:
-        """Take a key; False where it has nothing to do with messages."""
+        """Handle a key press and return whether it concerned messages."""
         if self.draft is None and (press.repeat or press.key not in self._keys):
             return False
         verdict = self._judge(press)
@@ -69,7 +73,7 @@ class TeamMessages:
 
     @property
     def _keys(self) -> tuple[object, ...]:
-        """The keys that do something while nothing is typed."""
+        """The keys that have an effect while no message is being typed."""
         if self.rules.chat:
             return (*ENTER_KEYS, REPORT_KEY, self.rules.ping)
         return (self.rules.ping,)
@@ -87,7 +91,7 @@ class TeamMessages:
         self.draft = TextDraft(question, None, rtl=words.rtl, language=words.language)
 
     def _finish_draft(self, draft: TextDraft, play: RunningEpisode) -> None:
-        """Send what was typed; it stays open where it is too soon for another message."""
+        """Send the typed text and close the draft; the draft stays open if it is too soon for another message."""
         if not draft.value or self._send(play, draft.display_text, ()):
             self.draft = None
 
@@ -97,7 +101,7 @@ class TeamMessages:
             self._send(play, "", (round(pose.x + math.cos(pose.yaw_rad)), round(pose.z - math.sin(pose.yaw_rad))))
 
     def _report_latest(self) -> None:
-        """Report the latest words of another."""
+        """Log a report of the latest words of another seat."""
         messages = [message for message in self.messages.values() if message.seat != self.seat and not message.cell]
         if messages:
             message = messages[-1]
@@ -106,7 +110,7 @@ class TeamMessages:
             self.context.emit(Noted(self.context.now_ns, "report", text))
 
     def _send(self, play: RunningEpisode, text: str, cell: tuple[float, ...]) -> bool:
-        """Send a message, unless it is too soon after the last one."""
+        """Send a message and return True, or return False if the last one was sent too recently."""
         now_ns = self.context.now_ns
         if self.sent and now_ns < self.sent[-1].t_ns + INTERVAL_NS:
             return False
@@ -118,14 +122,14 @@ class TeamMessages:
         return True
 
     def show(self, message: MessageShown, play: RunningEpisode) -> None:
-        """Show a message; the words of one that was shown before only come again."""
+        """Show a message; one that was shown before only recovers its words and logs nothing."""
         message_here = replace(message, t_ns=self.context.now_ns, episode=play.plan.episode, step=play.steps)
         if message.digest not in self.messages:
             self.context.emit(message_here if message.seat == self.seat else replace(message_here, text=""))
         self.messages[message.digest] = message_here
 
     def look(self, play: RunningEpisode | None) -> PlayMessages | None:
-        """What a page has of them; None where people neither write nor mark."""
+        """Return the messages as the page displays them; None if the block has neither chat nor marks."""
         hints = self._hints
         if not hints:
             return None
@@ -141,7 +145,7 @@ class TeamMessages:
         }
 
     def list_page_fields(self, play: RunningEpisode | None) -> TeamPageFields:
-        """List what they add to the screen of play in a page."""
+        """Return the fields that messages add to the page's screen of play."""
         messages = self.look(play)
         return {"messages": messages} if messages else {}
 

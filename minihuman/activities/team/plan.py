@@ -1,4 +1,4 @@
-"""Plans of blocks that a team plays: who sits where."""
+"""Plans of team blocks: the person or agent in each seat."""
 
 from typing import ClassVar, Literal
 
@@ -15,7 +15,7 @@ SEAT_GRAMMAR = "'person', 'policy:FILE', 'scripted:NAME', 'simulated:NAME' or 'p
 
 
 class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[blocks.team]`` in the protocol: who sits where in a world with several bodies."""
+    """The settings of ``[blocks.team]`` in the protocol: the seats of a world with several bodies."""
 
     seats: tuple[str, ...] = ()  # by body: "person", "policy:FILE", "scripted:NAME", "simulated:NAME" or "planner"
     roles: tuple[str, ...] = ()  # what each seat is called on its screen; none: no word
@@ -39,20 +39,23 @@ class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def thinking_limit_s(self) -> float:
-        """How long others wait for the input of a person who is here, in turns and before an episode."""
+        """The longest wait for the input of a person who is present, in turns and before an episode, in seconds."""
         if self.thinking_wait_s is msgspec.UNSET:
             return max(THINKING_WAIT_S, self.partner_wait_s)
         return self.thinking_wait_s
 
     @property
     def agents(self) -> tuple[str, ...]:
-        """The names of the agents that may hold a seat, as the agent registry and the protocol's files have them."""
+        """The names of the agents that may hold a seat, as in the agent registry and the protocol's files."""
         kinds = [*self.seats, *([self.stand_in] if len(self.persons) > 1 and self.partner_leaves == "agent" else [])]
         return tuple(dict.fromkeys(find_seat_agent(kind) for kind in kinds if kind != PERSON))
 
 
 def find_seat_agent(kind: str) -> str:
-    """The agent of a seat: a registered agent with its settings, a policy file's name, or a simulated participant."""
+    """Return the agent of a seat.
+
+    It is a registered agent with its settings, a policy file's name, or a simulated participant.
+    """
     seat_kind, _, name = kind.partition(":")
     if seat_kind == SIMULATED:
         return kind
@@ -62,7 +65,7 @@ def find_seat_agent(kind: str) -> str:
 
 
 class TeamPlayPlan(PlayPlan, frozen=True):
-    """A block that a team plays."""
+    """The plan of a block that a team plays."""
 
     host: ClassVar[str] = "minihuman.runtime.team_member:make_team_member"
     team: TeamPlan = TeamPlan()
@@ -70,10 +73,10 @@ class TeamPlayPlan(PlayPlan, frozen=True):
 
     @property
     def sign_interval_s(self) -> float:
-        """A part of what partners wait for a sign of life."""
+        """The interval between a page's signs of life in seconds, a fraction of the time that partners wait for one."""
         return self.team.partner_wait_s / PINGS_PER_WAIT
 
     @property
     def has_text_entry(self) -> bool:
-        """Whether people write to each other."""
+        """Whether people can write to each other."""
         return bool(self.team.chat)

@@ -1,8 +1,8 @@
-"""Presence: who holds each person's seat, and how long ago its page and its person gave a sign of life. No clock.
+"""Presence: the holder of each person's seat, and the last sign of life of its page and its person. Reads no clock.
 
-An agent that stands in for a person holds the seat until the person may take it back; whether they may, and whether the
-block goes on without them at all, the protocol says. The wait counts from the last sign of life, and no step that is
-closed meanwhile restarts it.
+An agent that stands in for a person holds the seat until the person may take it back. The protocol decides whether a
+person may return, and whether the block continues without them. The wait for a person counts from their last sign of
+life; steps that close in the meantime do not restart it.
 """
 
 import math
@@ -19,14 +19,14 @@ _SILENT_SHARE = 2 / PINGS_PER_WAIT  # of that time without a word, in which a pi
 
 
 class SeatSighting(NamedTuple):
-    """What is to be seen of a person's seat."""
+    """The visible state of a person's seat."""
 
     state: SeatState
     since_s: float  # the sign of life that it is counted from
 
 
 class SeatNews(NamedTuple):
-    """A seat that is seen otherwise than before."""
+    """A seat whose visible state has changed."""
 
     seat: int
     state: SeatState
@@ -35,7 +35,7 @@ class SeatNews(NamedTuple):
 
 @dataclass(slots=True)
 class SeatPresence:
-    """What is known of the person of one seat."""
+    """The presence of the person in one seat."""
 
     signs: LifeSigns = field(default_factory=LifeSigns)
     holder: SeatHolder = "person"  # who acts in it
@@ -43,14 +43,14 @@ class SeatPresence:
     waited_since_s: float | None = None  # what came before is no silence: they could not act, or nobody looked
 
     def find_page_sign_s(self) -> float:
-        """Return the time of the page's last sign of life, or when it was first waited for."""
+        """Return the time of the page's last sign of life, or the time at which the wait for it began."""
         since_s = self.waited_since_s or 0.0
         if self.signs.page_s is None:
             return since_s
         return self.signs.page_s
 
     def find_person_sign_s(self) -> float:
-        """Return the time of the person's last sign of life, or when they were first waited for."""
+        """Return the time of the person's last sign of life, or of the beginning of the wait for them if that is later."""
         since_s = self.waited_since_s or 0.0
         if self.signs.person_s is None:
             return since_s
@@ -58,11 +58,11 @@ class SeatPresence:
 
 
 class TeamPresence:
-    """The seats of a team's people.
+    """The presence of a team's people in their seats.
 
     Args:
-        kinds: by seat, "person" or an agent.
-        rules: the protocol's ``[blocks.team]``.
+        kinds: by seat, "person" or the name of an agent.
+        rules: the protocol's ``[blocks.team]`` table.
     """
 
     def __init__(self, kinds: tuple[str, ...], rules: TeamPlan) -> None:
@@ -72,7 +72,7 @@ class TeamPresence:
 
     @property
     def persons(self) -> frozenset[int]:
-        """The seats of people, whoever acts in them now."""
+        """The seats of people, whether they or an agent act in them now."""
         return frozenset(self._seats)
 
     @property
@@ -82,13 +82,13 @@ class TeamPresence:
 
     @property
     def present(self) -> frozenset[int]:
-        """The seats in which their people act."""
+        """The seats of people who act in them themselves."""
         return self.persons - self.absent
 
     def may_act(self, seat: int) -> bool:
-        """Tell whether a seat is its person's, or theirs to take back.
+        """Tell whether a seat's person holds it or may take it back.
 
-        Who watches has the seat back if no other person acts.
+        Under the rule "watch", a person may take the seat back only if no other person acts.
         """
         match self._rules.partner_return or "seat":
             case "seat":
@@ -98,36 +98,39 @@ class TeamPresence:
         return seat not in self.absent
 
     def is_shut_out(self, seat: int) -> bool:
-        """Tell whether the block is over for a seat's person, as an agent has the seat for good."""
+        """Tell whether the block is over for a seat's person because an agent has the seat for good."""
         return self._rules.partner_return == "end" and not self.may_act(seat)
 
     # Signs of life
 
     def follow(self, seat: int, signs: LifeSigns) -> None:
-        """Follow a seat's signs of life from here on, those of its page and person."""
+        """Set the signs of life of a seat's page and person that are followed from now on."""
         self._seats[seat].signs = signs
 
     def note_input(self, seat: int, now_s: float, *, is_held: bool = False) -> None:
-        """Take note of an input of the person of a seat, of whom nothing else is known; ``is_held``: by a held key."""
+        """Record an input as a sign of life of the seat's person.
+
+        An input that a held key gave always counts; any other counts only if the page does not report acts itself.
+        """
         signs = self._seats[seat].signs
         if is_held or not signs.tells_acts:
             signs.act(now_s)
 
     def has_acted(self, seat: int) -> bool:
-        """Tell whether the person of a seat has done anything since its signs of life are followed."""
+        """Tell whether a seat's person has acted since its signs of life are followed."""
         return self._seats[seat].signs.person_s is not None
 
     def begin_wait(self, seats: Iterable[int], now_s: float) -> None:
-        """Begin to wait for seats: what came before is no silence of theirs."""
+        """Begin to wait for seats, so that earlier silence does not count."""
         for seat in seats:
             self._seats[seat].waited_since_s = now_s
 
     def look(self, now_s: float) -> None:
-        """Begin to wait for the seats that nobody has waited for yet."""
+        """Begin to wait for the seats that have not been waited for yet."""
         self.begin_wait([seat for seat, presence in self._seats.items() if presence.waited_since_s is None], now_s)
 
     def find_sighting(self, seat: int, now_s: float, *, is_real_time: bool) -> SeatSighting:
-        """Find what is to be seen of a seat; in turns a person who gives no input thinks, and is here."""
+        """Return the visible state of a seat; in turns, a person who gives no input is thinking and counts as here."""
         presence = self._seats[seat]
         page_s = presence.find_page_sign_s()
         person_s = presence.find_person_sign_s()
@@ -143,9 +146,10 @@ class TeamPresence:
         return SeatSighting("here", page_s)
 
     def find_overdue(self, asking: int, now_s: float, *, is_real_time: bool) -> list[int]:
-        """Find the seats whose people have given no sign of life for as long as partners wait, the longest gone first.
+        """Return the seats whose people have been silent for the partners' waiting time, the longest absent first.
 
-        The last person who acts is not among them; of two with the same last sign that is the one whose seat asks.
+        One person always remains: if all are overdue, the one with the latest sign is left out, or in a tie the asking
+        seat.
         """
         self.look(now_s)
         sightings = {seat: self.find_sighting(seat, now_s, is_real_time=is_real_time) for seat in self.present}
@@ -160,17 +164,17 @@ class TeamPresence:
         return overdue[:-1]
 
     def find_thinkers(self, seats: Iterable[int], now_s: float) -> list[int]:
-        """Find those of the seats whose people have given no sign of life for as long as they may think."""
+        """Return those of the seats whose people have given no sign of life for the longest time they may think."""
         limit_s = self._rules.thinking_limit_s
         return [seat for seat in seats if now_s - self._seats[seat].find_person_sign_s() >= limit_s]
 
     def find_news(self, known: Sequence[SeatState], now_s: float, *, is_real_time: bool) -> SeatNews | None:
-        """Find a seat that is not as it is known to be; None where all are, or nothing is known of any.
+        """Return a seat whose state differs from the known one; None if none does or no state is known.
 
         Args:
-            known: by seat of the team.
-            now_s: the time.
-            is_real_time: whether time makes the steps.
+            known: the known state of each of the team's seats.
+            now_s: the present time in seconds.
+            is_real_time: whether steps happen by the clock.
         """
         if not known:
             return None
@@ -182,7 +186,7 @@ class TeamPresence:
         return None
 
     def has_returned(self, seat: int) -> bool:
-        """Tell whether the person of a seat is here, and has done something since an agent took it."""
+        """Tell whether a seat's person is here and has acted since an agent took the seat."""
         presence = self._seats[seat]
         acted_s = presence.signs.person_s
         return presence.signs.page == "open" and acted_s is not None and acted_s >= presence.replaced_s
@@ -190,11 +194,11 @@ class TeamPresence:
     # Who holds a seat
 
     def take_back(self, seat: int) -> None:
-        """Give a seat back to its person."""
+        """Return a seat to its person."""
         self._seats[seat].holder = "person"
 
     def hand_over(self, seats: Iterable[int], now_s: float = -math.inf) -> bool:
-        """Give seats to the stand-in; False where the block ends instead."""
+        """Give seats to the stand-in; return False if the block ends instead."""
         if self._rules.partner_leaves == "end":
             self.has_ended = True
             return False
@@ -204,6 +208,6 @@ class TeamPresence:
         return True
 
     def restore(self, absent: Iterable[int]) -> None:
-        """Go on from where the stand-in had these seats."""
+        """Restore the seats that the stand-in held."""
         for seat in absent:
             self._seats[seat].holder = "agent"

@@ -1,4 +1,4 @@
-"""The report's section on teams: how much of the episodes people, idle bodies and agents played."""
+"""The report's section on teams: the shares of the episodes that people, idle bodies and agents played."""
 
 import json
 from collections import Counter
@@ -19,7 +19,7 @@ _ABSENT_ENOUGH = 0.1  # of the joint steps: such an episode is counted by itself
 
 
 def build_section(source: SectionSource) -> ReportSection | None:
-    """Build the section on who played included episodes; None where no team did."""
+    """Build the section on who played the included episodes, or return None if no team did."""
     teams = source.table("teams")
     if teams.empty:
         return None
@@ -45,7 +45,7 @@ def _describe_block(block: object, episodes: pd.DataFrame) -> tuple[str, ...] | 
 
 
 def _sum_steps(kinds: Iterable[str], played_by: Iterable[dict[str, int]]) -> Counter[str]:
-    """Sum the steps of the seats of people by who acted in them."""
+    """Sum the steps in the seats of people by who acted in them."""
     steps: Counter[str] = Counter()
     for kind, sources in zip(kinds, played_by, strict=True):
         if kind == PERSON:

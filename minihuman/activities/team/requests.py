@@ -1,4 +1,4 @@
-"""What a team's block asks of the team host, and the inputs that answer."""
+"""Requests of team blocks to the team host, and the inputs that answer them."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -14,7 +14,7 @@ from minihuman.experiment.plan.session_plan import EpisodePlan
 
 @dataclass(frozen=True, slots=True)
 class Team:
-    """Which team a session is in, and where it sits."""
+    """The team that a session is in, and its seat there."""
 
     team: str  # a random id, the same in each member's log
     index: int  # of the team in the study
@@ -23,7 +23,7 @@ class Team:
 
 
 class TeamAnswerRequest(ActivityRequest):
-    """A request that others' inputs answer."""
+    """A request that the team host answers once others have given their inputs."""
 
     __slots__ = ()
     awaits_others: ClassVar[bool] = True
@@ -31,7 +31,7 @@ class TeamAnswerRequest(ActivityRequest):
 
 @dataclass(frozen=True, slots=True)
 class TeamRequest(TeamAnswerRequest):
-    """Which team is this session in?"""
+    """A request for a team, made in the lobby."""
 
     part: int
     block: str
@@ -41,7 +41,7 @@ class TeamRequest(TeamAnswerRequest):
 
 @dataclass(frozen=True, slots=True)
 class ReadyRequest(TeamAnswerRequest):
-    """This seat is ready for an episode: may it begin?"""
+    """A request to begin an episode for which this seat is ready."""
 
     team: Team
     plan: EpisodePlan
@@ -50,7 +50,7 @@ class ReadyRequest(TeamAnswerRequest):
 
 @dataclass(frozen=True, slots=True)
 class JointRequest(TeamAnswerRequest):
-    """The next joint action."""
+    """A request for the next joint action, with this seat's input and messages."""
 
     team: Team
     plan: EpisodePlan
@@ -66,7 +66,7 @@ class JointRequest(TeamAnswerRequest):
 
 @dataclass(frozen=True, slots=True)
 class TeamJoined(ActivityInput):
-    """The team is complete."""
+    """The answer that the team is complete."""
 
     team: Team
     salt: str = ""  # of the digests of this seat's words, a secret of its log; "" where nobody writes
@@ -74,14 +74,14 @@ class TeamJoined(ActivityInput):
 
 @dataclass(frozen=True, slots=True)
 class SeatsReady(ActivityInput):
-    """Every seat is ready for an episode."""
+    """The answer that every seat is ready for an episode."""
 
     episode: int
 
 
 @dataclass(frozen=True, slots=True)
 class JointTaken(ActivityInput):
-    """A joint action is closed."""
+    """The joint action of a closed step."""
 
     episode: int
     step: int
@@ -91,7 +91,7 @@ class JointTaken(ActivityInput):
 
 @dataclass(frozen=True, slots=True)
 class SeatSighted(ActivityInput):
-    """A person's seat is seen otherwise than before."""
+    """The news that the visible state of a person's seat has changed."""
 
     seat: int
     state: SeatState
@@ -100,6 +100,6 @@ class SeatSighted(ActivityInput):
 
 @dataclass(frozen=True, slots=True)
 class TeamLost(ActivityInput):
-    """There is no team to go on with."""
+    """The answer that there is no team to continue with."""
 
     reason: GoneReason

@@ -1,4 +1,4 @@
-"""Rows of the log that a team's blocks have: each event, its topic and its message."""
+"""Log rows of team blocks: each event with its topic and message."""
 
 from minihuman.activities.team.events import (
     InputLate,

@@ -1,4 +1,4 @@
-"""Rules of ``[blocks.team]``: each is a function that yields the errors it finds."""
+"""Validation rules of ``[blocks.team]``: each is a function that yields the errors it finds."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -20,21 +20,21 @@ _LIMITS = (
 
 
 class TeamBlock(Protocol):
-    """What of a protocol's block the rules look at."""
+    """The fields of a protocol's block that the rules read."""
 
     team: TeamPlan | None
     actions: tuple[str, ...]
 
     @property
     def design(self) -> object:
-        """What resolves each episode."""
+        """The design that resolves each episode."""
 
 
 _FIELDS_OF_ONE_SEAT = ("max_episode_s", "max_block_s", "stop_criterion", "noop_action")
 
 
 def check_block(block: TeamBlock, pool: tuple[str, ...]) -> RuleErrors:
-    """Yield what is wrong with a team's block of a protocol; ``pool`` is the keys that may have an action."""
+    """Yield the errors of a team block in a protocol; ``pool`` holds the keys that may have an action."""
     for field, error in check_team(block.team, pool):
         yield f"team.{field}", error
     seat_keys = () if block.team is None else block.team.seat_keys or ()
@@ -50,7 +50,7 @@ def check_block(block: TeamBlock, pool: tuple[str, ...]) -> RuleErrors:
 
 
 def check_team(team: TeamPlan | None, pool: tuple[str, ...]) -> RuleErrors:
-    """Yield what is wrong with a team; ``pool`` is the keys that may have an action."""
+    """Yield the errors of a team's settings; ``pool`` holds the keys that may have an action."""
     n_seats = len(team.seats) if team else 0
     if team is None or n_seats < 2:
         yield "seats", f"has {n_seats} seats; give one for each body, {SEAT_GRAMMAR}"

@@ -1,4 +1,4 @@
-"""What a team's play shows beyond the play of one person: the words and the marks of its people."""
+"""What the screen of a team's play shows beyond that of one person: messages and marks."""
 
 from typing import NotRequired, TypedDict
 
@@ -6,7 +6,7 @@ from minihuman.experiment.machine.screens import TextField
 
 
 class PlayMessages(TypedDict):
-    """What people who play together write and mark, for a window that draws it."""
+    """The messages and marks of people who play together, for a window to draw."""
 
     writes: bool
     hint: str
@@ -17,6 +17,6 @@ class PlayMessages(TypedDict):
 
 
 class TeamPageFields(TypedDict):
-    """What a team adds to the screen of play in a page."""
+    """The fields that a team adds to the page's screen of play."""
 
     messages: NotRequired[PlayMessages]

@@ -1,4 +1,4 @@
-"""The time of one step: how long it is open, and what that means for an input that has not come. Reads no clock."""
+"""The time for which a step is open, and the delay of an input that has not come. Reads no clock."""
 
 from typing import Literal
 
@@ -9,11 +9,11 @@ Delay = Literal["in_time", "late", "overdue"]
 
 
 class StepClock:
-    """Runs from the first input of a step.
+    """The time since the first input of a step.
 
     Args:
-        late_ms: how long a tick waits for an input.
-        thinking_wait_s: how long people wait for the input of a partner who is here.
+        late_ms: the longest time for which a tick waits for an input, in milliseconds.
+        thinking_wait_s: the longest time for which people wait for the input of a partner who is here, in seconds.
     """
 
     def __init__(self, late_ms: float, thinking_wait_s: float) -> None:
@@ -22,15 +22,15 @@ class StepClock:
         self.opened_s = 0.0  # when the step's first input came
 
     def open(self, now_s: float) -> None:
-        """Begin a step."""
+        """Record the time of a step's first input."""
         self.opened_s = now_s
 
     def find_delay(self, now_s: float, due_s: float | None = None) -> Delay:
-        """Find how late an input would be that came now.
+        """Return whether an input that came now would be in time, late or overdue.
 
         Args:
-            now_s: the time.
-            due_s: when the inputs that are missing were due; None: as soon as the step was opened.
+            now_s: the present time in seconds.
+            due_s: the time at which the missing inputs were due; None means as soon as the step was opened.
         """
         if now_s - self.opened_s >= self._thinking_wait_s:
             return "overdue"

@@ -1,4 +1,4 @@
-"""Tables of a team's blocks: each episode's team, and each joint step."""
+"""Tables of team blocks: each episode's team, and each joint step."""
 
 import json
 from collections import Counter

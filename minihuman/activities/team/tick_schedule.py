@@ -1,17 +1,18 @@
-"""When the inputs of a real-time team's seats are due, by the server's clock. No I/O; times come in as arguments.
+"""The times at which the seats' inputs are due in a real-time team, by the server's clock.
 
-Each page keeps the time of its own ticks, so a page can send one as early as it likes. Its partner counts as late only
-from when the partner's own input was due: a period for each step after the last one that came.
+There is no I/O here; times are passed in. Each page times its own ticks, so a page can send an input as early as it
+likes. A partner counts as late only from the time when the partner's own input was due, which is one period for each
+step after the partner's last input.
 """
 
 from collections.abc import Iterable
 
 
 class TickSchedule:
-    """The seats' ticks of one episode.
+    """The due times of the seats' ticks in one episode.
 
     Args:
-        began_s: when all seats were ready; the first ticks are due a period later.
+        began_s: the time at which all seats were ready; the first ticks are due one period later.
     """
 
     def __init__(self, began_s: float) -> None:
@@ -19,20 +20,20 @@ class TickSchedule:
         self._inputs: dict[int, tuple[int, float]] = {}  # by seat, the last step that it gave an input for, and when
 
     def record_input(self, seat: int, step: int, now_s: float) -> None:
-        """Take note that a seat's input for a step came; one that is asked for again came at the first time."""
+        """Record the time of a seat's input for a step; a repeated request keeps the first time."""
         if step > self._inputs.get(seat, (0, 0.0))[0]:
             self._inputs[seat] = step, now_s
 
     def find_due_s(self, seats: Iterable[int], step: int, opened_s: float, period_s: float) -> float:
-        """Return when the last of some seats' inputs is due: no earlier than the step was opened.
+        """Return the time at which the last of several seats' inputs is due, which is never before the step was opened.
 
-        A page that is slow keeps its partners waiting for a period at most.
+        A slow page keeps its partners waiting for one period at most.
 
         Args:
-            seats: those whose input has not come.
-            step: from 1 on.
-            opened_s: when the first input of the step came.
-            period_s: of the ticks.
+            seats: the seats whose input has not come.
+            step: the step's number, from 1.
+            opened_s: the time of the step's first input.
+            period_s: the period of the ticks in seconds.
         """
         due_s = opened_s
         for seat in seats:

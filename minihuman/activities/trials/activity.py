@@ -1,4 +1,4 @@
-"""Trials: short episodes that follow each other by the clock, with no line of progress and no notice between them."""
+"""Trials: short episodes that follow each other by the clock, without progress lines or notices between them."""
 
 from minihuman.activities.play.activity import PlayActivity
 from minihuman.activities.trials.plan import TrialsPlan
@@ -6,13 +6,13 @@ from minihuman.experiment.machine.activity import ActivityKind
 
 
 class TrialsActivity(PlayActivity):
-    """Plays a block of trials; each has a world of its own, which is made between two pictures."""
+    """An activity that plays a block of trials; each trial's own world is created between two pictures."""
 
     shows_progress = False
 
     @property
     def needs_new_world(self) -> bool:
-        """Whether there is a notice while the next world is made: before the block's first alone."""
+        """Whether a notice is shown while the next world is created; only before the block's first trial."""
         return super().needs_new_world and not self.has_begun
 
 

@@ -8,11 +8,11 @@ from minihuman.activities.play.plan import PlayPlan
 
 
 class TrialsPlan(PlayPlan, frozen=True):
-    """A block of trials."""
+    """The plan of a block of trials."""
 
 
 class StimuliSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[blocks.stimuli]`` in the protocol: a table with the options that each trial has for its world."""
+    """The settings of ``[blocks.stimuli]`` in the protocol: a table of the world options of each trial."""
 
     file: str = ""  # CSV beside the protocol, columns by name
     rows: tuple[dict[str, str | int | float | bool], ...] = ()  # or the rows themselves

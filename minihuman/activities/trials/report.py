@@ -1,4 +1,4 @@
-"""The report's section on trials: accuracy, response times, detection, what conditions differ in, and learning."""
+"""The report's section on trials: accuracy, response times, detection, effects of conditions, and learning."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -51,7 +51,7 @@ _HEADS = {
 
 
 def build_section(source: SectionSource) -> ReportSection | None:
-    """Build the section on trials; None where there were none."""
+    """Build the section on trials, or return None if there were none."""
     trials = source.table("trials")
     if trials.empty:
         return None
@@ -137,7 +137,7 @@ def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
-    """Tabulate differences between the levels of a label, within participants: the congruency effect for instance."""
+    """Build tables of the within-participant differences between the levels of a label, such as a congruency effect."""
     rows = []
     for block, labels in people[people["label"].ne("")].groupby("block", sort=False):
         for label, part in labels.groupby("label", sort=False):
@@ -161,7 +161,10 @@ def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def compute_effects(people: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Compute what every two levels of every label differ in, for each participant: the first minus the second."""
+    """Compute the differences of a measure between every two levels of every label, for each participant.
+
+    A difference is that of the first level minus the second.
+    """
     rows = []
     labelled = people[people["label"].ne("")]
     for (block, label), part in labelled.groupby(["block", "label"], sort=False):
@@ -178,7 +181,10 @@ def compute_effects(people: pd.DataFrame, measure: str) -> pd.DataFrame:
 
 
 def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:
-    """Tabulate groups on all trials, and on the differences between levels: the interaction of group and label."""
+    """Build tables that compare groups on all trials and on the differences between levels.
+
+    The comparison of differences is the interaction of group and label.
+    """
     overall = people[people["label"].eq("")]
     if overall["group"].nunique() < 2:
         return []
@@ -213,7 +219,7 @@ def _format_group_comparisons(
 
 
 def _format_comparison(comparison: GroupComparison | PairedComparison, count: str) -> tuple[str, ...]:
-    """Format the cells of a comparison: measure, what is compared, count, difference, p and corrected p."""
+    """Format the table cells of a comparison: measure, levels or groups, count, difference, p and corrected p."""
     return (
         MEASURES[comparison.measure],
         format_pair(comparison.first, comparison.second),
@@ -232,7 +238,7 @@ def _tabulate_quarters(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_quantiles(trials: pd.DataFrame) -> list[CaptionedTable]:
-    """Tabulate the distribution of correct response times."""
+    """Build the table of quantiles of the correct response times."""
     rows = []
     for block, part in trials.groupby("block", sort=False):
         levels_by_label = {"": pd.Series(ALL, part.index), **read_labels(part)}
@@ -251,7 +257,7 @@ def _tabulate_quantiles(trials: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _draw_conditions(people: pd.DataFrame, source: SectionSource) -> Iterator[ReportFigure]:
-    """Draw, for each label of each block, every participant at every level."""
+    """Draw, for each label of each block, every participant's measures at each level."""
     for (block, label), part in people[people["label"].ne("")].groupby(["block", "label"], sort=False):
         levels = sorted(part["level"].unique())
         measures = [name for name in COMPARED if part[name].notna().any()]

@@ -1,7 +1,7 @@
-"""A table of stimuli: CSV as spreadsheets write it, which columns are labels, and where in it a trial comes from.
+"""Stimulus tables: reading CSV as spreadsheets write it, and telling labels from options.
 
-A row of a table is one trial. Its columns are options of the world (what is shown, what is right), or labels, which
-say what kind of trial it is and which the world never sees.
+A row of a table is one trial. A column is either an option of the world (what is shown, which response is correct) or a
+label, which names the kind of trial and which the world never receives.
 """
 
 import csv
@@ -31,17 +31,17 @@ Row = dict[str, Any]
 
 
 class TableRow(msgspec.Struct, frozen=True):
-    """A row as it is written, and where."""
+    """A table row as written, with its position in the file."""
 
     place: str  # "words.csv:3", "rows[2]"
     cells: Row
 
 
 def read_table(spec: StimuliSpec, files: Mapping[str, bytes]) -> list[TableRow]:
-    """Read a table's rows as they are written.
+    """Read the rows of a table as written.
 
     Raises:
-        ProtocolError: if the file is missing or is no table; with the row.
+        ProtocolError: if the file is missing or not a valid table; the message names the row.
     """
     if not spec.file:
         return [TableRow(f"rows[{number}]", dict(cells)) for number, cells in enumerate(spec.rows)]
@@ -51,14 +51,14 @@ def read_table(spec: StimuliSpec, files: Mapping[str, bytes]) -> list[TableRow]:
 
 
 def list_images(rows: Sequence[TableRow]) -> list[str]:
-    """List the files that a table's rows name."""
+    """List the image files that a table's rows name."""
     return list(dict.fromkeys(str(row.cells[IMAGE]) for row in rows if row.cells.get(IMAGE)))
 
 
 def is_label(column: str, world: str, labels: Sequence[str]) -> bool:
-    """Say whether a column is a label: the protocol names it as one, or the world has no option of that name.
+    """Tell whether a column is a label: the protocol names it as one, or the world has no option of that name.
 
-    Of a world that is not this package's only the protocol can say it.
+    The options of a world from another package are unknown, so there only the protocol decides.
     """
     if column in (IMAGE, COUNT):
         return False
@@ -67,19 +67,19 @@ def is_label(column: str, world: str, labels: Sequence[str]) -> bool:
 
 
 class OptionNames(msgspec.Struct, frozen=True):
-    """The options that a world takes: by name, and by the beginning of the name."""
+    """The names of the options that a world accepts, and the prefixes of such names."""
 
     names: tuple[str, ...]
     prefix: str = ""
 
     def has(self, name: str) -> bool:
-        """Say whether there is such an option."""
+        """Tell whether the world accepts an option of that name."""
         return name in self.names or bool(self.prefix and name.startswith(self.prefix))
 
 
 @cache
 def find_option_names(world: str) -> OptionNames | None:
-    """Find the options of a trial of ours; None for another world, which may take anything."""
+    """Return the option names of one of this package's trial worlds; None for any other world."""
     if world not in TRIAL_WORLDS:
         return None
     module, _, name = TRIAL_WORLDS[world].partition(":")
@@ -91,7 +91,7 @@ def find_option_names(world: str) -> OptionNames | None:
 
 
 def clean_label(cell: Any) -> Any:
-    """Return a label without the spaces around it, which nobody sees in a spreadsheet."""
+    """Return a label without surrounding spaces, which a spreadsheet does not show."""
     if isinstance(cell, str):
         return cell.strip()
     return cell
@@ -126,7 +126,7 @@ def _read_csv(content: bytes, name: str) -> Iterator[TableRow]:
 
 
 def _decode(content: bytes, name: str) -> str:
-    """Decode a table: UTF-8 with or without a byte-order mark, or UTF-16 with one."""
+    """Decode a table that is UTF-8, with or without a byte-order mark, or UTF-16 with one."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         encoding = "utf-16"
     else:
@@ -147,7 +147,7 @@ def _decode(content: bytes, name: str) -> str:
 
 
 def _find_separator(text: str, name: str) -> str:
-    """Find the separator of cells: the one that the header has outside quotes; a comma where it has one column."""
+    """Return the cell separator that occurs in the header outside quotes; a comma if the header has one column."""
     header = re.sub(r'"[^"]*"', "", text.partition("\n")[0])
     counts = {separator: header.count(separator) for separator in _SEPARATORS}
     most = max(counts.values())
@@ -159,7 +159,7 @@ def _find_separator(text: str, name: str) -> str:
 
 
 def _check_header(header: Sequence[str], name: str, row: int) -> list[str]:
-    """Return the columns' names, without the empty ones that a spreadsheet leaves at the end."""
+    """Return the column names without the empty ones that a spreadsheet leaves at the end."""
     columns = list(header)
     while columns and not columns[-1].strip():
         columns.pop()
@@ -188,7 +188,7 @@ def _read_row(cells: Sequence[str], columns: Sequence[str], place: str, separato
 
 
 def _read_cell(cell: str, *, decimal_comma: bool) -> str | int | float:
-    """Read a cell as a number where it is written as one and no other way: "007", "1_0" and "nan" are texts."""
+    """Return a cell as a number if it is written in plain form, else as text: "007", "1_0" and "nan" are texts."""
     if decimal_comma and _DECIMAL_COMMA.fullmatch(cell):
         return float(cell.replace(",", "."))
     for kind in (int, float):

@@ -1,4 +1,4 @@
-"""The table of trials: what was shown and responded, of episodes in a trial's world or with labels."""
+"""The table of trials: stimuli and responses of the episodes in a trial world or with labels."""
 
 import json
 import math

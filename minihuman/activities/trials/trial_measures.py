@@ -30,17 +30,18 @@ _PERSON = ["participant", "session", "group", "block"]
 
 
 def read_labels(trials: pd.DataFrame) -> dict[str, "pd.Series[str]"]:
-    """Read the level of each label that each trial has, as a text; "" where it has none."""
+    """Return, for each label, the level of each trial as text; "" for a trial without the label."""
     labels = trials["labels"].map(lambda text: json.loads(text) if isinstance(text, str) and text else {})
     names = dict.fromkeys(name for of_trial in labels for name in of_trial)
     return {name: labels.map(lambda of_trial, name=name: str(of_trial.get(name, ""))) for name in names}
 
 
 def mark_trimmed(trials: pd.DataFrame) -> "pd.Series[bool]":
-    """Mark the correct responses whose times count in a trimmed mean.
+    """Return a mask of the correct responses whose times count in a trimmed mean.
 
-    Left out are those before 150 ms, and those further than 3 scaled median absolute deviations from the participant's
-    median in the block (Leys, Ley, Klein, Bernard and Licata, 2013, Journal of Experimental Social Psychology 49).
+    Responses before 150 ms are excluded, and those further than 3 scaled median absolute deviations from the
+    participant's median in the block (Leys, Ley, Klein, Bernard and Licata, 2013, Journal of Experimental Social
+    Psychology 49).
     """
     times = trials["response_ms"].where(trials["is_correct"].eq(True))
     times = times.where(times >= ANTICIPATION_MS)
@@ -53,14 +54,14 @@ def mark_trimmed(trials: pd.DataFrame) -> "pd.Series[bool]":
 
 
 def measure_conditions(trials: pd.DataFrame) -> pd.DataFrame:
-    """Measure each participant in each block: all trials, and those of each level of each label.
+    """Compute the measures of each participant in each block, over all trials and over each level of each label.
 
     Args:
         trials: the included rows of the table of trials.
 
     Returns:
-        A row per participant, session, block, label and level, with the number of trials and ``MEASURES``; ``label`` is
-        "" and ``level`` "all" of all trials together.
+        A row per participant, session, block, label and level, with the number of trials and ``MEASURES``. In the
+        rows for all trials together, ``label`` is "" and ``level`` is "all".
     """
     trials = trials.assign(is_trimmed=mark_trimmed(trials))
     rows = list(_measure_level(trials, "", pd.Series(ALL, trials.index)))
@@ -77,9 +78,9 @@ def _measure_level(trials: pd.DataFrame, label: str, levels: "pd.Series[str]") -
 
 
 def measure_trials(trials: pd.DataFrame) -> dict[str, float]:
-    """Measure some trials of one participant.
+    """Compute the measures of a participant's trials.
 
-    Signal trials are those with a correct response, noise trials those in which to withhold one is correct.
+    Signal trials are those with a correct response; noise trials are those in which withholding a response is correct.
     """
     known = trials[trials["correct"].notna() & trials["correct"].ne("") & trials["is_correct"].notna()]
     is_correct = known["is_correct"].astype(bool)
@@ -108,20 +109,20 @@ def measure_trials(trials: pd.DataFrame) -> dict[str, float]:
 
 
 def _find_mean(values: "pd.Series[float] | pd.Series[bool]") -> float:
-    """Return the mean; NaN of no values."""
+    """Return the mean, or NaN if there are no values."""
     if len(values):
         return float(values.mean())
     return math.nan
 
 
 def average_sessions(measured: pd.DataFrame) -> pd.DataFrame:
-    """Average over sessions: a row per participant, block, label and level."""
+    """Average the measures over sessions: one row per participant, block, label and level."""
     keys = ["participant", "group", "block", "label", "level"]
     return measured.groupby(keys, sort=False)[["trials", *MEASURES]].mean().reset_index()
 
 
 def measure_quarters(trials: pd.DataFrame) -> pd.DataFrame:
-    """Measure each participant in each quarter of each block: ``level`` is 1 to 4."""
+    """Compute the measures of each participant in each quarter of each block; ``level`` is 1 to 4."""
     trials = trials.assign(is_trimmed=mark_trimmed(trials))
     length = trials.groupby("block")["trial"].transform("max")
     quarters = pd.Series(np.ceil(4 * trials["trial"] / length), trials.index).astype(int).astype(str)
@@ -130,7 +131,7 @@ def measure_quarters(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def find_quantiles(trials: pd.DataFrame, levels: "pd.Series[str]", shares: Sequence[float]) -> pd.DataFrame:
-    """Find quantiles of the correct response times, the mean over participants of each one's, by level (Vincentiles).
+    """Return quantiles of the correct response times by level, averaged over participants (Vincentiles).
 
     Source: Ratcliff (1979), Psychological Bulletin 86, 446-461.
     """

@@ -1,6 +1,6 @@
-"""The order of a block's trials: whole tables one after the other, or balanced by label with no long runs.
+"""The order of a block's trials: whole tables one after another, or trials balanced by label without long runs.
 
-Every choice is drawn from the study's seed, so that a log's plan can be drawn again and compared.
+Every choice is drawn from the study's seed, so that a log's plan can be redrawn and compared.
 """
 
 import math
@@ -19,19 +19,19 @@ _WORDS_AT_ONCE = 1024
 
 
 class OrderStream(msgspec.Struct, frozen=True):
-    """The random stream of a block's order for one participant."""
+    """The random stream that orders a block's trials for one participant."""
 
     seed: int  # the study's
     purpose: str  # block and session
     participant: int  # index of enrolment
 
     def permute(self, count: int, table: int) -> tuple[int, ...]:
-        """Draw the order of a table's rows, of the block's first table with ``table`` 0."""
+        """Draw the order of a table's rows; ``table`` is 0 for the block's first table."""
         purpose = f"trials-{self.purpose}-{table}"
         return draw_permutation(count, seed=self.seed, purpose=purpose, index=self.participant)
 
     def words(self) -> Iterator[int]:
-        """Yield random whole numbers of 64 bits, without end."""
+        """Yield an endless sequence of random 64-bit integers."""
         chunk = 0
         while True:
             purpose = f"runs-{self.purpose}-{chunk}"
@@ -40,17 +40,17 @@ class OrderStream(msgspec.Struct, frozen=True):
 
 
 def draw_order(spec: StimuliSpec, columns: CellsByColumn, n_rows: int, n_trials: int, stream: OrderStream) -> list[int]:
-    """Draw which row each trial shows.
+    """Draw the table row that each trial shows.
 
     Args:
-        spec: what the protocol asks of the order.
-        columns: the cells of the columns that it names.
-        n_rows: of the table, each as often as it says it comes.
-        n_trials: of the block.
-        stream: what to draw from.
+        spec: the protocol's settings of the order.
+        columns: the cells of the columns that the settings name.
+        n_rows: the number of rows of the table, after repetition by their weights.
+        n_trials: the number of trials in the block.
+        stream: the random stream to draw from.
 
     Raises:
-        ProtocolError: if no order was found whose runs are as short as they have to be.
+        ProtocolError: if no order with short enough runs was found.
     """
     order: list[int] = []
     while len(order) < n_trials:
@@ -68,7 +68,7 @@ def draw_order(spec: StimuliSpec, columns: CellsByColumn, n_rows: int, n_trials:
 
 
 def find_longest_run(levels: Sequence[Hashable]) -> int:
-    """Find how many equal levels follow each other at most."""
+    """Return the length of the longest run of equal levels."""
     longest = current = 0
     for place, level in enumerate(levels):
         if place == 0 or level != levels[place - 1]:
@@ -79,7 +79,7 @@ def find_longest_run(levels: Sequence[Hashable]) -> int:
 
 
 def _take_balanced(table: Sequence[int], levels: Sequence[Hashable], count: int) -> list[int]:
-    """Take some rows of a table, in its order: of each level its share, rounded by the largest remainder."""
+    """Return a number of a table's rows, in its order: a proportional share of each level by the largest remainder."""
     places = defaultdict[Hashable, list[int]](list)
     for place, row in enumerate(table):
         places[levels[row]].append(place)
@@ -95,12 +95,12 @@ def _take_balanced(table: Sequence[int], levels: Sequence[Hashable], count: int)
 def _break_runs(
     order: list[int], columns: CellsByColumn, max_run: Mapping[str, int], n_rows: int, words: Iterator[int]
 ) -> None:
-    """Swap trials of the same table until no level of a column comes more often in a row than allowed.
+    """Swap trials within each table until no level of a column repeats more often in a row than allowed.
 
-    A swap is kept where it leaves no more runs too long than before; so the search can leave a plateau.
+    A swap is kept if it leaves no more overlong runs than before, so the search can leave a plateau.
 
     Raises:
-        ProtocolError: if that is not reached.
+        ProtocolError: if no such order is found.
     """
     runs = _Runs(order, columns, max_run)
     too_long = runs.list_too_long(range(len(order)))
@@ -127,7 +127,7 @@ def _break_runs(
 
 
 class _Runs:
-    """The runs of an order that changes, to find the trials that end one that is too long."""
+    """The runs of an order that changes, which finds the trials that make a run too long."""
 
     def __init__(self, order: Sequence[int], columns: CellsByColumn, max_run: Mapping[str, int]) -> None:
         self._order = order
@@ -135,11 +135,11 @@ class _Runs:
         self._reach = max(max_run.values())
 
     def find_near(self, place: int) -> set[int]:
-        """Find the places whose run a trial may belong to."""
+        """Return the positions whose run a trial can be part of."""
         return set(range(place, min(place + self._reach + 1, len(self._order))))
 
     def list_too_long(self, places: Sequence[int] | set[int]) -> list[int]:
-        """List the places, out of some, whose level came as often as allowed just before."""
+        """Return those positions that extend a run of the longest allowed length."""
         return [place for place in sorted(places) if self._is_too_long(place)]
 
     def _is_too_long(self, place: int) -> bool:

@@ -1,1 +1,1 @@
-"""Questions of kinds `choice` and `choices`: one or several of a few options."""
+"""Questions of kinds `choice` and `choices`: select one or several options."""

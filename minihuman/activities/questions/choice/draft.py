@@ -1,4 +1,4 @@
-"""Questions of kind ``choice`` and ``choices``: one or several of some options, below each other."""
+"""Questions of kind ``choice`` and ``choices``: select one or several options from a vertical list."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,7 +18,7 @@ from minihuman.experiment.machine.screens import OptionList
 
 
 class ChoiceDraft(AnswerDraft):
-    """One of the options."""
+    """A draft answer that selects one option."""
 
     many = False
 
@@ -28,7 +28,7 @@ class ChoiceDraft(AnswerDraft):
         self._cursor = 0
 
     def key(self, press: KeyDown) -> bool:
-        """Move with up and down; choose with a digit or the space bar."""
+        """Move the cursor with up and down, or select with a digit or the space bar."""
         n_options = len(self.question.options)
         if (digit := parse_digit(press.key)) and digit <= n_options:
             self._choose(digit - 1)
@@ -48,7 +48,7 @@ class ChoiceDraft(AnswerDraft):
         return True
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:
-        """Choose the option that was hit."""
+        """Select the option under the pointer when it is pressed."""
         number = parse_option(target)
         if down and number is not None and number < len(self.question.options):
             self._choose(number)
@@ -59,7 +59,7 @@ class ChoiceDraft(AnswerDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """The option's code."""
+        """The code of the selected option; None if there is none."""
         return next(iter(self._codes), None)
 
     @property
@@ -68,15 +68,15 @@ class ChoiceDraft(AnswerDraft):
 
     @property
     def display_text(self) -> str:
-        """The options' words."""
+        """The texts of the selected options."""
         return "; ".join(self.question.options[number] for number in sorted(self._chosen))
 
     def widget(self) -> OptionList:
-        """Build the options."""
+        """Build the list of options."""
         return OptionList(self.question.options, tuple(sorted(self._chosen)), self._cursor, self.many)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Choose the right option, or any."""
+        """Click on the right option if the participant attends and one is right, otherwise on a random option."""
         if self._chosen:
             return None
         right = None
@@ -87,13 +87,13 @@ class ChoiceDraft(AnswerDraft):
 
 
 class ChoicesDraft(ChoiceDraft):
-    """Several of the options."""
+    """A draft answer that selects any number of options."""
 
     many = True
 
     @property
     def value(self) -> AnswerValue:
-        """The codes in the options' order."""
+        """The codes of the selected options in their order; None if a required answer has none."""
         if self._chosen or not self.question.required:
             return self._codes
         return None

@@ -1,1 +1,1 @@
-"""Questions of kinds `text` and `long_text`: words that are typed."""
+"""Questions of kinds `text` and `long_text`: type a text."""

@@ -1,4 +1,4 @@
-"""Questions of kind ``text`` and ``long_text``: typed on one line, or on several."""
+"""Questions of kind ``text`` and ``long_text``: type a text of one line or of several."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,7 +15,7 @@ from minihuman.experiment.machine.screens import TextField
 
 
 class TextDraft(AnswerDraft):
-    """One line of text."""
+    """A draft answer of one line of text."""
 
     long = False
 
@@ -25,7 +25,7 @@ class TextDraft(AnswerDraft):
         self._caret = 0
 
     def key(self, press: KeyDown) -> bool:
-        """Move the caret, or delete; what other keys type comes as text."""
+        """Move the caret or delete; the characters of other keys arrive through `type_text`."""
         before = self._text[: self._caret]
         after = self._text[self._caret :]
         match press.key:
@@ -47,13 +47,13 @@ class TextDraft(AnswerDraft):
         return True
 
     def type_text(self, text: str) -> None:
-        """Insert the characters that may be in the text at the caret, as many as there is room for."""
+        """Insert the characters that the text accepts at the caret, as many as there is room for."""
         accepted = [c for c in text if self.accepts(c)]
         room = max(0, self.question.longest - len(self._text))
         self._put(self._text[: self._caret] + "".join(accepted[:room]), self._text[self._caret :])
 
     def accepts(self, character: str) -> bool:
-        """Tell whether a character may be in the text."""
+        """Tell whether the text accepts a character."""
         return character.isprintable() or (self.long and character == "\n")
 
     def _put(self, before: str, after: str) -> None:
@@ -62,27 +62,27 @@ class TextDraft(AnswerDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """The text without blanks around it; None for nothing."""
+        """The text without surrounding blanks; None if it is empty."""
         return self.display_text or None
 
     @property
     def display_text(self) -> str:
-        """The text itself."""
+        """The text as typed."""
         return self._text.strip()
 
     def widget(self) -> TextField:
-        """Build the field."""
+        """Build the text field."""
         return TextField(self._text, self._caret, self.long, self.question.unit)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
-        """Type a number that could be an age."""
+        """Type a number that could be an age, as an answer to any question."""
         if self._text:
             return None
         return str(18 + choose(50))
 
 
 class LongTextDraft(TextDraft):
-    """Several lines of text."""
+    """A draft answer of several lines of text."""
 
     long = True
 

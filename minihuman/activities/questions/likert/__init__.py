@@ -1,1 +1,1 @@
-"""Questions of kind `likert`: points on a scale, for one statement or several."""
+"""Questions of kind `likert`: rate one statement or several on a scale of points."""

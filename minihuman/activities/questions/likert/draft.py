@@ -1,4 +1,4 @@
-"""Questions of kind ``likert``: a point on a rating scale, or on the same scale for each statement of a matrix."""
+"""Questions of kind ``likert``: choose a point on a rating scale, once or for each statement of a matrix."""
 
 from collections.abc import Callable
 from typing import Any
@@ -21,7 +21,7 @@ from minihuman.experiment.machine.screens import RatingMatrix, RatingScale
 
 
 class LikertDraft(AnswerDraft):
-    """A point in a row."""
+    """A draft answer that selects one point of a rating scale."""
 
     def __init__(self, question: QuestionItemSpec, settings: Any, *, rtl: bool, language: str | None) -> None:
         super().__init__(question, settings, rtl=rtl, language=language)
@@ -29,7 +29,7 @@ class LikertDraft(AnswerDraft):
         self._chosen: int | None = None
 
     def key(self, press: KeyDown) -> bool:
-        """Move with left and right; choose with a digit."""
+        """Move the selection with left and right, or select with a digit."""
         if (digit := parse_digit(press.key)) and digit <= self._n_points:
             self._chosen = digit - 1
         elif by := horizontal_step(press.key, rtl=self.rtl):
@@ -44,21 +44,21 @@ class LikertDraft(AnswerDraft):
         return True
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:
-        """Choose the point that was hit."""
+        """Select the point under the pointer when it is pressed."""
         number = parse_option(target)
         if down and number is not None and number < self._n_points:
             self._chosen = number
 
     @property
     def value(self) -> AnswerValue:
-        """The point's code, 1 for the first unless the protocol says otherwise."""
+        """The code of the selected point, counted from 1 unless the protocol sets codes; None if there is none."""
         if self._chosen is None:
             return None
         return self.question.all_codes[self._chosen]
 
     @property
     def display_text(self) -> str:
-        """The point's words, or its number."""
+        """The label of the selected point, or its number."""
         if self._chosen is None:
             return ""
         return self._labels[self._chosen]
@@ -68,18 +68,18 @@ class LikertDraft(AnswerDraft):
         return self.question.options or tuple(str(number + 1) for number in range(self._n_points))
 
     def widget(self) -> RatingScale:
-        """Build the points."""
+        """Build the rating scale."""
         return RatingScale(self._labels, self.question.low, self.question.high, self._chosen)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Choose any point."""
+        """Click on a random point."""
         if self._chosen is None:
             return Click(f"option:{choose(self._n_points)}")
         return None
 
 
 class MatrixDraft(LikertDraft):
-    """A point in each of several rows; the keyboard is at one of them."""
+    """A draft answer that selects a point in each of several rows; the keyboard acts on one row at a time."""
 
     def __init__(self, question: QuestionItemSpec, settings: Any, *, rtl: bool, language: str | None) -> None:
         super().__init__(question, settings, rtl=rtl, language=language)
@@ -87,7 +87,7 @@ class MatrixDraft(LikertDraft):
         self._row = 0
 
     def key(self, press: KeyDown) -> bool:
-        """Choose the row with up and down; a digit also goes on to the next one."""
+        """Change the row with up and down, or select a point; a digit also moves to the next row."""
         by = {"up": -1, "down": 1}.get(press.key, 0)
         if not by:
             self._chosen = self._rows[self._row]
@@ -99,7 +99,7 @@ class MatrixDraft(LikertDraft):
         return True
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:
-        """Choose the point that was hit; they are numbered row by row."""
+        """Select the point under the pointer; points are numbered row by row."""
         number = parse_option(target)
         if down and number is not None and number < len(self._rows) * self._n_points:
             self._row, point = divmod(number, self._n_points)
@@ -107,13 +107,13 @@ class MatrixDraft(LikertDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """The points' codes in order of the rows, "" for a row without one."""
+        """The codes of the selected points in the order of the rows, with "" for a row without one."""
         codes = self.question.all_codes
         return ["" if point is None else codes[point] for point in self._rows]
 
     @property
     def display_text(self) -> str:
-        """The words or numbers of all rows."""
+        """The labels or numbers of the selected points of all rows."""
         return ", ".join(map(self._label_of, self._rows))
 
     def _label_of(self, point: int | None) -> str:
@@ -123,7 +123,7 @@ class MatrixDraft(LikertDraft):
 
     @property
     def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
-        """A rating for each statement."""
+        """The name, code and label to log for each statement."""
         codes = self.question.all_codes
         return tuple(
             (name, None if point is None else codes[point], self._label_of(point))
@@ -131,20 +131,20 @@ class MatrixDraft(LikertDraft):
         )
 
     def widget(self) -> RatingMatrix:  # type: ignore[override]
-        """Build the rows."""
+        """Build the rating matrix."""
         question = self.question
         rows = tuple((question.statements or {}).values())
         return RatingMatrix(rows, self._labels, question.low, question.high, tuple(self._rows), self._row)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Choose any point in the first row without one."""
+        """Click on a random point in the first row that has none."""
         if None not in self._rows:
             return None
         return Click(f"option:{self._rows.index(None) * self._n_points + choose(self._n_points)}")
 
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
-        """Each row needs a point."""
+        """The note that a required answer lacks a point in some row; None if there is nothing to note."""
         if self.question.required and None in self._rows:
             return ("note.required", {})
         return None

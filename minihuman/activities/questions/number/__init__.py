@@ -1,1 +1,1 @@
-"""Questions of kind `number`: a number that is typed."""
+"""Questions of kind `number`: type a number."""

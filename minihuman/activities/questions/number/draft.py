@@ -1,4 +1,4 @@
-"""Questions of kind ``number``: typed as people write numbers in their language."""
+"""Questions of kind ``number``: type a number as the participant's language writes it."""
 
 import math
 import re
@@ -17,7 +17,7 @@ _GROUPED = re.compile(r"-?[1-9]\d{0,2}(?:[.,]\d{3})+")  # as thousands are, what
 
 
 def _plain_character(character: str) -> str:
-    """Return a digit of any script as one of 0 to 9, and every minus, point and comma as the ASCII one."""
+    """Return the ASCII form of a digit, minus sign, point or comma of any script."""
     digit = unicodedata.decimal(character, None)
     if digit is None:
         return character.translate(_SAME)
@@ -25,11 +25,11 @@ def _plain_character(character: str) -> str:
 
 
 def parse_number(text: str, language: str, *, is_whole: bool = False) -> float | None:
-    """Read a number as it is written in a language; None for no number, and where two readings are possible.
+    """Parse a number as a language writes it; return None if the text is no number or could mean two numbers.
 
-    A mark before exactly three digits may divide thousands or decimals. The language decides: "1,000" is 1000 in
-    English. Where the language has no known decimal mark, or its decimal mark divides off "000" or stands in a whole
-    number, both readings are likely, so there is none.
+    A mark before exactly three digits may separate thousands or decimals. The language decides: "1,000" is 1000 in
+    English. The text is ambiguous if the language's decimal mark is unknown, or if the mark is the language's decimal
+    mark and either precedes "000" or the number must be whole.
     """
     plain = "".join(map(_plain_character, text.strip())).replace("\N{ARABIC THOUSANDS SEPARATOR}", "")
     if "\N{ARABIC DECIMAL SEPARATOR}" in plain:
@@ -50,7 +50,7 @@ def parse_number(text: str, language: str, *, is_whole: bool = False) -> float |
 
 
 def _parse_many_marks(plain: str, marks: list[str]) -> float | None:
-    """Read a number with two or more marks: all divide thousands, or the last alone is the decimal mark."""
+    """Parse a number with two or more marks: all separate thousands, or only the last is the decimal mark."""
     last = marks[-1]
     if len(set(marks)) == 1:
         if _GROUPED.fullmatch(plain):
@@ -63,7 +63,7 @@ def _parse_many_marks(plain: str, marks: list[str]) -> float | None:
 
 
 def _parse_ambiguous(plain: str, mark: str, decimal_mark: str | None, *, is_whole: bool) -> float | None:
-    """Read a number whose only mark stands before exactly three digits; None where two readings are likely."""
+    """Parse a number whose only mark precedes exactly three digits; return None if it could mean two numbers."""
     if decimal_mark is None:
         return None
     if mark != decimal_mark:
@@ -74,10 +74,10 @@ def _parse_ambiguous(plain: str, mark: str, decimal_mark: str | None, *, is_whol
 
 
 class NumberDraft(TextDraft):
-    """A number, typed."""
+    """A draft answer that is a typed number."""
 
     def accepts(self, character: str) -> bool:
-        """Tell whether a character may be in a number."""
+        """Tell whether a number can contain a character."""
         if self.language is None:
             return character in "0123456789-.,"
         marks = "\N{ARABIC DECIMAL SEPARATOR}\N{ARABIC THOUSANDS SEPARATOR}"
@@ -85,7 +85,7 @@ class NumberDraft(TextDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """The number; None for nothing, or for no number."""
+        """The number; None if the text is empty or not a valid number."""
         number = self._parse(self.display_text)
         if number is None or not math.isfinite(number):  # more digits than a number holds
             return None
@@ -105,7 +105,7 @@ class NumberDraft(TextDraft):
 
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
-        """Nothing typed, no number, or one out of range."""
+        """The note that the answer is missing, not a number, or out of range; None if it is valid."""
         question = self.question
         number = self.value
         if not self.display_text:
@@ -118,7 +118,7 @@ class NumberDraft(TextDraft):
         return None
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
-        """Type a number in range, one that could be an age where the range has any."""
+        """Type a random number within the range, from 18 up where the range allows it."""
         if self.display_text:
             return None
         low = math.ceil(self.question.minimum)
@@ -129,7 +129,7 @@ class NumberDraft(TextDraft):
 
 
 def _format(value: float) -> str:
-    """Format a number as people write it, without an exponent."""
+    """Format a number without an exponent or trailing zeros."""
     return f"{value:.9f}".rstrip("0").rstrip(".")
 
 

@@ -1,1 +1,1 @@
-"""Questions of kind `slider`: a number on a line."""
+"""Questions of kind `slider`: choose a number on a line."""

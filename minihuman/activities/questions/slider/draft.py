@@ -1,4 +1,4 @@
-"""Questions of kind ``slider``: a number on a line, in steps."""
+"""Questions of kind ``slider``: choose a number on a line, in steps."""
 
 import math
 from collections.abc import Callable
@@ -18,7 +18,10 @@ from minihuman.experiment.machine.screens import Slider
 
 
 class SliderDraft(AnswerDraft):
-    """A place on the line. There is none until the line is touched, so that its start suggests nothing."""
+    """A draft answer that is a position on the line.
+
+    The line has no thumb until it is touched, so that no starting position suggests an answer.
+    """
 
     def __init__(self, question: QuestionItemSpec, settings: Any, *, rtl: bool, language: str | None) -> None:
         super().__init__(question, settings, rtl=rtl, language=language)
@@ -26,7 +29,7 @@ class SliderDraft(AnswerDraft):
         self._step: int | None = None  # from the minimum
 
     def key(self, press: KeyDown) -> bool:
-        """Move by a step with arrows, by a tenth with page keys, to the ends with home and end."""
+        """Move the thumb: arrows by a step, page keys by a tenth, home and end to the ends."""
         tenth = max(1, self._n_steps // 10)
         moves = {"page_up": tenth, "page_down": -tenth, "up": 1, "down": -1}
         if by := horizontal_step(press.key, rtl=self.rtl) or moves.get(press.key, 0):
@@ -49,7 +52,7 @@ class SliderDraft(AnswerDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """The number at the thumb."""
+        """The number at the thumb; None before the line is touched."""
         if self._step is None:
             return None
         number = round(self.question.minimum + self._step * self.question.step, 9)
@@ -59,19 +62,19 @@ class SliderDraft(AnswerDraft):
 
     @property
     def display_text(self) -> str:
-        """The number."""
+        """The number at the thumb as text."""
         if self.value is None:
             return ""
         return f"{self.value:g}"
 
     def widget(self) -> Slider:
-        """Build the line and its thumb."""
+        """Build the slider."""
         position = None if self._step is None else self._step / self._n_steps
         text = self.display_text if self.question.show_value else ""
         return Slider(self.question.low, self.question.high, position, text, min(self._n_steps, 20))
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Choose any place on the line."""
+        """Click on a random position of the line."""
         if self._step is None:
             return Click("slider", choose(21) / 20)
         return None
