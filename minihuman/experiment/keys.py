@@ -1,6 +1,4 @@
-"""Physical keys: their names and labels, shared by protocols, logs and figures, and those that an environment is played
-with where no protocol has chosen any.
-"""
+"""Physical keys: their names and labels, for protocols, logs and figures, and default keys for a world's actions."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -128,12 +126,15 @@ _LABELS: Mapping[str, str] = {
 
 
 def list_pad_inputs(names: Iterable[str]) -> list[str]:
-    """List which of some names are buttons or axes of a gamepad."""
+    """Return those of the given names that are buttons or axes of a gamepad."""
     return [name for name in names if name in PAD_BUTTONS or name in PAD_AXES]
 
 
 class PadAxes:
-    """A gamepad's axes as they are logged: beyond a dead zone, in steps, and the left stick as four buttons, too."""
+    """The axes of a gamepad as they are logged.
+
+    Values within a dead zone count as 0, others are rounded to steps. The left stick also acts as four buttons.
+    """
 
     def __init__(self) -> None:
         self._values: dict[str, float] = {}
@@ -141,15 +142,15 @@ class PadAxes:
 
     @property
     def moved(self) -> list[str]:
-        """The axes that are not at rest."""
+        """The names of the axes that are not at rest."""
         return [axis for axis, value in self._values.items() if value]
 
     def move(self, axis: str, raw: float) -> tuple[float | None, list[tuple[str, bool]]]:
-        """Move an axis; return its value if that has changed, else None, and the buttons that went down or up by it.
+        """Move an axis and return its new value, None if unchanged, and the buttons that this pressed or released.
 
         Args:
             axis: one of `PAD_AXES`.
-            raw: -1 to 1; right and down are positive.
+            raw: the axis's raw value from -1 to 1; right and down are positive.
         """
         beyond = max(0.0, min(1.0, abs(raw)) - PAD_DEAD_ZONE) / (1.0 - PAD_DEAD_ZONE)
         value = (1 if raw >= 0 else -1) * round(beyond * PAD_LEVELS) / PAD_LEVELS
@@ -171,7 +172,7 @@ class PadAxes:
 
 
 def key_label(key: str) -> str:
-    """Return what is printed on a key of an English keyboard."""
+    """Return the label printed on a key of an English keyboard."""
     if key in _LABELS:
         return _LABELS[key]
     plain = key.removeprefix("kp_").replace("_", " ")
@@ -181,7 +182,7 @@ def key_label(key: str) -> str:
 
 
 def key_caption(key: str) -> str:
-    """Return what tells a key from another with the same label, "keypad" or "left"; "" for most."""
+    """Return the word that distinguishes a key from another with the same label, such as "keypad"; "" for most keys."""
     if key in KEYPAD:
         return "keypad"
     side, _, modifier = key.partition("_")
@@ -240,7 +241,10 @@ _USUAL_FPS = 30.0
 
 
 def assign_keys(actions: Sequence[str]) -> dict[str, str]:
-    """Assign a key to each action: the arrows and such where its name suggests it, else digits and letters in order."""
+    """Assign a key to each action.
+
+    An action whose name suggests an arrow or a similar key gets that key; the others get digits and letters in order.
+    """
     keys: dict[str, str] = {}
     for action in actions:
         usual = next((key for key in _USUAL_KEYS.get(action, "").split() if key not in keys), None)
@@ -256,22 +260,22 @@ def assign_keys(actions: Sequence[str]) -> dict[str, str]:
 
 
 def assign_usual_keys(world: "World") -> dict[str, str]:
-    """Assign a key to each of a world's actions except the one that is done without a key."""
+    """Assign a key to each of a world's actions except the one that happens without a key."""
     noop = find_noop(world)
     names = [world.action_names[number] for number in world.actions.numbers]
     return assign_keys([name for name in names if name != noop or len(names) == 1])
 
 
 def find_noop(world: "World") -> str | None:
-    """Find the action that is done where no key is down; None where the world has none."""
+    """Return the action that a world takes while no key is down; None if it has none."""
     names = {name.lower(): name for name in world.action_names}
     return next((names[noop] for noop in _NOOPS if noop in names), None)
 
 
 def find_period_ms(world: "World") -> float | None:
-    """Find the time between steps of a world that moves by itself, from its frame rate; None if it waits for keys.
+    """Return the time between the steps of a real-time world in milliseconds, from its frame rate; None for others.
 
-    A world moves by itself where its actions are vectors, or one of them is to do nothing.
+    A world counts as real-time if its actions are vectors or if one of them is to do nothing.
     """
     if world.actions.is_discrete and find_noop(world) is None:
         return None

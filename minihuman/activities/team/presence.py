@@ -50,7 +50,7 @@ class SeatPresence:
         return self.signs.page_s
 
     def find_person_sign_s(self) -> float:
-        """Return the time of the person's last sign of life, or of the beginning of the wait for them if that is later."""
+        """Return the time of the person's last sign of life, or the start of the wait for them if that is later."""
         since_s = self.waited_since_s or 0.0
         if self.signs.person_s is None:
             return since_s

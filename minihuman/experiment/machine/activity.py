@@ -1,5 +1,7 @@
-"""The activity interface: what an activity implements, the session context it works in, how a kind is described,
-and the registry of kinds: the entry-point group `minihuman.activities`, which names the built-in ones too.
+"""The activity interface and the registry of activity kinds.
+
+An `Activity` runs one part of a session within a `SessionContext`. An `ActivityKind` describes a kind of activity; the
+entry-point group `minihuman.activities` registers the kinds, the built-in ones included.
 """
 
 import abc
@@ -38,7 +40,7 @@ ENTER_KEYS = ("enter", "kp_enter")
 
 
 class SessionContext:
-    """The state that outlives a part, the open world, and the events of the current input."""
+    """The state of a session that outlives its parts, the open world, and the events of the current input."""
 
     def __init__(
         self,
@@ -71,27 +73,27 @@ class SessionContext:
         self._events: list[Event] = []
 
     def emit(self, *events: Event) -> None:
-        """Emit events, in order."""
+        """Add events to those of the current input, in order."""
         self._events += events
 
     def emit_key(self, key: KeyDown | KeyUp, verdict: KeyVerdict, phase: str, action: int | None = None) -> None:
-        """Emit a key and its verdict."""
+        """Emit the event of a key press or release with its verdict."""
         is_down = isinstance(key, KeyDown)
         waited_ns = self.now_ns - key.t_ns
         self.emit(KeyPressed(self.now_ns, key.key, key.symbol, is_down, action, verdict, phase, waited_ns))
 
     def pop_events(self) -> list[Event]:
-        """Return the events since the last call."""
+        """Return and clear the events since the last call."""
         events = self._events
         self._events = []
         return events
 
     def has_world(self, world_id: str, options: dict[str, Any]) -> bool:
-        """Tell whether that world is the one that is open."""
+        """Tell whether the open world is the one with the given id and options."""
         return self._world is not None and self._world[0] == (world_id, options)
 
     def world(self, world_id: str, options: dict[str, Any]) -> "World":
-        """Open a world, or return the open one; another is closed first."""
+        """Return the open world if it has the given id and options; otherwise close it and open the one that has."""
         key = (world_id, options)
         if self._world is None or self._world[0] != key:
             with catch_world_errors():
@@ -100,7 +102,7 @@ class SessionContext:
         return self._world[1]
 
     def close(self) -> None:
-        """Close the world."""
+        """Close the open world, if there is one."""
         if self._world:
             self._world[1].close()
             self._world = None
@@ -108,7 +110,7 @@ class SessionContext:
 
 @dataclass(frozen=True, slots=True)
 class PartEnding:
-    """The end of a part, and where the session continues."""
+    """How a part ended, and where the session continues."""
 
     end: PartEnd = "done"
     back_to: int | None = None  # a part's index; None: the next part
@@ -117,13 +119,13 @@ class PartEnding:
 
 
 class ActivityRequest:
-    """A request of a part to its session host; a kind of activity adds the fields. The answer is an input."""
+    """A request of a part to its session host, which answers with an input. Kinds of activity add fields."""
 
     awaits_others: ClassVar[bool] = False  # others' sessions answer it, so that it is asked again when nothing comes
 
     @property
     def takes_long(self) -> bool:
-        """Whether the answer is made while the session goes on, and taken at a time that is still to come."""
+        """Whether the host computes the answer while the session continues, and schedules it for a later time."""
         return False
 
 
@@ -142,7 +144,7 @@ class SteeringRules:
 
 @dataclass(frozen=True, slots=True)
 class Steering:
-    """The control of a running episode that an agent plays, and what comes next."""
+    """Who controls a running episode that an agent plays, and the agent's next action."""
 
     controller: str
     action: int | None  # that the agent makes next; None until it is known
@@ -151,30 +153,32 @@ class Steering:
 
 
 class RequestHandler(abc.ABC):
-    """Answers the requests of parts, in a session of a window, of a browser or simulated."""
+    """A session host's interface for answering the requests of parts."""
 
     @abc.abstractmethod
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """Return an input for the session; None if there is no answer yet.
+        """Return the input that answers a request; None if there is no answer yet.
 
         Args:
             want: the request.
             play: the running episode; None between episodes.
-            t_ns: the session's time.
+            t_ns: the session's time in nanoseconds.
         """
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Stop the processes."""
+        """Stop the processes that compute answers."""
 
 
 class Activity(abc.ABC):
-    """One part of a session while it runs. No clock, file or window: time comes with the inputs.
+    """One part of a session while it runs.
+
+    It has no clock, file or window: time arrives with the inputs.
 
     Args:
         number: the part's index in the plan.
-        part: its kind, name and plan.
-        context: the session, which takes the events.
+        part: the part's kind, name and plan.
+        context: the session's context, which receives the events.
     """
 
     phase: StrEnum
@@ -198,35 +202,35 @@ class Activity(abc.ABC):
 
     @abc.abstractmethod
     def begin(self) -> None:
-        """Start; ``ended`` may be set at once if there is nothing to do."""
+        """Start the part. Set ``ended`` at once if there is nothing to do."""
 
     @abc.abstractmethod
     def receive(self, happened: Input) -> None:
-        """Deal with an input: a key that the session has no use for, text, a pointer, a picture shown, time passed."""
+        """Handle an input that the session passes on: a key, text, a pointer, a picture shown, or passing time."""
 
     @abc.abstractmethod
     def screen(self) -> Screen:
-        """Build the screen to show now."""
+        """Build the present screen."""
 
     def describe_steering(self, play: RunningEpisode) -> Steering | None:
-        """Return who steers a running episode; None where no agent does."""
+        """Return who controls a running episode; None if no agent plays."""
         return None
 
     def suspend(self, reason: PauseReason) -> None:  # noqa: B027 - most kinds have nothing to stop
-        """Stop until ``resume``: a pause, a question or another window is in front."""
+        """Stop all clocks until ``resume``, because a pause, a question or another window covers the part."""
 
     def resume(self) -> None:
-        """Go on."""
+        """Continue after ``suspend``."""
         self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
 
     def stop(self) -> None:  # noqa: B027
-        """Take note that the session ends in the middle of this part."""
+        """End whatever is in progress because the session ends within this part."""
 
     def simulate(self, choose: Callable[[int], int]) -> str | None:
-        """Choose the key that a simulated participant presses now; None to do what other screens of the type ask for.
+        """Return the key that a simulated participant presses now; None for the default of the screen's type.
 
         Args:
-            choose: draws a number below its argument.
+            choose: draws a whole number from 0 up to but not including its argument.
         """
         return None
 
@@ -238,37 +242,38 @@ class Activity(abc.ABC):
 
 @dataclass(frozen=True, slots=True)
 class ActivityKind:
-    """A kind of activity: one row of the registry, which says what is in the kind's folder.
+    """A kind of activity, as it is registered.
 
-    What logs, tables, windows, the page and the report need of a kind is named by "module:attribute" and loaded when it
-    is needed, so that a session imports none of it. Built-in kinds use what a plug-in can use.
+    What logs, tables, windows, the page and the report need of a kind is named as "module:attribute" and loaded on
+    demand, so that a session imports none of it. Built-in kinds use no more than plug-ins can use.
 
     Args:
-        name: the protocol's word for it, and its entry point's name.
-        plan: the type of a part's plan: a `PartPlan`, to say what the session asks of one; a ``PlayPlan`` for blocks.
-        activity: what runs a part.
-        messages: a tuple of ``minihuman.log.codec.EventRow``, one for each event of its own.
-        browser: whether it can be done in a browser.
-        block_field: the plan's field that names a block of the protocol, if it has one.
+        name: the kind's name in protocols, which is also the name of its entry point.
+        plan: the type of a part's plan: a `PartPlan`, or a ``PlayPlan`` for blocks.
+        activity: the class that runs a part.
+        messages: a tuple of ``minihuman.log.codec.EventRow``, one for each event type of the kind.
+        browser: whether a browser can run the kind.
+        block_field: the field of the plan that names a block of the protocol; "" if there is none.
         tables: a tuple of ``minihuman.dataset.activity_tables.ActivityTable``.
-        screens: its own screens; each names its drawing, and how the page shows it.
-        page_fields: a ``TypedDict`` of what its screen of play adds for a page, from which the page's types are made.
-        measures: its measures of a participant, by name, with what they are called; the rows of the table
-            ``trial_measures`` have them.
-        report: a function that makes a ``ReportSection`` of a ``SectionSource`` (``minihuman.reporting``), or None.
-        simulator: a ``PartSimulator`` (``minihuman.simulation``), which does the parts in simulated sessions; without
-            one, the activity's own `Activity.simulate`, and what is usual on screens that every kind may show.
-        check_block: yields what is wrong with a block of the kind in a protocol, each as a field and what is wrong; it
-            is given the block and the keys that may have an action.
-        find_early_parts: yields the kind's parts in a plan that was recorded before plans had parts, each with its
-            place: 0 consent, 1 keyboard check, 2 blocks, 3 closing words.
+        screens: the kind's own screen types; each names its drawing and its view on the page.
+        page_fields: a ``TypedDict`` of the fields that the kind adds to the page's screen of play; the page's types
+            are generated from it.
+        measures: the kind's measures of a participant, as labels by name; the rows of the table ``trial_measures``
+            contain them.
+        report: a function that builds a ``ReportSection`` from a ``SectionSource`` (``minihuman.reporting``), or None.
+        simulator: a ``PartSimulator`` (``minihuman.simulation``), which acts in simulated sessions; without one, the
+            activity's own `Activity.simulate` acts, with defaults for the screens that all kinds share.
+        check_block: a function that yields the errors of a block of the kind in a protocol, each as a field and a
+            message; its arguments are the block and the keys that may have an action.
+        find_early_parts: a function that yields the kind's parts in a plan that was recorded before plans had parts,
+            each with its position: 0 consent, 1 keyboard check, 2 blocks, 3 closing text.
         is_played_alone: whether only the participant acts in a block's worlds, so that a touch screen's buttons, axes
-            and clicks can play it, and its actions may be of any space.
-        is_plain_play: whether a block is its worlds' steps by one person's keys and nothing else, so that a page can
-            compute it, and a study can be tried without sessions.
+            and clicks can play it and its actions may be of any space.
+        is_plain_play: whether a block consists of nothing but its worlds' steps by one person's keys, so that a page
+            can compute it and a study can be tried without sessions.
         is_for_players: whether a language model, or a simulated player that decides on each key, can do it.
-        has_trials: whether its episodes are trials, and are described as such.
-        is_check: whether who is screened out in it has failed a check, and not a block's criterion.
+        has_trials: whether the kind's episodes are trials, and are described as such.
+        is_check: whether a participant who is screened out in it has failed a check rather than a block's criterion.
     """
 
     name: str
@@ -295,11 +300,11 @@ class ActivityKind:
 
     @property
     def plan_fields(self) -> tuple[str, ...]:
-        """The names of the fields of a part's plan: a block's table of the same name fills one."""
+        """The names of the fields of a part's plan; a table of the same name in a block fills a field."""
         return self.plan.__struct_fields__
 
     def read(self, plan: Any) -> msgspec.Struct:
-        """Read a part's plan from what JSON gave."""
+        """Convert a part's plan from decoded JSON to the kind's plan type."""
         return msgspec.convert(plan, self.plan)
 
 
@@ -307,16 +312,16 @@ GROUP = "minihuman.activities"
 
 
 def list_built_in_kinds() -> tuple[str, ...]:
-    """List the names of this package's kinds."""
+    """Return the names of this package's kinds."""
     return list_plugin_names(GROUP, built_in=True)
 
 
 @remember_by_name
 def find_kind(name: str) -> ActivityKind:
-    """Find the kind of that name.
+    """Return the activity kind of a given name.
 
     Raises:
-        ProtocolError: if none is installed.
+        ProtocolError: if no kind of that name is installed, or the entry point is no `ActivityKind`.
     """
     kind = load_plugin(GROUP, name, ProtocolError, noun="activity")
     if not isinstance(kind, ActivityKind):
@@ -327,7 +332,7 @@ def find_kind(name: str) -> ActivityKind:
 
 
 def find_installed_kind(name: str) -> ActivityKind | None:
-    """Find the kind of that name; None where none is installed, which is an error of its own."""
+    """Return the activity kind of a given name; None if it is not installed."""
     try:
         return find_kind(name)
     except ProtocolError:
@@ -335,10 +340,10 @@ def find_installed_kind(name: str) -> ActivityKind | None:
 
 
 def list_kinds(condition: Callable[[ActivityKind], bool]) -> tuple[str, ...]:
-    """List the names of the built-in kinds that meet a condition, in order."""
+    """Return the names of the built-in kinds that meet a condition, in order."""
     return tuple(name for name in list_built_in_kinds() if condition(find_kind(name)))
 
 
 def build_activity(number: int, part: PlannedPart, context: SessionContext) -> Activity:
-    """Build an activity for a part of a plan."""
+    """Build the activity of a part."""
     return find_kind(part.kind).activity(number, part, context)

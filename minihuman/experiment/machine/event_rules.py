@@ -1,4 +1,4 @@
-"""Rules that every stream of events obeys: what comes first, what belongs to what, and what is counted."""
+"""Rules that every stream of events obeys: the order of events, their references to each other, and their counts."""
 
 from collections.abc import Iterable
 
@@ -27,7 +27,10 @@ from minihuman.worlds.outcomes import OutcomeJudge
 
 
 def find_violations(events: Iterable[Event]) -> list[str]:
-    """List the rules that a stream breaks; none for a well-formed one. A stream that is cut short breaks none."""
+    """Return descriptions of the rules that a stream of events breaks; empty for a well-formed one.
+
+    A stream that is cut short breaks no rule by that.
+    """
     reader = _StreamChecker()
     for number, event in enumerate(events):
         reader.read(number, event)
@@ -35,7 +38,7 @@ def find_violations(events: Iterable[Event]) -> list[str]:
 
 
 class _StreamChecker:
-    """Reads a stream once and remembers what the rules need."""
+    """A reader of a stream of events that keeps the state that the rules need."""
 
     def __init__(self) -> None:
         self.violations: list[str] = []
@@ -59,7 +62,7 @@ class _StreamChecker:
         self._outcome: Outcome | None = None  # of the running episode, once a step has ended it
 
     def read(self, number: int, event: Event) -> None:
-        """Check an event against those that came before it."""
+        """Check an event against the events before it."""
         self._place = f"event {number}, {type(event).__name__}"
         self._rule(isinstance(event, SessionStarted) == (number == 0), "SessionStarted is the first event, and only it")
         self._rule(not self._ended, "nothing follows SessionEnded")
@@ -208,5 +211,5 @@ class _StreamChecker:
 
 
 def _is_sum(logged: float, summed: float) -> bool:
-    """Tell whether a return is the sum of its rewards; of a reward that is NaN both are NaN."""
+    """Tell whether a logged return equals the sum of the rewards, where NaN equals NaN."""
     return logged == summed or (logged != logged and summed != summed)

@@ -1,6 +1,6 @@
-"""Events: everything a session reports. The recorder writes each event; `event_rules` has the rules of their order.
+"""Events: everything that a session reports. The recorder logs each event; `event_rules` checks their order.
 
-Times are integer ns on the monotonic clock since the session (segment) started.
+Times are integer nanoseconds on the monotonic clock since the session's segment started.
 """
 
 from dataclasses import dataclass
@@ -70,13 +70,13 @@ FINAL_END_REASONS: frozenset[str] = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class TimedEvent:
-    """Anything that a session reports, with its time."""
+    """An event of a session, with its time."""
 
     t_ns: int
 
 
 class EpisodeBeginning:
-    """An event from which an episode is stepped: its reset, or a state that it was in before."""
+    """An event at which an episode begins: a reset, or a return to a state that an earlier episode was in."""
 
     __slots__ = ()
 
@@ -102,14 +102,14 @@ class EpisodeStep:
 
 
 class EpisodeEnding:
-    """An event after which the episode that began last is stepped no more."""
+    """An event after which the episode that began last has no more steps."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
 class SessionStarted(TimedEvent):
-    """The first event: the whole plan, and the machine's facts (versions, platform, display; no names)."""
+    """The first event: the whole plan, and facts about the machine (versions, platform, display; no names)."""
 
     plan: SessionPlan
     facts: dict[str, str]
@@ -117,7 +117,7 @@ class SessionStarted(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class KeyMapDrawn(TimedEvent):
-    """A key map comes into force."""
+    """A key map came into force."""
 
     episode: int
     key_map: KeyMap
@@ -125,7 +125,7 @@ class KeyMapDrawn(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class EpisodeStarted(TimedEvent, EpisodeBeginning):
-    """The world was reset. Pose and map are None where the world cannot tell."""
+    """The world was reset. Pose and map are None if the world does not provide them."""
 
     plan: EpisodePlan
     action_names: tuple[str, ...]  # the world's, by action number
@@ -138,16 +138,16 @@ class EpisodeStarted(TimedEvent, EpisodeBeginning):
 
     @property
     def begins_at(self) -> tuple[int, int]:
-        """The episode, at its reset."""
+        """The episode's index, and step 0, its reset."""
         return self.plan.episode, 0
 
 
 @dataclass(frozen=True, slots=True)
 class KeyPressed(TimedEvent):
-    """A key went down or up, mapped or not, and what came of it.
+    """A key went down or up, whether or not it has an action, with the session's verdict.
 
-    ``t_ns`` is when the session took it. A press that comes while a picture is being drawn waits for it: the press
-    itself was at ``t_ns - waited_ns``.
+    ``t_ns`` is when the session handled the key. A press that arrives while a picture is being drawn has to wait: the
+    press itself happened at ``t_ns - waited_ns``.
     """
 
     key: str
@@ -161,7 +161,7 @@ class KeyPressed(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class Stepped(TimedEvent, EpisodeStep):
-    """One step of the world; the last event of its step."""
+    """The world made a step. This is the last event of the step."""
 
     episode: int
     step: int  # 1 for the first
@@ -184,14 +184,14 @@ class Stepped(TimedEvent, EpisodeStep):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservationStored(TimedEvent):
-    """An observation of the world, where the protocol asks for it: after an episode's start, or before its step."""
+    """An observation of the world, if the protocol records them; it follows an episode's start or precedes its step."""
 
     episode: int
     step: int  # that it follows, 0 for the reset
     observation: Any  # the world's own: an array, a text, a number, or a dict or tuple of them
 
     def __eq__(self, other: object) -> bool:
-        """Compare observations by their hash, as arrays compare element by element."""
+        """Compare observations by their hash, since arrays compare element by element."""
         return isinstance(other, ObservationStored) and self._key() == other._key()
 
     def __hash__(self) -> int:
@@ -214,7 +214,7 @@ class FrameShown(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class EpisodeEnded(TimedEvent, EpisodeEnding):
-    """An episode ended, for the stated reason."""
+    """An episode ended with an outcome."""
 
     episode: int
     outcome: Outcome
@@ -226,7 +226,7 @@ class EpisodeEnded(TimedEvent, EpisodeEnding):
 
 @dataclass(frozen=True, slots=True)
 class EpisodesSkipped(TimedEvent):
-    """Planned episodes that are not going to be played."""
+    """Planned episodes were skipped and will not be played."""
 
     first: int
     count: int
@@ -235,7 +235,7 @@ class EpisodesSkipped(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class Scored(TimedEvent):
-    """Points for an episode, and the session's total so far."""
+    """An episode earned points; the event holds them and the session's total."""
 
     episode: int
     points: float
@@ -244,7 +244,7 @@ class Scored(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class ClauseDone(TimedEvent):
-    """A step has done one clause of the episode's instruction; before the event of its step."""
+    """A step fulfilled a clause of the episode's instruction. It precedes the event of the step."""
 
     episode: int
     step: int
@@ -254,7 +254,7 @@ class ClauseDone(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class PartStarted(TimedEvent):
-    """A part of the session begins."""
+    """A part of the session began."""
 
     part: int  # index into the plan's parts
     kind: str
@@ -263,7 +263,7 @@ class PartStarted(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class PartEnded(TimedEvent):
-    """A part of the session is over; says which part is next."""
+    """A part of the session ended; the event names the part that follows."""
 
     part: int
     end: PartEnd
@@ -283,14 +283,14 @@ class PageShown(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class TextTyped(TimedEvent):
-    """Text came from the input method or the keyboard's layout."""
+    """The input method or the keyboard layout produced text."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class PointerUsed(TimedEvent):
-    """A pointer went down, moved while down, or came up, at ``t_ns - waited_ns``; x and y are 0..1 of the picture."""
+    """A pointer went down, moved while down, or came up at ``t_ns - waited_ns``; x and y are 0 to 1 of the picture."""
 
     what: PointerUse
     x: float
@@ -302,7 +302,7 @@ class PointerUsed(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class AxisMoved(TimedEvent):
-    """An axis of a gamepad moved, at ``t_ns - waited_ns``: -1 to 1, 0 in its dead zone; right and down are positive."""
+    """A gamepad axis moved at ``t_ns - waited_ns``: -1 to 1, 0 in its dead zone; right and down are positive."""
 
     axis: str
     value: float
@@ -311,7 +311,7 @@ class AxisMoved(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class AnswerChanged(TimedEvent):
-    """An answer is another now, not given yet."""
+    """The participant changed an answer before giving it."""
 
     part: int
     item: str
@@ -320,7 +320,7 @@ class AnswerChanged(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class Answered(TimedEvent):
-    """An answer was given."""
+    """The participant gave an answer."""
 
     part: int
     part_name: str
@@ -337,32 +337,32 @@ class Answered(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class Paused(TimedEvent):
-    """Play stopped; time in a pause is not playing time."""
+    """Play was paused. Time in a pause is not playing time."""
 
     reason: PauseReason
 
 
 @dataclass(frozen=True, slots=True)
 class Resumed(TimedEvent):
-    """Play goes on."""
+    """Play resumed after a pause."""
 
 
 @dataclass(frozen=True, slots=True)
 class Noted(TimedEvent):
-    """A fact worth a readable line: consent given, keyboard check, focus, phase change, abort reason, error."""
+    """A fact logged as readable text: consent, keyboard check, focus, phase change, abort reason or error."""
 
     kind: str
     text: str
 
     @property
     def is_about_clock(self) -> bool:
-        """Whether the note says that the times of a browser's page are not to be believed."""
+        """Whether the note says that the times of a browser's page are not reliable."""
         return self.kind == "page" and self.text.startswith(CLOCK_NOTE)
 
 
 @dataclass(frozen=True, slots=True)
 class Sampled(TimedEvent):
-    """A device of the protocol gave a sample: a gaze, a pulse, a trigger."""
+    """A device of the protocol delivered a sample, such as a gaze position, a pulse or a trigger."""
 
     t_ns: int  # when it was taken, which is before it arrived: samples may be older than the event before them
     device: str  # its name in the protocol
@@ -372,7 +372,7 @@ class Sampled(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class Linked(TimedEvent):
-    """The offset of a browser's clock from its server's, from the quickest of the latest round trips."""
+    """The offset of a browser's clock from its server's, estimated from the fastest of the latest round trips."""
 
     offset_ns: int  # the server's time minus the session's, both since the segment began
     error_ns: int  # the offset is right to so much, either way
@@ -383,7 +383,7 @@ class Linked(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class SessionEnded(TimedEvent):
-    """The last event."""
+    """The last event: the session ended."""
 
     reason: EndReason
     detail: str
@@ -392,20 +392,20 @@ class SessionEnded(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class ActivityEvent(TimedEvent):
-    """An event of one kind of activity; the kind adds its fields.
+    """An event of one kind of activity, which adds its fields.
 
-    A field whose name ends in ``_ns`` is a time of the session; 0 if unknown.
+    A field whose name ends in ``_ns`` is a session time; 0 if unknown.
     """
 
     @property
     def words_to_others(self) -> str:
-        """The text that the participant wrote to others; empty in nearly all kinds of events."""
+        """The text that the participant wrote to other participants; empty for most kinds of events."""
         return ""
 
 
 @dataclass(frozen=True, slots=True)
 class DesignDecided(ActivityEvent):
-    """A design has decided on an episode: what the plan left open is resolved. Before the episode's reset."""
+    """A design decided on an episode, which resolves what the plan left open. It precedes the episode's reset."""
 
     part: int
     episode: int  # the next one; after the block's last, one more
@@ -420,10 +420,10 @@ class DesignDecided(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class ModelCall(ActivityEvent):
-    """The state of a request to a model: logged before it is sent, and its answer before it has an effect.
+    """A request to a language model was sent or answered.
 
-    The session waits for the answer: both events have the time of the screen, and ``latency_ms`` says how much later
-    the answer counts.
+    It is logged before the request is sent, and again with the answer before that has an effect. The session waits for
+    the answer: both events have the screen's time, and ``latency_ms`` is how much later the answer counts.
     """
 
     call: int  # 1 for the session's first

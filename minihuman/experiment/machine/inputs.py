@@ -1,4 +1,4 @@
-"""Inputs: everything that can reach a session from outside. Times are ns on the session's monotonic clock."""
+"""Inputs: everything that can reach a session from outside. Times are nanoseconds on the session's monotonic clock."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -14,14 +14,18 @@ PointerCause = Literal["finger", "held_before_focus", "cancelled"]  # "cancelled
 
 @dataclass(frozen=True, slots=True)
 class TimedInput:
-    """Anything that reaches a session, with its time."""
+    """An input to a session, with its time."""
 
     t_ns: int
 
 
 @dataclass(frozen=True, slots=True)
 class KeyDown(TimedInput):
-    """A key went down. ``key`` is our physical name; ``symbol`` what the toolkit says it types, "" if unknown."""
+    """A key went down.
+
+    ``key`` is this package's name of the physical key; ``symbol`` is what it types according to the window toolkit, ""
+    if unknown.
+    """
 
     key: str
     symbol: str = ""
@@ -40,16 +44,17 @@ class KeyUp(TimedInput):
 
 @dataclass(frozen=True, slots=True)
 class TextInput(TimedInput):
-    """The input method or the keyboard's layout made text; only while the screen wants text."""
+    """The input method or the keyboard layout produced text; sent only while the screen accepts text."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class PointerInput(TimedInput):
-    """A mouse or a finger at (x, y), 0..1 of the drawn picture from its top left corner; in play, of the world's.
+    """A mouse or finger at (x, y), each 0 to 1 of the drawn picture from its top left corner.
 
-    ``target`` names the spot in which it went down ("option:2", "slider", "go_on"; "" for none).
+    In play, the picture is the world's. ``target`` names the target in which the pointer went down ("option:2",
+    "slider", "go_on"; "" for none).
     """
 
     x: float
@@ -60,7 +65,7 @@ class PointerInput(TimedInput):
 
 
 class PointerPressed(PointerInput):
-    """A button or a finger went down."""
+    """A mouse button was pressed or a finger touched the screen."""
 
     __slots__ = ()
 
@@ -72,14 +77,14 @@ class PointerMoved(PointerInput):
 
 
 class PointerReleased(PointerInput):
-    """The button or the finger came up."""
+    """The mouse button or the finger was lifted."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
 class AxisChanged(TimedInput):
-    """An axis of a gamepad is at another place: -1 to 1, 0 in its dead zone."""
+    """A gamepad axis moved to another value: -1 to 1, 0 in its dead zone."""
 
     axis: str
     value: float
@@ -87,15 +92,16 @@ class AxisChanged(TimedInput):
 
 @dataclass(frozen=True, slots=True)
 class Tick(TimedInput):
-    """Time passed. The session asks for ticks through ``Session.next_tick_ns``."""
+    """Time passed. The session requests ticks through ``SessionMachine.next_tick_ns``."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScreenShown(TimedInput):
-    """The screen of ``Session.screen`` reached the display: handed over at submit, returned from the flip at flip.
+    """The screen of ``SessionMachine.screen`` reached the display.
 
-    ``step`` says which step's picture it was, where that may be another than the latest: a browser shows a picture
-    before the session knows of the key, and tells of it when the next key may be there already.
+    It was handed over at ``submit_ns`` and shown by the flip at ``flip_ns``. ``step`` is the step that the picture
+    shows, if that may not be the latest: a browser shows a picture before the session receives the key that caused it,
+    and reports the picture when a further key may already have arrived.
     """
 
     submit_ns: int
@@ -105,14 +111,14 @@ class ScreenShown(TimedInput):
 
 @dataclass(frozen=True, slots=True)
 class FocusChanged(TimedInput):
-    """The window lost or found the keyboard."""
+    """The window lost or gained the keyboard focus."""
 
     focused: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Stop(TimedInput):
-    """The session must end now: the window was closed, a signal came, the disk is full, the world broke."""
+    """The session must end now: the window was closed, a signal arrived, the disk is full, or the world failed."""
 
     reason: Literal[
         "window_closed",
@@ -129,7 +135,7 @@ class Stop(TimedInput):
 
 @dataclass(frozen=True, slots=True)
 class ExperimenterCommand(TimedInput):
-    """The experimenter asks for something, from their desk."""
+    """The experimenter sent a command."""
 
     command: Literal["pause", "go_on", "abort", "note"]
     text: str = ""  # the note, or why
@@ -137,7 +143,7 @@ class ExperimenterCommand(TimedInput):
 
 @dataclass(frozen=True, slots=True)
 class ActivityInput(TimedInput):
-    """Something that only the part that runs has a use for; a kind of activity adds what it says."""
+    """An input that only the running part handles; kinds of activity add fields."""
 
 
 Input = (

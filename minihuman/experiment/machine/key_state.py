@@ -1,4 +1,4 @@
-"""The keys that are down, the experimenter's chord, and how long Escape has been held."""
+"""The state of the keyboard: the keys that are down, the experimenter's chord, and the time Escape has been held."""
 
 ABORT_CHORD = frozenset({"f9", "f12"})
 HOLD_TO_END_NS = 2_000_000_000  # Escape, held over the question whether to end the session
@@ -8,7 +8,7 @@ class KeyState:
     """The keys that are down, as far as the focused window knows.
 
     Args:
-        down: the dictionary to keep them in, the latest last, with when each went down.
+        down: the dictionary in which to keep the keys, the latest last, with the time of each press in nanoseconds.
     """
 
     def __init__(self, down: dict[str, int]) -> None:
@@ -16,7 +16,7 @@ class KeyState:
         self._escape_since_ns: int | None = None  # held over the question
 
     def down(self, key: str, t_ns: int) -> None:
-        """Record that a key went down; a repeat says only that it is down still."""
+        """Record that a key went down; a repeat keeps the time of the press."""
         self._down.setdefault(key, t_ns)
 
     def up(self, key: str) -> None:
@@ -24,7 +24,7 @@ class KeyState:
         self._down.pop(key, None)
 
     def forget(self) -> None:
-        """Forget all keys: the keyboard is another window's, and releases go there."""
+        """Forget all keys, because another window has the keyboard and receives their releases."""
         self._down.clear()
         self._escape_since_ns = None
 
@@ -33,18 +33,18 @@ class KeyState:
         return key in ABORT_CHORD and self._down.keys() >= ABORT_CHORD
 
     def hold_escape(self, since_ns: int) -> None:
-        """Record that Escape went down over the question."""
+        """Record that Escape went down on the question whether to end the session."""
         self._escape_since_ns = since_ns
 
     def release_escape(self) -> bool:
-        """Record that Escape came up, or the question is gone; tell whether it was held over the question."""
+        """Record that Escape came up or the question closed; return whether Escape was held on the question."""
         was_down = self._escape_since_ns is not None
         self._escape_since_ns = None
         return was_down
 
     @property
     def end_ns(self) -> int | None:
-        """The time at which Escape has been held long enough to end the session; None while it is not held."""
+        """The time at which Escape will have been held long enough to end the session; None while it is not held."""
         if self._escape_since_ns is None:
             return None
         return self._escape_since_ns + HOLD_TO_END_NS

@@ -1,7 +1,8 @@
-"""Signs of life: when a seat's page and the person before it last gave one, and what is known of the page. No clock.
+"""Signs of life of one seat's page and person, and the state of the page. Reads no clock.
 
-A page gives one with whatever it sends, a ping included; a person gives one with a key, a click, a touch, a text and a
-change of focus. An open page is not a person, and a person who thinks is not absent.
+Whatever a page sends is a sign of life of the page, a ping included. A key, a click, a touch, text and a change of
+focus are signs of life of the person. An open page does not imply that a person is present, and a person who is
+thinking is not absent.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ SeatState = Literal["here", "idle", "unfocused", "silent", "closed", "left", "of
 
 @dataclass(slots=True)
 class LifeSigns:
-    """The last signs of life at one seat. Times are monotonic, s; None: there has been none."""
+    """The last signs of life at one seat. Times are monotonic, in seconds; None if there has been no sign."""
 
     page: PageState = "open"
     page_s: float | None = None  # of the page
@@ -25,26 +26,29 @@ class LifeSigns:
     tells_acts: bool = False  # the page tells of each thing that the person does; else only their inputs are known
 
     def hear(self, now_s: float) -> None:
-        """Take note that something came from the page."""
+        """Record that the page sent something."""
         self.page_s = now_s
 
     def open_page(self, now_s: float) -> None:
-        """Take note that a page is here."""
+        """Record that the page is open."""
         self.page = "open"
         self.hear(now_s)
 
     def lose_page(self, state: PageState, now_s: float) -> None:
-        """Take note that the page is gone; one that says so gives a sign of life with it, a broken socket does not."""
+        """Record that the page is gone.
+
+        A page that announces it gives a last sign of life; a broken connection does not.
+        """
         self.page = state
         if state != "offline":
             self.hear(now_s)
 
     def act(self, now_s: float) -> None:
-        """Take note that the person did something."""
+        """Record that the person did something."""
         self.person_s = now_s
         self.hear(now_s)
 
     def turn_focus(self, now_s: float, *, has_focus: bool) -> None:
-        """Take note that the person went to another window, or came back."""
+        """Record that the person went to another window or returned."""
         self.has_focus = has_focus
         self.act(now_s)

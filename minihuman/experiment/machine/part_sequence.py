@@ -1,6 +1,7 @@
-"""The sequence of parts of a session: which part runs, which are left and which comes next. No pauses or questions.
+"""The sequence of a session's parts: the running part, the remaining ones, and the one that comes next.
 
-It knows no kind of part by name: a part's plan says what the session needs to know of it.
+Pauses and questions are handled elsewhere. No kind of part is known by name: a part's plan states what the session
+needs to know about it.
 """
 
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ from minihuman.experiment.plan.session_plan import PartPlan, PlannedPart, Sessio
 
 
 def list_parts(plan: SessionPlan) -> tuple[PlannedPart, ...]:
-    """List the parts in order; for a plan from before plans had parts, those that the kinds find in it."""
+    """Return the parts of a plan in order; those of a plan from before plans had parts are found by the kinds."""
     if plan.parts:
         return plan.parts
     kinds = [find_kind(name) for name in list_built_in_kinds()]
@@ -29,9 +30,9 @@ def list_parts(plan: SessionPlan) -> tuple[PlannedPart, ...]:
 
 
 def list_remaining_parts(plan: SessionPlan, parts: Sequence[PlannedPart]) -> list[int]:
-    """List the parts still to do, in order; empty if all are done.
+    """Return the indices of the parts still to do, in order; empty if all are done.
 
-    A resumed session begins with the parts that are done in each segment, such as the keyboard check.
+    A resumed session begins with the parts that every segment repeats, such as the keyboard check.
     """
     left = [number for number in range(len(parts)) if not _is_done(number, parts[number], plan)]
     new = [parts[number] for number in left if not _is_repeated(parts[number])]
@@ -42,12 +43,12 @@ def list_remaining_parts(plan: SessionPlan, parts: Sequence[PlannedPart]) -> lis
 
 
 def is_only_closing_left(parts: Sequence[PlannedPart], begin: int) -> bool:
-    """Tell whether only closing pages are left from a part on."""
+    """Tell whether all parts from an index on are closing pages."""
     return all(_closes_session(part) for part in parts[begin:])
 
 
 def asks_consent_before_play(plan: SessionPlan) -> bool:
-    """Tell whether a session asks for consent before any play; a resumed one has it already."""
+    """Tell whether a session asks for consent before any play; a resumed session does not."""
     if plan.segment > 1:
         return False
     parts = list_parts(plan)
@@ -83,10 +84,10 @@ def _closes_session(part: PlannedPart) -> bool:
 
 
 class PartSequence:
-    """The running part, and the parts that are still to be done.
+    """The running part and the parts that remain.
 
     Args:
-        context: the session, which takes the events.
+        context: the session's context, which receives the events.
 
     Raises:
         AllocationError: if the plan has no part left.
@@ -107,7 +108,7 @@ class PartSequence:
 
     @property
     def next_part(self) -> int | None:
-        """Index of the part that follows the one that has ended; None where none does."""
+        """The index of the part that follows the one that has ended; None if there is none."""
         ended = self.part.ended
         assert ended is not None
         if ended.reason is not None:
@@ -119,7 +120,7 @@ class PartSequence:
         return None
 
     def begin(self) -> None:
-        """Start the next part; it may be over at once."""
+        """Start the next part, which may end at once."""
         number = self._to_do.pop(0)
         part = self._parts[number]
         if self._context.plan.parts:  # older logs have no parts
@@ -129,7 +130,7 @@ class PartSequence:
         self.part.begin()
 
     def finish_part(self) -> PartEnding | None:
-        """Emit the end of the part if it has ended, and return how; None while it runs."""
+        """Log the end of the running part and return how it ended; None if it is still running."""
         ended = self.part.ended
         if ended is not None:
             following = self.next_part
@@ -139,6 +140,6 @@ class PartSequence:
         return ended
 
     def stop(self) -> None:
-        """End the session in the middle of a part, or before the first."""
+        """Stop the running part, if one has begun, because the session ends."""
         if self.has_begun:
             self.part.stop()

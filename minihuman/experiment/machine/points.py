@@ -1,4 +1,4 @@
-"""Points and what they earn, in figures and in texts."""
+"""Points and the bonus they earn, as numbers and as texts."""
 
 import re
 from typing import TYPE_CHECKING
@@ -13,17 +13,17 @@ _SIGNED = re.compile(r"(?<!\w)[-+\u2212](?=\d)")
 
 
 def format_total(words: InterfaceWords, points: float) -> str:
-    """Format the points so far."""
+    """Format the total of points so far."""
     return isolate_signs(words, words.fill("progress.points", points=format_points(points)))
 
 
 def format_score(words: InterfaceWords, points: float) -> str:
-    """Format what an episode was worth: "+10 points"."""
+    """Format the points of an episode, such as "+10 points"."""
     return isolate_signs(words, words.fill("score", points=f"{'+' if points > 0 else ''}{format_points(points)}"))
 
 
 def fill_score_fields(context: "SessionContext", text: str) -> str:
-    """Fill in {points}, {bonus} and {currency} in a text, if it asks for them."""
+    """Fill in {points}, {bonus} and {currency} in a text that contains any of them."""
     if not any(f"{{{field}}}" in text for field in ("points", "bonus", "currency")):
         return text
     bonus = context.plan.bonus or BonusSpec(0.0)
@@ -36,13 +36,14 @@ def fill_score_fields(context: "SessionContext", text: str) -> str:
 
 
 def compute_bonus(bonus: BonusSpec, points: float, waited_ns: int = 0, stranded: bool = False) -> float:
-    """Compute what a session earns, in the bonus's currency.
+    """Compute a session's bonus in the bonus's currency.
 
     Args:
-        bonus: the protocol's.
-        points: the session's.
-        waited_ns: spent in lobbies; paid on top of all else.
-        stranded: whether others, or the study, kept it from being played: it earns the base pay at least.
+        bonus: the protocol's bonus rules.
+        points: the session's points.
+        waited_ns: the time spent in lobbies in nanoseconds, which is paid in addition.
+        stranded: whether other people or the study kept the session from being played, so that it earns at least the
+            base pay.
     """
     earned = max(0.0, bonus.base + bonus.per_point * points)
     if bonus.most is not None:
@@ -60,17 +61,20 @@ def format_points(value: float) -> str:
 
 
 class PointsNumber(float):
-    """A number that templates show without needless decimals."""
+    """A number that formats without needless decimals in templates."""
 
     def __format__(self, spec: str) -> str:
-        """Format as `format_points` unless ``spec`` is given."""
+        """Format by `format_points` unless ``spec`` is given."""
         if spec:
             return float.__format__(self, spec)
         return format_points(self)
 
 
 def isolate_signs(words: InterfaceWords, text: str) -> str:
-    """Keep signs before their numbers in a text that runs from right to left, where Unicode's rules put them behind."""
+    """Mark signs in a right-to-left text so that they stay before their numbers.
+
+    Unicode's rules would move them behind the numbers.
+    """
     if words.rtl:
         return _SIGNED.sub("\u200e\\g<0>", text)
     return text

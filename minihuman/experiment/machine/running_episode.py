@@ -1,4 +1,4 @@
-"""One running episode: what a key means, what a step gives and when the next tick is due. Knows no phases."""
+"""A running episode: the meaning of keys, the result of steps, and the time of the next tick. It knows no phases."""
 
 import copy
 from collections.abc import Mapping
@@ -39,11 +39,14 @@ EMPTY_IMAGE = np.zeros((0, 0, 3), dtype=np.uint8)
 
 
 class WorldFailedError(Exception):
-    """Anything a world raised; the cause is what it raised."""
+    """A world raised an exception, which is the cause of this one."""
 
 
 class catch_world_errors:  # noqa: N801 - used as `contextlib.suppress` is
-    """Tell a world's failures from our own: anything raised inside becomes a WorldFailedError."""
+    """A context manager that turns any exception raised inside into a WorldFailedError.
+
+    It separates a world's failures from this program's.
+    """
 
     __slots__ = ()
 
@@ -74,17 +77,17 @@ class _QueuedKey:
 
 
 class RunningEpisode:
-    """An episode from reset to outcome.
+    """An episode from its reset to its outcome.
 
-    A kind whose episodes others act in, too, says so by ``is_joint``.
+    A subclass in whose episodes others act too sets ``is_joint``.
 
     Args:
-        plan: the episode.
-        world: one made for ``plan.world`` and ``plan.options``; it is reset here.
-        picture_px: the largest picture wanted, width and height; None draws none.
-        keys_down: the keys that are held, the latest last, with the time of each press; they change meanwhile.
-        bindings: what moves an action's vector beside keys.
-        axes: where the gamepad's axes are; they change meanwhile.
+        plan: the episode's plan.
+        world: a world that was made for ``plan.world`` and ``plan.options``; the episode resets it.
+        picture_px: the largest picture wanted, as width and height in pixels; None draws none.
+        keys_down: the keys that are held, the latest last, with the time of each press; the caller keeps it current.
+        bindings: the axes and clicks that set an action's components in addition to keys.
+        axes: the values of the gamepad's axes; the caller keeps it current.
     """
 
     is_joint: ClassVar[bool] = False  # others act in it, too: the session host closes each step
@@ -132,7 +135,7 @@ class RunningEpisode:
         return len(self.actions)
 
     def describe_correction(self, t_ns: int, step: int, submit_ns: int, flip_ns: int) -> Event | None:
-        """Return the event of a picture that was shown before its step was closed and turned out wrong, if any."""
+        """Return the event of a picture that was shown before its step was closed and proved wrong, or None."""
         return None
 
     @property
@@ -142,20 +145,20 @@ class RunningEpisode:
 
     @property
     def real_time(self) -> bool:
-        """Whether time, not a key, makes the steps."""
+        """Whether steps happen by the clock rather than by keys."""
         return self.plan.pace == "real_time"
 
     @property
     def repeats_held(self) -> bool:
-        """Whether an action lasts while its key is held."""
+        """Whether a held key repeats its action at every tick."""
         return self.plan.hold == "repeat"
 
     def action_of(self, key: str) -> int | None:
-        """Return the action number of a key; None if it has none."""
+        """Return the action number of a key; None if the key has no action."""
         return self._action_of.get(key)
 
     def start(self, t_ns: int) -> EpisodeStarted:
-        """Begin the episode."""
+        """Start the episode and return its event."""
         self.started = True
         with catch_world_errors():
             return EpisodeStarted(
@@ -171,7 +174,7 @@ class RunningEpisode:
             )
 
     def picture(self) -> NDArray[np.uint8]:
-        """Return the present picture, uint8[H, W, 3]; empty if none are drawn."""
+        """Return the present picture as uint8[height, width, 3]; empty if no pictures are drawn."""
         if self._picture_px is None:
             return EMPTY_IMAGE
         with catch_world_errors():
@@ -182,7 +185,7 @@ class RunningEpisode:
         return picture
 
     def keep_picture_hash(self, picture_hash: int) -> None:
-        """Keep the hash of the present picture for when it is shown; what several bodies see is not hashed."""
+        """Keep the hash of the present picture until it is shown; pictures of joint episodes are not hashed."""
         if self.is_joint or not picture_hash:
             return
         self._picture_hashes.pop(self.steps, None)
@@ -191,7 +194,7 @@ class RunningEpisode:
             del self._picture_hashes[next(iter(self._picture_hashes))]
 
     def picture_between(self, before: Pose, share: float) -> NDArray[np.uint8]:
-        """Return the picture a share (0..1) of the way from an earlier pose, in a first-person world."""
+        """Return the picture a share (0 to 1) of the way from an earlier pose, in a first-person world."""
         env: Any = self.world.unwrapped
         assert self._picture_px is not None
         with catch_world_errors():
@@ -201,9 +204,9 @@ class RunningEpisode:
         return picture
 
     def record_shown(self, screen: ScreenShown) -> FrameShown:
-        """Record that a picture reached the display; by default the present one.
+        """Record that a picture reached the display and return its event; by default it is the present picture.
 
-        The first one starts a real_time clock.
+        The first picture starts the clock of a real-time episode.
         """
         step = self.steps if screen.step is None else min(screen.step, self.steps)
         if self._shown_step != step:
@@ -222,14 +225,14 @@ class RunningEpisode:
         return bool(self._bindings and self._bindings.spot)
 
     def find_click_action(self, x: float, y: float) -> "Action":
-        """Return the action of a click at (x, y), 0..1 of the world's picture from its top left corner."""
+        """Return the action of a click at (x, y), each 0 to 1 of the world's picture from its top left corner."""
         assert self._bindings
         assert self._bindings.spot
         with catch_world_errors():
             return _point(self.world, self._bindings.spot, x, y)
 
     def queue(self, t_ns: int, key: str, action: "Action") -> None:
-        """Keep a key for the next tick. A later key takes its place, unless keys that are held combine."""
+        """Keep a key for the next tick. A later key replaces it, unless held keys combine."""
         if self.repeats_held:
             self._pressed.pop(key, None)
             self._pressed[key] = t_ns
@@ -237,7 +240,7 @@ class RunningEpisode:
             self._queued = _QueuedKey(t_ns, key, action)
 
     def suspend(self) -> None:
-        """Stop the clock: what was queued is forgotten, and the next picture shown starts anew."""
+        """Stop the clock and discard queued keys; the next picture shown restarts the clock."""
         self._queued = None
         self._pressed.clear()
         self.next_tick_ns = None
@@ -245,9 +248,9 @@ class RunningEpisode:
         self._shown_step = -1
 
     def tick(self, t_ns: int) -> Stepped | None:
-        """Step with the queued key's action or the no-op, if a period has run out; None if nothing is to be done.
+        """Make a step with the queued key's action or the no-op if a period has passed; return None if no step is due.
 
-        Periods missed altogether (a stalled machine) are skipped: no pictures were shown between.
+        Periods that passed entirely, as on a stalled machine, are skipped, because no pictures were shown in them.
         """
         if self.next_tick_ns is None or t_ns < self.next_tick_ns:
             return None
@@ -267,9 +270,9 @@ class RunningEpisode:
         return self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
 
     def _step_held(self, t_ns: int) -> Stepped | None:
-        """Step with the keys that are down or were pressed since the last tick, so that no press is lost.
+        """Make a step with the keys that are down or were pressed since the last tick, so that no press is lost.
 
-        The step's key is the latest of them, which counts as a response at the first tick after its press alone.
+        The latest of these keys is the step's key; it counts as a response only at the first tick after its press.
         """
         pressed = self._pressed
         self._pressed = {}
@@ -288,7 +291,7 @@ class RunningEpisode:
         return self.step(t_ns, vector or number, key=latest, key_t_ns=pressed.get(latest, t_ns), held_keys=pressed)
 
     def _moved_components(self) -> dict[int, float]:
-        """Return how far the gamepad's axes move each component of the action; axes at rest move none."""
+        """Return how far the gamepad's axes move each component of the action, without axes at rest."""
         bound = self._bindings.axes if self._bindings else {}
         moved: dict[int, float] = {}
         for axis, binding in bound.items():
@@ -299,14 +302,16 @@ class RunningEpisode:
     def step(
         self, t_ns: int, action: "Action", *, key: str, key_t_ns: int, held_keys: Mapping[str, int] | None = None
     ) -> Stepped:
-        """Step the world once. The plan's step limit counts as a truncation, whether or not the world has one.
+        """Make one step of the world and return its event.
+
+        The plan's step limit counts as a truncation, whether or not the world has a limit of its own.
 
         Args:
-            t_ns: now.
-            action: a number, or a vector where actions are vectors.
-            key: that caused it; "" for none.
-            key_t_ns: when it was pressed.
-            held_keys: those that were pressed since the last tick, where held keys step; another key answers no
+            t_ns: the present time.
+            action: an action number, or a vector if actions are vectors.
+            key: the key that caused the step; "" for none.
+            key_t_ns: the time of the key press.
+            held_keys: the keys pressed since the last tick, if held keys make steps; any other key is no response to a
                 picture.
         """
         assert self.started, "start() comes first"
@@ -348,14 +353,14 @@ class RunningEpisode:
         return stepped
 
     def _find_rt_ms(self, key_t_ns: int) -> float | None:
-        """Return the time from the latest picture that was there when a key was pressed; None if none was."""
+        """Return the time from the picture on the display to a key press in milliseconds; None without a picture."""
         earlier_ns = [flip_ns for flip_ns in self._flips_ns if flip_ns <= key_t_ns]
         if not earlier_ns:
             return None
         return (key_t_ns - earlier_ns[-1]) / NS_PER_MS
 
     def clauses_done(self, t_ns: int) -> list[ClauseDone]:
-        """Return the subgoals of the instruction that the last step has reached."""
+        """Return the events of the instruction's subgoals that the last step reached."""
         with catch_world_errors():
             clauses = self.world.subgoals()
         return [
@@ -365,7 +370,7 @@ class RunningEpisode:
         ]
 
     def stored_observations(self, t_ns: int) -> list[ObservationStored]:
-        """Return the present observation if the protocol records observations, else none."""
+        """Return the event of the present observation if the protocol records observations; otherwise an empty list."""
         if not self.plan.record_observations:
             return []
         with catch_world_errors():  # a copy, as a world may use its arrays again
@@ -373,7 +378,11 @@ class RunningEpisode:
         return [ObservationStored(t_ns, self.plan.episode, self.steps, observation)]
 
     def end(self, t_ns: int, cause: EndCause = "") -> EpisodeEnded:
-        """End the episode: by its last step, a failed agent, a time limit, or abandoned if none of them ended it."""
+        """End the episode and return its event.
+
+        The outcome is that of the last step, of a failed agent or of a time limit; "abandoned" if none of these ended
+        the episode.
+        """
         self.outcome = self.outcome or self._judge_cause(cause)
         return EpisodeEnded(t_ns, self.plan.episode, self.outcome, self.steps, self.return_, self._state_hash, cause)
 
@@ -390,10 +399,10 @@ class RunningEpisode:
 
 
 def check_bindings(world: "World", bindings: "Bindings") -> None:
-    """Try what moves an action's vector beside keys.
+    """Check that a world accepts the bindings of axes and clicks.
 
     Raises:
-        WorldError: if the world has no vectors, or not these components.
+        WorldError: if the world's actions are not vectors, or lack a bound component.
     """
     if world.actions.is_discrete:
         raise WorldError(

@@ -1,4 +1,4 @@
-"""Text of every screen except the world's own: built from the interface's words, the plan and what just happened."""
+"""Texts of the screens that show no world, built from the interface texts, the plan and the session's state."""
 
 import zlib
 from typing import TYPE_CHECKING
@@ -22,57 +22,59 @@ _FAILURES = ("disk_full", "world_error", "internal_error")
 
 
 def build_notice_screen(words: InterfaceWords, title: str, body: str, prompt: str = "") -> TextScreen:
-    """Build a screen of a few words, with what to press where that leads on."""
+    """Build a screen of a short text, with a prompt if a key leads on."""
     return TextScreen(title, body, prompt, locale=words.locale)
 
 
 def build_pause_screen(words: InterfaceWords) -> TextScreen:
-    """Build the screen of suspended play."""
+    """Build the screen of a pause."""
     return TextScreen(words["paused.title"], words["paused.body"], words["go_on"], locale=words.locale)
 
 
 def build_focus_lost_screen(words: InterfaceWords) -> TextScreen:
-    """Build the screen for when the keys go to another window."""
+    """Build the screen shown while another window has the keyboard."""
     return TextScreen(words["unfocused.title"], words["unfocused.body"], "", locale=words.locale)
 
 
 def build_wait_screen(words: InterfaceWords) -> TextScreen:
-    """Build the screen for something that takes a moment."""
+    """Build the screen shown during a short wait."""
     return TextScreen("", words["getting_ready"], "", locale=words.locale)
 
 
 def build_quit_screen(words: InterfaceWords, *, declining: bool = False) -> TextScreen:
-    """Build the question before Escape ends the session; ``declining`` if that refuses consent."""
+    """Build the question whether to end the session; ``declining`` if ending it refuses consent."""
     if declining:
         return TextScreen(words["consent.decline"], "", words["quit.prompt"], locale=words.locale)
     return TextScreen(words["quit.title"], words["quit.body"], words["quit.prompt"], locale=words.locale)
 
 
 def build_abort_screen(words: InterfaceWords) -> TextScreen:
-    """Build the experimenter's question why the session is to end."""
+    """Build the screen that asks the experimenter why the session is to end."""
     reasons = (words[f"abort.reason_{number}"] for number in range(1, len(ABORT_REASONS) + 1))
     body = "\n".join(f"{number}  {reason}" for number, reason in enumerate(reasons, start=1))
     return TextScreen(words["abort.title"], body, words["abort.prompt"], locale=words.locale)
 
 
 def find_abort_reason(key: str) -> str | None:
-    """Find the reason a digit stands for, on the digit row or the keypad; None for any other key."""
+    """Return the reason that a digit key stands for, on the digit row or the keypad; None for any other key."""
     reasons = {str(number): reason for number, reason in enumerate(ABORT_REASONS, start=1)}
     return reasons.get(key.removeprefix("kp_"))
 
 
 def find_stop_code(reason: str, detail: str) -> str:
-    """Return the code that a participant reads out in place of an error's text, "W-3F2A"; the program prints both.
+    """Return a code that a participant reads out in place of an error's text, such as "W-3F2A".
+
+    The program prints both the code and the text.
 
     Args:
-        reason: why the session ended.
-        detail: what the log says of it.
+        reason: the reason why the session ended.
+        detail: the details of the end in the log.
     """
     return f"{reason[:1].upper()}-{zlib.crc32(detail.encode()) >> 16:04X}"
 
 
 def build_end_screen(words: InterfaceWords, reason: EndReason, detail: str) -> TextScreen:
-    """Build the last screen; of a failure it says what happened, what is kept, whom to tell, and a code."""
+    """Build the last screen; after a failure it says what happened, what is saved, whom to tell, and a code."""
     if reason in _FAILURES:
         recording_note = words["over.kept_in_part" if reason == "disk_full" else "over.kept"]
         return TextScreen(
@@ -86,7 +88,7 @@ def build_end_screen(words: InterfaceWords, reason: EndReason, detail: str) -> T
 def build_overlay_screen(
     words: InterfaceWords, phase: Phase, reason: EndReason, detail: str, *, declining: bool = False
 ) -> TextScreen | None:
-    """Build the screen in front of a part, or after the last; None while a part is shown."""
+    """Build the screen that covers a part or follows the last; return None while a part is shown."""
     match phase:
         case Phase.PAUSED:
             return build_pause_screen(words)
@@ -102,7 +104,7 @@ def build_overlay_screen(
 
 
 def capitalise(text: str) -> str:
-    """Return a text whose first letter is a capital."""
+    """Return a text with its first letter capitalised."""
     return text[:1].upper() + text[1:]
 
 

@@ -1,4 +1,4 @@
-"""Screens: what a participant should see now, as values. Windows and pages draw them."""
+"""Screens: what a participant should see now, as values that windows and pages draw."""
 
 import abc
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +18,7 @@ ControlIndicator = Literal["", "person", "agent"]
 
 @dataclass(frozen=True, slots=True)
 class TextLocale:
-    """The way in which a screen's words are written."""
+    """The language and writing direction of a screen's texts."""
 
     language: str = "en"
     rtl: bool = False  # from right to left
@@ -28,7 +28,7 @@ class TextLocale:
 
 @dataclass(frozen=True, slots=True)
 class Button:
-    """A spot to click; ``name`` is the target of the pointer's inputs."""
+    """A button to click; ``name`` is the target of the pointer's inputs."""
 
     name: str
     label: str
@@ -37,7 +37,7 @@ class Button:
 
 @dataclass(frozen=True, slots=True)
 class PictureLabel:
-    """A label in a picture: at (x, y), 0..1 of the picture from its top left corner."""
+    """A label in a picture at (x, y), each 0 to 1 of the picture from its top left corner."""
 
     x: float
     y: float
@@ -46,7 +46,7 @@ class PictureLabel:
 
 @dataclass(frozen=True, slots=True)
 class TextScreen:
-    """A few words to read: ready, feedback, rest, pause, questions about the session, the end."""
+    """A screen of a short text: ready, feedback, rest, pause, questions about the session, the end."""
 
     accepts_text: ClassVar[bool] = False
     accepts_pointer: ClassVar[bool] = False
@@ -61,7 +61,7 @@ class TextScreen:
 
 @dataclass(frozen=True, slots=True)
 class BlankScreen:
-    """Nothing, or a cross to look at."""
+    """An empty screen, or a fixation cross."""
 
     accepts_text: ClassVar[bool] = False
     accepts_pointer: ClassVar[bool] = False
@@ -78,7 +78,7 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayScreen:
-    """The world's picture, with the mission above and the progress line below; target "picture"."""
+    """The screen of play: the world's picture, the mission above and the progress line below; target "picture"."""
 
     accepts_text: ClassVar[bool] = False
     picture: NDArray[np.uint8]  # uint8[H, W, 3]
@@ -101,7 +101,7 @@ class PlayScreen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PageScreen:
-    """A page of a text, with a picture above it where it has one."""
+    """A screen of one page of a text, with an optional picture above it."""
 
     accepts_text: ClassVar[bool] = False
     accepts_pointer: ClassVar[bool] = True
@@ -119,7 +119,7 @@ class PageScreen:
 
 @dataclass(frozen=True, slots=True)
 class OptionList:
-    """Options of which one or several are chosen; targets "option:0", "option:1", ..."""
+    """A list of options of which one or several can be selected; targets are "option:0", "option:1", ..."""
 
     options: tuple[str, ...]
     chosen: tuple[int, ...]
@@ -129,7 +129,7 @@ class OptionList:
 
 @dataclass(frozen=True, slots=True)
 class RatingScale:
-    """Points in a row with words at the ends, or at each; targets "option:0", ..."""
+    """A row of points with labels at the ends or at each point; targets are "option:0", "option:1", ..."""
 
     points: tuple[str, ...]  # what each point says
     low: str
@@ -139,7 +139,7 @@ class RatingScale:
 
 @dataclass(frozen=True, slots=True)
 class RatingMatrix:
-    """Statements below each other on the same scale; targets "option:0", ..., row by row."""
+    """A list of statements rated on the same scale; targets are "option:0", "option:1", ..., row by row."""
 
     rows: tuple[str, ...]
     points: tuple[str, ...]  # what each point says
@@ -151,7 +151,7 @@ class RatingMatrix:
 
 @dataclass(frozen=True, slots=True)
 class Slider:
-    """A line with a thumb that can be moved; target "slider"."""
+    """A line with a movable thumb; the target is "slider"."""
 
     low: str
     high: str
@@ -162,7 +162,7 @@ class Slider:
 
 @dataclass(frozen=True, slots=True)
 class TextField:
-    """A field to type in; target "field"."""
+    """A field to type in; the target is "field"."""
 
     text: str
     caret: int  # characters before it
@@ -172,7 +172,7 @@ class TextField:
 
 @dataclass(frozen=True, slots=True)
 class CanvasShape:
-    """A box or an ellipse of a `ShapeCanvas`: lengths are 0..1 of the canvas, from its top left corner."""
+    """A box or an ellipse on a `ShapeCanvas`; lengths are 0 to 1 of the canvas, from its top left corner."""
 
     x: float
     y: float
@@ -186,7 +186,7 @@ class CanvasShape:
 
 @dataclass(frozen=True, slots=True)
 class ShapeCanvas:
-    """Shapes on a canvas, later ones in front: what a question of a plug-in's kind shows, if no other widget does."""
+    """A canvas of shapes, later ones in front, for questions of a plug-in's kind that no other widget can show."""
 
     shapes: tuple[CanvasShape, ...]
     aspect: float = 1.0  # width by height
@@ -197,7 +197,7 @@ AnswerWidget = OptionList | RatingScale | RatingMatrix | Slider | TextField | Sh
 
 @dataclass(frozen=True, slots=True)
 class QuestionScreen:
-    """One question and its answer so far."""
+    """A screen of one question and its answer so far."""
 
     accepts_pointer: ClassVar[bool] = True
     title: str
@@ -211,19 +211,20 @@ class QuestionScreen:
 
     @property
     def accepts_text(self) -> bool:
-        """Whether text is to come from the input method."""
+        """Whether the screen accepts text from the input method."""
         return isinstance(self.item, TextField)
 
 
 @dataclass(frozen=True, slots=True)
 class PageView:
-    """The view of a kind's own screen on a browser's page.
+    """The view of a kind's own screen in a browser's page.
 
     Args:
-        name: a word for it, by which style sheets know it.
-        values: "module:function" that takes the screen and a function which numbers pictures; it returns JSON values.
-        module: "package:file", a JavaScript module of the kind's folder. Its function ``draw`` takes those values, the
-            message that they came in, and tools of the page; it returns the elements of the screen.
+        name: the name by which style sheets refer to the view.
+        values: "module:function"; the function takes the screen and a function that numbers pictures, and returns JSON
+            values.
+        module: "package:file", a JavaScript module in the kind's folder. Its function ``draw`` takes those values, the
+            message that contained them and the page's tools, and returns the elements of the screen.
     """
 
     name: str
@@ -233,7 +234,7 @@ class PageView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActivityScreen:
-    """A screen of one kind of activity, which adds what is to be seen.
+    """A screen of one kind of activity, which adds fields for its content.
 
     Its ``drawing``, "module:function", takes the screen and a size in pixels, and returns a
     `minihuman.display.drawing.sheet.Sheet`. Without a ``page_view`` the page shows that drawing.
@@ -248,22 +249,22 @@ class ActivityScreen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilmsScreen(ActivityScreen, abc.ABC):
-    """A screen of films, of which one picture each is seen at a time; the page has the others before they are."""
+    """A screen that shows one picture at a time of each of its films; the page receives later pictures in advance."""
 
     @property
     @abc.abstractmethod
     def films(self) -> tuple[Sequence[NDArray[np.uint8]], ...]:
-        """The films, side by side; each picture is drawn when it is asked for."""
+        """The films, side by side; each picture is drawn when it is read."""
 
     @property
     @abc.abstractmethod
     def shown_step(self) -> int:
-        """The index of the pictures that are seen; of a shorter film the last one stands."""
+        """The index of the pictures that are shown; a shorter film keeps its last picture."""
 
     @property
     @abc.abstractmethod
     def identity(self) -> tuple[object, ...]:
-        """The parts of the screen that tell it from another one, whatever its step."""
+        """The values that distinguish the screen from others, whatever its step."""
 
 
 Screen = TextScreen | BlankScreen | PlayScreen | PageScreen | QuestionScreen | ActivityScreen

@@ -1,12 +1,11 @@
-"""The session machine: inputs in, events out. No clock, files or windows. Also a session whose participant has no group
-yet: an answer decides the allocation.
+"""The session machine: inputs in, events out. It has no clock, files or windows.
 
     session = SessionMachine(plan, World, facts)
     events = session.receive(Tick(t_ns=0))    # write these
     screen = session.screen                   # then show this, and return the window's ScreenShown
 
-Write the events before showing the new screen. The same inputs give the same events. The session owns pauses,
-questions about itself and its end; `PartSequence` owns the order of parts, and each activity its own content.
+Write the events before showing the new screen. The same inputs give the same events. The session itself handles pauses,
+questions about the session and its end; `PartSequence` handles the order of parts, and each activity its own content.
 """
 
 from collections.abc import Mapping
@@ -81,11 +80,11 @@ class SessionMachine:
     """One segment of one participant's session.
 
     Args:
-        plan: the whole session.
-        make_world: gives a world for an id and its options; ``World`` itself will do.
-        facts: versions, platform and display; logged with the plan.
-        picture_px: the largest picture wanted, width and height; None draws none.
-        renders_steps: whether play screens have pictures; a page that draws them itself needs only the last one, held.
+        plan: the plan of the whole session.
+        make_world: makes a world from its id and options; ``World`` itself can be passed.
+        facts: versions, platform and display, which are logged with the plan.
+        picture_px: the largest picture wanted, as width and height in pixels; None draws none.
+        renders_steps: whether play screens have pictures. A page that draws them itself needs only the last one.
 
     Raises:
         AllocationError: if the plan has no part left.
@@ -111,7 +110,7 @@ class SessionMachine:
         self._reset(plan)
 
     def _reset(self, plan: SessionPlan) -> None:
-        """Go back to before the first input."""
+        """Return to the state before the first input."""
         self.plan = plan
         self.failure: BaseException | None = None  # what a broken world raised
         self._phase = Phase.START
@@ -130,7 +129,7 @@ class SessionMachine:
 
     @property
     def phase(self) -> StrEnum:
-        """The session's phase; in a part, the part's own."""
+        """The session's phase; while a part runs, the part's phase."""
         if self._phase is Phase.PART:
             return self.part.phase
         return self._phase
@@ -142,34 +141,34 @@ class SessionMachine:
 
     @property
     def next_episode(self) -> int:
-        """Index of the episode that is played or comes next."""
+        """The index of the running or next episode."""
         return self._context.next_episode
 
     @property
     def over(self) -> bool:
-        """Whether the last event has been given."""
+        """Whether the session has ended, so that no more events follow."""
         return self._phase is Phase.OVER
 
     @property
     def screen(self) -> Screen:
-        """The screen to show now; a new object whenever it has changed."""
+        """The present screen; a new object whenever it has changed."""
         if not self._is_drawn:
             self._draw()
         return self._screen
 
     @property
     def end_reason(self) -> EndReason:
-        """The reason why the session ended; "complete" as long as it runs."""
+        """The reason why the session ended; "complete" while it is running."""
         return self._end_reason
 
     @property
     def end_detail(self) -> str:
-        """The details of the end, such as what a failing world raised. Never shown to a participant."""
+        """The details of the end, such as the error of a failed world; never shown to a participant."""
         return self._end_detail
 
     @property
     def next_tick_ns(self) -> int | None:
-        """The time at which the session wants a Tick, if no input comes before; None: never."""
+        """The time at which the session needs a Tick unless another input comes first; None if it needs none."""
         if self._phase is Phase.PART:
             return self.part.next_tick_ns
         if self._phase is Phase.QUIT_QUESTION:
@@ -178,43 +177,43 @@ class SessionMachine:
 
     @property
     def play(self) -> RunningEpisode | None:
-        """The running episode, for simulated participants that look at its world; None between episodes."""
+        """The running episode, for simulated participants that read its world; None between episodes."""
         if self._phase is Phase.PART and (part := self._parts.part).playing:
             return part.play
         return None
 
     @property
     def part(self) -> Activity:
-        """The part that runs."""
+        """The running part."""
         return self._parts.part
 
     @property
     def next_part(self) -> int | None:
-        """Index of the part that follows the one that has ended; None where none does."""
+        """The index of the part that follows the one that has ended; None if there is none."""
         return self._parts.next_part
 
     @property
     def request(self) -> ActivityRequest | None:
-        """The request of the running part to the session host; None without one."""
+        """The running part's request to the session host; None if there is none."""
         if self._phase is Phase.PART:
             return self.part.request
         return None
 
     def close(self) -> None:
-        """Close the world."""
+        """Close the open world."""
         self._context.close()
 
     # Inputs
 
     def receive(self, happened: Input, *, at_ns: int = 0, draws: bool = True) -> list[Event]:
-        """Take one input and return its events, in order. Nothing follows SessionEnded.
+        """Handle one input and return its events in order; after SessionEnded there are no more.
 
-        An input stamped before the one it follows counts as coming with it: event times never go back.
+        Event times never go back: an input whose time is before that of the last one counts as simultaneous.
 
         Args:
             happened: the input, with its own time.
-            at_ns: when it came in, where that was later: its events have this time.
-            draws: whether the screen is drawn now; else when it is looked at, if it is.
+            at_ns: the time at which the input arrived, if later than its own time; its events get this time.
+            draws: whether to draw the screen now rather than when it is next read.
         """
         if self.over:
             return []
@@ -264,7 +263,7 @@ class SessionMachine:
                 self._to_part(happened)
 
     def _stop(self, stop: Stop) -> None:
-        """End the session from outside; a window closed over the last words leaves it complete."""
+        """End the session from outside; it stays complete if the window is closed on the closing text."""
         if self.phase is Phase.CLOSING and stop.reason in ("window_closed", "signal"):
             self._end("complete", stop.detail)
         else:
@@ -277,9 +276,10 @@ class SessionMachine:
                 self._follow_part()
 
     def _let_time_pass(self, t_ns: int) -> None:
-        """Do what is due by now, before any later input.
+        """Process what is due by now, before a later input.
 
-        How long Escape is held follows from its own times: a machine that stalled over a tap must not end the session.
+        The time for which Escape is held is measured by the inputs' own times: a machine that stalled during a short
+        press must not end the session.
         """
         if self._phase is Phase.PART:
             self._to_part(Tick(self.now_ns))
@@ -291,7 +291,7 @@ class SessionMachine:
 
     @property
     def _declining(self) -> bool:
-        """Whether leaving now refuses consent; under the first consent rules it quit."""
+        """Whether ending the session now refuses consent; under the first consent rules it did not."""
         known = self._facts.get("consent_rules", "1") == CONSENT_RULES
         return known and self._parts.has_begun and self.part.phase is Phase.CONSENT
 
@@ -305,7 +305,7 @@ class SessionMachine:
         self._move(TransitionCause.FOCUS_LOST)
 
     def _obey(self, happened: ExperimenterCommand) -> None:
-        """Log the experimenter's command, and carry it out if possible."""
+        """Log the experimenter's command, and execute it if possible."""
         self._context.emit(Noted(self.now_ns, "experimenter", f"{happened.command}: {happened.text}"))
         match happened.command:
             case "pause":
@@ -317,11 +317,11 @@ class SessionMachine:
 
     @property
     def _judges_causes(self) -> bool:
-        """Whether it matters why a key or a button is down; under the first key rules it did not."""
+        """Whether the cause of a key or pointer press matters; under the first key rules it did not."""
         return self._facts.get("key_rules", "1") == KEY_RULES
 
     def _use_pointer(self, happened: PointerInput) -> None:
-        """Log what the pointer did; neither a press from before the focus nor its release reaches the part."""
+        """Log a pointer input and pass it to the part, unless the press began before the window had the focus."""
         other_cause = _OTHER_POINTER_CAUSES.get(type(happened))
         is_other = self._judges_causes and happened.cause == other_cause
         use: PointerUse = _POINTER_WORDS[type(happened)]
@@ -363,7 +363,7 @@ class SessionMachine:
         return self._phase is Phase.PAUSED or (self._phase is Phase.PART and self.part.playing)
 
     def _escape(self, press: KeyDown) -> None:
-        """Ask whether to end the session; over that question, a tap goes back and holding ends it."""
+        """Ask whether to end the session; on that question, a short press returns and a long one ends the session."""
         self._say_key(press)
         if self._phase is Phase.QUIT_QUESTION:
             self._keys.hold_escape(press.t_ns)
@@ -405,7 +405,7 @@ class SessionMachine:
     # Moving on
 
     def _move(self, cause: TransitionCause, why: PauseReason | None = None) -> bool:
-        """Follow the table; False, and nothing changed, where no row allows it."""
+        """Follow the transition table; return False and change nothing if no row applies."""
         move = SESSION_TRANSITIONS.find(self._phase, cause, self)
         if move is None:
             return False
@@ -435,7 +435,7 @@ class SessionMachine:
         return True
 
     def _follow_part(self) -> None:
-        """Continue with the next part if this one is over, or end the session."""
+        """If the running part has ended, continue with the next part or end the session."""
         ended = self._parts.finish_part()
         if ended is None:
             return

@@ -1,6 +1,6 @@
 """Transition tables of phases: which cause leads from which phase to which, and under what condition.
 
-Holds the phases of the session and of the built-in activities, and the session's own table.
+This module defines the phases of the session and of the built-in activities, and the session's own table.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,7 +13,10 @@ Subject = TypeVar("Subject")
 
 @dataclass(frozen=True, slots=True)
 class PhaseTransition(Generic[Subject]):
-    """A row: from ``start``, for a ``cause``, to ``end`` (None: back to where the cause before came from)."""
+    """A row of a transition table: the phase ``end`` follows ``start`` for a ``cause``.
+
+    If ``end`` is None, the session returns to the phase before the question.
+    """
 
     start: StrEnum
     cause: StrEnum
@@ -22,13 +25,13 @@ class PhaseTransition(Generic[Subject]):
 
 
 class TransitionTable(Generic[Subject]):
-    """Rows, of which the first whose condition holds counts."""
+    """A table of transitions, in which the first row whose condition holds applies."""
 
     def __init__(self, rows: Sequence[PhaseTransition[Subject]]) -> None:
         self.rows = tuple(rows)
 
     def find(self, start: StrEnum, cause: StrEnum, subject: Subject) -> PhaseTransition[Subject] | None:
-        """Find the move to make; None where there is none: then nothing changes."""
+        """Return the row that applies; None if there is none, and then the phase stays."""
         for row in self.rows:
             if row.start is start and row.cause is cause and (row.when is None or row.when(subject)):
                 return row
@@ -69,7 +72,7 @@ class Phase(StrEnum):
 
 
 class TransitionCause(StrEnum):
-    """The cause of a transition of a session, or of a part of it."""
+    """The cause of a phase transition in a session or in a part of it."""
 
     BEGAN = "began"
     DONE = "done"
@@ -86,22 +89,22 @@ class TransitionCause(StrEnum):
 
 
 class RunningPart(Protocol):
-    """The properties of the running part that conditions look at."""
+    """The properties of the running part that the transitions' conditions read."""
 
     playing: bool
     real_time: bool
 
 
 class SessionState(Protocol):
-    """The properties of a session that the conditions of its transitions look at."""
+    """The properties of a session that the transitions' conditions read."""
 
     @property
     def part(self) -> RunningPart:
-        """The part that runs."""
+        """The running part."""
 
     @property
     def next_part(self) -> int | None:
-        """Index of the part that follows; None where none does."""
+        """The index of the part that follows; None if there is none."""
 
 
 def _it_is_being_played(session: SessionState) -> bool:
