@@ -1,1 +1,1 @@
-"""Agents: who chooses actions."""
+"""Agents: policies that choose actions in a world."""

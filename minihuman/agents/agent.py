@@ -1,7 +1,6 @@
-"""The agent interface: given a world, return the probability of each action. Includes the random and the optimal
-agent.
+"""The agent interface, which gives the probability of each action in a world, and the random and the optimal agent.
 
-Agents register in the entry-point group `minihuman.agents`; `policy` loads a policy file.
+Agents register in the entry-point group `minihuman.agents`; the agent `policy` loads a policy file.
 """
 
 import abc
@@ -22,9 +21,9 @@ POLICY_AGENT = "policy"  # the agent that a policy file is
 
 
 class BaseAgent(abc.ABC):
-    """Gives the probability of each action. The session draws the action; the agent draws nothing.
+    """An agent that gives the probability of each action; the session draws the action.
 
-    It is constructed from the text after the colon of its name.
+    An agent is constructed from the text after the colon of its name.
     """
 
     def __init__(self, argument: str) -> None:
@@ -35,36 +34,36 @@ class BaseAgent(abc.ABC):
         """Start an episode.
 
         Raises:
-            MinihumanError: if it cannot play that world.
+            MinihumanError: if the agent cannot play the world.
         """
 
     @abc.abstractmethod
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """Return the probability of each of the world's actions in the present state, float32[actions], sum 1."""
+        """Return the probability of each of the world's actions in the present state: float32[actions], with sum 1."""
 
 
 class RandomAgent(BaseAgent):
-    """Gives every action that has a key the same probability."""
+    """An agent that gives every action with a key the same probability."""
 
     def begin(self, plan: EpisodePlan, world: World) -> None:
-        """Find the actions that have a key."""
+        """Set the probabilities from the actions that have a key."""
         keyed = set(plan.key_map.keys.values())
         chances = np.array([name in keyed for name in world.action_names], np.float32)
         self._chances: NDArray[np.float32] = chances / chances.sum(dtype=np.float32)
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """Return the same in every state."""
+        """Return the same probabilities in every state."""
         return self._chances
 
 
 class OptimalAgent(BaseAgent):
-    """Follows a shortest path; ``optimal:0.2`` takes a random action with probability 0.2."""
+    """An agent that follows a shortest path; ``optimal:0.2`` takes a random action with probability 0.2."""
 
     def begin(self, plan: EpisodePlan, world: World) -> None:
-        """Read the probability of a random action.
+        """Read the probability of a random action from the agent's argument.
 
         Raises:
-            SimulationError: if it is not in 0 to 1.
+            SimulationError: if the probability is not from 0 to 1.
         """
         try:
             self._random_share = float(self.argument or 0.0)
@@ -78,10 +77,10 @@ class OptimalAgent(BaseAgent):
         self._random.begin(plan, world)
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """Weigh the first action of the path and the random share.
+        """Return the mixture of the shortest path's first action and a random action.
 
         Raises:
-            SimulationError: if there is no path.
+            SimulationError: if no path leads to the goal.
         """
         path = find_shortest_path(world)
         if not path:
@@ -92,7 +91,7 @@ class OptimalAgent(BaseAgent):
 
 
 def is_registered_agent(name: str) -> bool:
-    """Whether a protocol's ``policy`` names a registered agent rather than a file."""
+    """Tell whether a protocol's ``policy`` names a registered agent rather than a file."""
     return name.partition(":")[0] in list_plugin_names(AGENT_GROUP)
 
 
@@ -106,7 +105,7 @@ def load_agent_class(name: str) -> Any:
 
 
 def make_agent(name: str) -> BaseAgent:
-    """Make a registered agent from its name and the text after the colon.
+    """Make a registered agent from its name, with the text after the colon as its argument.
 
     Raises:
         MinihumanError: if no agent has that name, or it cannot be made.

@@ -1,5 +1,6 @@
-"""Search for a goal from what has been seen and what is still remembered: in a grid, in first-person rooms, or with
-full view.
+"""Search for a goal from what has been seen and is still remembered.
+
+There are searches for grids, for first-person rooms, and for worlds in full view.
 """
 
 import abc
@@ -19,7 +20,7 @@ JudgementNoise = Callable[[int], NDArray[np.float64]]  # draws the errors of so 
 
 
 def find_shortest_path(world: World) -> list[str]:
-    """Find the names of the actions that lead to success from here; empty if there are none.
+    """Return the names of the actions on the shortest path to success from the present state; empty if there is none.
 
     Raises:
         SimulationError: if the world has no planner.
@@ -36,11 +37,11 @@ _INVERSE_ACTIONS = {"left": "right", "right": "left", "turn_left": "turn_right",
 
 
 class GoalSearch(abc.ABC):
-    """A search in one episode, in action names."""
+    """A search for the goal of one episode, in terms of action names."""
 
     @abc.abstractmethod
     def plan(self) -> list[str]:
-        """Plan the next actions, as far as they are decided; empty where nothing is left to try.
+        """Return the next actions as far as they are decided; empty if nothing is left to try.
 
         Raises:
             WorldError: if planning would take too long.
@@ -48,31 +49,31 @@ class GoalSearch(abc.ABC):
 
     @abc.abstractmethod
     def forget(self, chance: float) -> None:
-        """Forget each place that is not in sight with this probability."""
+        """Forget each place that is out of sight with a given probability."""
 
     @abc.abstractmethod
     def observe_action(self, action: str, *, no_effect: bool) -> None:
-        """Take note of an action, and whether it had an effect."""
+        """Record an action, and whether it had an effect."""
 
 
 class FullViewSearch(GoalSearch):
-    """Follows the shortest path: everything is in sight, or the world names no targets."""
+    """A search that follows the shortest path, for worlds that are entirely in sight or name no targets."""
 
     def __init__(self, world: World) -> None:
         self._world = world
         self._path: list[str] = []
 
     def plan(self) -> list[str]:
-        """Return the rest of the last path, or a new one after leaving it."""
+        """Return the rest of the last path, or a new path if the last one was left."""
         if not self._path:
             self._path = find_shortest_path(self._world)
         return self._path
 
     def forget(self, chance: float) -> None:
-        """Do nothing: everything is in sight."""
+        """Do nothing, because everything is in sight."""
 
     def observe_action(self, action: str, *, no_effect: bool) -> None:
-        """Shorten or extend the path, or drop it."""
+        """Shorten the path by the action, extend it by the way back, or discard it."""
         if no_effect:
             return
         if self._path[:1] == [action]:
@@ -84,7 +85,7 @@ class FullViewSearch(GoalSearch):
 
 
 class GridSearch(GoalSearch):
-    """Searches a grid, seen from above or from inside."""
+    """A search in a grid that is seen from above or from inside."""
 
     def __init__(self, world: World, noise: JudgementNoise, rng: np.random.Generator) -> None:
         from minihuman.worlds.grid.babyai.exploring_expert import Explorer  # compiled: only where it is used
@@ -98,21 +99,21 @@ class GridSearch(GoalSearch):
         self._explorer = Explorer(grid.state, grid.image_shape[0], judgement=PEOPLE_WEIGHTS, noise=noise, inside=inside)
 
     def plan(self) -> list[str]:
-        """Plan as the exploring expert does; where nothing is left to try, explore again."""
+        """Return the plan of the exploring expert; if nothing is left to try, forget everything and explore again."""
         if not self._explorer.way(self._env.state):
             self.forget(1.0)
         return [self._env.action_names[action] for action in self._explorer.way(self._env.state)]
 
     def forget(self, chance: float) -> None:
-        """Forget cells."""
+        """Forget each cell that is out of sight with a given probability."""
         self._explorer.memory.forget(chance, self._rng)
 
     def observe_action(self, action: str, *, no_effect: bool) -> None:
-        """Do nothing: the explorer looks at the state."""
+        """Do nothing, because the explorer reads the state."""
 
 
 class RoomSearch(GoalSearch):
-    """Searches rooms in first person."""
+    """A search in rooms in first person."""
 
     def __init__(self, world: World, noise: JudgementNoise, rng: np.random.Generator) -> None:
         from minihuman.worlds.first_person.pathfinding.belief_state import ExploredFloor
@@ -125,7 +126,7 @@ class RoomSearch(GoalSearch):
         self._known_path = FullViewSearch(world)  # once all targets have been seen
 
     def plan(self) -> list[str]:
-        """Go to the targets once all have been seen, else to where more can be seen."""
+        """Return a path to the targets once all have been seen, and otherwise to where more can be seen."""
         memory = self._memory
         memory.look()
         targets = self._env.targets()
@@ -144,11 +145,11 @@ class RoomSearch(GoalSearch):
         return [move]
 
     def forget(self, chance: float) -> None:
-        """Forget patches of the floor."""
+        """Forget each patch of floor that is out of sight with a given probability."""
         self._memory.forget(chance, self._rng)
 
     def observe_action(self, action: str, *, no_effect: bool) -> None:
-        """Remember an obstacle where a step forward had no effect."""
+        """Record an action; a step forward without effect marks an obstacle."""
         self._known_path.observe_action(action, no_effect=no_effect)
         if action == "move_forward":
             if no_effect:

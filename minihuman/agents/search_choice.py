@@ -1,4 +1,4 @@
-"""Choose the kind of search for a world."""
+"""The choice of a goal search that suits a world."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from minihuman.worlds.inside.env import GridFromInside
 
 
 def build_search(world: World, view: str, noise: JudgementNoise, rng: np.random.Generator) -> GoalSearch:
-    """Choose the kind of search for a world; with a full view nothing needs to be found.
+    """Build the goal search that suits a world; with a full view nothing needs to be found.
 
     Raises:
         SimulationError: if no planner knows the world's goal.
@@ -29,7 +29,7 @@ def build_search(world: World, view: str, noise: JudgementNoise, rng: np.random.
 
 
 def build_kitchen_search(world: World) -> GoalSearch | None:
-    """Make the search for a cook's seat; None in a world that is no kitchen."""
+    """Build the search for a cook's seat in a kitchen; return None for any other world."""
     if not isinstance(world.unwrapped, SeatEnv):
         return None
     from minihuman.agents.team_agents import KitchenSearch  # compiled: only where they are used

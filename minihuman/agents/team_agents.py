@@ -1,7 +1,7 @@
-"""Partners for team worlds: a cook, and someone in a swap corridor who gives way or insists.
+"""Partners for team worlds: a cook, and an agent that crosses a swap corridor and either gives way or insists.
 
-They see the whole state of the world, as the planner does, and plan for one body; the others are in their way. The
-world of an agent in a team says which team world and which body: ``world.unwrapped.team`` and ``.seat``.
+They see the whole state of the world, as the planner does, and plan for one body; other bodies are obstacles. The world
+of an agent in a team names the team world and the body: ``world.unwrapped.team`` and ``.seat``.
 """
 
 from collections import deque
@@ -28,17 +28,17 @@ SIDESTEP = 0.3  # how probable it is that a cook whose way is blocked or contest
 
 
 def beside(cell: Cell) -> set[Cell]:
-    """Return the four cells beside a cell."""
+    """Return the four neighbours of a cell."""
     return {(cell[0] + step_x, cell[1] + step_y) for step_x, step_y in STEPS}
 
 
 def towards(place: Cell, cell: Cell) -> int:
-    """Return which of `STEPS` leads from a place to the cell beside it."""
+    """Return the index in `STEPS` of the step from a place to a neighbouring cell."""
     return STEPS.index((cell[0] - place[0], cell[1] - place[1]))
 
 
 def find_way(start: Cell, is_goal: Callable[[Cell], bool], floor: Collection[Cell]) -> list[Cell] | None:
-    """Find the shortest way over a floor, from the cell after the start to the goal; None where there is none."""
+    """Return the shortest path over a floor, from the cell after the start to the goal; None if there is none."""
     came: dict[Cell, Cell] = {start: start}
     waiting = deque([start])
     while waiting:
@@ -58,17 +58,17 @@ def find_way(start: Cell, is_goal: Callable[[Cell], bool], floor: Collection[Cel
 
 
 class CookAgent(BaseAgent):
-    """Cooks and delivers soups, alone or with others: ``cook``.
+    """An agent that cooks and delivers soups, alone or with others: ``cook``.
 
-    It does what is most urgent for what it holds: deliver, fill a plate, fill a pot, start a pot, fetch a plate, fetch
-    an ingredient; what it cannot bring to its place it leaves on a counter that another can reach.
+    It does the most urgent task for what it holds: deliver, fill a plate, fill a pot, start a pot, fetch a plate, or
+    fetch an ingredient. What it cannot bring to its destination it puts on a counter that another cook can reach.
     """
 
     def begin(self, plan: EpisodePlan, world: World) -> None:
         """Check that the world is a kitchen.
 
         Raises:
-            SimulationError: if it is not.
+            SimulationError: if the world is not a kitchen.
         """
         if not isinstance(getattr(world.unwrapped, "team", None), Kitchen):
             raise SimulationError(
@@ -76,7 +76,10 @@ class CookAgent(BaseAgent):
             )
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """Weigh the next action towards what is most urgent; where another cook is in the way, others get a share."""
+        """Return probability 1 for the next action of the most urgent task.
+
+        If another cook blocks the action, the moves and waiting get a share of the probability.
+        """
         action, is_blocked = KitchenView(world.unwrapped.team, world.unwrapped.seat).choose()
         chances = np.zeros(len(world.action_names), np.float32)
         chances[action] = 1
@@ -87,16 +90,16 @@ class CookAgent(BaseAgent):
 
 
 class KitchenSearch(FullViewSearch):
-    """Plans for a simulated person in a kitchen, all of which is in sight, as the agent ``cook`` does."""
+    """A plan for a simulated participant in a kitchen, all of which is in sight; it acts as the agent ``cook``."""
 
     def plan(self) -> list[str]:
-        """Return the next action."""
+        """Return the next action, as a list of one."""
         env = self._world.unwrapped
         return [self._world.action_names[KitchenView(env.team, env.seat).choose()[0]]]
 
 
 class KitchenView:
-    """A kitchen as one cook sees it in one step."""
+    """A kitchen in one state, as one cook sees it."""
 
     def __init__(self, kitchen: Kitchen, seat: int) -> None:
         row = self.row = kitchen.row
@@ -116,14 +119,14 @@ class KitchenView:
         self.orders = sorted(filter(value_of.__getitem__, RECIPES), key=lambda recipe: -value_of[recipe])
 
     def choose(self) -> tuple[int, bool]:
-        """Choose the next action; say whether another cook is in its way."""
+        """Return the next action, and whether another cook blocks it."""
         for stations in self._wishes():
             if self._reaches(stations):
                 return self._approach(stations)
         return fields.STAY, bool(self.other_places)
 
     def _wishes(self) -> list[list[Cell]]:
-        """List the stations to act on, the most urgent first."""
+        """Return the stations at which to act, as a list for each task, the most urgent task first."""
         pots = self._cells(fields.POT)
         kind = kind_of(self.held_thing)
         active = [cell for cell in pots if self.things[cell] and clock_of(self.things[cell]) >= 0]
@@ -152,16 +155,16 @@ class KitchenView:
         return [cell for cell, cell_terrain in self.terrain.items() if cell_terrain == terrain]
 
     def _counters(self, kind: int) -> list[Cell]:
-        """List the counters on which a thing of a kind lies, 0 for none."""
+        """Return the counters that hold an object of a kind; 0 stands for empty counters."""
         return [cell for cell in self._cells(fields.COUNTER) if kind_of(self.things[cell]) == kind]
 
     def _shared_counters(self) -> list[Cell]:
-        """List the free counters that another cook reaches who does not stand where this one can go."""
+        """Return the free counters that can be reached by a cook whose part of the floor this cook cannot reach."""
         apart = [self._region(other) for other in self.other_places if other not in self.region]
         return [cell for cell in self._counters(0) if any(not region.isdisjoint(beside(cell)) for region in apart)]
 
     def _region(self, place: Cell) -> set[Cell]:
-        """Find the floor that can be walked to, if the others make way."""
+        """Return the floor cells that can be reached from a place if other cooks make way."""
         region = {place}
         waiting = [place]
         while waiting:
@@ -178,7 +181,7 @@ class KitchenView:
         return clock_of(thing) >= int(self.row[fields.TIMES + recipe_of(thing)])
 
     def _takes(self, cell: Cell, kind: int) -> bool:
-        """Whether a pot wants this ingredient for the dearest order that it can still become."""
+        """Tell whether a pot needs an ingredient for the most valuable order that its contents can still become."""
         thing = self.things[cell]
         if thing and clock_of(thing) >= 0:
             return False
@@ -189,12 +192,15 @@ class KitchenView:
         return False
 
     def _is_complete(self, cell: Cell) -> bool:
-        """Whether a pot waits to be started: nothing dearer can come of it."""
+        """Tell whether a pot is ready to be started, because more ingredients would not make a more valuable order."""
         waits = self.things[cell] and clock_of(self.things[cell]) < 0 and not self.row[fields.AUTOMATIC]
         return bool(waits) and not (self._takes(cell, fields.ONION) or self._takes(cell, fields.TOMATO))
 
     def _approach(self, stations: list[Cell]) -> tuple[int, bool]:
-        """Go to the nearest of these stations, turn to it and use it; wait there for a pot that still cooks."""
+        """Return the action that walks to the nearest station and uses it, and whether another cook blocks the way.
+
+        At a pot that is still cooking, the action is to wait.
+        """
 
         def is_there(cell: Cell) -> bool:
             return not beside(cell).isdisjoint(stations)
@@ -215,15 +221,17 @@ class KitchenView:
 
 
 class CorridorAgent(BaseAgent):
-    """Crosses a swap corridor: ``corridor:yield`` steps into the bay while the other is in its way, and
-    ``corridor:insist`` goes straight on. ``corridor`` alone yields.
+    """An agent that crosses a swap corridor.
+
+    ``corridor:yield`` steps into the bay while another body blocks the way; ``corridor:insist`` walks straight on. The
+    default is to yield.
     """
 
     def begin(self, plan: EpisodePlan, world: World) -> None:
-        """Check the argument and that the world is a swap corridor.
+        """Check the agent's argument, and that the world is a swap corridor.
 
         Raises:
-            SimulationError: if it is not.
+            SimulationError: if either is not valid.
         """
         if self.argument not in ("", "yield", "insist"):
             raise SimulationError(
@@ -235,7 +243,7 @@ class CorridorAgent(BaseAgent):
             )
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """Return the next turn or step towards its goal, or towards the bay."""
+        """Return probability 1 for the next turn or step towards the goal, or towards the bay."""
         team = world.unwrapped.team
         seat = world.unwrapped.seat
         state = team.state

@@ -1,4 +1,4 @@
-"""A session whose participant has no group yet: an answer decides the allocation."""
+"""A session whose participant has no group yet, because an answer decides the allocation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,14 +21,14 @@ from minihuman.experiment.protocol.strata import build_strata
 
 @dataclass(frozen=True, slots=True)
 class SlotRequest(ActivityRequest):
-    """The answer is given: draw a slot of this stratum."""
+    """A request to draw an allocation slot of a stratum, made once the deciding answer is given."""
 
     stratum: str
 
 
 @dataclass(frozen=True, slots=True)
 class SlotDrawn(ActivityInput):
-    """The plan with the group that was drawn."""
+    """The answer to a `SlotRequest`: the plan with the group that was drawn."""
 
     plan: SessionPlan
 
@@ -46,18 +46,18 @@ def build_session(
     picture_px: tuple[int, int] | None,
     renders_steps: bool = True,
 ) -> SessionMachine:
-    """Build a session for a plan, which waits for allocation if the participant has no group."""
+    """Build the session of a plan; it waits for allocation if the participant has no group."""
     kind = PendingAllocationSession if is_allocation_pending(plan) else SessionMachine
     return kind(plan, make_world, facts, picture_px=picture_px, renders_steps=renders_steps)
 
 
 def awaits_allocation(session: SessionMachine) -> bool:
-    """Tell whether a session emits no events yet, since its group is not drawn."""
+    """Tell whether a session emits no events yet because its group has not been drawn."""
     return isinstance(session, PendingAllocationSession) and not session.is_allocated
 
 
 class PendingAllocationSession(SessionMachine):
-    """A session that emits no events until the group is drawn, and none at all if it ends before.
+    """A session that emits no events until the group is drawn, and none at all if it ends before that.
 
     The arguments are those of `SessionMachine`; ``plan`` is valid up to the draw.
     """
@@ -81,12 +81,12 @@ class PendingAllocationSession(SessionMachine):
 
     @property
     def is_allocated(self) -> bool:
-        """Whether the group is drawn."""
+        """Whether the group has been drawn."""
         return self._past is None
 
     @property
     def request(self) -> ActivityRequest | None:
-        """The draw, once there is an answer; then the session's own requests."""
+        """The request for a slot once the answer is given; after the draw, the session's own requests."""
         if self.is_allocated or self.over:
             return super().request
         if self._stratum is None:
@@ -94,7 +94,7 @@ class PendingAllocationSession(SessionMachine):
         return SlotRequest(self._stratum)
 
     def receive(self, happened: Input, *, at_ns: int = 0, draws: bool = True) -> list[Event]:
-        """Take one input; at the draw, emit the events of all inputs so far."""
+        """Handle one input and return no events until the draw, which returns the events of all inputs so far."""
         if self._past is None:
             return super().receive(happened, at_ns=at_ns, draws=draws)
         if isinstance(happened, SlotDrawn):

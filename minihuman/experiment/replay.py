@@ -1,4 +1,4 @@
-"""Replay a session from its recorded events. No I/O.
+"""Replay of a session from its recorded events. No I/O.
 
 The session machine has no clock and no randomness, so the same inputs give the same events, and any other event in a
 log is a difference. What a person or device did (which key, when, when an image was displayed) is an input: it
@@ -92,7 +92,7 @@ BROWSER_NOTE = "page"  # notes of this kind are a browser's page's own
 
 
 def renders_same_images(facts: Mapping[str, str]) -> bool:
-    """Tell whether this version draws first-person worlds as a log with these facts recorded them."""
+    """Tell whether this version draws first-person worlds as the version that recorded these facts did."""
     return facts.get("pictures", "1") == str(PICTURES_VERSION)
 
 
@@ -106,12 +106,12 @@ def compare_replay(
     follow: SeatFollower | None = None,
     picture_px: tuple[int, int] | None = None,
 ) -> Iterator[str]:
-    """Yield how a replay of a segment differs from its events; nothing if it does not.
+    """Yield a line for each difference between a segment's events and their replay; nothing if they agree.
 
-    Events of devices are skipped, and so are calls of a model unless ``follow`` compares them: it is called with
-    each, and with None after each input, in pictures of at most ``picture_px``. A segment that was cut off is
-    compared as far as it goes. First-person observations that an earlier renderer drew are not compared; subgoals
-    that worlds did not report then are skipped.
+    Events of devices are skipped, and so are model calls, unless ``follow`` compares them: it is called with each model
+    call, and with None after each input; screens have pictures of at most ``picture_px``. A segment that was cut off is
+    compared up to its end. First-person observations of an earlier renderer are not compared. Subgoals are skipped that
+    worlds did not report when the log was recorded.
 
     Raises:
         WorldError: if a world of the plan cannot be made here.
@@ -144,7 +144,7 @@ def _compare_events(
     follow: SeatFollower | None,
     look_ahead: int,
 ) -> Iterator[str]:
-    """Feed a session the inputs behind numbered events, and yield where its own events differ, up to the first."""
+    """Feed a session the inputs behind numbered events and yield differences, stopping at the first differing event."""
     expected: deque[Event] = deque()
     while logged:
         if follow is not None and isinstance(call := logged[0][1], ModelCall):
@@ -169,7 +169,10 @@ def _compare_events(
 
 
 class _EventComparison:
-    """Compares logged events with replayed ones, except for what earlier versions drew otherwise or did not report."""
+    """A comparison of logged and replayed events that allows for the differences of earlier versions.
+
+    Earlier versions drew some pictures differently and did not report subgoals.
+    """
 
     def __init__(self, make_world: WorldFactory, facts: Mapping[str, str]) -> None:
         self._make_world = make_world
@@ -179,20 +182,23 @@ class _EventComparison:
         self._skips_hashes = False  # of the running episode
 
     def make_world(self, world_id: str, options: dict[str, Any]) -> World:
-        """Make a world, and note whether its pictures are ours."""
+        """Make a world and remember whether this package draws its pictures."""
         world = self._make_world(world_id, options)
         self._is_drawn_by_us[world_id] = world.drawn
         return world
 
     def take_replayed(self, logged: Event, expected: deque[Event]) -> Event:
-        """Take the event to compare a logged one with, past subgoals that worlds did not report then."""
+        """Remove and return the replayed event to compare with a logged one.
+
+        Subgoals that the log's version did not report are skipped.
+        """
         replayed = expected.popleft()
         while self._lacks_subgoals and isinstance(replayed, ClauseDone) and replayed != logged and expected:
             replayed = expected.popleft()
         return replayed
 
     def find_difference(self, logged: Event, replayed: Event) -> str:
-        """Say how an event differs from its replay; "" if it does not."""
+        """Describe how an event differs from its replay; "" if it does not."""
         if isinstance(logged, EpisodeStarted):
             is_built_in = self._is_drawn_by_us.get(logged.plan.world, False)
             self._skips_hashes = is_built_in and not self._has_same_images
@@ -211,12 +217,12 @@ def resume_from_events(
     renders_steps: bool = True,
     follow: Callable[[SessionMachine, Event | None], object] | None = None,
 ) -> tuple[SessionMachine, list[Event]]:
-    """Rebuild the machine that emitted a segment's events; return the events that a killed program did not write, too.
+    """Rebuild the machine that emitted a segment's events; return it with the events that were never written.
 
-    ``follow`` is called with each event, the calls of a model among them, and with None after each input.
+    ``follow`` is called with each event, model calls included, and with None after each input.
 
     Raises:
-        LogError: if the replay differs from the events, or the session is over.
+        LogError: if the replay differs from the events, or the session has ended.
         WorldError: if a world of the plan cannot be made here.
     """
     logged = deque(event for event in events if not _is_external(event) or (follow and isinstance(event, ModelCall)))
@@ -245,7 +251,7 @@ def _replay_logged(
     """Feed a session the inputs behind logged events; return the events that it emits beyond them.
 
     Raises:
-        LogError: if one of them differs.
+        LogError: if an event differs.
     """
     expected: deque[Event] = deque()
     while logged:
@@ -266,12 +272,12 @@ def _replay_logged(
 
 
 def _is_external(event: Event) -> bool:
-    """Tell whether an event comes from a device or a browser, not from the machine."""
+    """Tell whether an event comes from a device or a browser rather than from the machine."""
     return isinstance(event, _EXTERNAL_EVENTS) or (isinstance(event, Noted) and event.kind == BROWSER_NOTE)
 
 
 def _feed_next_input(session: SessionMachine, coming: list[Event]) -> list[Event]:
-    """Feed the machine the input that must have come next; return its events."""
+    """Feed the session the input that must have come next, and return the session's events."""
     event = coming[0]
     _show_question(session, coming)
     _show_screen(session, event)
@@ -291,7 +297,10 @@ def _feed_next_input(session: SessionMachine, coming: list[Event]) -> list[Event
 
 
 def _find_input_behind(coming: list[Event], session: SessionMachine) -> Input | None:
-    """Find the input that came as a timed screen ended; fed after a Tick, it would find the next world prepared."""
+    """Return the input that arrived as a timed screen ended; None if there is none.
+
+    Fed after a Tick instead, the input would meet a world that has already been prepared.
+    """
     for before, event in pairwise(takewhile(lambda candidate: candidate.t_ns == coming[0].t_ns, coming)):
         if before == Noted(event.t_ns, "phase", Phase.PREPARING) and isinstance(event, KeyPressed | AxisMoved | Noted):
             return _find_input(event, session)
@@ -299,7 +308,7 @@ def _find_input_behind(coming: list[Event], session: SessionMachine) -> Input | 
 
 
 def _find_input(event: Event, session: SessionMachine) -> Input | None:
-    """Find the input behind an event; None if there is none."""
+    """Return the input that caused an event; None if no input did."""
     match event:
         case KeyPressed():
             return _find_key_input(event)
@@ -336,7 +345,7 @@ def _find_key_input(event: KeyPressed) -> KeyDown | KeyUp:
 
 
 def _show_question(session: SessionMachine, coming: list[Event]) -> None:
-    """Show a question at the time that its answer states: a question that reaches the display leaves no event."""
+    """Report a question as shown at the time that its answer states, since its display leaves no event of its own."""
     if isinstance(coming[0], SessionStarted):
         return
     answered = next((event for event in coming if isinstance(event, Answered)), None)
@@ -346,10 +355,11 @@ def _show_question(session: SessionMachine, coming: list[Event]) -> None:
 
 
 def _show_screen(session: SessionMachine, event: Event) -> None:
-    """Show a text, a blank or a cross as late as a key implies; that it reached the display leaves no event either.
+    """Report a text, blank or fixation screen as shown, as late as the next event implies.
 
-    Enter before "Ready?" is visible was meant for the screen before. A timed screen runs from when it was seen, so an
-    event that still found it says that its time was not over.
+    The display of such a screen leaves no event. A press of Enter before the ready screen was visible was meant for
+    the screen before it. A timed screen's duration counts from its display, so an event that arrives during the screen
+    implies that its time was not over.
     """
     if _comes_too_soon(event, session.phase):
         pressed_ns = event.t_ns - event.waited_ns
@@ -365,14 +375,17 @@ def _show_screen(session: SessionMachine, event: Event) -> None:
 
 
 def _comes_too_soon(event: Event, phase: str) -> TypeGuard[KeyPressed]:
-    """Tell whether Enter was pressed before "Ready?" was visible."""
+    """Tell whether Enter was pressed before the ready screen was visible."""
     if not isinstance(event, KeyPressed) or phase != Phase.READY or event.phase != phase:
         return False
     return event.down and event.verdict == "not_playing" and event.key in ENTER_KEYS
 
 
 def _finds_phase(event: Event, phase: str) -> bool:
-    """Tell whether an event says that a phase had not ended yet, as the events of its end would have come before."""
+    """Tell whether an event shows that a phase had not ended yet.
+
+    If the phase had ended, the events of its end would have come first.
+    """
     match event:
         case KeyPressed():
             return event.phase == phase
@@ -382,7 +395,7 @@ def _finds_phase(event: Event, phase: str) -> bool:
 
 
 def _find_stop(coming: list[Event], phase: str) -> Stop | None:
-    """Find what ended the session from outside, if its end comes now."""
+    """Return the input that ended the session from outside, if the session ends at this point."""
     at_once = [event for event in coming[:_LAST_EVENTS] if event.t_ns == coming[0].t_ns]
     ended = next((event for event in at_once if isinstance(event, SessionEnded)), None)
     if ended is None:
@@ -410,9 +423,10 @@ def _describe_difference(event: Event, replayed: Event) -> str:
 
 
 def is_same_event(logged: Event, replayed: Event) -> bool:
-    """Compare an event with its replay. NaN equals NaN, and a world's failure equals the same one in other words.
+    """Tell whether an event equals its replay. NaN equals NaN, and failures of a world are equal whatever their text.
 
-    What a failing world says differs between versions of Python and of this program; where it fails does not.
+    The text of a failing world differs between versions of Python and of this program; the place of the failure does
+    not.
     """
     if logged == replayed:
         return True

@@ -1,6 +1,6 @@
-"""Copy a running session to try an input on it.
+"""Copies of a running session, in which an input can be tried out.
 
-The copy shares the world of the original and must not reset or step it; it may be lent a world of its own.
+A copy shares the world of the original and must not reset or step it; it can be lent a world of its own.
 """
 
 from collections.abc import Callable
@@ -18,35 +18,41 @@ _COPIED_PACKAGES = ("minihuman.experiment.", "minihuman.activities.")
 
 
 def can_copy_session(session: SessionMachine) -> bool:
-    """Tell whether a session is in a part whose state is copied whole."""
+    """Tell whether a session is in a part whose state can be copied in full."""
     return type(session) is SessionMachine and session.part.can_copy
 
 
 def copy_session(session: SessionMachine, lend: WorldLender) -> SessionMachine:
-    """Copy a session, to feed it inputs and throw it away; the copy is never closed, as its world is the other's.
+    """Return a copy of a session to which inputs can be fed, and which is then discarded.
+
+    Do not close the copy, because its world belongs to the original.
 
     Args:
-        session: where to start from.
-        lend: a world that may be reset for an id and its options; None where there is none, which ends the fork.
+        session: the session to copy.
+        lend: returns a world, free to be reset, for an id and options; None if there is none, which ends the copy.
     """
     copied: SessionMachine = _Copier(lend).copy(session)
     return copied
 
 
 class _LentContext(SessionContext):
-    """A context whose worlds are lent."""
+    """A session context whose worlds are lent."""
 
     _lend: WorldLender
 
     def world(self, world_id: str, options: dict[str, Any]) -> World:
-        """Return the lent world."""
+        """Return the lent world.
+
+        Raises:
+            WorldError: if no world is lent.
+        """
         lent = self._lend(world_id, options)
         if lent is None:
             raise WorldError(f"the copied session has no world {world_id} to replay in")
         return lent
 
     def close(self) -> None:
-        """Do nothing: the world belongs to the other session."""
+        """Do nothing, because the world belongs to the original session."""
 
 
 class _Copier:
@@ -55,7 +61,7 @@ class _Copier:
         self._copies: dict[int, Any] = {}  # by the identity of the original
 
     def copy(self, value: Any) -> Any:
-        """Return a copy of what changes while a session runs; anything else as it is."""
+        """Return a copy of an object that changes while a session runs; return any other object itself."""
         kind = type(value)
         if id(value) in self._copies:
             return self._copies[id(value)]
@@ -80,7 +86,7 @@ class _Copier:
 
 
 def _is_mutable(value: Any) -> bool:
-    """Tell whether an object is one of the machine's that changes while a session runs."""
+    """Tell whether an object belongs to the session machine and changes while a session runs."""
     kind = type(value)
     frozen = getattr(kind, "__dataclass_params__", None)
     if isinstance(value, Activity | AnswerDraft):  # a plug-in's too

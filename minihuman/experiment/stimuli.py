@@ -1,7 +1,7 @@
-"""Stimuli: worlds for trials, whose options are what one trial shows and what each response earns.
+"""Stimuli: worlds for trials, whose options say what a trial shows and what each response earns.
 
-A trial is an episode of a single step (two in the two-step task): the response, or ``none`` at the deadline. Rewards
-that are a matter of chance are drawn from the seed of the reset, so a trial replays like any other episode.
+A trial is an episode of a single step (two in the two-step task): the response, or ``none`` at the deadline.
+Probabilistic rewards are drawn from the seed of the reset, so a trial replays like any other episode.
 """
 
 import base64
@@ -30,27 +30,27 @@ _TWO_STEP_COLOURS = ("#e8e6e1", "#f0b048", "#56b4e9")
 
 
 class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
-    """One stimulus and one response.
+    """A world that shows one stimulus and takes one response.
 
-    The observation is the count of responses made; what was shown is in the episode's options.
+    The observation is the number of responses so far; the stimulus itself is in the episode's options.
 
     Args:
-        render_mode: ``rgb_array``.
-        responses: the actions, beside ``none``.
-        text: what is written at ``side``.
-        left: what is written on the card on the left, as in a choice.
-        right: on the card on the right.
-        image: a PNG in URL-safe Base64, shown at ``side``.
-        shape: a filled shape at ``side``: "circle", "square" or "diamond".
-        colour: of text and shape, a CSS name or "#rrggbb".
-        side: "left", "centre" or "right".
-        size: of what is shown, of the picture's height.
-        correct: the response that earns 1; ``none`` for no response, "" where chance decides.
-        language: of the text, for its typefaces.
-        **chances: ``chance_RESPONSE``: how probable it is that a response earns 1.
+        render_mode: the render mode, ``rgb_array``.
+        responses: the names of the actions in addition to ``none``.
+        text: the text shown at ``side``.
+        left: the text on the left card, for a choice between two cards.
+        right: the text on the right card.
+        image: the image shown at ``side``, a PNG in URL-safe Base64.
+        shape: the filled shape shown at ``side``: "circle", "square" or "diamond".
+        colour: the colour of text and shape, a CSS name or "#rrggbb".
+        side: the position of text, image and shape: "left", "centre" or "right".
+        size: the size of the stimulus as a fraction of the picture's height.
+        correct: the response that earns 1; ``none`` for no response, "" if the reward is probabilistic.
+        language: the language of the text, which selects its typefaces.
+        **chances: options ``chance_RESPONSE``, the probability that a response earns 1.
 
     Raises:
-        WorldError: if an option holds what it cannot.
+        WorldError: if an option has an invalid value.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - Gymnasium's
@@ -103,14 +103,14 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.int64], dict[str, Any]]:
-        """Show the stimulus."""
+        """Reset the trial and show the stimulus."""
         super().reset(seed=seed)
         self._n_steps = 0
         self.last_reward = 0.0
         return self._observe(), {"onset": True}
 
     def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
-        """Take the response."""
+        """Record the response, draw its reward and end the trial."""
         self._n_steps += 1
         chance = self._chances.get(self.action_names[int(action)], 0.0)
         self.last_reward = float(self.np_random.random() < chance)
@@ -120,7 +120,10 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         return np.array([self._n_steps, 0], np.int64)
 
     def render(self) -> Any:
-        """Render the picture, uint8[H, W, 3] of ``picture_size_px``; an empty ground once there was a response."""
+        """Return the picture as uint8[height, width, 3] of ``picture_size_px``.
+
+        After the response the picture shows only the background.
+        """
         width, height = self.picture_size_px
         picture = Image.new("RGB", (width, height), BACKGROUND)
         if not self._is_over:
@@ -175,12 +178,12 @@ class TwoStep(Stimulus):
     """The two-step task of Daw et al. (2011, Neuron 69): a choice that commonly leads to one of two further choices.
 
     Args:
-        render_mode: ``rgb_array``.
-        common: how probable the common transition is; left commonly leads to the first pair.
-        chance_1: how probable a reward is on the left of the first pair.
-        chance_2: on its right.
-        chance_3: on the left of the second pair.
-        chance_4: on its right.
+        render_mode: the render mode, ``rgb_array``.
+        common: the probability of the common transition; left commonly leads to the first pair.
+        chance_1: the probability of a reward for the left choice of the first pair.
+        chance_2: the probability of a reward for the right choice of the first pair.
+        chance_3: the probability of a reward for the left choice of the second pair.
+        chance_4: the probability of a reward for the right choice of the second pair.
     """
 
     def __init__(
@@ -202,13 +205,13 @@ class TwoStep(Stimulus):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.int64], dict[str, Any]]:
-        """Show the first choice."""
+        """Reset the trial and show the first choice."""
         self._pair = 0  # 0: the first choice
         self.choice = 0
         return super().reset(seed=seed, options=options)
 
     def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
-        """Choose; no response ends the trial without a reward."""
+        """Make the first or second choice; no response ends the trial without a reward."""
         self._n_steps += 1
         response = self.action_names[int(action)]
         if response == NO_RESPONSE:
@@ -256,10 +259,10 @@ def _read_colour(colour: str) -> Any:
 
 
 def _read_number(name: str, number_or_text: str | float, *, low: float = -math.inf, high: float = math.inf) -> float:
-    """Read a number; a table has "0.600" as a text.
+    """Convert a number or its text, such as a table's "0.600", to a float.
 
     Raises:
-        WorldError: if it is none, or none in the range.
+        WorldError: if the value is not a finite number within the range.
     """
     try:
         number = math.nan if isinstance(number_or_text, bool) else float(number_or_text)
@@ -275,10 +278,10 @@ def _read_number(name: str, number_or_text: str | float, *, low: float = -math.i
 
 
 def _read_chances(chances: dict[str, float], responses: tuple[str, ...]) -> dict[str, float]:
-    """Read how probable it is that each response earns 1, from options that are named after them.
+    """Return the probability that each response earns 1, from the options named after responses.
 
     Raises:
-        WorldError: if one is no number, or named after no response.
+        WorldError: if a value is not a number, or an option names no response.
     """
     read: dict[str, float] = {}
     for name, chance in chances.items():

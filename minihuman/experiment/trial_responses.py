@@ -1,6 +1,7 @@
-"""The response of a trial in which the participant gave none, by the name that worlds and tables have for it.
+"""The name by which worlds and tables record that a trial had no response.
 
-It is apart from the worlds of trials, which draw: who reads a table of trials needs neither Gymnasium nor typefaces.
+This module is separate from the worlds of trials, which draw pictures, so that readers of trial tables need neither
+Gymnasium nor typefaces.
 """
 
 NO_RESPONSE = "none"

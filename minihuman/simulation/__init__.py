@@ -1,1 +1,1 @@
-"""Simulation: who uses the interface instead of a person."""
+"""Simulation: participants that use the interface in place of a person."""

@@ -1,7 +1,7 @@
-"""Ask a model through any endpoint that speaks OpenAI's chat completions. Knows no session and writes nothing.
+"""A client for language models at any endpoint with OpenAI's chat completions. It knows no session and writes nothing.
 
-Where it is and its key come from the environment, ``OPENAI_BASE_URL`` and ``OPENAI_API_KEY``, and stay in memory: no
-answer or error that leaves this module holds the key or the address.
+The endpoint's address and key come from the environment, ``OPENAI_BASE_URL`` and ``OPENAI_API_KEY``, and stay in
+memory: no answer or error that leaves this module holds the key or the address.
 """
 
 import abc
@@ -41,7 +41,7 @@ _NOT_A_COMPLETION = (ValueError, KeyError, IndexError, TypeError, AttributeError
 
 
 class ModelUnavailableError(MinihumanError, OSError):
-    """The endpoint gave no answer; its text names no address."""
+    """The endpoint gave no answer; the error's text names no address."""
 
     def __init__(self, reason: str, *, temporary: bool) -> None:
         super().__init__(
@@ -53,7 +53,7 @@ class ModelUnavailableError(MinihumanError, OSError):
 
 @dataclass(frozen=True, slots=True)
 class ChatAnswer:
-    """One answer, as the server gave it."""
+    """One answer of a model, as the server gave it."""
 
     text: str
     reasoning: str
@@ -65,7 +65,7 @@ class ChatAnswer:
 
 
 def _shut(connection: http.client.HTTPConnection) -> None:
-    """Shut a connection down, so that a thread that reads from it returns."""
+    """Shut a connection down, so that a thread that is reading from it returns."""
     opened: socket.socket | None = connection.sock
     if opened is not None:
         with suppress(OSError):
@@ -73,33 +73,33 @@ def _shut(connection: http.client.HTTPConnection) -> None:
 
 
 class ModelClient(abc.ABC):
-    """Answers in a participant's place; each session has its own."""
+    """A language model that answers in a participant's place; each session has its own client."""
 
     model: str  # its name, as the log is to hold it
 
     @abc.abstractmethod
     def ask(self, prompt: Prompt) -> ChatAnswer:
-        """Hand over a screen and wait for the whole answer.
+        """Send a prompt and return the whole answer.
 
         Raises:
-            ModelUnavailableError: if there is none.
+            ModelUnavailableError: if there is no answer.
         """
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Let go of what is open. A second call does nothing."""
+        """Release open resources. Calling it again does nothing."""
 
 
 class ChatClient(ModelClient):
     """A connection to one model.
 
     Args:
-        model: the name that the endpoint knows it by.
-        settings: what a request holds beside the model and its messages, such as ``{"temperature": 0.0}``.
-        timeout_s: how long an answer may take.
+        model: the name of the model at the endpoint.
+        settings: fields of a request besides the model and its messages, such as ``{"temperature": 0.0}``.
+        timeout_s: the longest time that an answer may take, in seconds.
 
     Raises:
-        SimulationError: if the endpoint's address is none, or no header can hold the key.
+        SimulationError: if the endpoint's address is not valid, or the key cannot be put in a header.
     """
 
     def __init__(self, model: str, *, settings: Mapping[str, float], timeout_s: float) -> None:
@@ -130,10 +130,10 @@ class ChatClient(ModelClient):
         self._connection: http.client.HTTPConnection | None = None
 
     def ask(self, prompt: Prompt) -> ChatAnswer:
-        """Send the messages and wait for the whole answer.
+        """Send the messages of a prompt and return the whole answer.
 
         Raises:
-            ModelUnavailableError: if there is none.
+            ModelUnavailableError: if there is no answer.
         """
         body = json.dumps({"model": self.model, "messages": prompt.messages, **self._settings}).encode()
         started_s = time.perf_counter()
@@ -154,7 +154,7 @@ class ChatClient(ModelClient):
         return self._read(content, latency_ms)
 
     def close(self) -> None:
-        """Close the connection; the next request opens another."""
+        """Close the connection; the next request opens a new one."""
         if self._connection is not None:
             self._connection.close()
             self._connection = None
@@ -200,7 +200,7 @@ class ChatClient(ModelClient):
             raise ModelUnavailableError("not a chat completion", temporary=False) from None
 
     def _read_error(self, content: bytes) -> str:
-        """Return what the provider says of an error, in one line without what is private; "" if it says nothing."""
+        """Return a provider's error text in one line, without the key and the address; "" if there is none."""
         try:
             message = self._clean(json.loads(content)["error"]["message"])
         except _NOT_A_COMPLETION:
@@ -208,7 +208,7 @@ class ChatClient(ModelClient):
         return _PRIVATE.sub("[...]", " ".join(message.replace(self._host, "[...]").split()))[:MAX_ERROR]
 
     def _clean(self, text: Any) -> str:
-        """Return a text without the key, whatever a server echoes."""
+        """Return a text without the key, in case a server echoes it."""
         if not isinstance(text, str):
             return ""
         cleaned = text.encode("utf-8", "replace").decode()

@@ -1,11 +1,11 @@
-"""A simulated human: finds its keys by trial, searches with what it has seen, forgets, errs and improves.
+"""A simulated human, who finds keys by trial, searches with what was seen, forgets, errs and improves.
 
-It is no model of any person: its parameters are known, so an analysis can be tested on data whose truth is known
-before the first participant. It acts only on what it was shown. Each parameter has a population median and a spread
-(the standard deviation of its logarithm between people). Times follow the literature named with each. What determines
-search time (`wrong_turn`, `forgetting_rate_per_s`, `judgement_sd_steps`) was fitted to the ten people of
-Chevalier-Boisvert et al. (2023), whose ten episodes in first-person FourRooms gave a mean reward of 0.88, about 4 %
-time-outs, about 2.4 times the shortest path, and a standard deviation of 0.066 between people's means.
+It is not a model of any real person: its parameters are known, so that an analysis can be tested on data whose truth is
+known before the first participant. It acts only on what it was shown. Each parameter has a population median and a
+spread (the standard deviation of its logarithm between people). Times follow the literature cited at each parameter.
+The parameters that determine search time (`wrong_turn`, `forgetting_rate_per_s`, `judgement_sd_steps`) were fitted to
+the ten people of Chevalier-Boisvert et al. (2023), whose ten episodes in first-person FourRooms gave a mean reward of
+0.88, about 4 % time-outs, about 2.4 times the shortest path, and a standard deviation of 0.066 between people's means.
 """
 
 import math
@@ -68,7 +68,7 @@ class ParticipantParameters:
     key_forgetting: float = 0.05  # probability that a key's meaning is forgotten between blocks
 
     def __post_init__(self) -> None:
-        """Refuse parameters out of range.
+        """Check that the parameters are within their ranges.
 
         Raises:
             SimulationError: if a parameter is out of range.
@@ -85,7 +85,7 @@ class ParticipantParameters:
             raise SimulationError(f"practice_presses is {self.practice_presses}; use 1 or more")
 
     def practice_factor(self, presses: int) -> float:
-        """Return the factor of practice: 1 before the first press, falling to ``1 - practice``."""
+        """Return the factor by which practice reduces times: 1 before the first press, falling to ``1 - practice``."""
         return 1 - self.practice * -math.expm1(-presses / self.practice_presses)
 
     def reaction_ms(
@@ -97,9 +97,15 @@ class ParticipantParameters:
         extra_ms: float = 0.0,
         state: NDArray[np.float64] | None = None,
     ) -> float:
-        """Draw a reaction time after so many presses; ``again`` is one to the key pressed last.
+        """Draw a reaction time in milliseconds.
 
-        ``state``, (2,) and 0 at first, holds what the next time shares with this one, where they are autocorrelated.
+        Args:
+            rng: the random generator.
+            presses: the number of presses so far.
+            again: whether the press repeats the last key.
+            extra_ms: the time to add.
+            state: the state of autocorrelated times, an array of shape (2,) that starts at 0 and is updated in place;
+                None draws an independent time.
         """
         if state is None or not self.autocorrelation:
             sampled_ms = rng.normal(self.mu_ms, self.sigma_ms) + rng.exponential(self.tau_ms)
@@ -136,7 +142,10 @@ PARAMETER_SPREADS = {  # the standard deviation of each parameter's logarithm be
 
 @dataclass(frozen=True, slots=True)
 class ParticipantPopulation:
-    """A population: fixed parameters apply to all people, the others vary around the median."""
+    """A population of simulated people.
+
+    Fixed parameters are the same for everyone; the others vary around the median.
+    """
 
     median: ParticipantParameters = ParticipantParameters()  # frozen
     fixed: frozenset[str] = frozenset()
@@ -144,10 +153,12 @@ class ParticipantPopulation:
 
     @classmethod
     def parse(cls, text: str) -> "ParticipantPopulation":
-        """Read ``lapse=0.1,tau_ms=300``: what is named is fixed; ``spread=0`` fixes the rest too.
+        """Parse settings such as ``lapse=0.1,tau_ms=300``, which fix the parameters that they name.
+
+        The setting ``spread=0`` fixes the other parameters at their medians too.
 
         Raises:
-            SimulationError: if a name is no parameter, or a value no number.
+            SimulationError: if a name is not a parameter, or a value is not a number.
         """
         defaults = {field.name: field.default for field in fields(ParticipantParameters)} | {"spread": 1.0}
         values = read_settings(text, defaults, SimulationError, owner="human-like", aliases=EARLIER_NAMES)
@@ -157,7 +168,7 @@ class ParticipantPopulation:
         return cls(ParticipantParameters(**values), frozenset(values), spread)
 
     def draw(self, rng: np.random.Generator) -> ParticipantParameters:
-        """Draw one person."""
+        """Draw the parameters of one person."""
         parameters = {}
         for name, spread in PARAMETER_SPREADS.items():
             factor = math.exp(self.spread * spread * float(rng.standard_normal()))  # the same draws whatever is fixed
@@ -169,7 +180,10 @@ class ParticipantPopulation:
 
 
 class HumanLikeParticipant(SimulatedParticipant):
-    """Plays as a person drawn from a population; it knows a key once it has seen its effect."""
+    """A simulated participant with the parameters of one drawn person.
+
+    The participant knows a key once it has seen the key's effect.
+    """
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
         population = ParticipantPopulation.parse(argument)
@@ -191,7 +205,7 @@ class HumanLikeParticipant(SimulatedParticipant):
         self._no_effect = False  # nothing came of it
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
-        """Start an episode; known keys carry over if the key map is the same."""
+        """Start an episode; known keys are kept if the key map is the same."""
         before = self._plan
         self._plan = plan
         self._pool = pool
@@ -215,10 +229,10 @@ class HumanLikeParticipant(SimulatedParticipant):
         self._search = build_search(world, plan.view, lambda count: self._rng.normal(0.0, sd_actions, count), self._rng)
 
     def press(self, world: World) -> KeyPress | NoPress:
-        """Look, learn from the last key, then press one; a trial is responded to, or its response withheld.
+        """Look at the world, learn from the last key and return the next one; in a trial, return the response.
 
         Raises:
-            SimulationError: if the world is of no kind that has a planner.
+            SimulationError: if the world has no planner.
         """
         if (stimulus := find_stimulus(world.unwrapped)) is not None:
             return self._respond(stimulus)
@@ -242,7 +256,7 @@ class HumanLikeParticipant(SimulatedParticipant):
         return KeyPress(key, self._passed_ms)
 
     def _respond(self, stimulus: Stimulus) -> KeyPress | NoPress:
-        """Respond to a trial, whose keys people know from its instructions."""
+        """Return the response to a trial, whose keys are known from its instructions."""
         assert self._plan is not None, "begin() comes first"
         keys = {action: key for key, action in self._plan.key_map.keys.items()}
         responses = [action for action in self._plan.actions if action in keys]
@@ -252,7 +266,7 @@ class HumanLikeParticipant(SimulatedParticipant):
         return NoPress()
 
     def _learn(self, key: str, previous_hash: int, view_hash: int) -> None:
-        """Learn from what the last key did."""
+        """Learn from the effect of the last key."""
         assert self._plan is not None
         assert self._search is not None
         action = self._plan.key_map.keys.get(key)
@@ -280,7 +294,7 @@ class HumanLikeParticipant(SimulatedParticipant):
         return self._untried()
 
     def _plan_path(self, search: GoalSearch) -> list[str]:
-        """Plan from here; give up for the episode once a search took too long."""
+        """Return the planned actions; after a search that took too long, none for the rest of the episode."""
         if not self._lost:
             try:
                 return search.plan()
@@ -289,7 +303,7 @@ class HumanLikeParticipant(SimulatedParticipant):
         return []
 
     def _untried(self) -> str:
-        """Choose a key not understood yet, those that seemed dead last."""
+        """Return a key whose effect is unknown, at random among those pressed least often without effect."""
         unknown = [key for key in self._pool if key not in self._understood] or list(self._pool)
         fewest = min(self._fruitless.get(key, 0) for key in unknown)
         return self._any([key for key in unknown if self._fruitless.get(key, 0) == fewest])
@@ -299,5 +313,5 @@ class HumanLikeParticipant(SimulatedParticipant):
 
 
 def _key_positions(plan: EpisodePlan) -> dict[str, int]:
-    """Return the position of each key's action in the block's list of actions, which stays when keys carry over."""
+    """Return the position of each key's action in the block's list of actions, which is stable when keys carry over."""
     return {key: plan.actions.index(action) for key, action in plan.key_map.keys.items() if action in plan.actions}

@@ -1,7 +1,8 @@
-"""What a model in a participant's place is shown, and how its answers are read. No network, clock or file.
+"""The prompts that show a language model the screens of a participant, and the reading of its answers.
 
-It gets the values of the screens that a person gets: a picture is the same drawing at the protocol's size. A
-`Conversation` fed the same screens and answers composes the same prompts, so that a log proves them.
+It uses no network, clock or file. A model is shown the same screens as a person: a picture is the same drawing at the
+protocol's size. A `Conversation` that is fed the same screens and answers composes the same prompts, so that a log
+proves them.
 """
 
 import base64
@@ -60,7 +61,7 @@ _NUMBERS = re.compile(r"\d+(?:\s*[,; ]\s*\d+)*")
 
 @dataclass(frozen=True, slots=True)
 class AnswerRule:
-    """What a screen takes as an answer, in words and as values."""
+    """The answers that a screen accepts, in words and as values."""
 
     screen: str  # "play", "page" or "question"
     request: str  # the prompt's last line
@@ -77,7 +78,7 @@ class AnswerRule:
     may_skip: bool = False
 
     def read(self, answer: str) -> str | None:
-        """Read an answer ("key 3"); None for one that is not valid."""
+        """Return a model's answer in normal form, such as "key 3"; None if it is not valid."""
         lines = [line for line in answer.strip().splitlines() if line.strip()]
         marked = [match["answer"] for match in map(_ANSWER.match, lines) if match]
         if marked:
@@ -139,7 +140,10 @@ def _read_slider(word: str) -> str | None:
 
 
 def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | None:
-    """Find what a screen takes; None where nothing is to be decided: it is only read, or passes by itself."""
+    """Return the answers that a screen accepts; None if it needs no decision.
+
+    A screen needs no decision if it is only read or ends by itself.
+    """
     match screen:
         case PlayScreen() if session.play is not None:
             named = tuple((action.lower(), key) for key, action in screen.legend)
@@ -196,7 +200,7 @@ def _find_question_rule(item: Any) -> AnswerRule:
 
 
 def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
-    """List the inputs that an answer stands for, in order of time; each leaves one event in the log."""
+    """Return the inputs that an answer stands for, in order of time; each leaves one event in the log."""
     action, _, argument = reading.partition(" ")
     match action:
         case "key":
@@ -234,7 +238,7 @@ def _click(t_ns: int, target: str, along: float = 0.5) -> list[Input]:
 
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """A request's messages, and what of it is logged."""
+    """The messages of a request, and what the log holds of them."""
 
     messages: list[dict[str, Any]]
     sha256: str
@@ -248,10 +252,10 @@ class Prompt:
 
 
 class Conversation:
-    """Records what a model was shown and answered, and composes the next prompt.
+    """A record of what a model was shown and answered, which composes the next prompt.
 
     Args:
-        spec: the protocol's settings.
+        spec: the protocol's settings of the model.
     """
 
     def __init__(self, spec: ModelSpec) -> None:
@@ -267,7 +271,7 @@ class Conversation:
         self._drawn_screen: Screen | None = None
 
     def see(self, screen: Screen) -> None:
-        """Take note of a screen that is shown; the same one again changes nothing."""
+        """Record a screen that is shown; showing the same screen again changes nothing."""
         if screen is self._last:
             return
         self._last = screen
@@ -287,7 +291,7 @@ class Conversation:
             self._since.append(text)
 
     def build_prompt(self, screen: Screen, rule: AnswerRule, session: SessionMachine) -> Prompt:
-        """Build the messages for a screen that is to be answered."""
+        """Build the prompt for a screen that needs an answer."""
         description = "\n\n".join(_describe_screen(screen, session, self._spec))
         self._question = "\n\n".join(filter(None, [*self._since, description]))
         text = f"{self._question}\n\n{rule.request}"
@@ -315,13 +319,13 @@ class Conversation:
         return Prompt(sent, sha256, digest, tokens, text, _join(*self._read), rule, png, observation)
 
     def _list_history(self) -> list[tuple[str, str]]:
-        """List the earlier screens and answers that a prompt repeats; logs prove prompts, so this may not change."""
+        """Return the earlier screens and answers that a prompt repeats; logs prove prompts, so this must not change."""
         if not self._spec.history:
             return []
         return self._past[len(self._past) - self._spec.history :]
 
     def _draw(self, screen: Screen) -> NDArray[np.uint8] | None:
-        """Draw the whole screen as a window draws it, uint8[H, W, 3]; None where words say it all."""
+        """Draw the whole screen as uint8[height, width, 3], as a window does; return None if the prompt needs no picture."""
         if getattr(screen, "picture", None) is None or self._spec.modality == "text":
             return None
         repaint_screen(self._canvas, self._drawn_screen, screen)
@@ -329,7 +333,7 @@ class Conversation:
         return self._canvas
 
     def take(self, call: ModelCall) -> None:
-        """Take an answer, valid or not."""
+        """Record an answer, whether or not it is valid."""
         self._past.append((self._question, call.answer))
         self._since = []
         if call.verdict != "valid" and self._spec.invalid == "retry":
@@ -392,7 +396,7 @@ def _list_observation(session: SessionMachine) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class SpentTotals:
-    """The cost of a session's calls so far; calls whose cost is unknown count in full."""
+    """The cost of a session's model calls so far; a call whose cost is unknown counts at its maximum."""
 
     calls: int = 0
     tokens: int = 0
@@ -400,7 +404,7 @@ class SpentTotals:
     latency_ms: float = 0.0
 
     def add(self, call: ModelCall) -> "SpentTotals":
-        """Return the totals with a call's end."""
+        """Return the totals with a finished call added."""
         if call.state == "asked":
             return self
         return SpentTotals(
@@ -412,14 +416,14 @@ class SpentTotals:
 
 
 def find_picture_size(spec: ModelSpec) -> tuple[int, int] | None:
-    """Find the largest picture of a world on the screens that a model is sent; None where it is sent words only."""
+    """Return the size of the largest world picture on a model's screens; None if the model receives text only."""
     if spec.modality == "text":
         return None
     return picture_size_px(spec.size_px)
 
 
 def count_price(spec: ModelSpec, prompt_tokens: int, completion_tokens: int) -> float:
-    """Return what so many tokens cost by the protocol's prices."""
+    """Return the price of tokens by the protocol's prices."""
     return (prompt_tokens * spec.price_prompt + completion_tokens * spec.price_completion) / 1_000_000
 
 
@@ -434,7 +438,10 @@ class ConversationRecord:
         self.coming: list[Input] = []  # what answers stand for and has not happened yet, in order of time
 
     def follow(self, session: SessionMachine, call: ModelCall | None) -> str:
-        """Follow a replay: see the screen or take a call; return how the log's prompt differs, "" where it does not."""
+        """Follow a replay by seeing the present screen or recording a call.
+
+        Return how the log's prompt differs from the composed one; "" if it does not.
+        """
         if call is None:
             self.conversation.see(session.screen)
             return ""
@@ -460,7 +467,7 @@ class ConversationRecord:
         return wrong
 
     def take(self, call: ModelCall) -> None:
-        """Take note of a call."""
+        """Record a call."""
         self.call = call
         self.spent = self.spent.add(call)
         if call.state == "answered":
@@ -469,11 +476,11 @@ class ConversationRecord:
             self.add(list_inputs(call.reading, self.rule, call.t_ns + round(call.latency_ms * NS_PER_MS)))
 
     def add(self, inputs: list[Input]) -> None:
-        """Add inputs that are to come; the release of the last answer may still be among them."""
+        """Add pending inputs; they may still include the key release of the last answer."""
         self.coming = sorted([*self.coming, *inputs], key=lambda happened: happened.t_ns)
 
     def see_input(self, event: Event) -> None:
-        """Follow a replay: take out the input that left an event."""
+        """Follow a replay by removing the pending input that caused an event."""
         for number, happened in enumerate(self.coming):
             if _leaves(happened, event):
                 del self.coming[number]

@@ -1,4 +1,4 @@
-"""How a simulated person does a part of a session: what a kind of activity implements, and what it is given for it."""
+"""The interface by which a kind of activity simulates a person in a part of a session."""
 
 import abc
 from collections.abc import Iterator
@@ -18,10 +18,10 @@ LONGEST_NS = 3_600_000_000_000  # without a key and a new screen
 
 
 class SimulatedPerson(abc.ABC):
-    """A simulated participant at the keys of a window.
+    """A simulated participant who operates a window's keys and pointer.
 
     Args:
-        participant: who it is; a `SimulatedTeacher` can do more than press keys in a world.
+        participant: the participant who decides; a `SimulatedTeacher` can do more than press keys in a world.
     """
 
     wrong_in_ten = 1  # of answers to questions that have a right one, how many in ten are any answer
@@ -32,11 +32,11 @@ class SimulatedPerson(abc.ABC):
     @property
     @abc.abstractmethod
     def now_ns(self) -> int:
-        """Return the session's time, ns."""
+        """The session's time in nanoseconds."""
 
     @abc.abstractmethod
     def begin_episode(self, play: RunningEpisode) -> None:
-        """Let the participant look at an episode, if it is a new one."""
+        """Show an episode to the participant, if it is a new one."""
 
     @abc.abstractmethod
     def press_key(self, key: str, delay_ms: float = READING_MS, hold_ms: float = HOLD_MS) -> None:
@@ -44,7 +44,7 @@ class SimulatedPerson(abc.ABC):
 
     @abc.abstractmethod
     def point(self, target: str, along: float) -> None:
-        """Click a target of the screen."""
+        """Click on a target of the screen."""
 
     @abc.abstractmethod
     def type_text(self, text: str) -> None:
@@ -52,18 +52,18 @@ class SimulatedPerson(abc.ABC):
 
     @abc.abstractmethod
     def choose(self, count: int) -> int:
-        """Draw a number below ``count``, from the study's seed, who answers and how many answers came before."""
+        """Draw a whole number below ``count`` from the study's seed, the participant and the number of answers."""
 
     def attends(self) -> bool:
-        """Draw whether a question with a right answer gets it."""
+        """Draw whether the participant attends, and so gives the right answer to a question that has one."""
         return self.choose(10) >= self.wrong_in_ten
 
 
 class PartSimulator(abc.ABC):
-    """Does the parts of one kind in a session.
+    """A simulator of the parts of one kind of activity in a session.
 
     Args:
-        person: at whose keys it is.
+        person: the simulated person who does the parts.
     """
 
     def __init__(self, person: SimulatedPerson) -> None:
@@ -71,15 +71,15 @@ class PartSimulator(abc.ABC):
 
     @abc.abstractmethod
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Press what the screen asks for, or nothing yet; False where it is a screen that every kind may show."""
+        """Give the inputs that the screen asks for, if any are due; return False for a screen that all kinds share."""
 
 
 @contextmanager
 def name_failures() -> Iterator[None]:
-    """Name whatever a player raises, and a player that takes too long.
+    """Turn every error of a simulated player, and a player that takes too long, into a PlayerFailedError.
 
     Raises:
-        PlayerFailedError: in its place.
+        PlayerFailedError: if the player raises any exception or takes too long.
     """
     try:
         with limit_answer_time():
@@ -92,10 +92,10 @@ def name_failures() -> Iterator[None]:
 
 
 def check_press(press: object) -> KeyPress:
-    """Return a player's key press, if it is a possible one.
+    """Return a player's key press if it is valid.
 
     Raises:
-        PlayerFailedError: if not.
+        PlayerFailedError: if it is not a valid key press.
     """
     if not isinstance(press, KeyPress):
         answer = f"a {type(press).__name__}, not a KeyPress"
@@ -109,10 +109,10 @@ def check_press(press: object) -> KeyPress:
 
 
 def ask_key(participant: SimulatedParticipant, play: RunningEpisode) -> KeyPress | None:
-    """Return a player's next key; None where a response is withheld.
+    """Return a player's next key press; None if the player withholds a response.
 
     Raises:
-        PlayerFailedError: if there is none, or it is withheld where no deadline comes.
+        PlayerFailedError: if there is no answer, or a response is withheld where there is no deadline.
     """
     with name_failures():
         press = participant.press(play.world)

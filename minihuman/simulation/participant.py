@@ -1,7 +1,7 @@
-"""The simulated participant interface: look at the world, return the next key and its delay. Includes loading by name.
+"""The interface of simulated participants, who look at a world and return the next key with its delay.
 
-Simulated teachers also watch an agent, take over, correct, rate and compare. Participants register in the
-entry-point group ``minihuman.players``.
+Simulated teachers also watch an agent, take over, correct, rate and compare. Participants register in the entry-point
+group ``minihuman.players`` and are made by name.
 """
 
 import abc
@@ -20,7 +20,7 @@ from minihuman.worlds.adapters.world import World
 
 @dataclass(frozen=True, slots=True)
 class KeyPress:
-    """A key, the delay from the picture or the last key to its press, and how long it is held."""
+    """A key press: the key, the delay since the picture or the last key, and the time for which it is held."""
 
     key: str
     delay_ms: float
@@ -29,11 +29,11 @@ class KeyPress:
 
 @dataclass(frozen=True, slots=True)
 class NoPress:
-    """A response is withheld: no key until the world goes on by its clock."""
+    """A withheld response: no key until the world continues by its clock."""
 
 
 class SimulatedParticipant(abc.ABC):
-    """Presses the keys in place of a person. It looks at the world but never steps it."""
+    """A participant who presses keys in place of a person. It reads the world but never steps it."""
 
     @abc.abstractmethod
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
@@ -41,16 +41,16 @@ class SimulatedParticipant(abc.ABC):
 
     @abc.abstractmethod
     def press(self, world: World) -> KeyPress | NoPress | None:
-        """Choose the next key from the present state of the world; None: no answer, which ends the session.
+        """Return the next key press in the present state of the world; None is no answer.
 
-        The session then ends as ``player_failed``, as it does after an exception or a minute without an answer. With
-        `NoPress` the participant waits for the deadline of a response.
+        Without an answer the session ends as ``player_failed``, as it does after an exception or a minute without an
+        answer. With `NoPress` the participant waits for the response deadline.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class WatchedStep:
-    """A teacher's view of a block that an agent plays, once per state."""
+    """One state of a block that an agent plays, as a teacher sees it."""
 
     who: Literal["agent", "person"]  # in control
     step: int
@@ -63,7 +63,7 @@ class WatchedStep:
 
 
 class SimulatedTeacher(SimulatedParticipant):
-    """A participant that can also watch, rate, correct and compare an agent."""
+    """A participant who can also watch, rate, correct and compare an agent."""
 
     @abc.abstractmethod
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
@@ -71,17 +71,17 @@ class SimulatedTeacher(SimulatedParticipant):
 
     @abc.abstractmethod
     def watch(self, world: World, watched: WatchedStep) -> KeyPress | None:
-        """Choose the next key, or None to wait for the next state.
+        """Return the next key press, or None to wait for the next state.
 
-        A press that is due after the next state's picture happens all the same, as a person's would.
+        A press that is due after the next state's picture happens nevertheless, as a person's would.
         """
 
     def correct(self, episode: EpisodeClip) -> int | None:
-        """Choose the step of an episode from which to correct it; None if there is nothing to correct."""
+        """Return the step from which to correct an episode; None if there is nothing to correct."""
         return None
 
     def prefer(self, left: EpisodeClip, right: EpisodeClip) -> tuple[PairAnswer, float]:
-        """Compare two clips seen to their ends; return the answer and its delay in milliseconds."""
+        """Compare two clips after watching both to their ends; return the answer and its delay in milliseconds."""
         return "cannot_tell", 1_000.0
 
 
@@ -92,7 +92,7 @@ def make_participant(name: str, rng: np.random.Generator) -> SimulatedParticipan
     """Make a simulated participant from its name and settings ("human-like:lapse=0.1").
 
     Raises:
-        SimulationError: if no participant has that name, or a setting is wrong.
+        SimulationError: if no participant has that name, or a setting is not valid.
     """
     return make_plugin(
         PARTICIPANT_GROUP,

@@ -1,11 +1,11 @@
-"""A simulated person's response to one trial: a race of accumulators, and values learnt from rewards.
+"""A simulated person's response to one trial: a race of accumulators, with values learnt from rewards.
 
-Each response has an accumulator with drift towards one threshold; the first to arrive is made, if it arrives before
-the deadline (racing Wald accumulators: Logan, Van Zandt, Verbruggen and Wagenmakers, 2014, Psychological Review 121;
-Tillman, Van Zandt and Logan, 2020, Psychonomic Bulletin & Review 27). A word that names a response, or the side on
-which a stimulus stands, drives that response too, whatever is asked: so congruent trials are faster. Where chance
-decides what is right, values are learnt by Q-learning, and drift follows the softmax of them. It is no model of any
-person: its parameters are known, so that an analysis can be tested on data whose truth is known.
+Each response has an accumulator that drifts towards a common threshold. The first to reach it determines the response,
+if it arrives before the deadline (racing Wald accumulators: Logan, Van Zandt, Verbruggen and Wagenmakers, 2014,
+Psychological Review 121; Tillman, Van Zandt and Logan, 2020, Psychonomic Bulletin & Review 27). A word that names a
+response, or the side on which a stimulus appears, also drives that response, whatever the task: so congruent trials
+are faster. If rewards are probabilistic, values are learnt by Q-learning, and drift follows their softmax. It is not a
+model of any real person: its parameters are known, so that an analysis can be tested on data whose truth is known.
 """
 
 import math
@@ -46,18 +46,18 @@ _SPREADS = {  # the standard deviation of each parameter's logarithm between peo
 
 @dataclass(frozen=True, slots=True)
 class TrialResponse:
-    """The response of a person in a trial."""
+    """A person's response in a trial."""
 
     response: str  # "none": it is withheld
     time_ms: float  # since the stimulus
 
 
 class TrialResponder:
-    """Responds to trials, and learns from their rewards.
+    """A person who responds to trials and learns from their rewards.
 
     Args:
-        rng: of this person.
-        spread: times the spread between people; 0 makes everyone the median person.
+        rng: the person's random generator.
+        spread: the factor of the spread between people; 0 makes everyone the median person.
     """
 
     def __init__(self, rng: np.random.Generator, *, spread: float = 1.0) -> None:
@@ -68,7 +68,7 @@ class TrialResponder:
         self._last: tuple[Stimulus, int, str] | None = None  # which world, at which choice, what was done
 
     def begin(self) -> None:
-        """Learn from the reward of the trial before."""
+        """Learn from the reward of the previous trial."""
         if self._last is None:
             return
         stimulus, choice, response = self._last
@@ -77,12 +77,12 @@ class TrialResponder:
         self._values[choice, response] = value + self.parameters.learning_rate * (stimulus.last_reward - value)
 
     def respond(self, stimulus: Stimulus, responses: Sequence[str], deadline_ms: float) -> TrialResponse:
-        """Respond to what is shown.
+        """Return the response to a stimulus.
 
         Args:
             stimulus: the trial's world.
-            responses: that have a key.
-            deadline_ms: after which a response is not made any more; 0: there is none.
+            responses: the names of the responses that have a key.
+            deadline_ms: the time after which no response is made, in milliseconds; 0 for no deadline.
         """
         choice = stimulus.choice
         if self._rng.random() < self.parameters.lapse:
@@ -116,7 +116,7 @@ class TrialResponder:
         return drifts
 
     def _race(self, drifts: Mapping[str, float]) -> tuple[str, float]:
-        """Find which accumulator arrives first, and when."""
+        """Return the response whose accumulator arrives first, and its time."""
         threshold = self.parameters.threshold
         arrivals_s = {
             name: float(self._rng.wald(threshold / drift, threshold**2)) for name, drift in drifts.items() if drift > 0
@@ -126,7 +126,7 @@ class TrialResponder:
 
 
 def draw_parameters(rng: np.random.Generator, spread: float = 1.0) -> ResponseParameters:
-    """Draw one person."""
+    """Draw the parameters of one person."""
     parameters: dict[str, Any] = {}
     for name, deviation in _SPREADS.items():
         factor = math.exp(spread * deviation * float(rng.standard_normal()))
@@ -136,7 +136,7 @@ def draw_parameters(rng: np.random.Generator, spread: float = 1.0) -> ResponsePa
 
 
 def find_stimulus(world: Any) -> Stimulus | None:
-    """Return the trial that a world is; None for another world."""
+    """Return a world's trial; None if the world is not a trial."""
     if isinstance(world, Stimulus):
         return world
     return None

@@ -1,5 +1,7 @@
-"""Simulated participants that know their keys: random, optimal (the shortest path, the reference for all others),
-exploring, and an observer for trials, which sees the stimulus with a chance that grows with one of its options.
+"""Simulated participants that know their keys: random, optimal, exploring, and an observer for trials.
+
+The optimal participant follows the shortest path, as a reference for all others. The observer sees the stimulus with a
+probability that increases with one of its options.
 """
 
 from collections.abc import Mapping
@@ -18,7 +20,7 @@ from minihuman.worlds.grid.engine import GridEngine
 
 
 class RandomParticipant(SimulatedParticipant):
-    """Presses the keys that have an action, all equally often."""
+    """A participant who presses every key with an action equally often."""
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
         self._rng = rng
@@ -29,7 +31,7 @@ class RandomParticipant(SimulatedParticipant):
         self._keys = sorted(plan.key_map.keys)
 
     def press(self, world: World) -> KeyPress:
-        """Press one at random, 100 to 500 ms after the picture."""
+        """Press a random key 100 to 500 ms after the picture."""
         return KeyPress(self._keys[self._rng.integers(len(self._keys))], self._rng.uniform(100.0, 500.0))
 
 
@@ -37,19 +39,19 @@ DELAY_MS = 250.0
 
 
 class OptimalParticipant(SimulatedParticipant):
-    """Follows the shortest path from reset to goal."""
+    """A participant who follows the shortest path from reset to goal."""
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
         self._key_of: dict[str, str] = {}
         self._path: list[str] = []
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
-        """Drop the last path."""
+        """Start an episode by discarding the last path."""
         self._key_of = {action: key for key, action in reversed(plan.key_map.keys.items())}
         self._path = []
 
     def press(self, world: World) -> KeyPress:
-        """Press the next key of the path.
+        """Press the key of the next action on the path.
 
         Raises:
             SimulationError: if there is no path, or it needs an action without a key.
@@ -64,7 +66,7 @@ class OptimalParticipant(SimulatedParticipant):
 
 
 def press_action(action: str, key_of: Mapping[str, str], world: World, delay_ms: float) -> KeyPress:
-    """Press the key of an action.
+    """Return a press of the key of an action.
 
     Raises:
         SimulationError: if the action has no key.
@@ -77,7 +79,7 @@ def press_action(action: str, key_of: Mapping[str, str], world: World, delay_ms:
 
 
 class GridExplorer:
-    """The exploring expert in one episode of a grid world; plans in action names."""
+    """The exploring expert in one episode of a grid world, which plans in action names."""
 
     def __init__(self, world: World) -> None:
         from minihuman.worlds.grid.babyai.exploring_expert import Explorer  # compiled: only where it is used
@@ -92,31 +94,31 @@ class GridExplorer:
 
     @property
     def n_seen_cells(self) -> int:
-        """Count the cells that were in sight so far."""
+        """The number of cells that have been in sight so far."""
         return int(self._explorer.memory.seen.sum())
 
     def plan(self) -> list[str]:
-        """Plan the next actions, as far as they are decided."""
+        """Return the next actions, as far as they are decided."""
         return [self._env.action_names[action] for action in self._explorer.way(self._env.state)]
 
 
 class ExploringParticipant(SimulatedParticipant):
-    """Explores what it has not seen yet, and carries out the mission once it knows how; in kitchens it is a cook."""
+    """A participant who explores the unseen, and carries out the mission once it knows how; in kitchens it cooks."""
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
         self._key_of: dict[str, str] = {}
         self._searcher: GridExplorer | GoalSearch | None = None
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
-        """Start exploring."""
+        """Start an episode with nothing explored."""
         self._key_of = {action: key for key, action in reversed(plan.key_map.keys.items())}
         self._searcher = build_kitchen_search(world) or GridExplorer(world)
 
     def press(self, world: World) -> KeyPress:
-        """Press the next key of the plan.
+        """Press the key of the next planned action.
 
         Raises:
-            SimulationError: if nothing is left to try, or it needs an action without a key.
+            SimulationError: if nothing is left to try, or the action has no key.
         """
         assert self._searcher is not None, "begin() comes first"
         path = self._searcher.plan()
@@ -132,7 +134,7 @@ DEFAULTS: Mapping[str, Any] = {"option": "size", "threshold": 0.05, "spread": 0.
 
 
 class ObserverParticipant(SimulatedParticipant):
-    """Knows the trial's ``correct`` response or guesses among the keys; ``observer:threshold=0.04,spread=0.3``."""
+    """A participant who perceives a trial's ``correct`` response or guesses; ``observer:threshold=0.04,spread=0.3``."""
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
         settings = {**DEFAULTS, **read_settings(argument, DEFAULTS, SimulationError, owner="observer")}
@@ -142,10 +144,10 @@ class ObserverParticipant(SimulatedParticipant):
         self.threshold = float(settings["threshold"] * np.exp(settings["spread"] * rng.standard_normal()))
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
-        """Look at the stimulus.
+        """Start a trial and decide on the response.
 
         Raises:
-            SimulationError: if the trial has no such option, or no correct response that has a key.
+            SimulationError: if the trial lacks the option, or has no correct response with a key.
         """
         settings = self._settings
         value = plan.options.get(self._settings["option"])

@@ -1,8 +1,9 @@
-"""A simulated supervisor: watches an agent, takes over, hands back, corrects, rates and compares.
+"""A simulated supervisor, who watches an agent, takes over, hands back, corrects, rates and compares.
 
-It knows what an exploring expert knows: what has been seen so far; with `full_knowledge`, the shortest path. As critic
-and rater it follows the planner; in a world without one it presses nothing and cannot tell. Settings are those of
-`SupervisorParameters`, of `CriticParameters` after `critic_` and of `RaterParameters` after `rater_`:
+The supervisor knows what an exploring expert knows: what has been seen so far; with `full_knowledge`, the shortest
+path. As critic and rater it follows the planner; in a world without one it presses nothing and answers that it cannot
+tell. Its settings are those of `SupervisorParameters`, of `CriticParameters` with the prefix `critic_` and of
+`RaterParameters` with the prefix `rater_`:
 `--player supervisor:patience_steps=6,critic_response_rate=0.5,rater_lapse=0`.
 """
 
@@ -27,7 +28,7 @@ from minihuman.worlds.adapters.world import World
 
 @dataclass(frozen=True, slots=True)
 class SupervisorParameters:
-    """The parameters of one supervisor. Delays are ex-Gaussian, as people's reaction times are."""
+    """The parameters of a supervisor. Delays are ex-Gaussian, as people's reaction times are."""
 
     patience_steps: int = 4  # excess steps of the agent at which it takes over
     min_control_steps: int = 4  # of its own before it hands back
@@ -38,11 +39,12 @@ class SupervisorParameters:
 
 
 class Supervisor:
-    """Watches one episode after the other. Call ``plan`` once after the reset and once after every step of either.
+    """A supervisor who watches one episode after another and decides when to take control.
 
-    The agent's excess steps are its steps plus the path left now, less the path that was left when something new
-    last came into sight or the supervisor handed back. Looking around a new corner costs nothing; going to and fro
-    costs a step each.
+    Call ``plan`` once after the reset and once after every step, the agent's or the supervisor's. The agent's excess
+    steps are its steps plus the length of the path that is left now, minus the length of the path that was left when
+    something new last came into sight or the supervisor handed back. Looking around a new corner costs nothing; going
+    back and forth costs a step each.
     """
 
     def __init__(self, supervising: SupervisorParameters, rng: np.random.Generator) -> None:
@@ -57,7 +59,7 @@ class Supervisor:
         self._steered = 0
 
     def begin(self, world: World) -> None:
-        """Start an episode; the agent is in control."""
+        """Start an episode in which the agent is in control."""
         self._searcher = None
         if not self._is.full_knowledge:
             self._searcher = GridExplorer(world)
@@ -67,7 +69,7 @@ class Supervisor:
         self._steered = 0
 
     def plan(self, world: World) -> list[str]:
-        """Look at the world and plan the next actions, as far as it knows; empty where it knows nothing."""
+        """Look at the world and return the next actions as far as they are known; empty if nothing is known."""
         more = False
         if self._searcher is None:
             self._path = find_shortest_path(world)
@@ -82,21 +84,21 @@ class Supervisor:
 
     @property
     def patience_steps(self) -> int:
-        """Return the excess steps at which it takes over."""
+        """The number of excess steps at which the supervisor takes over."""
         return self._is.patience_steps
 
     @property
     def excess_steps(self) -> int:
-        """Return the steps by which the agent is worse than the supervisor would have been."""
+        """The number of steps by which the agent is worse than the supervisor would have been."""
         return self._n_counted + len(self._path) - self._left
 
     @property
     def exceeds_patience(self) -> bool:
-        """Whether the agent is bad enough for a takeover, and the supervisor has a plan."""
+        """Whether the agent's excess steps warrant a takeover and the supervisor has a plan."""
         return bool(self._path) and self.excess_steps >= self._is.patience_steps
 
     def takes_over(self, t_ms: float) -> bool:
-        """Whether it has pressed a key by this time; the agent is in control."""
+        """Tell whether the supervisor has pressed a key by a given time; call it while the agent is in control."""
         if self._due_ms is None and self.exceeds_patience:
             normal = self._rng.normal(self._is.mu_ms, self._is.sigma_ms)
             self._due_ms = t_ms + max(0.0, float(normal + self._rng.exponential(self._is.tau_ms)))
@@ -107,7 +109,7 @@ class Supervisor:
         return bool(self._path)
 
     def hands_back(self) -> bool:
-        """Whether it has steered enough; call it after each of its own steps and ``plan``."""
+        """Tell whether the supervisor returns control; call it after each of its own steps and ``plan``."""
         self._steered += 1
         if self._steered < self._is.min_control_steps:
             return False
@@ -122,7 +124,7 @@ class Supervisor:
 
 @dataclass(frozen=True, slots=True)
 class CriticParameters:
-    """The parameters of one critic. Delays are ex-Gaussian with mean ``mu_ms + tau_ms``."""
+    """The parameters of a critic. Delays are ex-Gaussian with mean ``mu_ms + tau_ms``."""
 
     mu_ms: float = 500.0  # mean of the normal part, from the picture to the key
     sigma_ms: float = 60.0  # its standard deviation
@@ -131,7 +133,7 @@ class CriticParameters:
     error_rate: float = 0.05  # probability of the wrong key
 
     def __post_init__(self) -> None:
-        """Refuse parameters out of range.
+        """Check that the parameters are within their ranges.
 
         Raises:
             SimulationError: if a parameter is out of range.
@@ -145,23 +147,23 @@ class CriticParameters:
 
     @property
     def delay_ms(self) -> float:
-        """Return the mean delay, which a learner has to find."""
+        """The mean delay in milliseconds, which a learner has to estimate."""
         return self.mu_ms + self.tau_ms
 
 
 class Critic:
-    """Rates steps by how many they gained."""
+    """A critic who rates steps by how much they shortened the path."""
 
     def __init__(self, criticising: CriticParameters, rng: np.random.Generator) -> None:
         self._is = criticising
         self._rng = rng
 
     def press(self, gained_steps: float, shown_ms: float) -> tuple[float, float] | None:
-        """Return the time of a press and its value (1 good, -1 bad); None for no press.
+        """Return the time of a press in milliseconds and its value (1 good, -1 bad); None for no press.
 
         Args:
-            gained_steps: By how much the action shortened the path.
-            shown_ms: When the picture of its outcome was shown.
+            gained_steps: the number of steps by which the action shortened the path.
+            shown_ms: the time at which the picture of the action's outcome was shown.
         """
         if self._rng.random() >= self._is.response_rate:
             return None
@@ -176,14 +178,14 @@ class Critic:
 
 @dataclass(frozen=True, slots=True)
 class RaterParameters:
-    """The parameters of one rater: P("right") is 1 / (1 + exp(-beta (right - left))), but for lapses."""
+    """The parameters of a rater; apart from lapses, P("right") is 1 / (1 + exp(-beta (right - left)))."""
 
     beta: float = 3.0  # sensitivity to the difference of returns (Bradley and Terry, 1952)
     lapse: float = 0.05  # probability of a random answer
     indifference: float = 0.0  # returns that differ by no more are equal
 
     def __post_init__(self) -> None:
-        """Refuse parameters out of range.
+        """Check that the parameters are within their ranges.
 
         Raises:
             SimulationError: if a parameter is out of range.
@@ -196,14 +198,14 @@ class RaterParameters:
 
 
 class Rater:
-    """Compares pairs of returns."""
+    """A rater who compares pairs of returns."""
 
     def __init__(self, judging: RaterParameters, rng: np.random.Generator) -> None:
         self._judging = judging
         self._rng = rng
 
     def answer(self, left: float, right: float) -> Literal["left", "right", "equal"]:
-        """Choose the better of two true returns."""
+        """Return the side with the better of two true returns, subject to noise."""
         if self._rng.random() < self._judging.lapse:
             return "right" if self._rng.random() < 0.5 else "left"
         if abs(right - left) <= self._judging.indifference:
@@ -231,7 +233,7 @@ EARLIER_NAMES = {
 
 
 class SupervisorParticipant(SimulatedTeacher):
-    """A supervisor with keys for its actions, a critic and a rater in one."""
+    """A supervisor, critic and rater who acts by key presses."""
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
         settings = _parse_settings(argument)
@@ -249,15 +251,15 @@ class SupervisorParticipant(SimulatedTeacher):
         self._judged = None
 
     def press(self, world: World) -> KeyPress:
-        """Press the next key of its plan.
+        """Press the key of the next planned action.
 
         Raises:
-            SimulationError: if it has no plan, or the action has no key.
+            SimulationError: if there is no plan, or the action has no key.
         """
         return self._next(world, self._supervisor.plan(world))
 
     def watch(self, world: World, watched: WatchedStep) -> KeyPress | None:
-        """Take over, steer, hand back or rate."""
+        """Return the key press that takes over, plays, hands back or rates; None to wait."""
         if watched.good:
             return self._rate(world, watched)
         path = self._supervisor.plan(world)
@@ -272,7 +274,10 @@ class SupervisorParticipant(SimulatedTeacher):
         return self._next(world, path)
 
     def correct(self, episode: EpisodeClip) -> int | None:
-        """Correct from the step at which it would have taken over, less the excess steps."""
+        """Return the step from which to correct an episode; None if there is nothing to correct.
+
+        It is the step at which the supervisor would have taken over, minus the steps of its patience.
+        """
         with closing(World(episode.world, json.loads(episode.options))) as world:
             world.reset(episode.seed)
             self._supervisor.begin(world)
@@ -285,14 +290,17 @@ class SupervisorParticipant(SimulatedTeacher):
         return None
 
     def prefer(self, left: EpisodeClip, right: EpisodeClip) -> tuple[PairAnswer, float]:
-        """Prefer the clip that shortened the path by more steps."""
+        """Return the clip that shortened the path by more steps, and the delay in milliseconds."""
         gained = _count_gained_steps(left), _count_gained_steps(right)
         if gained[0] is None or gained[1] is None:
             return "cannot_tell", COMPARISON_MS
         return self._rater.answer(gained[0], gained[1]), COMPARISON_MS
 
     def _rate(self, world: World, watched: WatchedStep) -> KeyPress | None:
-        """Rate the last step. Steps made while a press was due are not rated."""
+        """Return the key press that rates the last step, or None.
+
+        A step is not rated if the state before it was not seen, as when a press was still due.
+        """
         before = self._judged
         left: int | None = 0
         if not watched.reached:
@@ -326,7 +334,7 @@ def _count_steps_left(world: World) -> int | None:
 
 
 def _count_gained_steps(stretch: EpisodeClip) -> int | None:
-    """Count the steps by which a clip shortened the path; None in a world without a planner."""
+    """Return the number of steps by which a clip shortened the path; None in a world without a planner."""
     with closing(World(stretch.world, json.loads(stretch.options))) as world:
         world.reset(stretch.seed)
         before = None
@@ -345,7 +353,7 @@ def _count_gained_steps(stretch: EpisodeClip) -> int | None:
 
 
 def _parse_settings(argument: str) -> dict[str, dict[str, Any]]:
-    """Parse the settings of each role, by the role's prefix."""
+    """Parse the settings of each role, by the prefix of the role."""
     role_of = {
         prefix + field.name: (prefix, field) for prefix, role in PARAMETERS_BY_PREFIX.items() for field in fields(role)
     }

@@ -1,1 +1,1 @@
-"""Plans: expand a protocol into everything one participant's session will ask for."""
+"""Plans: the expansion of a protocol into everything that one participant's session contains."""

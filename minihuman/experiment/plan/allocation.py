@@ -1,4 +1,4 @@
-"""Allocate participants to groups, key maps and orders. Everything is drawn from the study seed before enrolment.
+"""Allocation of participants to groups, key maps and orders, all drawn from the study seed before enrolment.
 
 Groups come in permuted blocks of varying size (one to three times the number of groups), so the next group cannot be
 predicted and group sizes stay close. Key positions are balanced: within each full block of as many participants as
@@ -23,7 +23,7 @@ from minihuman.experiment.protocol.strata import build_strata
 
 @dataclass(frozen=True, slots=True)
 class AllocationSlot:
-    """One place in the study."""
+    """One participant's slot in the allocation list."""
 
     index: int  # 0 for the first participant; with strata, those of each stratum's first place come first
     group: str
@@ -34,7 +34,10 @@ class AllocationSlot:
 
 
 def build_allocation_list(protocol: Protocol) -> tuple[AllocationSlot, ...]:
-    """Build the whole list, ``study.participants`` slots for each stratum; a longer list begins with a shorter one."""
+    """Build the list of ``study.participants`` slots, for each stratum if there are strata.
+
+    A longer list begins with a shorter one.
+    """
     tables = (
         *(protocol.study, protocol.keys, protocol.groups, protocol.blocks, protocol.orders, protocol.sessions),
         *(protocol.allocation, protocol.questions),
@@ -69,7 +72,7 @@ def _build_lists(protocol: Protocol) -> tuple[AllocationSlot, ...]:
 
 
 def _list(protocol: Protocol, suffix: str) -> tuple[AllocationSlot, ...]:
-    """Build the list of all participants, or of one stratum; ``suffix`` sets its draws apart from the others'."""
+    """Build the list of all participants or of one stratum; ``suffix`` gives its draws their own random streams."""
     count = protocol.study.participants
     groups = _groups(protocol, count, suffix)
     draws = [_positions(protocol, f"{draw}{suffix}", groups) for draw in range(_draws(protocol))]
@@ -94,9 +97,9 @@ def _list(protocol: Protocol, suffix: str) -> tuple[AllocationSlot, ...]:
 
 
 def allocation_sha256(slots: tuple[AllocationSlot, ...]) -> str:
-    """Return the SHA-256 of the list in its canonical JSON form, hexadecimal: what every log holds.
+    """Return the SHA-256 of the list's canonical JSON form in hexadecimal, which every log holds.
 
-    What a protocol does not ask for is left out, so that lists made before it could be asked for keep their hash.
+    Fields that a protocol does not use are left out, so that lists from before these fields existed keep their hash.
     """
     if id(slots) not in _DIGESTS:
         if len(_DIGESTS) >= _MAX_CACHED_LISTS:
@@ -113,14 +116,17 @@ def _digest(slots: tuple[AllocationSlot, ...]) -> str:
 
 
 def _draws(protocol: Protocol) -> int:
-    """Count the draws: one for each place of a group's blocks, or for each block where parts are listed otherwise."""
+    """Return the number of draws of key maps.
+
+    There is one for each position in a group's blocks, or one for each block if the protocol lists parts otherwise.
+    """
     if protocol.lists_parts:
         return len(protocol.blocks)
     return max((len(group.blocks) for group in protocol.groups), default=0)
 
 
 def _orders(protocol: Protocol, groups: list[int], suffix: str) -> list[tuple[tuple[int, ...], ...]]:
-    """Draw, for each slot, the order of each of the protocol's orders; Latin squares are filled within each group."""
+    """Draw, for each slot, every order of the protocol; Latin squares are filled within each group."""
     group_sizes: Counter[int] = Counter()
     result = []
     for index, group in enumerate(groups):
@@ -147,9 +153,9 @@ def _order(protocol: Protocol, order: OrderSpec, group: int, place: int, index: 
 
 
 def build_latin_square(count: int) -> tuple[tuple[int, ...], ...]:
-    """Build orders of ``count`` things: each is at each place, and right after each other one, equally often.
+    """Build orders of ``count`` elements, balanced for position and for immediate succession.
 
-    As many rows as things where that number is even, twice as many where it is odd (Williams 1949).
+    There are as many rows as elements if that number is even, and twice as many if it is odd (Williams 1949).
     """
     first = [0]
     for step in range(1, count):
@@ -161,10 +167,12 @@ def build_latin_square(count: int) -> tuple[tuple[int, ...], ...]:
 
 
 def find_slot(protocol: Protocol, index: int, stratum: str | None = None) -> AllocationSlot:
-    """Find the slot of a participant: that place of the list, or of a stratum's; without a stratum the first one's.
+    """Return the slot of a participant at an index of the list, or of a stratum's list.
+
+    In a study with strata, None stands for the first stratum.
 
     Raises:
-        AllocationError: if the list is not that long, or there is no such stratum.
+        AllocationError: if the list is too short or there is no such stratum.
     """
     count = protocol.study.participants
     if not 0 <= index < count:
@@ -199,7 +207,10 @@ def _groups(protocol: Protocol, count: int, suffix: str) -> list[int]:
 
 
 def _positions(protocol: Protocol, draw: str, groups: list[int]) -> list[tuple[int, ...]]:
-    """Draw, for each slot, where in the pool each action lies; with columns for the most actions of any block."""
+    """Draw, for each slot, the key position of each action.
+
+    Rows have as many columns as the block with the most actions needs.
+    """
     pool = len(protocol.keys.pool)
     seed = protocol.study.seed
     actions = max((len(block.actions) for block in protocol.blocks), default=0)
@@ -222,7 +233,7 @@ def _count_uses(counts: list[list[int]], row: tuple[int, ...]) -> int:
 
 
 def _build_key_square(pool: int, actions: int, *, seed: int, purpose: str, index: int) -> list[tuple[int, ...]]:
-    """Build ``pool`` rows of ``actions`` different keys each; every column holds every key exactly once."""
+    """Build ``pool`` rows of ``actions`` different keys each, in which every column contains every key exactly once."""
     keys = draw_permutation(pool, seed=seed, purpose=f"{purpose}-keys", index=index)
     shifts = draw_permutation(pool, seed=seed, purpose=f"{purpose}-shifts", index=index)[:actions]
     order = draw_permutation(pool, seed=seed, purpose=f"{purpose}-order", index=index)

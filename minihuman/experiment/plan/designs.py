@@ -1,7 +1,7 @@
-"""Ports of adaptive designs: of a block's episodes, and of a study's participants.
+"""Interfaces of adaptive designs: of the episodes of a block, and of the participants of a study.
 
-A design is pure: the same history, or statistics, and the same random numbers give the same decision, so a log proves
-each decision. It rounds numbers on which a decision depends, as processors differ in the last bit.
+A design is pure: the same history, or statistics, and the same random numbers give the same decision, so that a log
+proves each decision. A design rounds the numbers that its decisions depend on, since processors differ in the last bit.
 """
 
 from abc import ABC, abstractmethod
@@ -20,14 +20,14 @@ Draw = Callable[[int], tuple[float, ...]]  # so many random numbers in [0, 1), t
 
 
 class DesignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A design in the protocol: its name and settings."""
+    """A design as the protocol specifies it: its name and settings."""
 
     name: str
     settings: dict[str, Any] = {}
 
 
 class PlayedEpisode(msgspec.Struct, frozen=True):
-    """A completed episode of a block, as a design sees it."""
+    """A completed episode of a block, as a design receives it."""
 
     options: dict[str, Any]  # of the world, as it was made
     seed: int
@@ -37,13 +37,13 @@ class PlayedEpisode(msgspec.Struct, frozen=True):
 
     @property
     def success(self) -> bool:
-        """Whether the goal was reached."""
+        """Whether the episode reached the goal."""
         return self.outcome == "goal"
 
 
 @dataclass(frozen=True, slots=True)
 class DesignDecision:
-    """The decision of a design before an episode, and its estimates by then."""
+    """A design's decision about an episode, with its estimates at that time."""
 
     options: Mapping[str, Any] = field(default_factory=dict)  # of the world, beside the block's own; JSON values
     seed: int | None = None  # of the reset; None: the plan's
@@ -53,10 +53,12 @@ class DesignDecision:
 
 
 class Design(ABC):
-    """Decides between the episodes of a block. Pure: no state, clock or random numbers of its own.
+    """An adaptive design that decides between the episodes of a block.
+
+    It has no state, clock or random numbers of its own.
 
     Args:
-        settings: as the protocol has them; what cannot be read is refused with ProtocolError.
+        settings: the settings from the protocol; invalid settings raise a ProtocolError.
     """
 
     version = 1  # goes up when the same history leads to another decision
@@ -67,7 +69,7 @@ class Design(ABC):
 
     @abstractmethod
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
-        """Decide on the next episode; after the block's last one only the estimates count."""
+        """Decide on the next episode; after the block's last episode, only the estimates of the decision are used."""
 
 
 class GroupAssignment(msgspec.Struct, frozen=True):
@@ -79,7 +81,7 @@ class GroupAssignment(msgspec.Struct, frozen=True):
 
 
 class EnrolledParticipant(msgspec.Struct, frozen=True):
-    """A participant, as an enrolment design sees them."""
+    """A participant, as an enrolment design receives them."""
 
     group: str
     stratum: str = ""
@@ -88,7 +90,7 @@ class EnrolledParticipant(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class EnrolmentDecision:
-    """The decision of an enrolment design from its statistics."""
+    """An enrolment design's decision from its statistics."""
 
     group: str = ""  # of the next participant
     stop: bool = False  # no further participant is enrolled
@@ -96,10 +98,12 @@ class EnrolmentDecision:
 
 
 class EnrolmentDesign(ABC):
-    """Decides at enrolment. Pure: no state, clock or random numbers of its own.
+    """An adaptive design that decides at a participant's enrolment.
+
+    It has no state, clock or random numbers of its own.
 
     Args:
-        settings: as the protocol has them; what cannot be read is refused with ProtocolError.
+        settings: the settings from the protocol; invalid settings raise a ProtocolError.
     """
 
     version = 1  # goes up when the same statistics lead to another decision
@@ -111,27 +115,31 @@ class EnrolmentDesign(ABC):
 
     @abstractmethod
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
-        """Compute the sufficient statistics, JSON values, from the participants in order and the groups' ratios.
+        """Compute the sufficient statistics as JSON values.
 
-        Those of a design for stopping have ``look``, the number of the latest planned look, 0 before the first.
+        A design for stopping includes ``look``, the number of the latest planned look, 0 before the first.
+
+        Args:
+            enrolled: the participants in order of enrolment.
+            groups: the allocation ratio of each group by name.
         """
 
     @abstractmethod
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
-        """Decide from the statistics; ``stratum`` is the next participant's, "" without strata."""
+        """Decide from the statistics; ``stratum`` is the next participant's stratum, "" without strata."""
 
 
 def make_design(spec: DesignSpec) -> Design:
-    """Make the design of a block, by its name and settings.
+    """Make the design of a block from its name and settings.
 
     Raises:
-        ProtocolError: if there is none, it is another kind of design, or a setting is wrong.
+        ProtocolError: if there is no design of that name, it is of another type, or a setting is invalid.
     """
     return call_plugin(GROUP, spec.name, Design, ProtocolError, spec.settings, noun="design")  # type: ignore[type-abstract]
 
 
 def make_enrolment_design(spec: DesignSpec) -> EnrolmentDesign:
-    """Make a design that decides at enrolment, by its name and settings."""
+    """Make a design that decides at enrolment from its name and settings."""
     return call_plugin(GROUP, spec.name, EnrolmentDesign, ProtocolError, spec.settings, noun="design")  # type: ignore[type-abstract]
 
 
@@ -151,10 +159,10 @@ def read_design_settings(settings: Mapping[str, Any], kind: type[SettingsType]) 
 
 
 def require_setting(holds: bool, complaint: str) -> None:
-    """Refuse settings that cannot be.
+    """Raise a ProtocolError with a message unless a setting is valid.
 
     Raises:
-        ProtocolError: if it does not hold.
+        ProtocolError: if ``holds`` is false.
     """
     if not holds:
         raise ProtocolError(f"settings: {complaint}")

@@ -1,4 +1,4 @@
-"""Dry run of a protocol: describe a session plan as text, and make and play the world of every block."""
+"""Dry run of a protocol: describe a session plan as text, and create and play the world of every block."""
 
 import difflib
 import tomllib
@@ -35,7 +35,7 @@ from minihuman.worlds.second_process import play_in_second_process
 
 
 def describe_plan(plan: SessionPlan) -> Iterator[str]:
-    """Yield everything that a participant will do, part by part."""
+    """Yield lines that describe everything that a participant will do, part by part."""
     participant = plan.participant
     yield f"study        {plan.study} {plan.study_version}, seed {plan.study_seed}, language {plan.language}"
     yield f"protocol     SHA-256 {plan.protocol_sha256}"
@@ -55,7 +55,7 @@ def describe_plan(plan: SessionPlan) -> Iterator[str]:
 
 
 def _describe_pay(plan: SessionPlan, bonus: BonusSpec) -> Iterator[str]:
-    """Yield what each ending of a session with partners pays."""
+    """Yield the pay for each way in which a session with partners can end."""
     teams = [part.plan.team for part in plan.parts if isinstance(part.plan, TeamPlayPlan)]
     teams = [team for team in teams if len(team.persons) > 1]
     if not teams:
@@ -79,7 +79,7 @@ def _describe_pay(plan: SessionPlan, bonus: BonusSpec) -> Iterator[str]:
 
 
 def describe_language(protocol: Protocol) -> Iterator[str]:
-    """Yield the words newer than the study that its own language lacks."""
+    """Yield a line for each newer interface text that the study's own language lacks."""
     language = protocol.study.language
     if language in LANGUAGES:
         return
@@ -91,7 +91,7 @@ def describe_language(protocol: Protocol) -> Iterator[str]:
 
 
 def describe_strata(protocol: Protocol) -> Iterator[str]:
-    """Yield how many slots of each group each stratum has, where groups are drawn after an answer."""
+    """Yield the number of slots of each group in each stratum, if groups are drawn after an answer."""
     strata = build_strata(protocol)
     if strata is None:
         return
@@ -212,16 +212,16 @@ MOVING_FPS = 15  # Gymnasium's puzzles state 4 and Minigrid 10 frames a second, 
 
 
 def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool = False) -> list[str]:
-    """Make every block's world, look its actions up, and play it; ``source`` names the file in errors.
+    """Create every block's world, check its actions, and play it; ``source`` names the file in errors.
 
-    With ``provable`` a foreign world is refused, too, whose logs could not be proven: before a study begins. One that
-    runs is not stopped by it.
+    If ``provable`` is true, a foreign world whose logs could not be proven is refused too. Callers set it before a
+    study begins; a study that is running is not stopped by it.
 
     Returns:
-        What is odd in foreign worlds, a line each.
+        Notices about foreign worlds, one per line.
 
     Raises:
-        ProtocolError: of every block whose world is not as it says, or at the first whose world cannot be played.
+        ProtocolError: if worlds contradict the protocol, naming every such block, or if a world cannot be played.
     """
     _check_actions(protocol, source)
     notices: dict[str, None] = {}
@@ -251,7 +251,7 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
 
 
 def _examine_block(block: BlockSpec, examined: dict[bytes, ConformanceReport], *, provable: bool) -> ConformanceReport:
-    """Play a block's world as its participants will; once for blocks that play it alike."""
+    """Play a block's world as its participants will, once for all blocks that play it alike."""
     rehearsal = _rehearse(block, N_CHECKED_STEPS if provable else N_STARTED_STEPS)
     key = msgspec.json.encode(rehearsal)
     if key not in examined:
@@ -285,7 +285,7 @@ def _list_tried_seeds(block: BlockSpec) -> Sequence[int]:
 
 
 def _list_block_notices(block: BlockSpec) -> Iterator[str]:
-    """Yield what is odd in how a block plays a foreign world."""
+    """Yield notices about the way in which a block plays a foreign world."""
     with closing(World(block.world, list_world_options(block))) as world:
         if world.is_built_in or isinstance(world.unwrapped, NativeWorld):
             return
@@ -315,7 +315,7 @@ def _list_block_notices(block: BlockSpec) -> Iterator[str]:
 
 
 def describe_worlds(protocol: Protocol, notices: Sequence[str] | None = None) -> Iterator[str]:
-    """Yield what to know of worlds: the notices of `check_worlds`, and of ours the actions missed."""
+    """Yield the notices of `check_worlds`, and a line for each block whose actions lack one that success needs."""
     yield from check_worlds(protocol) if notices is None else notices
     for block in protocol.blocks:
         if missed := _find_missed_actions(block):
@@ -326,14 +326,14 @@ def describe_worlds(protocol: Protocol, notices: Sequence[str] | None = None) ->
 
 
 def _find_missed_actions(block: BlockSpec) -> set[str]:
-    """Find the actions that the planner would take in a block's first layouts and participants cannot."""
+    """Return the actions on the shortest paths of a block's first layouts that its participants do not have."""
     seeds = _list_tried_seeds(block)
     with closing(World(block.world, block.options)) as world:
         return find_needed_actions(world, seeds) - set(block.actions)
 
 
 def find_needed_actions(world: World, seeds: Sequence[int] = range(N_TRIED_SEEDS)) -> set[str]:
-    """Find the actions of the shortest paths to success in a world's first layouts; none where planning cannot."""
+    """Return the actions on the shortest paths to success in a world's first layouts; empty without a planner."""
     needed: set[str] = set()
     for seed in seeds[:N_TRIED_SEEDS] if isinstance(world.unwrapped, NativeWorld) else ():
         world.reset(seed)
@@ -343,7 +343,7 @@ def find_needed_actions(world: World, seeds: Sequence[int] = range(N_TRIED_SEEDS
 
 
 def list_world_notices(world: World) -> list[str]:
-    """List what to know of one world, which is made again and played for it, with every action."""
+    """Return notices about one world, which is created anew and played with every action."""
     if world.is_built_in and not isinstance(world.actions, VectorActions):
         return []
     rehearsal = Rehearsal(world.id, world.options, (0,), tuple(world.actions.numbers), steps=N_STARTED_STEPS)
@@ -352,7 +352,7 @@ def list_world_notices(world: World) -> list[str]:
 
 
 def try_world(block: BlockSpec) -> None:
-    """Do everything once that an episode of a block does with its world, with each of its layouts and actions."""
+    """Use a block's world once in every way that its episodes do, with each of its layouts and actions."""
     seeds = sorted(set(_list_tried_seeds(block)))
     world = World(block.world, block.options)
     try:
@@ -398,7 +398,7 @@ def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
 
 
 def _find_misused_fields(block: BlockSpec, world: World) -> Iterator[tuple[str, str]]:
-    """Yield the fields of a block that ask its world for what it cannot do."""
+    """Yield the fields of a block that require something its world cannot do."""
     if not find_kind(block.kind).is_played_alone and not world.actions.is_discrete:
         yield (
             "kind",
@@ -437,7 +437,7 @@ def _find_unknown_actions(block: BlockSpec, known: Sequence[str]) -> Iterator[tu
 
 
 def _explain_world_error(block: BlockSpec, error: WorldError) -> str:
-    """Say why there is no such world, and which one may have been meant."""
+    """Explain why a world could not be made, with a suggestion of a similar name."""
     reason = str(error).removeprefix(f"{block.world}: ")
     name = block.world.rpartition("/")[2].rpartition(":")[2]
     ours = [entry.id for entry in (*WORLDS, *TEAM_WORLDS)]

@@ -1,6 +1,6 @@
 """Adaptive designs of a study: minimisation, Thompson sampling and group-sequential stopping.
 
-Each sums up the participants in sufficient statistics, which are logged, and decides from these alone.
+Each design condenses the participants into sufficient statistics, which are logged, and decides from these alone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from minihuman.experiment.plan.designs import (
 
 
 class MinimisationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Settings of minimisation."""
+    """The settings of minimisation."""
 
     probability: float = 0.8  # of the group that leaves the least imbalance
     stratum_weight: float = 2.0  # of the imbalance within the participant's stratum, beside that of the whole study
@@ -48,7 +48,7 @@ class Minimisation(EnrolmentDesign):
         return {"ratios": dict(groups), "all": count(None), "strata": {name: count(name) for name in strata}}
 
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
-        """Choose the group that leaves the least imbalance with the coin's probability, another one otherwise."""
+        """Choose the group that leaves the least imbalance with the coin's probability, and otherwise another group."""
         ratios: dict[str, int] = statistics["ratios"]
         margins = [(1.0, statistics["all"]), (self.settings.stratum_weight, statistics["strata"].get(stratum, {}))]
 
@@ -68,7 +68,7 @@ class Minimisation(EnrolmentDesign):
 
 
 class ThompsonSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Settings of Thompson sampling."""
+    """The settings of Thompson sampling."""
 
     block: str = ""  # whose share of episodes with success is the reward; "": all
     prior: tuple[float, float] = (1.0, 1.0)  # successes and failures of each group before the first participant
@@ -77,8 +77,8 @@ class ThompsonSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Thompson(EnrolmentDesign):
     """Thompson sampling (Thompson, 1933, Biometrika 25): groups with more success get more participants.
 
-    Each group's chance of success has a beta distribution; a participant's share of successes counts as that part of
-    a success.
+    Each group's probability of success has a beta distribution. A participant's proportion of successes counts as that
+    fraction of a success.
     """
 
     outcome = "success"
@@ -89,7 +89,7 @@ class Thompson(EnrolmentDesign):
         require_setting(min(self.settings.prior) > 0, f"prior is {list(self.settings.prior)}; use two above 0")
 
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
-        """Sum up successes and failures by group, in participants."""
+        """Compute the sums of successes and failures by group, in participants."""
         values = {
             group: [participant.value for participant in enrolled if participant.group == group] for group in groups
         }
@@ -102,7 +102,7 @@ class Thompson(EnrolmentDesign):
         }
 
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
-        """Choose the group whose draw from its distribution is the highest."""
+        """Choose the group with the highest draw from its distribution."""
         from scipy.special import betaincinv  # only an enrolment needs it
 
         prior = self.settings.prior
@@ -117,7 +117,7 @@ class Thompson(EnrolmentDesign):
 
 
 class GroupSequentialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Settings of a group-sequential study."""
+    """The settings of a group-sequential study."""
 
     looks: tuple[int, ...]  # how many complete participants each look is taken at; the last ends the study
     outcome: Literal["success", "reward", "steps", "log_steps"] = "success"
@@ -126,9 +126,10 @@ class GroupSequentialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields
 
 
 class GroupSequential(EnrolmentDesign):
-    """Stop for a difference of two groups at planned looks, alpha spent like O'Brien and Fleming (Lan & DeMets, 1983).
+    """Group-sequential stopping for a difference between two groups at planned looks.
 
-    A look compares the first so many complete participants by Welch's test.
+    Alpha is spent by an O'Brien-Fleming-type function (Lan & DeMets, 1983). A look compares the first complete
+    participants, as many as planned for it, by Welch's test.
     """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
@@ -142,14 +143,14 @@ class GroupSequential(EnrolmentDesign):
         require_setting(0 < alpha < 0.5, f"alpha is {alpha:g}; use 0.05")
 
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
-        """Compute n, mean and variance by group, of the complete participants up to the latest look."""
+        """Compute n, mean and variance by group of the complete participants up to the latest look."""
         complete = [participant for participant in enrolled if participant.value is not None]
         reached = [look for look in self.settings.looks if look <= len(complete)]
         participants_at_look = complete[: reached[-1]] if reached else []
         return {"look": len(reached)} | {group: _describe(participants_at_look, group) for group in list(groups)[:2]}
 
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
-        """Stop where the difference is beyond the look's boundary, or the last look has been taken."""
+        """Stop if the difference exceeds the look's boundary or the last look has been taken."""
         from minihuman.experiment.plan.group_sequential import compute_adjusted_p, compute_welch_z, find_boundaries
 
         looks = self.settings.looks

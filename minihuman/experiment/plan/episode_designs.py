@@ -19,7 +19,7 @@ from minihuman.experiment.plan.designs import (
 
 
 class StaircaseSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Settings of a staircase."""
+    """The settings of a staircase."""
 
     option: str  # of the world
     values: tuple[bool | int | float | str, ...]  # from the easiest to the hardest
@@ -31,7 +31,7 @@ class StaircaseSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
 
 class Staircase(Design):
-    """1-up-N-down staircase (Levitt, 1971, JASA 49): with ``down = 2`` it converges on 70.7 % successes."""
+    """A 1-up-N-down staircase (Levitt, 1971, JASA 49); with ``down = 2`` it converges on 70.7 % successes."""
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
         self.settings = spec = read_design_settings(settings, StaircaseSettings)
@@ -45,7 +45,7 @@ class Staircase(Design):
         )
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
-        """Choose the value that follows the latest run of successes, or the failure."""
+        """Choose the value that follows the latest run of successes, or the latest failure."""
         settings = self.settings
         place = settings.start
         run = 0
@@ -77,7 +77,7 @@ class Staircase(Design):
 
 
 class QuestPlusSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Settings of QUEST+."""
+    """The settings of QUEST+."""
 
     option: str  # of the world
     values: tuple[int | float, ...]  # above 0, in any order
@@ -96,8 +96,8 @@ _LOG_UNIT = 2.0**20  # log-likelihoods are whole numbers of this part of a nat, 
 class QuestPlus(Design):
     """QUEST+ (Watson, 2017, J. Vision 17(3):10) for the threshold of a Weibull function of the value's logarithm.
 
-    The value is the one that is expected to leave the least entropy of the threshold, the slope averaged out (Prins,
-    2013, J. Vision 13(7):3). The threshold is the value at 1 - 1/e of the way from guess to ceiling.
+    Each episode gets the value that minimises the expected entropy of the threshold, with the slope marginalised
+    (Prins, 2013, J. Vision 13(7):3). The threshold is the value at 1 - 1/e of the way from guess rate to ceiling.
     """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
@@ -118,7 +118,7 @@ class QuestPlus(Design):
         )
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
-        """Choose the value that is expected to tell the most about the threshold."""
+        """Choose the value that is expected to reveal most about the threshold."""
         settings = self.settings
         places = {value: place for place, value in enumerate(settings.values)}
         scores = np.zeros(self._chance.shape[1:], np.int64)
@@ -142,14 +142,14 @@ class QuestPlus(Design):
         return DesignDecision({settings.option: settings.values[best]}, None, stop, rounded, scores)
 
     def _expected_entropy(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the threshold's expected entropy after an episode at each value, in nats."""
+        """Return the threshold's expected entropy in nats after an episode at each value."""
         success = (self._chance * weights).sum(axis=2)
         failure = weights.sum(axis=1) - success
         return sum(_entropy(joint) for joint in (success, failure))  # type: ignore[return-value]
 
 
 def _entropy(joint: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the entropy of each row's distribution, times the row's sum."""
+    """Return the entropy of each row's distribution, multiplied by the row's sum."""
     joint = np.maximum(joint, 1e-300)
     total = joint.sum(axis=1)
     entropy: NDArray[np.float64] = total * np.log(total) - (joint * np.log(joint)).sum(axis=1)
@@ -157,7 +157,7 @@ def _entropy(joint: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class LevelReplaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Settings of prioritized level replay."""
+    """The settings of prioritized level replay."""
 
     seeds: tuple[int, ...]  # reset seeds: each with each row of options is a level
     options: tuple[dict[str, Any], ...] = ({},)  # rows of options of the world
@@ -168,9 +168,9 @@ class LevelReplaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
 
 
 class LevelReplay(Design):
-    """Curriculum by regret: prioritized level replay (Jiang et al., 2021, ICML) over a list of levels.
+    """A curriculum by regret: prioritized level replay (Jiang et al., 2021, ICML) over a list of levels.
 
-    A level's regret is the best return minus its latest; levels are replayed by the rank of their regret.
+    A level's regret is its best return minus its latest. Levels are replayed by the rank of their regret.
     """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
@@ -183,7 +183,7 @@ class LevelReplay(Design):
         require_setting(spec.temperature >= 0.01, f"temperature is {spec.temperature:g}; use 0.01 or more")
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
-        """Choose a new level, or one that is played again."""
+        """Choose a new level, or one to replay."""
         regrets = dict[int, tuple[float, int]]()  # of each level that was played, and the episode of it
         for number, episode in enumerate(history):
             if (level := self._find_level(episode)) is not None:
@@ -201,7 +201,7 @@ class LevelReplay(Design):
         return DesignDecision(*self._levels[level], False, estimates, sorted(regrets.items()))
 
     def _choose_played_level(self, regrets: Mapping[int, tuple[float, int]], now: int, level_share: float) -> int:
-        """Choose among the played levels by the rank of their regret and by how long ago they were played."""
+        """Choose among the played levels by the rank of their regret and the time since they were played."""
         staleness = self.settings.staleness
         levels = sorted(regrets, key=lambda level: (-regrets[level][0], level))
         by_regret = np.arange(1.0, len(levels) + 1) ** (-1 / self.settings.temperature)

@@ -1,6 +1,6 @@
-"""Expand a protocol and a participant into a session plan. Pure, and the same on every machine.
+"""Expansion of a protocol and a participant into a session plan. It is pure and gives the same plan on every machine.
 
-Resolves groups, orders and sessions into parts, texts into pages, and blocks into episodes with seeds and key maps.
+Groups, orders and sessions become parts, texts become pages, and blocks become episodes with seeds and key maps.
 """
 
 import hashlib
@@ -35,12 +35,12 @@ MAX_SESSION_EPISODES = 20_000  # the plan is made and logged whole
 def enrol_participant(
     protocol: Protocol, index: int, group: str | None = None, *, stratum: str | None = None
 ) -> Participant:
-    """Enrol the participant at a place of the allocation list; ``group`` overrides the list's.
+    """Enrol the participant at an index of the allocation list; ``group`` overrides the list's group.
 
-    Where groups are drawn after an answer it is a place of a stratum's list, the first stratum's where none is given.
+    If groups are drawn after an answer, the index refers to a stratum's list, by default that of the first stratum.
 
     Raises:
-        AllocationError: if the list is not that long, or there is no such stratum.
+        AllocationError: if the list is too short or there is no such stratum.
         ProtocolError: if there is no such group.
     """
     slot = find_slot(protocol, index, stratum)
@@ -48,7 +48,7 @@ def enrol_participant(
 
 
 def assign_slot(protocol: Protocol, participant: Participant, slot: AllocationSlot) -> Participant:
-    """Assign a participant to a slot, and to its group unless they are in one already.
+    """Assign a slot to a participant, with its group unless the participant already has one.
 
     Raises:
         ProtocolError: if there is no such group.
@@ -68,11 +68,11 @@ def expand_protocol(
     segment: int = 1,
     outcome_rules: int = OUTCOME_RULES,
 ) -> SessionPlan:
-    """Plan everything that the session will ask for, before the first key press.
+    """Plan everything that a session contains, before its first key press.
 
-    ``overridden`` says that participant or group was chosen by hand; ``first_episode`` and ``segment`` say where
-    the session resumes, and change nothing else; ``outcome_rules`` is 0 in a study that began before there were any.
-    For a participant whose group is not drawn yet the plan is right up to the draw, and some group's from there on.
+    ``overridden`` says that participant or group was chosen by hand. ``first_episode`` and ``segment`` say where the
+    session resumes, and change nothing else. ``outcome_rules`` is 0 in a study that began before there were any. For a
+    participant whose group has not been drawn, the plan is valid up to the draw, and some group's plan after it.
     """
     slots = build_allocation_list(protocol)
     slot = slots[participant.place if participant.group else 0]
@@ -157,7 +157,7 @@ def _plan_blocks(
 
 
 def _find_draw(protocol: Protocol, block: BlockSpec, number: int) -> int:
-    """Find a block's draw: its place in its group, or in the file where its place in the session varies."""
+    """Return the index of a block's draw: its position in its group, or in the file if sessions list parts."""
     if not protocol.lists_parts:
         return number
     return next(place for place, other in enumerate(protocol.blocks) if other.name == block.name)

@@ -1,6 +1,7 @@
-"""Group-sequential tests of two groups: boundaries by alpha spending, and the p that takes the looks into account.
+"""Group-sequential tests of two groups: boundaries by alpha spending, and p values adjusted for the looks.
 
-Two-sided and symmetric. Information is counted in participants; increments between looks are normal and independent.
+Tests are two-sided and symmetric. Information is counted in participants; the increments between looks are normal and
+independent.
 """
 
 from collections.abc import Sequence
@@ -13,12 +14,12 @@ _POINTS = 801  # of the grid on which the score's density between two looks is f
 
 
 def spend_alpha(fraction: float, alpha: float) -> float:
-    """Compute the alpha spent at a fraction of the information, like O'Brien and Fleming (Lan & DeMets, 1983)."""
+    """Return the alpha spent at a fraction of the information, of the O'Brien-Fleming type (Lan & DeMets, 1983)."""
     return float(4 * scipy.special.ndtr(scipy.special.ndtri(alpha / 4) / np.sqrt(fraction)))
 
 
 def find_boundaries(fractions: Sequence[float], alpha: float = 0.05) -> tuple[float, ...]:
-    """Find the |z| at which a study stops, for each look; ``fractions`` of the information rise to 1."""
+    """Return the |z| at which a study stops at each look; ``fractions`` of the information increase to 1."""
     spent = [0.0, *(spend_alpha(fraction, alpha) for fraction in fractions)]
     walk = _Walk()
     boundaries = list[float]()
@@ -30,10 +31,10 @@ def find_boundaries(fractions: Sequence[float], alpha: float = 0.05) -> tuple[fl
 
 
 def compute_adjusted_p(z: float, fractions: Sequence[float], boundaries: Sequence[float]) -> float:
-    """Compute p of a study that stopped at the last of these looks with this z.
+    """Compute the p value of a study that stopped at the last of its looks with a given z.
 
-    By stagewise ordering (Tsiatis, Rosner & Mehta, 1984, Biometrics 40): the chance to stop earlier, or to be as far
-    out at this look.
+    By stagewise ordering (Tsiatis, Rosner & Mehta, 1984, Biometrics 40), p is the probability of stopping earlier, or
+    of a z at least as extreme at this look.
     """
     walk = _Walk()
     earlier = 0.0
@@ -52,14 +53,14 @@ class _Walk:
         self._fraction = 0.0
 
     def exit(self, z: float, fraction: float) -> float:
-        """Compute the chance to reach |z| at a fraction of the information, without having stopped before."""
+        """Return the probability of reaching |z| at a fraction of the information without having stopped earlier."""
         spread = np.sqrt(fraction - self._fraction)
         bound = z * np.sqrt(fraction)
         upper = scipy.special.ndtr((self._scores - bound) / spread)
         return float(self._weights @ (upper + scipy.special.ndtr((-self._scores - bound) / spread)))
 
     def advance(self, boundary: float, fraction: float) -> None:
-        """Follow those who are inside the boundary."""
+        """Advance the density to a look, keeping the studies within its boundary."""
         spread = np.sqrt(fraction - self._fraction)
         bound = boundary * np.sqrt(fraction)
         scores = np.linspace(-bound, bound, _POINTS)
@@ -72,7 +73,7 @@ class _Walk:
 
 
 def compute_welch_z(first: Sequence[float], second: Sequence[float]) -> float:
-    """Convert Welch's t of two groups' (n, mean, variance) to z with the same two-sided p; 0 if undefined."""
+    """Return the z with the same two-sided p as Welch's t, from two groups' (n, mean, variance); 0 if undefined."""
     (n, mean, variance), (m, other, spread) = first, second
     if n < 2 or m < 2 or variance + spread <= 0:
         return 0.0

@@ -1,4 +1,4 @@
-"""Key maps of a session's blocks: fixed, drawn, or carried over, with what spare keys do."""
+"""Key maps of a session's blocks: fixed, drawn or carried over, with the actions of spare keys."""
 
 from minihuman.errors import ProtocolError
 from minihuman.experiment.plan.allocation import AllocationSlot
@@ -8,13 +8,13 @@ from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 
 
 class KeyMapPlanner:
-    """Plans the key maps of one participant's session, block by block.
+    """A planner of the key maps of one participant's session, block by block.
 
     Args:
-        protocol: the study.
-        participant: whose index the random streams have.
-        session: its number.
-        slot: of the allocation list, with the rows that are drawn for first sessions.
+        protocol: the study's protocol.
+        participant: the participant, whose index selects the random streams.
+        session: the session's number.
+        slot: the participant's allocation slot, with the key positions drawn for first sessions.
     """
 
     def __init__(self, protocol: Protocol, participant: Participant, session: int, slot: AllocationSlot) -> None:
@@ -26,10 +26,10 @@ class KeyMapPlanner:
         self._latest: tuple[BlockSpec, KeyMap] | None = None  # of the block before
 
     def plan(self, block: BlockSpec, draw: int) -> KeyMap:
-        """Return the key map of the next block; ``draw`` says which draw is the block's.
+        """Return the key map of the next block; ``draw`` is the index of the block's draw.
 
         Raises:
-            ProtocolError: if it would carry over a map for another number of actions.
+            ProtocolError: if the block would carry over a map for a different number of actions.
         """
         match block.key_map:
             case "fixed":
@@ -44,18 +44,18 @@ class KeyMapPlanner:
         return key_map
 
     def _draw(self, block: BlockSpec, draw: int) -> KeyMap:
-        """Draw a block's keys: in the first session those of the allocation list, which balances them."""
+        """Draw a block's keys; those of the first session come from the allocation list, which balances them."""
         if self._session == 1:
             return self._map_row(block, draw, self._slot.positions[draw])
         return self._map_row(block, draw, self._permute(len(self._pool), f"key-map-{draw}"))
 
     def _map_row(self, block: BlockSpec, draw: int, row: tuple[int, ...]) -> KeyMap:
-        """Give a block's actions the keys whose places in the pool a row lists."""
+        """Build the key map in which each action gets the key at its position in the pool."""
         keys = {self._pool[place]: action for place, action in zip(row, block.actions, strict=False)}
         return self._deal_spare_keys(block, draw, keys)
 
     def _carry_over(self, block: BlockSpec, draw: int, before: BlockSpec, key_map: KeyMap) -> KeyMap:
-        """Carry the same keys over, action for action by position in the two blocks' lists."""
+        """Carry over the previous block's keys, matching actions by their position in the two blocks' lists."""
         if len(before.actions) != len(block.actions):  # only in a log: a new protocol is refused
             counts = f"{len(block.actions)} actions for a key map with {len(before.actions)}"
             raise ProtocolError(f"block {block.name!r} has {counts}; give the block its own key map")
@@ -64,7 +64,7 @@ class KeyMapPlanner:
         return self._deal_spare_keys(block, draw, keys)
 
     def _deal_spare_keys(self, block: BlockSpec, draw: int, keys: dict[str, str]) -> KeyMap:
-        """Add what spare keys do: distractors in turn over the spare keys, in random order."""
+        """Complete a key map: distractors are dealt in turn to the spare keys, in random order."""
         spare = tuple(key for key in self._pool if key not in keys)
         if block.distractors:
             order = self._permute(len(spare), f"distractors-{draw}")

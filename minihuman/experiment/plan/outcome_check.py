@@ -1,4 +1,4 @@
-"""Check what the ends of a protocol's episodes mean: who says so, and that nothing needs what is unknown."""
+"""Checks of a protocol's outcome rules: who states them, and that nothing needs an unknown success."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import closing
@@ -33,13 +33,13 @@ SUCCESS_MEASURES = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class TriedWorld:
-    """A world's ``info`` in the steps that were tried."""
+    """The contents of a world's ``info`` during trial steps."""
 
     is_own: bool  # its author wrote with our classes which end earns a reward
     values: Mapping[str, Any] = field(default_factory=dict)  # by key, the first of each
 
     def says_success(self, rule: StatedRule) -> bool:
-        """Tell whether the world said, or may say, what a rule asks for."""
+        """Tell whether the world reported, or may report, what a rule reads."""
         parsed = parse_outcome_rule(rule.rule)
         if not parsed.may_be_unknown:
             return True
@@ -51,10 +51,10 @@ class TriedWorld:
 
 
 def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
-    """Refuse what needs success where no rule says what success is; describe the rules and what is kept of ``info``.
+    """Describe the outcome rules of a protocol's blocks and the ``info`` that is kept, after checking them.
 
     Raises:
-        ProtocolError: naming the block and what needs it, or a rule that the world cannot answer.
+        ProtocolError: if something needs success in a block without a rule for it, or the world cannot answer a rule.
     """
     lines: list[str] = []
     for block in _list_variants(protocol):
@@ -68,7 +68,7 @@ def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
 
 
 def _require_no_need(protocol: Protocol, block: BlockSpec, rule: StatedRule, tried: TriedWorld, source: str) -> None:
-    """Refuse a rule whose key is no yes or no, and whatever needs success that is not known."""
+    """Raise a ProtocolError if a rule's key holds no yes or no, or if something needs the unknown success."""
     place = f"{source}: block {block.name!r}"
     key = parse_outcome_rule(rule.rule).info_key
     if key:
@@ -125,7 +125,7 @@ def _describe(content: Any) -> str:
 
 
 def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:
-    """List what in a protocol needs to know success in a block."""
+    """Return the parts of a protocol that need to know success in a block."""
     needs: list[str] = []
     if block.stop_criterion is not None:
         needs.append("stop_criterion")
@@ -147,7 +147,7 @@ def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:
 
 
 def try_world_info(block: BlockSpec) -> TriedWorld:
-    """Play a block's world a little, every action of the block in turn, and collect what it says."""
+    """Play a block's world for some steps, with every action of the block in turn, and collect its ``info``."""
     values: dict[str, Any] = {}
     if is_of_catalogue(block.world) and not block.record_info and block.success is None:
         return TriedWorld(is_own=False)
@@ -166,6 +166,6 @@ def try_world_info(block: BlockSpec) -> TriedWorld:
 
 
 def _list_variants(protocol: Protocol) -> list[BlockSpec]:
-    """List every block as each group has it, each variant once."""
+    """Return every block as each group plays it, each variant once."""
     variants = [apply_overrides(block, group.name) for block in protocol.blocks for group in protocol.groups]
     return [block for place, block in enumerate(variants) if block not in variants[:place]]

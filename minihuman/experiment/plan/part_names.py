@@ -1,4 +1,4 @@
-"""The names of a session's parts, in order: groups, orders and replacements resolved, default parts added."""
+"""The names of a session's parts in order, with groups, orders and replacements resolved and default parts added."""
 
 from minihuman.errors import AllocationError
 from minihuman.experiment.plan.allocation import AllocationSlot
@@ -11,7 +11,7 @@ CLOSING = "closing"
 
 
 def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, session: int) -> list[str]:
-    """List the names of a session's parts in order, with the keyboard check and closing that minihuman adds itself.
+    """Return the names of a session's parts in order, default parts such as the keyboard check included.
 
     Raises:
         AllocationError: if the study has no such session.
@@ -40,7 +40,7 @@ def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, sessio
 
 
 def _surround_blocks(protocol: Protocol, group: str) -> list[str]:
-    """List a group's blocks with the parts that belong around them."""
+    """Return a group's blocks with the consent, keyboard check and closing around them."""
     parts: list[str] = []
     if protocol.study.consent:
         parts.append(CONSENT)
@@ -53,7 +53,7 @@ def _surround_blocks(protocol: Protocol, group: str) -> list[str]:
 
 
 def _apply_order(protocol: Protocol, slot: AllocationSlot, name: str) -> list[str] | None:
-    """Return the parts that an order stands for, in the slot's order; None for the name of a part."""
+    """Return the parts that an order stands for, in the slot's order; None if the name is not an order's."""
     for number, order in enumerate(protocol.orders):
         if order.name == name:
             return [part for place in slot.orders[number] for part in order.units[place]]
@@ -61,7 +61,7 @@ def _apply_order(protocol: Protocol, slot: AllocationSlot, name: str) -> list[st
 
 
 def _add_default_parts(protocol: Protocol, names: list[str], session: int) -> list[str]:
-    """Add the consent of the first session, a keyboard check before the first block, and last words to parts."""
+    """Add consent to the first session, a keyboard check before the first block, and a closing page."""
     blocks = {block.name for block in protocol.blocks}
     if protocol.keys.keyboard_check and KEYBOARD not in names:
         first = next((place for place, name in enumerate(names) if name in blocks), None)
@@ -75,7 +75,7 @@ def _add_default_parts(protocol: Protocol, names: list[str], session: int) -> li
 
 
 def _add_debrief(protocol: Protocol, names: list[str], group: str) -> list[str]:
-    """Add the page that tells what the partners were before the last words, where the protocol defers it."""
+    """Insert the debriefing page before the closing page, if the protocol discloses the partners only then."""
     teams = [protocol.block_for(name, group).team for name in names if is_block(protocol, name)]
     if DEBRIEF in names or not any(team and team.partner_disclosure == "debrief" for team in teams):
         return names

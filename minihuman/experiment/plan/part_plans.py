@@ -1,4 +1,4 @@
-"""Plans of a session's parts: texts in pages, items in order, and each block as its kind has it."""
+"""Plans of a session's parts: texts in pages, questions in order, and each block as its kind defines it."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -28,7 +28,7 @@ OUTCOMES = ("goal", "timeout", "failure", "abandoned", "ended")
 
 
 def list_changed_words(protocol: Protocol) -> dict[str, str]:
-    """List the interface's words of a study that differ from English: none for most English studies."""
+    """Return the interface texts of a study that differ from English; none for most English studies."""
     language = protocol.study.language
     instead = flatten_words(protocol.words)
     if protocol.study.theme != "dark":
@@ -39,12 +39,12 @@ def list_changed_words(protocol: Protocol) -> dict[str, str]:
 
 
 def load_study_words(protocol: Protocol) -> InterfaceWords:
-    """Load the interface's words of a study."""
+    """Load the interface texts of a study."""
     return InterfaceWords(protocol.study.language, list_changed_words(protocol), protocol.study.fonts)
 
 
 def find_consent_text(protocol: Protocol, group: str, names: Sequence[str]) -> str:
-    """Find the text that is agreed to in a session with these parts."""
+    """Return the text that participants agree to in a session with the given parts."""
     texts = (protocol.page_for(name, group) for name in names)
     agreed = next((page.text for page in texts if page and page.asks_consent), None)
     if agreed is None:
@@ -89,7 +89,7 @@ def plan_parts(
 
 
 def _plan_extras(protocol: Protocol, participant: Participant, session: int, block: BlockSpec) -> dict[str, Any]:
-    """Plan what only some blocks have: rules of trials, bindings and a design; unset where a block has none."""
+    """Plan the optional fields of a block: rules of trials, bindings and a design; fields it lacks stay unset."""
     purpose = f"{block.name}-session-{session}"
     bindings = Bindings(block.axes, block.spot)
     return {
@@ -100,13 +100,13 @@ def _plan_extras(protocol: Protocol, participant: Participant, session: int, blo
 
 
 def _list_images(protocol: Protocol, page: PageSpec) -> tuple[str, ...]:
-    """List the files of a page's pictures: a consent and last words without one have the study's logo."""
+    """Return the files of a page's pictures; consent and closing pages without any show the study's logo."""
     has_logo = protocol.study.logo and (page.asks_consent or page.closing) and page.example is None
     return page.images or ((protocol.study.logo,) if has_logo else ())
 
 
 def _build_default_page(protocol: Protocol, name: str, words: InterfaceWords) -> PageSpec:
-    """Build the consent or the last words of ``[study]``."""
+    """Build the consent or closing page from the texts in ``[study]``."""
     study = protocol.study
     if name == CONSENT:
         return PageSpec(CONSENT, study.consent, words["consent.title"], asks_consent=True)
@@ -138,14 +138,14 @@ def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords) -> Pag
 
 
 def _pagination_of(pages: Sequence[str]) -> int | msgspec.UnsetType:
-    """Return the rules by which a text was divided; unset where there was nothing to divide."""
+    """Return the version of the rules that divided a text into pages; unset if there is no text."""
     if len(pages) > 1:
         return PAGINATION_RULES
     return msgspec.UNSET
 
 
 def find_paged_text(protocol: Protocol, name: str, group: str) -> str | None:
-    """Return the whole text that a page or a block's instructions show in pages; None for an activity with its own."""
+    """Return the whole text that a page or a block's instructions show in pages; None for other parts."""
     if any(activity.name == name for activity in protocol.activities):
         return None
     if is_block(protocol, name):
@@ -190,7 +190,7 @@ def _plan_block(
     episodes: Sequence[EpisodePlan],
     words: InterfaceWords,
 ) -> PlayPlan:
-    """Plan a block as its kind needs it."""
+    """Build the plan of a block by its kind."""
     play = _plan_play(protocol, blocks, number, episodes, words)
     if kind.plan is PlayPlan:
         return play
@@ -249,20 +249,23 @@ def _plan_play(
 
 
 def _number_part(words: InterfaceWords, number: int, count: int) -> str:
-    """Format "Part 1 of 2" as a block's title; "" for the only block."""
+    """Format "Part 1 of 2" as a block's title; "" if there is only one block."""
     if count < 2:
         return ""
     return words.fill("progress.part", part=number + 1, parts=count)
 
 
 def _plan_feedback(block: BlockSpec) -> dict[str, str]:
-    """Plan the feedback by outcome, without the outcomes that have none."""
+    """Return the feedback by outcome, without outcomes that have none."""
     texts = dict.fromkeys(OUTCOMES, block.feedback) if isinstance(block.feedback, str) else block.feedback
     return {outcome: text for outcome, text in texts.items() if text}
 
 
 def _computed_by(block: BlockSpec) -> ComputedBy:
-    """Return what the protocol says; else the page for an ordinary block in a world of ours, the server for others."""
+    """Return who computes a block in a browser: what the protocol says, or a default.
+
+    The default is the page for an ordinary block in a built-in world, and the server for any other block.
+    """
     if block.computed:
         return block.computed
     # what held keys combine to, and what a design decides, the server knows
@@ -275,7 +278,7 @@ def _computed_by(block: BlockSpec) -> ComputedBy:
 
 
 def list_world_options(block: BlockSpec) -> dict[str, Any]:
-    """Return a block's options for its world; what a page computes goes by the sine that is the same everywhere."""
+    """Return a block's options for its world; worlds that a page computes get the portable sine."""
     options: dict[str, Any] = {}
     if is_first_person(block.world) and _computed_by(block) == "page":
         options["trig"] = 1

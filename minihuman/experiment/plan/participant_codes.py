@@ -1,4 +1,4 @@
-"""Codes of participants: the slot that a code says, and how often it was taken."""
+"""Participant codes: the slot that a code names, and how often that slot was reassigned."""
 
 import re
 
@@ -11,10 +11,10 @@ MAX_SLOTS = 100_000  # of an allocation list; codes from there on are of those w
 
 
 def parse_participant_code(code: str) -> int:
-    """Parse a participant's code to their slot: 6 for "sub-07", and for "sub-100007", who took the slot over.
+    """Return the slot of a participant's code: 6 for "sub-07", and also for "sub-100007", who took the slot over.
 
     Raises:
-        AllocationError: if it is no such code.
+        AllocationError: if the text is no participant code.
     """
     match = _CODE.fullmatch(code)
     if match is None or int(match["number"]) == 0:

@@ -1,4 +1,4 @@
-"""Random streams of a study: every random choice derives from the study seed, one stream per purpose.
+"""Random streams of a study: every random choice derives from the study seed, with one stream per purpose.
 
 An additional draw for one purpose changes nothing elsewhere. Only `SeedSequence` is used, because NumPy guarantees
 that its output never changes, so a protocol gives the same plan on every machine and in ten years.
@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 
 def draw_words(count: int, *, seed: int, purpose: str, index: int = 0) -> NDArray[np.uint64]:
-    """Draw ``count`` random uint64 of the stream (seed, purpose, index)."""
+    """Draw ``count`` random uint64 values from the stream (seed, purpose, index)."""
     name = int.from_bytes(hashlib.blake2b(purpose.encode(), digest_size=4).digest(), "little")
     return np.random.SeedSequence(seed, spawn_key=(name, index)).generate_state(count, np.uint64).astype(np.uint64)
 
 
 def make_draw(seed: int, purpose: str, index: int) -> Callable[[int], tuple[float, ...]]:
-    """Make a function that returns the first random numbers in [0, 1) of a stream, as many as asked for."""
+    """Return a function that returns the first ``n`` random numbers in [0, 1) of a stream."""
 
     def draw(count: int) -> tuple[float, ...]:
         words = draw_words(count, seed=seed, purpose=purpose, index=index)
@@ -33,7 +33,7 @@ def draw_seeds(count: int, *, seed: int, purpose: str, index: int = 0) -> tuple[
 
 
 def draw_permutation(count: int, *, seed: int, purpose: str, index: int = 0) -> tuple[int, ...]:
-    """Draw a random order of 0 .. count - 1."""
+    """Draw a random permutation of 0 to count - 1."""
     return tuple(
         int(place) for place in np.argsort(draw_words(count, seed=seed, purpose=purpose, index=index), kind="stable")
     )

@@ -19,7 +19,7 @@ HoldPolicy = Literal["once", "repeat"]
 
 
 class Participant(msgspec.Struct, frozen=True):
-    """A participant: a code, never a name."""
+    """A participant, identified by a code and never by name."""
 
     id: str  # "sub-07"
     index: int  # order of enrolment, 0 for the first
@@ -30,14 +30,14 @@ class Participant(msgspec.Struct, frozen=True):
 
     @property
     def place(self) -> int:
-        """The participant's place in the allocation list."""
+        """The participant's index in the allocation list."""
         if self.slot is None:
             return self.index
         return self.slot
 
 
 class KeyMap(msgspec.Struct, frozen=True):
-    """Physical key to action name, the keys left over, and the seed that drew it."""
+    """The action of each physical key, the keys left over, and the seed of the draw."""
 
     keys: dict[str, str]  # physical key name (study/keys.py) -> action name, distractors included
     spare_keys: tuple[str, ...]  # the pool's other keys, which do nothing
@@ -52,7 +52,7 @@ class KeyMap(msgspec.Struct, frozen=True):
 
 
 class EpisodePlan(msgspec.Struct, frozen=True):
-    """One episode with no randomness left in it."""
+    """The plan of one episode, with every random choice made."""
 
     episode: int  # 0 for the session's first
     block: int  # index into the group's blocks
@@ -82,7 +82,7 @@ class EpisodePlan(msgspec.Struct, frozen=True):
 
 
 class BlockText(msgspec.Struct, frozen=True):
-    """The texts around a block; an empty one shows no screen."""
+    """The texts around a block; an empty text shows no screen."""
 
     instruction: str
     feedback: str  # after each episode; may hold {outcome} {reward} {steps} {episode} {episodes}
@@ -91,9 +91,9 @@ class BlockText(msgspec.Struct, frozen=True):
 
 
 class PartPlan(msgspec.Struct, frozen=True):
-    """A part's plan, as the session sees it: a kind's plan derives from it to say otherwise.
+    """The base class of the plans of parts; the plans of a kind override what differs.
 
-    ``host`` is "module:function": it makes what answers the part's requests from a `HostContext`.
+    ``host`` is "module:function"; the function builds the part's request handler from a `HostContext`.
     """
 
     host: ClassVar[str] = ""
@@ -105,32 +105,32 @@ class PartPlan(msgspec.Struct, frozen=True):
 
     @property
     def sign_interval_s(self) -> float:
-        """The longest time in which a page of the session sends nothing, as others wait for it; 0: nobody waits."""
+        """The longest interval between a page's signs of life in seconds; 0 if no partner waits for them."""
         return 0.0
 
     @property
     def has_text_entry(self) -> bool:
-        """Whether people type words while they play, of which a page sends every key."""
+        """Whether people type text during play, so that a page sends every key."""
         return False
 
     @property
     def closes_session(self) -> bool:
-        """Whether the part has the session's last words alone."""
+        """Whether the part consists of the session's closing text alone."""
         return False
 
     @property
     def is_repeated_on_resume(self) -> bool:
-        """Whether a resumed session does the part again, though it was done."""
+        """Whether a resumed session repeats the part."""
         return False
 
     @property
     def planned_episodes(self) -> range | None:
-        """The indices of the episodes that the part plays; None for a part that is no block."""
+        """The indices of the part's episodes; None for a part that is not a block."""
         return None
 
 
 class PlannedPart(msgspec.Struct, frozen=True):
-    """One part of a session: what kind of activity, and that kind's own plan with no chance left in it."""
+    """One part of a session: its kind, its name, and the kind's own plan with every random choice made."""
 
     kind: str  # "play", "page", "questions", "keyboard_check", or another that is registered
     name: str  # in the protocol
@@ -138,7 +138,7 @@ class PlannedPart(msgspec.Struct, frozen=True):
 
 
 class ResumeState(msgspec.Struct, frozen=True):
-    """The state from which a resumed session continues, beside the next episode."""
+    """The state from which a resumed session continues, apart from the index of the next episode."""
 
     part: int = 0  # the part to begin with
     points: float = 0.0
@@ -150,7 +150,7 @@ class ResumeState(msgspec.Struct, frozen=True):
 
 
 class BonusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The pay for points."""
+    """The rules of the bonus."""
 
     per_point: float
     currency: str = ""
@@ -161,7 +161,7 @@ class BonusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SessionPlan(msgspec.Struct, frozen=True):
-    """The whole session: what ``expand()`` yields, and the first thing logged."""
+    """The plan of a whole session: the result of ``expand_protocol()``, and the first thing logged."""
 
     study: str
     study_version: str
@@ -195,12 +195,12 @@ class SessionPlan(msgspec.Struct, frozen=True):
 
 
 def name_label_column(label: str) -> str:
-    """Name the column of a label of episodes in tables: letters, digits and underscores, as every format takes them."""
+    """Return the name of a label's column in tables, in letters, digits and underscores, which every format allows."""
     return f"label_{re.sub(r'[^a-zA-Z0-9]+', '_', label).strip('_')}"
 
 
 def needs_gamepad(plan: SessionPlan) -> bool:
-    """Tell whether keys are drawn over a gamepad's buttons, or its axes move anything."""
+    """Tell whether a session's keys include gamepad buttons, or its bindings gamepad axes."""
     names = list(plan.key_pool)
     for part in plan.parts:
         bindings = getattr(part.plan, "bindings", None)

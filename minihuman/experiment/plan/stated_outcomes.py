@@ -1,4 +1,4 @@
-"""Which outcome rule holds in a block, and who stated it: the block, our catalogue, the table, or the world itself."""
+"""The outcome rule of a block, and who stated it: the block, the catalogue, a table, or the world itself."""
 
 from typing import Literal, NamedTuple
 
@@ -22,7 +22,7 @@ HOW_TO_STATE_A_RULE = (
 
 
 class StatedRule(NamedTuple):
-    """A block's rule as a plan has it, who stated it, and where that is documented."""
+    """A block's outcome rule as its plan holds it, who stated it, and where it is documented."""
 
     rule: str
     stated_by: Literal["block", "catalogue", "table", "world", "study"]
@@ -31,7 +31,7 @@ class StatedRule(NamedTuple):
 
     @property
     def is_unknown(self) -> bool:
-        """Whether success is never known."""
+        """Whether success can never be known under the rule."""
         return not parse_outcome_rule(self.rule).conditions
 
     def describe(self) -> str:
@@ -49,7 +49,7 @@ class StatedRule(NamedTuple):
 
 
 def describe_rule(rule: str) -> str:
-    """Describe a rule in words."""
+    """Describe an outcome rule in words."""
     text = rule.removesuffix(add_any_step("x")[1:])
     suffix = rule[len(text) :]
     if text == NO_RULE:
@@ -62,10 +62,10 @@ def describe_rule(rule: str) -> str:
 
 
 def find_outcome_rule(block: BlockSpec, *, outcome_rules: int = OUTCOME_RULES) -> StatedRule:
-    """Find a block's rule; ``outcome_rules`` is 0 for a study that began before there were any.
+    """Return a block's outcome rule; ``outcome_rules`` is 0 for a study that began before there were any.
 
     Raises:
-        ProtocolError: if what the block states is no rule.
+        ProtocolError: if the rule that the block states is not valid.
     """
     stated = _find_stated(block, outcome_rules)
     if block.success is None and block.success_at == "any" and stated.stated_by != "study":
@@ -83,7 +83,7 @@ def _find_stated(block: BlockSpec, outcome_rules: int) -> StatedRule:
 
 
 def find_world_rule(world_id: str) -> StatedRule:
-    """Find the rule of a world where no block states one."""
+    """Return the outcome rule of a world for blocks that state none."""
     if is_of_catalogue(world_id):
         return StatedRule(LAST_REWARD, "catalogue")
     entry = find_table_entry(world_id)
@@ -93,6 +93,6 @@ def find_world_rule(world_id: str) -> StatedRule:
 
 
 def is_of_catalogue(world_id: str) -> bool:
-    """Tell whether a world is one of ours, by its id."""
+    """Tell whether a world is one of this package's, by its id."""
     module, _, name = world_id.rpartition(":")
     return module in ("", "minihuman") and name.startswith("minihuman/")

@@ -1,4 +1,4 @@
-"""Check of tables of stimuli before a study begins: every row's world is made, drawn and played once."""
+"""Checks of stimulus tables before a study begins: the world of every row is created, drawn and played once."""
 
 import difflib
 import json
@@ -29,13 +29,13 @@ _CLOSE = 0.8  # how similar a column's name is to an option's that it was probab
 
 
 def check_stimuli(protocol: Protocol, source: str) -> list[str]:
-    """Play every row of every table of stimuli once, as each group has it; ``source`` names the file in errors.
+    """Play every row of every stimulus table once, as each group has it; ``source`` names the file in errors.
 
     Returns:
-        What is worth knowing of tables that can be played, a line each.
+        Notices about tables that can be played, one per line.
 
     Raises:
-        ProtocolError: of every row that cannot be played, a line each with row, column, value and the way out.
+        ProtocolError: if a row cannot be played, with a line for each that names row, column, value and correction.
     """
     _check_uses(protocol, source)
     notices: dict[str, None] = {}
@@ -62,10 +62,10 @@ def _check_table(protocol: Protocol, block: BlockSpec, place: str) -> None:
 
 
 def _check_uses(protocol: Protocol, source: str) -> None:
-    """Check that the labels which the analysis and the exclusions name are in a table, with the levels they name.
+    """Check that the labels and levels that the analysis and the exclusions name are in a table.
 
     Raises:
-        ProtocolError: if not, a line each.
+        ProtocolError: if any is not, with a line for each.
     """
     levels = list_levels(protocol)
     if levels:
@@ -92,7 +92,7 @@ def _check_uses(protocol: Protocol, source: str) -> None:
 
 
 def list_levels(protocol: Protocol) -> dict[str, list[Any]]:
-    """List the labels of a protocol's tables, each with its levels."""
+    """Return the levels of each label of a protocol's tables."""
     levels: dict[str, list[Any]] = {}
     for block in protocol.blocks:
         for group in ("", *block.group_overrides):
@@ -105,14 +105,14 @@ def list_levels(protocol: Protocol) -> dict[str, list[Any]]:
 
 
 def _name_header(stimuli: StimuliSpec, place: str) -> str:
-    """Name the place of a table's column names: the file's first row, or ``place`` for rows in the protocol."""
+    """Return where a table's column names are: the file's first row, or ``place`` for rows in the protocol."""
     if stimuli.file:
         return f"{stimuli.file}:1"
     return place
 
 
 def _find_unnameable_labels(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
-    """Yield the labels that can be no column of a table, or would be another's."""
+    """Yield an error for each label that cannot be a table column or whose column would clash with another."""
     assert block.stimuli is not None
     columns: dict[str, str] = {}
     place = _name_header(block.stimuli, "rows[0]")
@@ -125,7 +125,7 @@ def _find_unnameable_labels(protocol: Protocol, block: BlockSpec) -> Iterator[st
 
 
 def _find_misspelt_columns(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
-    """Yield the labels whose names nearly are options: a stimulus would silently not be shown."""
+    """Yield an error for each label that resembles an option, since a misspelt stimulus would silently not be shown."""
     assert block.stimuli is not None
     options = find_option_names(block.world) or OptionNames(())
     known = (*options.names, COUNT, IMAGE)
@@ -161,7 +161,7 @@ def _find_unplayable_rows(block: BlockSpec, stimuli: list[TrialStimulus]) -> Ite
 def _explain_unplayable(
     block: BlockSpec, shared: dict[str, Any], options: dict[str, Any], *, needs_table: bool
 ) -> Iterator[str]:
-    """Yield which columns of a row are wrong and why; nothing for a row that can be played."""
+    """Yield which columns of a row are wrong and why; nothing if the row can be played."""
     reason = _play(block, shared | options)
     if not reason:
         return
@@ -180,7 +180,7 @@ def _explain_unplayable(
 
 
 def _play(block: BlockSpec, options: dict[str, Any]) -> str:
-    """Make, draw and play a trial with each of the block's actions; say what went wrong, "" if nothing did."""
+    """Create, draw and play a trial with each of the block's actions; return the error, or "" if there was none."""
     try:
         with closing(World(block.world, options)) as world:
             world.name_actions(block.actions)

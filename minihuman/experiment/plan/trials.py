@@ -1,4 +1,4 @@
-"""The trials of a block: rows of its table of stimuli in an order of the participant's own, and drawn intervals."""
+"""The trials of a block: rows of its stimulus table in the participant's own order, with drawn intervals."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -28,7 +28,7 @@ _MAX_ROWS = 10_000
 
 
 class TrialStimulus(msgspec.Struct, frozen=True):
-    """The stimulus of one trial: a row of a block's table, its images by reference."""
+    """The stimulus of one trial: a row of a block's table, with images by reference."""
 
     place: str = ""  # of the row: "words.csv:3"; "" without a table
     options: Row = {}  # of the world
@@ -36,7 +36,7 @@ class TrialStimulus(msgspec.Struct, frozen=True):
 
 
 def plan_rules(block: BlockSpec, seed: int, purpose: str, participant: int) -> TrialRules | msgspec.UnsetType:
-    """Plan the rules that make a block's episodes into trials, intervals drawn; unset where there are none."""
+    """Plan the rules of a block of trials, with drawn intervals; unset for other blocks."""
     interval = block.inter_trial_interval_ms
     intervals_ms: tuple[float, ...] = ()
     if isinstance(interval, tuple):
@@ -51,10 +51,10 @@ def plan_rules(block: BlockSpec, seed: int, purpose: str, participant: int) -> T
 
 
 def plan_stimuli(protocol: Protocol, block: BlockSpec, purpose: str, participant: int) -> list[TrialStimulus]:
-    """Plan what each of a block's trials shows; the block's own options are not among it.
+    """Plan the stimulus of each of a block's trials, without the block's own options.
 
     Raises:
-        ProtocolError: if the table cannot be read, or has no order as it is asked for.
+        ProtocolError: if the table cannot be read or no order meets the requested constraints.
     """
     spec = block.stimuli
     if spec is None:
@@ -81,10 +81,10 @@ def _find_column(block: BlockSpec, stimuli: list[TrialStimulus], name: str) -> l
 
 
 def read_stimuli(protocol: Protocol, block: BlockSpec) -> list[TrialStimulus]:
-    """Read a block's stimuli, each as often as it says it comes; a row refers to its image in the plan's files.
+    """Read a block's stimuli, repeated by their weights; a row refers to its image in the plan's files.
 
     Raises:
-        ProtocolError: if the file is missing, is no table, or names an image that is not there; with the row.
+        ProtocolError: if the file is missing, is no valid table or names a missing image; the message names the row.
     """
     assert block.stimuli is not None
     stimuli: list[TrialStimulus] = []
@@ -127,7 +127,7 @@ def _build_stimulus(protocol: Protocol, block: BlockSpec, row: TableRow) -> Tria
 
 
 def list_label_columns(protocol: Protocol, block: BlockSpec) -> tuple[str, ...]:
-    """List the labels of a block's stimuli, in the order of the table's columns; none without a table."""
+    """Return the label columns of a block's stimulus table, in table order; empty without a table."""
     if block.stimuli is None:
         return ()
     columns = dict.fromkeys(column for row in read_table(block.stimuli, protocol.files) for column in row.cells)
@@ -135,7 +135,7 @@ def list_label_columns(protocol: Protocol, block: BlockSpec) -> tuple[str, ...]:
 
 
 def find_files(protocol: Protocol) -> dict[str, bytes]:
-    """Find the tables of stimuli of a protocol and their images."""
+    """Return a protocol's stimulus tables and their images, by file name."""
     names = set(_find_file_names(protocol))
     return {name: protocol.files[name] for name in sorted(names)}
 
@@ -157,7 +157,7 @@ def _list_file_names(spec: StimuliSpec, files: Mapping[str, bytes]) -> Iterator[
 
 
 def read_images(spec: StimuliSpec, files: Mapping[str, bytes]) -> list[tuple[str, str]]:
-    """List the images that a table names, each with the first row that does."""
+    """Return the images that a table names, each with the first row that names it."""
     places: dict[str, str] = {}
     for row in read_table(spec, files):
         if name := row.cells.get(IMAGE):

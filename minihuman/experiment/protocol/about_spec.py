@@ -1,4 +1,4 @@
-"""The `[about]` table of a protocol: the study as a publication, and what the laboratory knows of participants."""
+"""The `[about]` table of a protocol: the study as a publication, and the laboratory's data about participants."""
 
 import re
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ class AuthorSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ParticipantColumnSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A column of ``participants.csv`` in the study's folder: what the laboratory knows of people beside their play."""
+    """A column of ``participants.csv`` in the study's folder: data about participants from outside the sessions."""
 
     name: str  # "age", "handedness"
     description: str
@@ -35,7 +35,7 @@ class ParticipantColumnSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=T
 
 
 class AboutSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The study as a publication. Every field may be left out; an export says which ones a standard misses."""
+    """The study as a publication. Every field is optional; an export reports the fields that its standard lacks."""
 
     title: str = ""
     description: str = ""
@@ -55,7 +55,7 @@ class AboutSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def check_about(table: AboutSpec) -> Iterator[FieldError]:
-    """Yield every value that has the right type but cannot be right."""
+    """Yield an error for each value that has the right type but is not valid."""
     if table.licence and not _LICENCE.fullmatch(table.licence):
         yield (
             "$.about.licence",
@@ -98,7 +98,7 @@ def _check_participant_columns(columns: tuple[ParticipantColumnSpec, ...]) -> It
 
 
 def is_orcid(text: str) -> bool:
-    """Tell whether a text is written as an ORCID with the right check digit (ISO 7064, mod 11-2)."""
+    """Tell whether a text has the form of an ORCID with a correct check digit (ISO 7064, mod 11-2)."""
     if not _ORCID.fullmatch(text):
         return False
     digits = text.replace("-", "")

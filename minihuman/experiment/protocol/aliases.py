@@ -1,4 +1,4 @@
-"""Names that protocols of earlier versions use: one table of fields and values, read as their present names."""
+"""Names from earlier versions of protocols: fields and values that are read under their present names."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -81,13 +81,13 @@ VALUE_ALIASES: dict[str, dict[str, str]] = {  # field -> old value -> its name n
 
 @dataclass
 class CurrentNames:
-    """A protocol's tree in present names, and what the file itself says.
+    """A protocol's tree with present names, and how they relate to the names in the file.
 
     Attributes:
         tree: the decoded TOML with present names.
-        file_paths: a path in present names -> the same path as the file has it, where they differ.
-        renamed: (path as written, note) of each old name.
-        conflicts: (path as written, complaint) of each field that is there under both names.
+        file_paths: the path in the file by the path in present names, where the two differ.
+        renamed: the path in the file and a note for each old name.
+        conflicts: the path in the file and an error for each field that is given under both names.
     """
 
     tree: dict[str, Any] = field(default_factory=dict)
@@ -96,7 +96,7 @@ class CurrentNames:
     conflicts: list[tuple[str, str]] = field(default_factory=list)
 
     def written_path(self, path: str) -> str:
-        """Return a path in present names as the file has it."""
+        """Return the path in the file of a path in present names."""
         tail = ""
         while path not in self.file_paths and (step := LAST_STEP.search(path)):
             path = path[: step.start()]
@@ -105,7 +105,7 @@ class CurrentNames:
 
 
 def use_current_names(tree: dict[str, Any]) -> CurrentNames:
-    """Replace old names of fields and values in the tree of a protocol file; the tree itself stays as it is."""
+    """Return a protocol file's tree with present names of fields and values; the given tree is not changed."""
     names = CurrentNames()
     names.tree = _rename(tree, "", "$", "$", names)
     return names

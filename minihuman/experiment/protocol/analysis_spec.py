@@ -1,4 +1,4 @@
-"""The `[analysis]` table of a protocol: the measures that count, and what is compared on them."""
+"""The `[analysis]` table of a protocol: the study's measures and the comparisons of them."""
 
 import re
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ COMPARABLE_MEASURES = (
 
 
 class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The measures that count, and how near two groups have to be to count as alike."""
+    """The study's measures, and how close two groups must be to count as equivalent."""
 
     primary_measure: str = ""  # one measure, judged by itself; "": all are corrected together
     secondary_measures: tuple[str, ...] = ()  # corrected together, for how many there are
@@ -29,14 +29,14 @@ class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def condition_label(self) -> str:
-        """The label of trials whose levels are the conditions; "" where they are blocks."""
+        """The label of trials whose levels are the conditions; "" if blocks are the conditions."""
         (name,) = self.conditions if len(self.conditions) == 1 else ("",)
         if name.startswith("label:"):
             return name.removeprefix("label:")
         return ""
 
     def find_plugin_measures(self) -> tuple[str, ...]:
-        """Find the named measures that are no column of the table of blocks, each once."""
+        """Return the named measures that are not columns of the table of blocks, each once."""
         named = (self.primary_measure, *self.secondary_measures, *self.covariates)
         return tuple(dict.fromkeys(name for name in named if ":" in name))
 
@@ -44,7 +44,7 @@ class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def check_analysis(
     analysis: AnalysisSpec, blocks: tuple[str, ...], *, practice: tuple[str, ...] = ()
 ) -> Iterator[FieldError]:
-    """Yield why an analysis cannot be made."""
+    """Yield the errors of an analysis."""
     yield from _check_measures(analysis)
     yield from _check_conditions(analysis, blocks)
     yield from _check_margin(analysis)

@@ -1,4 +1,4 @@
-"""Rules of a block: its episodes, actions, keys, times, texts and kind, and what is given and does nothing."""
+"""Validation rules of a block: its episodes, actions, keys, times, texts and kind, and fields without effect."""
 
 import re
 from collections import Counter
@@ -22,7 +22,7 @@ _TIMES = ("max_episode_s", "max_block_s", "inter_trial_interval_ms", "fixation_m
 
 
 def check_block(block: BlockSpec, protocol: Protocol) -> Iterator[FieldError]:
-    """Yield every (field, complaint) about a block whose values have the right type."""
+    """Yield a (field, message) for each error of a block whose values have the right types."""
     if not block.world:
         yield "world", "is empty; `minihuman worlds` lists ours"
     yield from _check_episodes(block)
@@ -40,7 +40,7 @@ def check_block(block: BlockSpec, protocol: Protocol) -> Iterator[FieldError]:
 
 
 def check_useless_fields(block: BlockSpec, keys: KeysSpec) -> Iterator[FieldError]:
-    """Yield every (field, complaint) about what is given and does nothing."""
+    """Yield a (field, message) for each field that is given but has no effect."""
     if keys.spare_keys == "ignore" and block.distractors:
         yield "distractors", "has actions, but $.keys.spare_keys is 'ignore'; set it to 'distractor'"
     if block.response_deadline_ms and block.noop_action is None:
@@ -53,7 +53,7 @@ def check_useless_fields(block: BlockSpec, keys: KeysSpec) -> Iterator[FieldErro
 
 
 def check_unused_tables(block: BlockSpec) -> Iterator[FieldError]:
-    """Yield every (field, complaint) about what is given and no group uses."""
+    """Yield a (field, message) for each field that is given but used by no group."""
     overrides_of_groups = ({}, *block.group_overrides.values())
     if block.fixed_keys and not any(
         overrides.get("key_map", block.key_map) == "fixed" for overrides in overrides_of_groups
@@ -158,10 +158,10 @@ def _check_feedback(block: BlockSpec) -> Iterator[FieldError]:
 
 
 def _require_short_placeholders(text: str) -> None:
-    """Refuse placeholders that are more than a field and a short format: they could ask for a text of any size.
+    """Refuse placeholders that are more than a field and a short format, since these could ask for a text of any size.
 
     Raises:
-        ValueError: if there is one.
+        ValueError: if there is such a placeholder.
     """
     for _, field, format_spec, conversion in Formatter().parse(text):
         if field is not None and (not field.isidentifier() or conversion or not _FORMAT.fullmatch(format_spec or "")):
@@ -169,7 +169,7 @@ def _require_short_placeholders(text: str) -> None:
 
 
 def _check_kind(block: BlockSpec, pool: tuple[str, ...]) -> Iterator[FieldError]:
-    """Check that a block's kind is a kind of block, and that the block is as its kind needs it."""
+    """Check that a block's kind is a kind of block, and that the block meets the kind's requirements."""
     try:
         kind = find_kind(block.kind)
     except ProtocolError as error:
@@ -195,7 +195,7 @@ def _check_page_computation(block: BlockSpec) -> Iterator[FieldError]:
 
 
 def _check_outcome(block: BlockSpec) -> Iterator[FieldError]:
-    """Check how success is stated, and which keys of ``info`` are kept."""
+    """Check the block's rule for success and the keys of ``info`` that it keeps."""
     if block.success is not None:
         try:
             normalize_outcome_rule(block.success, at_any_step=False)
@@ -216,7 +216,7 @@ def _check_design(block: BlockSpec) -> Iterator[FieldError]:
 
 
 def _check_fields_of_time(block: BlockSpec) -> Iterator[FieldError]:
-    """Check a block in which only presses make steps for the fields of one in which time does."""
+    """Check that a block paced by key presses has no fields that only real time uses."""
     if block.step_period_ms or (block.noop_action and not block.response_deadline_ms):
         yield "pace", "is 'on_key', which has no step_period_ms and no noop_action; remove them or use 'real_time'"
     if block.hold != "once":
@@ -226,7 +226,7 @@ def _check_fields_of_time(block: BlockSpec) -> Iterator[FieldError]:
 
 
 def _check_fields_of_presses(block: BlockSpec) -> Iterator[FieldError]:
-    """Check a block in which time makes steps for the fields of one in which only presses do."""
+    """Check that a real-time block has no fields that only pacing by key presses uses."""
     if block.response_deadline_ms:
         yield "response_deadline_ms", "is for 'on_key'; in 'real_time' a tick decides: remove it"
     if block.auto_repeat:
@@ -248,7 +248,10 @@ def _check_axes(block: BlockSpec) -> Iterator[FieldError]:
 
 
 def is_played_alone(kind: str) -> bool:
-    """Tell whether only the participant acts in blocks of a kind; one that is not installed is an error of its own."""
+    """Tell whether only the participant acts in blocks of a kind; true for a kind that is not installed.
+
+    A kind that is not installed is reported as an error elsewhere.
+    """
     installed = find_installed_kind(kind)
     return installed is None or installed.is_played_alone
 
@@ -259,7 +262,10 @@ def _can_page_compute(kind: str) -> bool:
 
 
 def _has_table(kind: str, table: str) -> bool:
-    """Tell whether blocks of a kind have a table of that name; what is no kind of block is an error of its own."""
+    """Tell whether blocks of a kind have a table of that name; true for what is not a kind of block.
+
+    What is not a kind of block is reported as an error elsewhere.
+    """
     installed = find_installed_kind(kind)
     return installed is None or not issubclass(installed.plan, PlayPlan) or table in installed.plan_fields
 

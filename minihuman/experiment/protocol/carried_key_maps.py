@@ -1,4 +1,4 @@
-"""Rules of key maps that are carried from one block to the next: both blocks need as many actions."""
+"""Validation rules of key maps that carry over from one block to the next, which must have as many actions."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise, permutations, product
@@ -10,10 +10,10 @@ from minihuman.experiment.protocol.validation_errors import FieldError
 
 
 def check_carried_key_maps(protocol: Protocol) -> Iterator[FieldError]:
-    """Yield every (path, complaint) about a carried key map for another number of actions than the one before it.
+    """Yield a (path, message) for each key map that carries over to a block with a different number of actions.
 
-    A session's first block draws its own, so one block can serve the group that carries into it and the group that
-    starts with it.
+    A session's first block draws its own map, so one block can serve both a group that carries over into it and a group
+    that starts with it.
     """
     carried = {name for group in protocol.groups for name in group.blocks[1:]}
     for number, group in enumerate(protocol.groups):
@@ -45,7 +45,7 @@ def _check_pair(protocol: Protocol, path: str, group: GroupSpec, first: str, sec
 
 
 def _list_block_pairs(protocol: Protocol, group: GroupSpec, listed: Sequence[str]) -> list[tuple[str, str]]:
-    """List the blocks that may be played one right after the other, whatever a participant's order is."""
+    """Return the pairs of blocks that can follow each other directly in some participant's order."""
     known = {block.name for block in protocol.blocks}
     orders = {order.name: order for order in protocol.orders}
     pairs: list[tuple[str, str]] = []
@@ -74,13 +74,13 @@ def _list_block_pairs(protocol: Protocol, group: GroupSpec, listed: Sequence[str
 
 
 def _list_played(unit: Sequence[str], group: GroupSpec, blocks: set[str]) -> list[str]:
-    """List the blocks of a unit of an order as a group plays it."""
+    """Return the blocks in a unit of an order as a group plays it."""
     parts = [group.replace_parts.get(part, part) for part in unit]
     return [part for part in parts if part in blocks]
 
 
 def _find_group_block(protocol: Protocol, name: str, group: GroupSpec) -> "BlockSpec | None":
-    """Find a block by name as a group has it; None where it does not exist, which is an error of its own."""
+    """Return a block as a group plays it; None if it does not exist, which is reported as an error elsewhere."""
     try:
         return next((protocol.block_for(name, group.name) for block in protocol.blocks if block.name == name), None)
     except msgspec.ValidationError:

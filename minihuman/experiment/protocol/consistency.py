@@ -1,4 +1,4 @@
-"""Consistency rules of a protocol: names, parts, orders, questions and overrides per group."""
+"""Validation rules across a protocol's tables: names, parts, orders, questions and overrides per group."""
 
 from collections.abc import Iterator, Sequence
 
@@ -28,7 +28,7 @@ _NAMED = (*_PARTS, "orders")
 
 
 def check_design(protocol: Protocol) -> list[FieldError]:
-    """List every (path, complaint) about pages, questions, orders, sessions and words."""
+    """Return a (path, message) for each error of pages, questions, orders, sessions and interface texts."""
     return [
         *_check_words(protocol),
         *_check_names(protocol),
@@ -44,7 +44,7 @@ def check_design(protocol: Protocol) -> list[FieldError]:
 
 
 def check_newer_design_rules(protocol: Protocol) -> list[FieldError]:
-    """List what breaks rules that came after studies had been run without them."""
+    """Return the errors by rules that were added after studies had been run without them."""
     return [
         *_check_reserved_names(protocol),
         *_check_missing_words(protocol),
@@ -71,7 +71,10 @@ def _check_words(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_missing_words(protocol: Protocol) -> Iterator[FieldError]:
-    """Yield the words that a language of the study's own lacks. A log may lack newer ones: English serves."""
+    """Yield the interface texts that a study's own language lacks.
+
+    A recorded session's protocol may lack newer texts, for which English is used.
+    """
     language = protocol.study.language
     own = flatten_words(protocol.words)
     if language in LANGUAGES:
@@ -98,7 +101,10 @@ def _check_names(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_reserved_names(protocol: Protocol) -> Iterator[FieldError]:
-    """Refuse the names of parts that minihuman adds itself: the study's own part would be shown in their place."""
+    """Refuse the names of parts that minihuman adds itself.
+
+    The study's own part would be shown in their place.
+    """
     added_parts = {
         "consent": ("asks_consent", "$.study.consent", bool(protocol.study.consent)),
         "closing": ("closing", "$.study.closing", protocol.study.closing != ""),
@@ -180,7 +186,7 @@ def _check_order(order: OrderSpec, path: str, blocks: set[str]) -> Iterator[Fiel
 
 
 def _list_units(order: OrderSpec) -> Iterator[tuple[str, Sequence[str]]]:
-    """Yield the lists of names in an order, each with where it is."""
+    """Yield the lists of part names in an order, each with its position."""
     names = [unit for unit in order.parts if isinstance(unit, str)]
     if len(names) == len(order.parts):
         yield "", names
@@ -221,7 +227,7 @@ def _check_items(questionnaire: QuestionnaireSpec) -> Iterator[FieldError]:
 
 
 def _check_correct_answers(questionnaire: QuestionnaireSpec) -> Iterator[FieldError]:
-    """Check that each right answer is one that can be given."""
+    """Check that each right answer is one that a participant can give."""
     for place, question in enumerate(questionnaire.items):
         kind = question.kind
         try:
@@ -269,7 +275,7 @@ def _check_overrides(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_unused_fields(protocol: Protocol) -> Iterator[FieldError]:
-    """Yield what is given and does nothing, for no group."""
+    """Yield an error for each field that is given but has no effect for any group."""
     for number, questionnaire in enumerate(protocol.questions):
         if questionnaire.items and questionnaire.form:
             yield f"$.questions[{number}]", "needs items, or the name of a form, and not both"

@@ -14,14 +14,14 @@ _ROUNDING = 1e-9  # by so much may weights such as 1/3 miss a sum of 0
 
 
 class ContrastSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A weighted sum of conditions, a score for each participant."""
+    """A weighted sum of conditions, computed for each participant."""
 
     name: str
     weights: dict[str, float]  # condition -> weight; they sum to 0
 
 
 class StudyDesignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The part of the design that does not follow from groups, blocks and sessions."""
+    """The parts of the design that do not follow from groups, blocks and sessions."""
 
     question: str = ""  # in a sentence, as the report and the preregistration repeat it
     primary_effect: PrimaryEffect = ""  # "": the interaction where there are groups and conditions
@@ -32,7 +32,7 @@ class StudyDesignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def name_conditions(
     condition: str, blocks: Iterable[str], options_by_block: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, str]:
-    """Map each block that is compared to its condition: its own name, or its value of an option.
+    """Return the condition of each block that is compared: its own name, or its value of an option.
 
     A block without the option is left out.
     """
@@ -51,7 +51,7 @@ def check_study_design(
     options_by_block: Mapping[str, Mapping[str, Any]],
     has_groups: bool,
 ) -> Iterator[FieldError]:
-    """Yield every (path, complaint) about a design that the study does not have."""
+    """Yield a (path, message) for each part of the design that does not fit the study."""
     needs_groups = design.primary_effect in ("groups", "interaction")
     needs_conditions = design.primary_effect in ("conditions", "interaction") or design.contrasts or design.condition
     if needs_groups and not has_groups:

@@ -1,4 +1,4 @@
-"""A protocol as values: studies, keys, groups, blocks. What is wrong with one, `protocol` says."""
+"""A protocol as typed values: study, keys, groups and blocks. The module `protocol` validates them."""
 
 import hashlib
 from typing import Any, Literal
@@ -61,7 +61,7 @@ class KeysSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class GroupSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A condition: what its participants do, in order."""
+    """A group of participants: what they do, in order."""
 
     name: str
     blocks: tuple[str, ...] = ()  # names of blocks; consent, keyboard check and closing come by themselves
@@ -71,7 +71,7 @@ class GroupSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class BlockSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Episodes played in one world under one rule."""
+    """Episodes played in one world under the same rules."""
 
     name: str
     world: str  # "minihuman/MiniGrid-FourRooms-v0", "module:Id-v0"
@@ -131,7 +131,7 @@ class BlockSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ExclusionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A rule, fixed before the data are seen, for what the report leaves out."""
+    """A rule, fixed before the data are seen, that excludes data from the report."""
 
     reason: str
     level: Literal["episode", "participant"]
@@ -142,14 +142,14 @@ class ExclusionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def measured_label(self) -> str:
-        """The label of a trial that is measured; "" for another measure."""
+        """The label of trials that the rule measures; "" for another measure."""
         if self.measure.startswith("label:"):
             return self.measure.removeprefix("label:")
         return ""
 
 
 class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A study's protocol. ``decode`` is the only way to make one from a file."""
+    """A study's protocol. `decode_protocol` makes one from a file."""
 
     study: StudySpec
     groups: tuple[GroupSpec, ...]
@@ -175,31 +175,31 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the file, hexadecimal."""
+        """The SHA-256 of the file in hexadecimal."""
         return hashlib.sha256(self.toml).hexdigest()
 
     def block(self, name: str) -> BlockSpec:
-        """Return the block of that name."""
+        """Return the block of a given name."""
         return next(block for block in self.blocks if block.name == name)
 
     def block_for(self, name: str, group: str) -> BlockSpec:
-        """Return the block of that name as a group has it."""
+        """Return the block of a given name with a group's overrides."""
         return apply_overrides(self.block(name), group)
 
     def page_for(self, name: str, group: str) -> PageSpec | None:
-        """Return the page of that name as a group has it; None if there is none."""
+        """Return the page of a given name with a group's overrides; None if there is none."""
         return next((apply_overrides(page, group) for page in self.pages if page.name == name), None)
 
     @property
     def lists_parts(self) -> bool:
-        """Whether the file lists parts itself, in sessions or in groups."""
+        """Whether the file itself lists the parts of sessions or groups."""
         return bool(self.sessions) or any(group.parts for group in self.groups)
 
     def group(self, name: str) -> GroupSpec:
-        """Return the group of that name.
+        """Return the group of a given name.
 
         Raises:
-            ProtocolError: if there is none.
+            ProtocolError: if there is no such group.
         """
         for group in self.groups:
             if group.name == name:

@@ -1,4 +1,4 @@
-"""The `[model]` table of a protocol: what a model that takes a participant's place is shown, and what it may cost."""
+"""The `[model]` table of a protocol: what a language model in a participant's place is shown, and what it may cost."""
 
 from collections.abc import Iterator
 from typing import Literal
@@ -11,7 +11,7 @@ ModelModality = Literal["picture", "text", "both"]
 
 
 class ModelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The settings of a model that takes a participant's place: what it is shown, and what it may cost."""
+    """The settings of a language model that takes a participant's place: what it is shown, and what it may cost."""
 
     modality: ModelModality = "both"
     size_px: tuple[int, int] = (640, 480)  # of the screen's picture, width and height
@@ -43,7 +43,7 @@ _BOUNDS: tuple[Bound, ...] = (
 
 
 def check_model(model: ModelSpec) -> Iterator[FieldError]:
-    """Yield every value that has the right type but cannot be right."""
+    """Yield an error for each value that has the right type but is not valid."""
     if not all(64 <= side <= 4096 for side in model.size_px):
         yield "$.model.size_px", f"is {list(model.size_px)}; use 64 to 4096 px a side"
     yield from check_bounds("$.model", model, _BOUNDS)

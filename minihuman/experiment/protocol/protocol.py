@@ -1,7 +1,7 @@
-"""Decode a protocol file strictly into a `Protocol`, and build its JSON schema. Knows no participants and no file
-system.
+"""Strict decoding of a protocol file into a `Protocol`, and the JSON schema of protocols.
 
-The schema's tables are there field by field, with type, default, meaning and an example.
+The module knows no participants and no file system. The schema lists every table field by field, with type, default,
+meaning and an example.
 """
 
 import difflib
@@ -50,19 +50,24 @@ _Rules = Callable[[Protocol], Iterable[FieldError]]
 
 
 def decode_protocol(toml: bytes, source: str = "protocol", files: Mapping[str, bytes] | None = None) -> Protocol:
-    """Read a protocol file's bytes; ``source`` names the file in errors, ``files`` are those it names beside itself.
+    """Decode a protocol from a file's bytes and validate it.
+
+    Args:
+        toml: the content of the file.
+        source: the name of the file in errors.
+        files: the contents of the files that the protocol names, by name.
 
     Raises:
-        ProtocolError: if anything is wrong; a line for each mistake has file, line, path, value and the way out.
+        ProtocolError: if anything is wrong, with a line for each error: file, line, path, value and correction.
     """
     return _decode(toml, source, files or {}, (_check_values, _check_newer_rules))
 
 
 def decode_logged_protocol(toml: bytes, source: str = "the protocol in a log") -> Protocol:
-    """Read the protocol that a session was played by; it need not keep rules that came after it.
+    """Decode the protocol of a recorded session, without the rules that were added after sessions had been recorded.
 
     Raises:
-        ProtocolError: as ``decode``.
+        ProtocolError: as `decode_protocol`.
     """
     return _decode(toml, source, {}, (_check_values,))
 
@@ -97,7 +102,7 @@ def _decode_tree(toml: bytes, source: str, files: Mapping[str, bytes], rules: Se
 
 
 def _check_values(protocol: Protocol) -> list[FieldError]:
-    """List every (path, complaint) about values that have the right type but make no study."""
+    """Return a (path, message) for each value that has the right type but is not valid."""
     return [
         *_check_study(protocol.study),
         *_check_keys(protocol.keys),
@@ -125,7 +130,7 @@ def _check_values(protocol: Protocol) -> list[FieldError]:
 
 
 def _check_newer_rules(protocol: Protocol) -> list[FieldError]:
-    """List what breaks rules that came after studies had been run without them."""
+    """Return the errors by rules that were added after studies had been run without them."""
     return [
         *check_each_override("blocks", protocol.blocks, lambda block: check_block(block, protocol)),
         *check_carried_key_maps(protocol),
@@ -206,7 +211,7 @@ def _check_groups(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def list_old_names(protocol: Protocol, source: str) -> list[str]:
-    """List, a line each, the old names of fields and values that a protocol's file uses, with the present ones."""
+    """Return a line for each old name of a field or value in a protocol's file, with its present name."""
     text = protocol.toml.decode("utf-8-sig")
     tree = tomllib.loads(text)
     return format_field_errors(use_current_names(tree).renamed, source=source, text=text, tree=tree)
@@ -220,7 +225,7 @@ _PLURALS = {"string": "strings", "integer": "integers", "number": "numbers", "ta
 
 @dataclass(frozen=True, slots=True)
 class ProtocolField:
-    """A field of a table of a protocol; the texts are Markdown."""
+    """A field of a protocol's table; its texts are Markdown."""
 
     name: str
     type: str  # "list of strings"
@@ -230,7 +235,7 @@ class ProtocolField:
 
 
 def build_json_schema() -> dict[str, Any]:
-    """Build the schema (draft 2020-12) of what ``decode_protocol`` takes, with each field's meaning and an example."""
+    """Build the JSON schema (draft 2020-12) of protocol files, with each field's meaning and an example."""
     schema = msgspec.json.schema(Protocol)
     for name in INTERNAL_FIELDS:
         schema["$defs"]["Protocol"]["properties"].pop(name, None)
@@ -244,7 +249,7 @@ def build_json_schema() -> dict[str, Any]:
 
 
 def list_protocol_tables() -> dict[str, tuple[str, list[ProtocolField]]]:
-    """List the tables of a protocol by path ("blocks.agent"), each with its TOML heading and its fields.
+    """Return the tables of a protocol by path ("blocks.agent"), each with its TOML heading and its fields.
 
     Raises:
         KeyError: if a field has no meaning and example.
@@ -273,7 +278,7 @@ def _read_fields() -> dict[str, dict[str, tuple[str, str]]]:
 
 
 def _walk_tables(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], bool]]:
-    """Yield each table's path, its definition, and whether the file may have it several times."""
+    """Yield each table's path, its definition, and whether the file can contain it several times."""
     waiting = [("", "Protocol", False)]
     while waiting:
         path, name, repeated = waiting.pop(0)

@@ -1,8 +1,8 @@
 """Tables of a protocol file: pages, questions, activities, orders, sessions and devices, with overrides for a group.
 
-Each table is a frozen struct; `check_*` yields the values that have the right type but cannot be right. Includes
-the questionnaires shipped with the package (NASA-TLX, demographics). The tables with a module of their own (about,
-analysis, model, web) are imported here, so that this module has them all.
+Each table is a frozen struct; each `check_*` function yields the errors of values that have the right type. The module
+also loads the questionnaires shipped with the package (NASA-TLX, demographics). Tables with modules of their own
+(about, analysis, model, web) are imported here, so that this module offers all of them.
 """
 
 import re
@@ -50,7 +50,7 @@ from minihuman.experiment.protocol.web_spec import (
 
 
 class AllocationSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The settings of allocation, beyond the groups' ratios."""
+    """The settings of allocation, apart from the groups' ratios."""
 
     stratify_by: str = ""  # "part.item", or "part" for how many of its questions are right at the first try
     strata: dict[str, tuple[str | int, ...]] = {}  # name -> codes taken together; absent: a stratum an option
@@ -65,7 +65,7 @@ GroupOverrides = dict[str, dict[str, Any]]  # group -> the fields that it has ot
 
 
 class PageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A part to read: a consent, instructions, the last words."""
+    """A text to read: consent, instructions or the closing text."""
 
     name: str
     text: str = ""
@@ -78,7 +78,7 @@ class PageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class QuestionnaireSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A part to answer: a list of questions."""
+    """A questionnaire: a list of questions to answer."""
 
     name: str
     title: str = ""
@@ -93,7 +93,7 @@ class QuestionnaireSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
 
 class ActivitySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A part of a kind that a plug-in brings; its own fields are in ``plan``."""
+    """A part of a plug-in's kind of activity, with that kind's settings."""
 
     name: str
     kind: str  # registered in the entry-point group minihuman.activities
@@ -101,7 +101,7 @@ class ActivitySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class OrderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Some parts in an order that depends on the participant. Its name stands for them in a list of parts."""
+    """Some parts in an order that depends on the participant. The order's name stands for them in a list of parts."""
 
     name: str
     parts: tuple[str | tuple[str, ...], ...]  # a list of parts stays together: a block and its questionnaire
@@ -109,12 +109,12 @@ class OrderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def units(self) -> tuple[tuple[str, ...], ...]:
-        """The units that change places: lists of parts, most of them of one."""
+        """The units that the order permutes: lists of parts, most of them with one part."""
         return tuple((unit,) if isinstance(unit, str) else unit for unit in self.parts)
 
 
 class SessionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A session: its parts, and the days that may lie between it and the one before."""
+    """A session: its parts, and the days allowed between it and the previous one."""
 
     name: str
     parts: tuple[str, ...]
@@ -138,10 +138,10 @@ Overridable = TypeVar("Overridable", bound=_OverridablePart)  # a block, a page,
 
 
 def apply_overrides(part: Overridable, group: str) -> Overridable:
-    """Return a part with the fields that a group has otherwise.
+    """Return a part with a group's overrides applied.
 
     Raises:
-        msgspec.ValidationError: if one of them holds what it cannot.
+        msgspec.ValidationError: if an override has an invalid value.
     """
     own = part.group_overrides.get(group)
     if not own:
@@ -153,12 +153,12 @@ def apply_overrides(part: Overridable, group: str) -> Overridable:
 def check_each(
     field: str, parts: Sequence[Overridable], complaints: Callable[[Overridable], Iterable[FieldError]]
 ) -> Iterator[FieldError]:
-    """Yield every (path, complaint) about parts, as they are for all groups.
+    """Yield a (path, message) for each error of parts as they are without overrides.
 
     Args:
-        field: of the protocol, which has the parts.
-        parts: what it has.
-        complaints: about one part, with the field of it that each is about.
+        field: the protocol's field that contains the parts.
+        parts: the parts.
+        complaints: yields a (field, message) for each error of a part.
     """
     for number, part in enumerate(parts):
         yield from ((f"$.{field}[{number}].{name}", message) for name, message in complaints(part))
@@ -167,7 +167,7 @@ def check_each(
 def check_each_override(
     field: str, parts: Sequence[Overridable], complaints: Callable[[Overridable], Iterable[FieldError]]
 ) -> Iterator[FieldError]:
-    """Yield every (path, complaint) about parts as one group has them, without those that are about all groups."""
+    """Yield a (path, message) for each error that parts have only with a group's overrides."""
     for number, part in enumerate(parts):
         for_all = list(complaints(part))
         for group, own in part.group_overrides.items():
@@ -187,7 +187,7 @@ NAME_RULE = "use lower-case letters, digits, '-' and '_'"
 
 
 def check_names(field: str, parts: Sequence[_NamedPart]) -> Iterator[FieldError]:
-    """Yield what is wrong with the names of what a field of the protocol holds."""
+    """Yield the errors of the names in a list of parts; ``field`` is the protocol's field that contains them."""
     names = [part.name for part in parts]
     for number, name in enumerate(names):
         path = f"$.{field}[{number}].name"
@@ -198,7 +198,7 @@ def check_names(field: str, parts: Sequence[_NamedPart]) -> Iterator[FieldError]
 
 
 class DeviceSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A device whose samples go into the session's log, stamped on the session's clock."""
+    """A device whose samples are logged with the session's clock."""
 
     name: str  # of its samples in the log: lower-case letters, digits, "-" and "_"
     plugin: str  # the plug-in that brings it; what follows a ":" is its own ("lsl:EyeTracker")
@@ -208,7 +208,7 @@ class DeviceSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def check_devices(devices: tuple[DeviceSpec, ...]) -> Iterator[FieldError]:
-    """Yield every value that has the right type but cannot be right."""
+    """Yield an error for each value that has the right type but is not valid."""
     yield from check_names("devices", devices)
     for number, device in enumerate(devices):
         path = f"$.devices[{number}]"
@@ -225,7 +225,7 @@ SHIPPED_FORMS = ("nasa-tlx", "demographics")
 
 
 class ShippedForm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A title and questions."""
+    """A questionnaire shipped with the package: a title and questions."""
 
     title: str
     items: tuple[QuestionItemSpec, ...]
@@ -235,7 +235,7 @@ def load_form(name: str, language: str) -> ShippedForm:
     """Load a shipped form in a language.
 
     Raises:
-        ProtocolError: if the form does not exist in it.
+        ProtocolError: if the form is not available in the language.
     """
     tree = _read_form(name)
     if language not in tree["words"]:

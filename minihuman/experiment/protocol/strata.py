@@ -1,4 +1,4 @@
-"""Stratified allocation: assign groups within strata of an answer given before allocation.
+"""Stratified allocation: groups are assigned within strata of an answer that is given before allocation.
 
 Until that answer a participant has no group, so the earlier parts must be the same for everyone.
 """
@@ -35,7 +35,7 @@ _CODED = ("code", "rating")  # types of answers
 
 @dataclass(frozen=True, slots=True)
 class Strata:
-    """The strata of a study, and which answer belongs to which."""
+    """The strata of a study, and the stratum of each answer."""
 
     part: str
     item: str  # "": the number of right answers
@@ -51,7 +51,7 @@ class Strata:
         return self.part
 
     def of(self, answer: Any) -> str:
-        """Return the stratum of an answer, as it is in the log."""
+        """Return the stratum of an answer as the log holds it."""
         if answer is None:
             return NO_ANSWER
         if not self.cuts:
@@ -60,10 +60,7 @@ class Strata:
         return self.names[place]
 
     def find_stratum(self, events: Iterable[Event]) -> str | None:
-        """Find the stratum of a participant with these answers, from the first time that the part was completed.
-
-        None until then.
-        """
+        """Return a participant's stratum from the answers at the first completion of the part; None before that."""
         value: Any = None
         right: dict[str, bool] = {}  # at the first try
         part: int | None = None
@@ -81,7 +78,7 @@ class Strata:
 
 
 def build_strata(protocol: Protocol) -> Strata | None:
-    """Build the strata of a study; None where groups are drawn among all."""
+    """Build the strata of a study; return None if groups are drawn without strata."""
     allocation = protocol.allocation
     if not allocation.stratify_by:
         return None
@@ -100,7 +97,7 @@ def build_strata(protocol: Protocol) -> Strata | None:
 
 
 def check_allocation(protocol: Protocol) -> list[FieldError]:
-    """List every (path, complaint) about strata that cannot be."""
+    """Return a (path, message) for each error of a protocol's strata."""
     design_errors = list(_check_designs(protocol))
     if design_errors:
         return design_errors
@@ -131,7 +128,7 @@ def _check_designs(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_answer(protocol: Protocol) -> Iterator[FieldError]:
-    """Check that the answer is one that divides participants into strata."""
+    """Check that the answer can divide participants into strata."""
     allocation = protocol.allocation
     part, _, name = allocation.stratify_by.partition(".")
     questions = _find_items(protocol, part)
@@ -205,7 +202,7 @@ def _check_codes(allocation: AllocationSpec, item: QuestionItemSpec) -> Iterator
 
 
 def _check_parts_before(protocol: Protocol) -> Iterator[FieldError]:
-    """Check that all participants have the same parts before the draw, and that nothing is played before it."""
+    """Check that all participants have the same parts before the draw, and that none of them is a block."""
     part = protocol.allocation.stratify_by.partition(".")[0]
     if len(protocol.groups) < 2:
         yield "stratify_by", "is given, but there is one group; a draw is between two or more"
@@ -240,14 +237,14 @@ def _check_parts_before(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _list_first_session(protocol: Protocol, group: GroupSpec) -> list[str]:
-    """List the parts of a group's first session."""
+    """Return the parts of a group's first session."""
     listed = protocol.sessions[0].parts if protocol.sessions else group.parts
     replaced = [group.replace_parts.get(name, name) for name in listed]
     return [name for name in replaced if name]
 
 
 def _find_part_after_draw(protocol: Protocol, names: list[str]) -> str:
-    """Describe the first of the parts that has to come after the draw; "" if none has to."""
+    """Describe the first of the parts that must come after the draw; "" if there is none."""
     orders = {order.name for order in protocol.orders}
     blocks = {block.name for block in protocol.blocks}
     for name in names:

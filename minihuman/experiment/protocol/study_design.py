@@ -1,8 +1,7 @@
-"""The design of a study as one value: its factors between and within participants, the effect that it asks about, and
-its contrasts.
+"""The design of a study as one value: factors between and within participants, primary effect and contrasts.
 
-Derived from a protocol, and from nothing else: the report, its figures and scripts, power and preregistration are
-functions of it.
+It is derived from the protocol alone. The report, its figures and scripts, power and preregistration are functions of
+it.
 """
 
 from collections.abc import Mapping
@@ -19,7 +18,7 @@ FactorName = Literal["group", "stratum", "condition", "session", "order"]
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """A factor and its levels, in the order of comparison."""
+    """A factor and its levels, in the order in which they are compared."""
 
     name: FactorName
     levels: tuple[str, ...]
@@ -28,7 +27,7 @@ class Factor:
 
 @dataclass(frozen=True, slots=True)
 class Contrast:
-    """A weighted sum of conditions, whose weights sum to 0."""
+    """A weighted sum of conditions with weights that sum to 0."""
 
     name: str
     weights: tuple[tuple[str, float], ...]
@@ -45,7 +44,7 @@ class ExperimentDesign:
     contrasts: tuple[Contrast, ...] = ()  # those that the protocol states
 
     def levels(self, name: FactorName) -> tuple[str, ...]:
-        """Return the levels of a factor; none where the design does not have it."""
+        """Return the levels of a factor; empty if the design does not have the factor."""
         return next((factor.levels for factor in self.factors if factor.name == name), ())
 
     @property
@@ -60,7 +59,7 @@ class ExperimentDesign:
 
     @property
     def tested_contrasts(self) -> tuple[Contrast, ...]:
-        """The stated contrasts, else every two conditions, the first minus the second."""
+        """The protocol's contrasts, or otherwise the difference between every two conditions, first minus second."""
         pairs = combinations(self.conditions, 2)
         return self.contrasts or tuple(
             Contrast(f"{first} \N{MINUS SIGN} {second}", ((first, 1.0), (second, -1.0))) for first, second in pairs
@@ -94,7 +93,7 @@ def derive_design(protocol: Protocol) -> ExperimentDesign:
 
 
 def _choose_effect(names: set[FactorName]) -> PrimaryEffect:
-    """Choose the effect that a design is for: of a mixed one the interaction."""
+    """Return the primary effect of a design with the given factors; the interaction for a mixed design."""
     if {"group", "condition"} <= names:
         return "interaction"
     if "condition" in names:
@@ -133,7 +132,7 @@ def _find_sessions(protocol: Protocol) -> Factor | None:
 
 
 def _find_orders(protocol: Protocol, condition_of_block: Mapping[str, str]) -> Factor | None:
-    """Find the orders in which conditions are played, by name, where participants have different ones."""
+    """Return the factor of the orders in which conditions are played; None if all participants have the same order."""
     names = tuple(
         order.name
         for order in protocol.orders

@@ -1,6 +1,7 @@
 """Validation errors of a protocol file: each with its line, table, value and correction.
 
-Python's TOML parser does not report lines of values, so they are found in the text; an approximate line is enough.
+Python's TOML parser does not report the lines of values, so they are searched for in the text; an approximate line is
+enough.
 """
 
 import difflib
@@ -23,7 +24,7 @@ LAST_STEP = re.compile(r"(\.[^.\[\]]+|\[\d+\])$")
 
 
 class TomlLines:
-    """The lines of a file's tables and keys, by path: "$.blocks[1].episodes" is on line 23."""
+    """The line numbers of a file's tables and keys by path, such as 23 for "$.blocks[1].episodes"."""
 
     def __init__(self, text: str) -> None:
         self._at = {"$": 1}
@@ -45,7 +46,7 @@ class TomlLines:
 
 
 def _statements(text: str) -> list[tuple[int, str]]:
-    """List the first line of every statement, with its number, past what continues in strings and brackets."""
+    """Return the first line of each statement with its number, skipping continuations in strings and brackets."""
     lines = text.split("\n")
     starts: list[tuple[int, str]] = [(1, lines[0])]
     number = 1
@@ -66,7 +67,7 @@ def _statements(text: str) -> list[tuple[int, str]]:
 
 
 def _table(name: str, counts: "Counter[str]", *, array: bool) -> str:
-    """Return the path of a header; tables inside arrays belong to the last one."""
+    """Return the path of a table header; a table inside an array of tables belongs to the array's last element."""
     path = "$"
     parts = [part.strip().strip("\"'") for part in name.split(".")]
     for place, part in enumerate(parts):
@@ -90,7 +91,7 @@ _NAMED = {"blocks": "block", "groups": "group", "pages": "page", "questions": "q
 
 
 def find_structural_errors(tree: object, kind: type[msgspec.Struct], path: str = "$") -> Iterator[FieldError]:
-    """Yield the fields that are unknown, missing, or hold a value of the wrong type."""
+    """Yield an error for each field that is unknown, missing, or has a value of the wrong type."""
     if not isinstance(tree, dict):
         yield path, f"is {format_value(tree)}; it is a table: {_as_table(path, kind)}"
         return
@@ -109,7 +110,7 @@ def find_structural_errors(tree: object, kind: type[msgspec.Struct], path: str =
 
 
 def check_bounds(path: str, spec: msgspec.Struct, bounds: Iterable[Bound]) -> Iterator[FieldError]:
-    """Yield an error for each field of a table that is below its least or above its greatest value."""
+    """Yield an error for each field of a table whose value is out of bounds."""
     for field, least, most in bounds:
         number = getattr(spec, field)
         if not least <= number <= most:
@@ -117,7 +118,7 @@ def check_bounds(path: str, spec: msgspec.Struct, bounds: Iterable[Bound]) -> It
 
 
 def suggest_names(wrong: str, known: Iterable[str]) -> str:
-    """Suggest the name that may have been meant, or list all."""
+    """Return a hint that suggests the most similar known name, or lists all of them."""
     names = list(known)
     close = difflib.get_close_matches(wrong, names, n=1)
     if close:
@@ -126,7 +127,7 @@ def suggest_names(wrong: str, known: Iterable[str]) -> str:
 
 
 def format_value(value: object) -> str:
-    """Format a value for a message, cut short if it is long."""
+    """Format a value for a message, shortened if it is long."""
     if isinstance(value, bool):
         return str(value).lower()
     words = repr(value)
@@ -138,7 +139,7 @@ def format_value(value: object) -> str:
 def build_protocol_error(
     errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]
 ) -> ProtocolError | None:
-    """Build one error of all errors, in order of line; None if there are none."""
+    """Build one exception from all errors, in order of line; return None if there are no errors."""
     placed = format_field_errors(errors, source=source, text=text, tree=tree)
     if placed:
         return ProtocolError.of(placed, source)
@@ -146,14 +147,17 @@ def build_protocol_error(
 
 
 def format_field_errors(errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]) -> list[str]:
-    """Format errors, a line each in the order of the file's lines: "study.toml:12: $.blocks[1].episodes is 0; ..."."""
+    """Format one line per error in the order of the file's lines.
+
+    An example is "study.toml:12: $.blocks[1].episodes is 0; ...".
+    """
     lines = TomlLines(text)
     placed = sorted({(lines.of(path), path, message) for path, message in errors})
     return [f"{source}:{line}: {path}{_name_table(path, tree)} {message}" for line, path, message in placed]
 
 
 def _name_table(path: str, tree: dict[str, Any]) -> str:
-    """Return the name of the block or group that a path leads into."""
+    """Return the name of the block or group that contains a path."""
     steps = path.removeprefix("$.").split(".")
     table, _, number = steps[0].partition("[")
     rows = tree.get(table)
@@ -188,7 +192,7 @@ def _value(value: object, hint: Any, path: str) -> Iterator[FieldError]:
 
 
 def _structs(hint: Any) -> tuple[type[msgspec.Struct] | None, bool]:
-    """Return the only struct that a hint allows, and whether a list of it is meant; None if it is not one."""
+    """Return the only struct type that a type hint allows, or None, and whether the hint is a list of it."""
     options = [option for option in _options(hint) if option is not type(None)]
     if len(options) != 1:
         return None, False
@@ -227,7 +231,7 @@ def _leaf(value: object, hint: Any, path: str, message: str) -> FieldError:
 
 
 def _example(hint: Any, name: str) -> str:
-    """Give an example of what to write instead."""
+    """Return an example of a valid value."""
     wishes = " or ".join(
         dict.fromkeys(_example_of_type(option, name) for option in _options(hint) if option is not type(None))
     )

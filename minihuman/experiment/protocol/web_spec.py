@@ -1,4 +1,4 @@
-"""The `[web]` table of a protocol: how the study runs in a browser, and who may take part there."""
+"""The `[web]` table of a protocol: how the study runs in a browser, and who can take part there."""
 
 import re
 from collections.abc import Iterator
@@ -17,12 +17,12 @@ CODE_RULE = "use letters, digits, '-' and '_', at most 64"
 
 
 def is_completion_code(code: str) -> bool:
-    """Tell whether a code can be part of an address."""
+    """Tell whether a code can be part of a URL."""
     return _CODE.fullmatch(code) is not None
 
 
 class CompletionCodesSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The codes that participants take back to where they were recruited, by the session's end; "" shows none."""
+    """The codes by which participants confirm to the recruiting platform how their session ended; "" shows none."""
 
     complete: str = ""
     declined: str = ""  # did not agree
@@ -33,7 +33,7 @@ class CompletionCodesSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
 
 
 class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The settings of the study in a browser, where it also runs without this table."""
+    """The settings of the study in a browser; the table is optional."""
 
     image_size_px: tuple[int, int] = (
         640,
@@ -63,7 +63,7 @@ _SIZE_BOUNDS: tuple[Bound, ...] = (("image_size_px", 16, 4096), ("min_window_siz
 
 
 def check_web(web: WebSpec) -> Iterator[FieldError]:
-    """Yield every value that has the right type but cannot be right."""
+    """Yield an error for each value that has the right type but is not valid."""
     for field, least, most in _SIZE_BOUNDS:
         size_px = getattr(web, field)
         if not all(least <= side <= most for side in size_px):

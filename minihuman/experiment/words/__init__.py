@@ -1,4 +1,4 @@
-"""Words of the interface: one TOML file per language. A protocol's `[words]` table can replace any of them."""
+"""Interface texts: one TOML file per language. A protocol's `[words]` table can replace any of them."""
 
 import tomllib
 from collections.abc import Mapping
@@ -17,10 +17,10 @@ LATER_WORDS = ("outcome.ended", "over.kept_in_part")
 
 @cache
 def load_words(language: str) -> Mapping[str, str]:
-    """Load every word of a language, by its key ("go_on", "outcome.goal").
+    """Load every interface text of a language, by key ("go_on", "outcome.goal").
 
     Raises:
-        KeyError: if there is no such language.
+        KeyError: if the language is not included.
     """
     if language not in LANGUAGES:
         raise KeyError(language)
@@ -29,7 +29,7 @@ def load_words(language: str) -> Mapping[str, str]:
 
 
 def flatten_words(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    """Flatten tables of words into one table, with keys joined by dots."""
+    """Flatten nested tables of texts into one table with keys joined by dots."""
     words: dict[str, str] = {}
     for key, value in tree.items():
         if isinstance(value, dict):
@@ -40,12 +40,12 @@ def flatten_words(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
 
 
 class InterfaceWords:
-    """The words of one session: a language's, with what the protocol puts in their place.
+    """The interface texts of one session: a language's texts, with the protocol's replacements.
 
     Args:
-        language: whose words; one that is not ours needs all of them in ``instead``.
-        instead: words that replace the language's.
-        fonts: files of faces that they are written in where these have the characters.
+        language: the language of the texts; one that is not included needs all texts in ``instead``.
+        instead: texts that replace the language's, by key.
+        fonts: font files that are used for the characters they contain.
     """
 
     def __init__(
@@ -57,15 +57,15 @@ class InterfaceWords:
         self._words = {**base, **(instead or {})}
 
     def __getitem__(self, key: str) -> str:
-        """Return the word of a key that every language has."""
+        """Return the text of a key that every language has."""
         return self._words[key]
 
     def find(self, key: str, default: str) -> str:
-        """Find the word of a key that a plug-in may have added; ``default`` where there is none."""
+        """Return the text of a key that a plug-in may have added; ``default`` if there is none."""
         return self._words.get(key, default)
 
     def fill(self, key: str, **fields: Any) -> str:
-        """Fill in the fields of a word."""
+        """Return the text of a key with its fields filled in."""
         return self._words[key].format(**fields)
 
     @property
@@ -75,15 +75,15 @@ class InterfaceWords:
 
     @property
     def locale(self) -> TextLocale:
-        """The way in which the words are written."""
+        """The language, direction, fonts and theme in which the texts are shown."""
         return TextLocale(self.language, self.rtl, self._fonts, self.find("theme", "dark"))
 
     def action(self, name: str) -> str:
-        """Return the name of an action in this language; its name in the world where there is none."""
+        """Return the name of an action in this language, or the world's own name for it."""
         return self._words.get(f"action.{name}", name.replace("_", " "))
 
     def mission(self, mission: str) -> str:
-        """Translate a world's mission; "" where this language has no words for it."""
+        """Translate a world's mission; "" if this language has no translation."""
         known = self._words.get(f"mission.{mission}")
         if known is not None:
             return known
@@ -92,7 +92,7 @@ class InterfaceWords:
         return ""
 
     def labels(self, keys: tuple[str, ...]) -> tuple[tuple[str, str, str], ...]:
-        """Return for each key its name, the label on its cap, and what tells it from another with the same label."""
+        """Return for each key its name, its label, and a caption that distinguishes keys with the same label."""
         return tuple(
             (key, self._words.get(f"key.{key}", key_label(key)), self._words.get(f"caption.{key_caption(key)}", ""))
             for key in keys
