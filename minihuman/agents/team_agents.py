@@ -186,9 +186,15 @@ class KitchenView:
         if thing and clock_of(thing) >= 0:
             return False
         for recipe in self.orders:
-            more = recipe.count("o") - onions_in(thing), recipe.count("t") - tomatoes_in(thing)
-            if min(more) >= 0 and sum(more) > 0:
-                return more[kind == fields.TOMATO] > 0
+            missing_onions = recipe.count("o") - onions_in(thing)
+            missing_tomatoes = recipe.count("t") - tomatoes_in(thing)
+            has_too_many = min(missing_onions, missing_tomatoes) < 0
+            is_full = missing_onions + missing_tomatoes == 0
+            if has_too_many or is_full:
+                continue
+            if kind == fields.TOMATO:
+                return missing_tomatoes > 0
+            return missing_onions > 0
         return False
 
     def _is_complete(self, cell: Cell) -> bool:

@@ -71,6 +71,8 @@ PAD_BUTTONS = (  # of the standard layout (W3C Gamepad): "south" is Xbox's A, Pl
 PAD_AXES = ("pad_left_x", "pad_left_y", "pad_right_x", "pad_right_y", "pad_left_trigger", "pad_right_trigger")
 PAD_DEAD_ZONE = 0.1  # of an axis; beyond it the value rises from 0
 PAD_LEVELS = 128  # steps in which an axis is logged, each way
+_PRESS_THRESHOLD = 0.5  # of an axis's value, beyond which its button goes down
+_RELEASE_THRESHOLD = 0.4  # below it, so that the button does not flutter
 BUTTON_NAMES = KEY_NAMES.union(PAD_BUTTONS)
 RESERVED_KEYS = frozenset(
     {"escape", "enter", "f8", "f9", "f12"}
@@ -152,23 +154,42 @@ class PadAxes:
             axis: one of `PAD_AXES`.
             raw: the axis's raw value from -1 to 1; right and down are positive.
         """
-        beyond = max(0.0, min(1.0, abs(raw)) - PAD_DEAD_ZONE) / (1.0 - PAD_DEAD_ZONE)
-        value = (1 if raw >= 0 else -1) * round(beyond * PAD_LEVELS) / PAD_LEVELS
+        value = _quantise_axis(raw)
         if value == self._values.get(axis, 0.0):
             return None, []
         self._values[axis] = value
-        ways = {"pad_left_x": ("stick_left", "stick_right"), "pad_left_y": ("stick_up", "stick_down")}.get(axis, ())
-        ways = ways or ((axis,) * 2 if axis in PAD_BUTTONS else ())
-        changed = []
-        for way, sign in dict(zip(ways, (-1, 1), strict=bool(ways))).items():
-            down = value * sign > (0.4 if way in self._buttons else 0.5)  # apart, so that it does not flutter
-            if down != (way in self._buttons):
-                if down:
-                    self._buttons.add(way)
-                else:
-                    self._buttons.discard(way)
-                changed.append((way, down))
-        return value, changed
+        changed_buttons = []
+        for button, direction in _find_axis_buttons(axis):
+            was_down = button in self._buttons
+            threshold = _RELEASE_THRESHOLD if was_down else _PRESS_THRESHOLD
+            is_down = value * direction > threshold
+            if is_down == was_down:
+                continue
+            if is_down:
+                self._buttons.add(button)
+            else:
+                self._buttons.discard(button)
+            changed_buttons.append((button, is_down))
+        return value, changed_buttons
+
+
+def _quantise_axis(raw: float) -> float:
+    beyond_dead_zone = max(0.0, min(1.0, abs(raw)) - PAD_DEAD_ZONE) / (1.0 - PAD_DEAD_ZONE)
+    level = round(beyond_dead_zone * PAD_LEVELS)
+    if raw < 0:
+        level = -level
+    return level / PAD_LEVELS
+
+
+def _find_axis_buttons(axis: str) -> tuple[tuple[str, int], ...]:
+    match axis:
+        case "pad_left_x":
+            return ("stick_left", -1), ("stick_right", 1)
+        case "pad_left_y":
+            return ("stick_up", -1), ("stick_down", 1)
+        case _ if axis in PAD_BUTTONS:
+            return ((axis, 1),)
+    return ()
 
 
 def key_label(key: str) -> str:

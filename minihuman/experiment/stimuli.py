@@ -234,7 +234,8 @@ class TwoStep(Stimulus):
         return self._n_steps > 1
 
     def _draw(self, picture: Image.Image) -> None:
-        draw, (width, height) = ImageDraw.Draw(picture), picture.size
+        draw = ImageDraw.Draw(picture)
+        width, height = picture.size
         ink = ImageColor.getrgb(_TWO_STEP_COLOURS[self._pair])[:3]
         for name, side in zip(_TWO_STEP_NAMES[self._pair], _CARDS.values(), strict=True):
             self._draw_card(draw, name, side * width, height / 2, ink)

@@ -47,6 +47,7 @@ from minihuman.log.observations import encode_png
 NS_PER_MS = 1_000_000
 HOLD_MS = 90.0
 TOKENS_PER_PICTURE = 1_500  # an estimate, for calls whose answer is lost
+BYTES_PER_TOKEN = 3  # of text, an estimate as well
 WAIT = "wait"
 SKIP = "skip"
 ANSWER_RULES = "2"  # the fact "answer_rules" of a session; before, every question offered to leave it out
@@ -308,9 +309,10 @@ class Conversation:
             content = [{"type": "text", "text": text}, _make_image_part(png)]
             digest = hashlib.sha256(str(picture.shape).encode() + picture.tobytes()).hexdigest()
         sha256 = hashlib.sha256(json.dumps([plain, digest], ensure_ascii=False).encode()).hexdigest()
-        tokens = sum(len(message["content"].encode()) for message in plain) // 3 + TOKENS_PER_PICTURE * (
-            picture is not None
-        )
+        n_bytes = sum(len(message["content"].encode()) for message in plain)
+        tokens = n_bytes // BYTES_PER_TOKEN
+        if picture is not None:
+            tokens += TOKENS_PER_PICTURE
         sent = [*messages, {"role": "user", "content": content}]
         if self._spec.modality != "picture":
             observation = _list_observation(session)
@@ -325,7 +327,7 @@ class Conversation:
         return self._past[len(self._past) - self._spec.history :]
 
     def _draw(self, screen: Screen) -> NDArray[np.uint8] | None:
-        """Draw the whole screen as uint8[height, width, 3], as a window does; return None if the prompt needs no picture."""
+        """Draw the whole screen as uint8[height, width, 3]; return None if the prompt needs no picture."""
         if getattr(screen, "picture", None) is None or self._spec.modality == "text":
             return None
         repaint_screen(self._canvas, self._drawn_screen, screen)

@@ -301,20 +301,21 @@ class SupervisorParticipant(SimulatedTeacher):
 
         A step is not rated if the state before it was not seen, as when a press was still due.
         """
-        before = self._judged
-        left: int | None = 0
+        last_judged = self._judged
+        steps_left: int | None = 0
         if not watched.reached:
-            left = _count_steps_left(world)
-        self._judged = watched.step, left
-        if before is None or before[0] + 1 != watched.step or before[1] is None or left is None:
+            steps_left = _count_steps_left(world)
+        self._judged = watched.step, steps_left
+        if last_judged is None or steps_left is None:
             return None
-        pressed = self._critic.press(before[1] - left, watched.t_ms)
-        if pressed is None:
+        last_step, last_steps_left = last_judged
+        if last_step + 1 != watched.step or last_steps_left is None:
             return None
-        t_ms, value = pressed
-        key = watched.bad
-        if value > 0:
-            key = watched.good
+        rating = self._critic.press(last_steps_left - steps_left, watched.t_ms)
+        if rating is None:
+            return None
+        t_ms, value = rating
+        key = watched.good if value > 0 else watched.bad
         return KeyPress(key, t_ms - watched.t_ms)
 
     def _next(self, world: World, path: list[str]) -> KeyPress:

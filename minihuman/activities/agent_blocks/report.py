@@ -15,6 +15,7 @@ from minihuman.reporting.study_measures import TeachingMeasure
 from minihuman.reporting.template import ReportFigure, Table, format_number
 
 TaughtEpisode = tuple[EpisodeLog, TeachingRecord]
+_NS_PER_MS = 1e6
 _MS_PER_MIN = 60_000.0
 
 
@@ -29,12 +30,13 @@ def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
 
 def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
     """Return the minutes in which the person was in control, without pauses."""
-    begins = episode.t_ns[:-1]
-    ends = episode.t_ns[1:]
-    took = ends - begins
+    begins_ns = episode.t_ns[:-1]
+    ends_ns = episode.t_ns[1:]
+    durations_ns = ends_ns - begins_ns
     for pause_ns, resume_ns in episode.pauses:
-        took = took - np.clip(np.minimum(ends, resume_ns) - np.maximum(begins, pause_ns), 0, None)
-    return float(took[taught.by_person].sum() / 1e6 / _MS_PER_MIN)
+        paused_ns = np.minimum(ends_ns, resume_ns) - np.maximum(begins_ns, pause_ns)
+        durations_ns = durations_ns - np.clip(paused_ns, 0, None)
+    return float(durations_ns[taught.by_person].sum() / _NS_PER_MS / _MS_PER_MIN)
 
 
 def policy_agreement(episodes: Sequence[TaughtEpisode]) -> float:

@@ -179,8 +179,16 @@ class CorrectionActivity(Activity):
         step = self._current_step
         if self.play is not None and screen_shown.step is not None:
             step = min(screen_shown.step, step)
-        place = (self.number, self._number, step)
-        self.context.emit(CorrectionSeen(self.context.now_ns, *place, screen_shown.submit_ns, screen_shown.flip_ns))
+        self.context.emit(
+            CorrectionSeen(
+                t_ns=self.context.now_ns,
+                part=self.number,
+                number=self._number,
+                step=step,
+                submit_ns=screen_shown.submit_ns,
+                flip_ns=screen_shown.flip_ns,
+            )
+        )
 
     # Showing
 
@@ -203,8 +211,18 @@ class CorrectionActivity(Activity):
         if play.outcome is not None:  # nothing can be done after its end
             return
         self.play = play
-        place = (self.number, self._corrections, episode.episode, episode.attempt, self._step)
-        context.emit(CorrectionBegun(context.now_ns, *place, world.state_hash(), press.t_ns))
+        context.emit(
+            CorrectionBegun(
+                t_ns=context.now_ns,
+                part=self.number,
+                correction=self._corrections,
+                episode=episode.episode,
+                attempt=episode.attempt,
+                step=self._step,
+                state_hash=world.state_hash(),
+                pressed_ns=press.t_ns,
+            )
+        )
         self._move(Phase.SHOWING)
 
     def _show_key(self, press: KeyDown) -> None:
@@ -246,8 +264,9 @@ class CorrectionActivity(Activity):
 
     def _end_correction(self, outcome: CorrectionOutcome) -> None:
         assert self.play is not None
-        place = (self.number, self._corrections, self.play.plan.episode)
-        self.context.emit(CorrectionEnded(self.context.now_ns, *place, outcome))
+        self.context.emit(
+            CorrectionEnded(self.context.now_ns, self.number, self._corrections, self.play.plan.episode, outcome)
+        )
         self._corrections += 1
         self.play = None
         self._move(Phase.LOOKING)

@@ -44,7 +44,12 @@ class BlockTimeLimits:
         """The time at which the next limit is reached; None if there is no limit or the clocks are stopped."""
         if self._running_since_ns is None or not (self._episode_ns or self._block_ns):
             return None
-        return self._running_since_ns + max(0, min(limit - played for limit, played in self._pairs if limit))
+        left_ns = []
+        if self._episode_ns:
+            left_ns.append(self._episode_ns - self._played_ns)
+        if self._block_ns:
+            left_ns.append(self._block_ns - self._block_played_ns)
+        return self._running_since_ns + max(0, min(left_ns))
 
     def over(self, now_ns: int) -> EndCause:
         """Return the limit that has been reached, as the cause of the episode's end; "" for none."""
@@ -62,10 +67,6 @@ class BlockTimeLimits:
         else:
             running_ns = now_ns - self._running_since_ns
         return bool(self._block_ns) and self._block_played_ns + running_ns >= self._block_ns
-
-    @property
-    def _pairs(self) -> tuple[tuple[int, int], tuple[int, int]]:
-        return (self._episode_ns, self._played_ns), (self._block_ns, self._block_played_ns)
 
 
 _TIMED = (Phase.INTERVAL, Phase.FIXATION, Phase.HOLD, Phase.LEARNING)  # time ends them, no key
@@ -128,7 +129,10 @@ class PhaseTimer:
 
     def left_s(self, now_ns: int) -> int:
         """Return the seconds that are left, rounded up."""
-        return max(0, -(-((self._until_ns or 0) - now_ns) // NS_PER_S))
+        if self._until_ns is None or now_ns >= self._until_ns:
+            return 0
+        left_ns = self._until_ns - now_ns
+        return (left_ns + NS_PER_S - 1) // NS_PER_S  # rounded up
 
     def _lasts_ns(self, phase: StrEnum) -> int:
         ms: dict[StrEnum, float] = {

@@ -54,7 +54,11 @@ class BlockDesign:
             options = dict(decision.options)
             seed = decision.seed
         self._decided = DesignDecided(
-            *(context.now_ns, self._number, context.next_episode, self._spec.name, self._design.version),
+            t_ns=context.now_ns,
+            part=self._number,
+            episode=context.next_episode,
+            design=self._spec.name,
+            version=self._design.version,
             options=options,
             seed=seed,
             stop=decision.stop or not goes_on,

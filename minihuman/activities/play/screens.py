@@ -19,7 +19,7 @@ from minihuman.experiment.machine.points import (
     format_total,
     isolate_signs,
 )
-from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, RunningEpisode
+from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, NS_PER_MS, RunningEpisode
 from minihuman.experiment.machine.screen_texts import capitalise
 from minihuman.experiment.machine.screens import BlankScreen, Motion, OutcomeMark, PlayScreen, Screen, TextScreen
 from minihuman.experiment.machine.transitions import Phase
@@ -158,12 +158,16 @@ class BlockScreens:
 
     def _motion(self, play: RunningEpisode) -> Motion | None:
         """Return the motion of the view from the previous step's picture to this one; None if there is none."""
-        before = self._last_view
+        last_view = self._last_view
         self._last_view = (play.plan.episode, play.steps, play.world.pose())
-        if before is None or before[2] is None or before[:2] != (play.plan.episode, play.steps - 1):
+        if last_view is None:
+            return None
+        last_episode, last_step, last_pose = last_view
+        is_next_step = last_episode == play.plan.episode and last_step == play.steps - 1
+        if last_pose is None or not is_next_step:
             return None
         assert self._plan.motion_ms is not msgspec.UNSET
-        return Motion(round(self._plan.motion_ms * 1e6), partial(play.picture_between, before[2]))
+        return Motion(round(self._plan.motion_ms * NS_PER_MS), partial(play.picture_between, last_pose))
 
     def _mission(self, play: RunningEpisode) -> str:
         return self._plan.mission or self._context.words.mission(play.mission)

@@ -63,9 +63,16 @@ class PreferencesActivity(Activity):
             return None
         first = self._offered[0] if self._offered else None
         plan = self._plan
-        place = len(self._offered)
-        pairing = plan.pairing, plan.wait_s
-        return ClipRequest(self.number, plan.source, self._pair, place, plan.steps, first, *pairing)
+        return ClipRequest(
+            part=self.number,
+            source=plan.source,
+            pair=self._pair,
+            place=len(self._offered),
+            steps=plan.steps,
+            again=first,
+            pairing=plan.pairing,
+            wait_s=plan.wait_s,
+        )
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
@@ -88,8 +95,16 @@ class PreferencesActivity(Activity):
             case KeyDown():
                 self._key(happened)
             case ScreenShown() if self.phase is Phase.COMPARING:
-                place = (self.number, self._pair, min(self._step, self.length - 1))
-                self.context.emit(PairSeen(happened.t_ns, *place, happened.submit_ns, happened.flip_ns))
+                self.context.emit(
+                    PairSeen(
+                        t_ns=happened.t_ns,
+                        part=self.number,
+                        pair=self._pair,
+                        step=min(self._step, self.length - 1),
+                        submit_ns=happened.submit_ns,
+                        flip_ns=happened.flip_ns,
+                    )
+                )
                 self._shown_ns = self._shown_ns or happened.flip_ns
                 if self._until_ns is None:
                     self._until_ns = happened.flip_ns + round(self._plan.step_ms * NS_PER_MS)
@@ -111,15 +126,35 @@ class PreferencesActivity(Activity):
             self.context.emit(NothingToCompare(now_ns, self.number, self._pair))
             self.ended = PartEnding("failed")
             return
-        side: Side = "right" if self._first_is_right[self._pair] != bool(self._offered) else "left"
+        side = self._find_next_side()
         film = self._films[side] = self._film_of(stretch)
         self._offered.append(stretch)
-        fields = (stretch.world, stretch.options, stretch.seed, stretch.actions)
-        place = (self._pair, side, stretch.episode, stretch.attempt, stretch.first)
-        self.context.emit(StretchShown(now_ns, self.number, *place, *fields, film.first_hash, film.last_hash))
+        self.context.emit(
+            StretchShown(
+                t_ns=now_ns,
+                part=self.number,
+                pair=self._pair,
+                side=side,
+                episode=stretch.episode,
+                attempt=stretch.attempt,
+                first=stretch.first,
+                world=stretch.world,
+                options=stretch.options,
+                seed=stretch.seed,
+                actions=stretch.actions,
+                first_hash=film.first_hash,
+                last_hash=film.last_hash,
+            )
+        )
         if len(self._offered) == 2:
             self.phase = Phase.COMPARING
             self.context.emit(Noted(now_ns, "phase", self.phase))
+
+    def _find_next_side(self) -> Side:
+        is_second_clip = bool(self._offered)
+        if self._first_is_right[self._pair] == is_second_clip:
+            return "left"
+        return "right"
 
     def _film_of(self, stretch: EpisodeClip) -> EpisodeFilm:
         with catch_world_errors():
@@ -186,8 +221,17 @@ class PreferencesActivity(Activity):
             self._replays += 1
         elif press.key in answers and (self._seen_whole or self._step >= self.length):
             emit_key(press, "accepted", self.phase)
-            answer = (answers[press.key], self._shown_ns, self._replays, press.t_ns)
-            self.context.emit(Preferred(self.context.now_ns, self.number, self._pair, *answer))
+            self.context.emit(
+                Preferred(
+                    t_ns=self.context.now_ns,
+                    part=self.number,
+                    pair=self._pair,
+                    answer=answers[press.key],
+                    shown_ns=self._shown_ns,
+                    replays=self._replays,
+                    pressed_ns=press.t_ns,
+                )
+            )
             self._pair += 1
             self._wait()
         else:  # both are to be seen to their ends first

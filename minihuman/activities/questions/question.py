@@ -216,12 +216,15 @@ def check_item(item: QuestionItemSpec) -> ItemErrors:
     has_codes = kind.answer_type in ("code", "codes", "rating")
     if item.options and not has_codes:
         yield "options", f"is given, but a {item.kind} has none"
-    if item.codes and len(item.codes) != (n_options := len(item.options) or item.points):
+    n_options = len(item.options) or item.points
+    if item.codes and len(item.codes) != n_options:
         yield "codes", f"has {len(item.codes)} for {n_options} options; give one an option"
     yield from kind.check(item)
-    for right in item.right_answers if has_codes else ():
-        if right not in item.all_codes:
-            yield "right", f"is {right!r}, which is not an option's code; codes: {', '.join(map(str, item.all_codes))}"
+    if has_codes:
+        known_codes = ", ".join(map(str, item.all_codes))
+        for right in item.right_answers:
+            if right not in item.all_codes:
+                yield "right", f"is {right!r}, which is not an option's code; codes: {known_codes}"
 
 
 def check_range(item: QuestionItemSpec) -> ItemErrors:

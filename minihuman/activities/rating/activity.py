@@ -10,11 +10,12 @@ from minihuman.activities.agent_blocks.plan import AgentPlayPlan
 from minihuman.activities.agent_blocks.requests import Advice
 from minihuman.activities.agent_blocks.rules import check_block
 from minihuman.activities.rating.events import Rated
-from minihuman.experiment.machine.activity import ActivityKind
+from minihuman.experiment.machine.activity import ActivityKind, SessionContext
 from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import OutcomeMark, PlayScreen
 from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.plan.session_plan import PlannedPart
 
 
 class RatingActivity(AgentPlayActivity):
@@ -25,8 +26,8 @@ class RatingActivity(AgentPlayActivity):
 
     acts_without_policy = True
 
-    def __init__(self, *arguments: object) -> None:
-        super().__init__(*arguments)  # type: ignore[arg-type]
+    def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
+        super().__init__(number, part, context)
         self._flash = 0.0  # the value of the press that is seen
         self._flash_until_ns: int | None = None
         self._last_ns: int | None = None  # of the last press that counted

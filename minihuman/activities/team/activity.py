@@ -49,7 +49,7 @@ from minihuman.experiment.machine.events import ActivityEvent
 from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, TextInput
 from minihuman.experiment.machine.life_signs import SeatState
 from minihuman.experiment.machine.running_episode import RunningEpisode
-from minihuman.experiment.machine.screens import PlayScreen, Screen
+from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable
 from minihuman.experiment.plan.random_streams import draw_seeds
 from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
@@ -137,21 +137,30 @@ class TeamPlayActivity(PlayActivity):
             return ReadyRequest(self.formed, self.team_episode.plan, self.plan)
         if self.playing and self.formed is not None:
             play = self.team_episode
-            mine = play.submitted
-            is_key = mine is not None and bool(mine.key)
-            return JointRequest(
-                self.formed,
-                play.plan,
-                self.plan,
-                play.steps + 1,
-                None if mine is None else mine.action,
-                is_key,
-                self._messages.sent,
-                self._messages.received,
-                is_key and mine is not None and not mine.is_new,
-                self._states,
-            )
+            return self._request_joint_step(play, play.submitted)
         return None
+
+    def _request_joint_step(self, play: TeamEpisode, mine: Submission | None) -> JointRequest:
+        assert self.formed is not None
+        action = None
+        is_key = False
+        is_held = False
+        if mine is not None:
+            action = mine.action
+            is_key = bool(mine.key)
+            is_held = is_key and not mine.is_new
+        return JointRequest(
+            team=self.formed,
+            plan=play.plan,
+            rules=self.plan,
+            step=play.steps + 1,
+            action=action,
+            is_key=is_key,
+            sent=self._messages.sent,
+            received=self._messages.received,
+            is_held=is_held,
+            states=self._states,
+        )
 
     def receive(self, happened: Input) -> None:
         """Handle an input, including answers from the team host."""
@@ -247,18 +256,26 @@ class TeamPlayActivity(PlayActivity):
         now_ns = self.context.now_ns
         seat = self.team_episode.team.seat
         stepped, rewards, mine = play.step_joint(now_ns, joint)
-        place = (joint.episode, joint.step)
         self.context.emit(
-            JointStepped(now_ns, *place, joint.actions, rewards, joint.sources, play.digest, play.poses())
+            JointStepped(
+                t_ns=now_ns,
+                episode=joint.episode,
+                step=joint.step,
+                actions=joint.actions,
+                rewards=rewards,
+                sources=joint.sources,
+                digest=play.digest,
+                poses=play.poses(),
+            )
         )
         if mine is not None and mine.key and joint.sources[seat] != "person":
-            self.context.emit(InputLate(now_ns, *place, mine.action, mine.key, mine.key_t_ns))
+            self.context.emit(InputLate(now_ns, joint.episode, joint.step, mine.action, mine.key, mine.key_t_ns))
         holders = tuple(
             before if source == "late" else source for source, before in zip(joint.sources, self._holders, strict=True)
         )
         for other, (before, after) in enumerate(zip(self._holders, holders, strict=True)):
             if before != after:
-                self.context.emit(SeatTaken(now_ns, *place, other, after))
+                self.context.emit(SeatTaken(now_ns, joint.episode, joint.step, other, after))
         self._holders = holders
         self._note_partners()
         self._stepped(stepped)
@@ -313,15 +330,17 @@ class TeamPlayActivity(PlayActivity):
                 body = words["team.lobby" if self.phase is Phase.LOBBY else "team.not_ready"]
                 return screen_texts.build_notice_screen(words, words["team.title"], body)
             case Phase.READY:
-                ready = self._view.ready(self._current)
-                lines = (
-                    *self._describe_role(),
-                    *(self._describe_partners() if self.plan.team.partner_disclosure == "always" else ()),
-                )
-                if lines:
-                    return replace(ready, body="\n\n".join(filter(None, (ready.body, *lines))))
-                return ready
+                return self._ready_screen()
         return super()._screen()
+
+    def _ready_screen(self) -> TextScreen:
+        ready = self._view.ready(self._current)
+        lines = list(self._describe_role())
+        if self.plan.team.partner_disclosure == "always":
+            lines += self._describe_partners()
+        if not lines:
+            return ready
+        return replace(ready, body="\n\n".join(filter(None, (ready.body, *lines))))
 
     @property
     def _has_partner_gone(self) -> bool:

@@ -100,7 +100,8 @@ class JointPlay:
         """Add an episode's steps that were closed before this process began, from a session that has made them."""
         steps = self._steps.setdefault(episode, [])
         n_known = len(steps)
-        steps += [JointAction(*pair) for pair in zip(actions[n_known:], sources[n_known:], strict=True)]
+        new_steps = zip(actions[n_known:], sources[n_known:], strict=True)
+        steps += [JointAction(step_actions, step_sources) for step_actions, step_sources in new_steps]
 
     # What seats ask
 
@@ -175,7 +176,8 @@ class JointPlay:
         if want.step <= len(steps):
             if is_back:  # too late for this step, in time for the next one
                 self.presence.take_back(seat)
-            return JointTaken(0, episode, want.step, *steps[want.step - 1])
+            closed_step = steps[want.step - 1]
+            return JointTaken(0, episode, want.step, closed_step.actions, closed_step.sources)
         if self.presence.has_ended:
             return TeamLost(0, "partner_left")
         self._open_step.open(episode, want.step)
@@ -202,7 +204,7 @@ class JointPlay:
         joint_action = due.close(chosen, idle_action)
         self._steps[due.episode].append(joint_action)
         self._concern_others(seat)
-        return JointTaken(0, due.episode, due.step, *joint_action)
+        return JointTaken(0, due.episode, due.step, joint_action.actions, joint_action.sources)
 
     def leave(self, seat: int) -> None:
         """Record that the session of a seat is over."""

@@ -47,7 +47,9 @@ class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def agents(self) -> tuple[str, ...]:
         """The names of the agents that may hold a seat, as in the agent registry and the protocol's files."""
-        kinds = [*self.seats, *([self.stand_in] if len(self.persons) > 1 and self.partner_leaves == "agent" else [])]
+        kinds = list(self.seats)
+        if len(self.persons) > 1 and self.partner_leaves == "agent":
+            kinds.append(self.stand_in)
         return tuple(dict.fromkeys(find_seat_agent(kind) for kind in kinds if kind != PERSON))
 
 

@@ -9,6 +9,7 @@ from minihuman.experiment.words import InterfaceWords
 if TYPE_CHECKING:
     from minihuman.experiment.machine.activity import SessionContext
 
+_NS_PER_MIN = 60e9
 _SIGNED = re.compile(r"(?<!\w)[-+\u2212](?=\d)")
 
 
@@ -48,8 +49,10 @@ def compute_bonus(bonus: BonusSpec, points: float, waited_ns: int = 0, stranded:
     earned = max(0.0, bonus.base + bonus.per_point * points)
     if bonus.most is not None:
         earned = min(earned, bonus.most)
-    least = (bonus.base_pay or 0.0) if stranded else 0.0
-    return max(earned, least) + (bonus.waiting_per_min or 0.0) * waited_ns / 60e9
+    least = 0.0
+    if stranded:
+        least = bonus.base_pay or 0.0
+    return max(earned, least) + (bonus.waiting_per_min or 0.0) * waited_ns / _NS_PER_MIN
 
 
 def format_points(value: float) -> str:

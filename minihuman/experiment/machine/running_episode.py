@@ -276,28 +276,30 @@ class RunningEpisode:
         """
         pressed = self._pressed
         self._pressed = {}
-        before = [key for key in self._keys_down if key in self._action_of and key not in pressed]
-        keys = [*before, *pressed]  # the latest last
-        moved = self._moved_components()
-        if not keys and not moved:
+        held_keys = [key for key in self._keys_down if key in self._action_of and key not in pressed]
+        keys = [*held_keys, *pressed]  # the latest last
+        shares_of_components = self._moved_components()
+        if not keys and not shares_of_components:
             if self._noop is None:
                 return None
             return self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
         with catch_world_errors():
             number, vector = self.world.actions.combine([self._action_of[key] for key in keys] or [0])
-            for component, share in moved.items():
+            for component, share in shares_of_components.items():
                 vector = self.world.actions.move(vector, component, share)  # type: ignore[union-attr]
         latest = keys[-1] if keys else ""
         return self.step(t_ns, vector or number, key=latest, key_t_ns=pressed.get(latest, t_ns), held_keys=pressed)
 
     def _moved_components(self) -> dict[int, float]:
         """Return how far the gamepad's axes move each component of the action, without axes at rest."""
-        bound = self._bindings.axes if self._bindings else {}
-        moved: dict[int, float] = {}
-        for axis, binding in bound.items():
-            if share := self._axes.get(axis, 0.0) * binding.scale:
-                moved[binding.component] = moved.get(binding.component, 0.0) + share
-        return moved
+        shares: dict[int, float] = {}
+        if not self._bindings:
+            return shares
+        for axis, binding in self._bindings.axes.items():
+            share = self._axes.get(axis, 0.0) * binding.scale
+            if share:
+                shares[binding.component] = shares.get(binding.component, 0.0) + share
+        return shares
 
     def step(
         self, t_ns: int, action: "Action", *, key: str, key_t_ns: int, held_keys: Mapping[str, int] | None = None

@@ -329,9 +329,17 @@ class SessionMachine:
             use = other_cause
         if isinstance(happened, PointerPressed):
             self._pointer_acts = use == "pressed"
-        waited_ns = self.now_ns - happened.t_ns
-        place = (happened.x, happened.y, happened.target, happened.along)
-        self._context.emit(PointerUsed(self.now_ns, use, *place, waited_ns))
+        self._context.emit(
+            PointerUsed(
+                t_ns=self.now_ns,
+                what=use,
+                x=happened.x,
+                y=happened.y,
+                target=happened.target,
+                along=happened.along,
+                waited_ns=self.now_ns - happened.t_ns,
+            )
+        )
         if self._pointer_acts and use != "cancelled":
             self._to_part(happened)
 

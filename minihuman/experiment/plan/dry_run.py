@@ -239,11 +239,14 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
         report = _examine_block(block, examined, provable=provable)
         if report.broken:
             raise ProtocolError(f"{place} cannot be played ({report.broken[0]})")
-        unprovable = report.unprovable  # which stored observations make up for
-        faults = [*report.unsound, *(() if block.record_observations else unprovable)]
+        faults = list(report.unsound)
+        lines = list(report.notices)
+        if block.record_observations:  # which make up for what is not provable
+            lines += report.unprovable
+        else:
+            faults += report.unprovable
         if provable and faults:
             raise ProtocolError(f"{place}: {faults[0]}")
-        lines = (*report.notices, *unprovable) if block.record_observations else report.notices
         notices |= dict.fromkeys(f"{block.world}: {notice}" for notice in lines)
         notices |= dict.fromkeys(_list_block_notices(block))
     notices |= dict.fromkeys(check_stimuli(protocol, source))
@@ -335,7 +338,9 @@ def _find_missed_actions(block: BlockSpec) -> set[str]:
 def find_needed_actions(world: World, seeds: Sequence[int] = range(N_TRIED_SEEDS)) -> set[str]:
     """Return the actions on the shortest paths to success in a world's first layouts; empty without a planner."""
     needed: set[str] = set()
-    for seed in seeds[:N_TRIED_SEEDS] if isinstance(world.unwrapped, NativeWorld) else ():
+    if not isinstance(world.unwrapped, NativeWorld):
+        return needed
+    for seed in seeds[:N_TRIED_SEEDS]:
         world.reset(seed)
         with suppress(WorldError):  # planning would take too long
             needed |= set(world.shortest_path() or ())
@@ -361,7 +366,9 @@ def try_world(block: BlockSpec) -> None:
             world.reset(seed)
         for action in (*block.actions, *block.distractors):
             world.reset(seeds[0])
-            world.map(), world.pose(), world.state_hash()
+            world.map()
+            world.pose()
+            world.state_hash()
             world.step(world.action_names.index(action))
         world.frame(block.view, palette=block.palette)
     finally:

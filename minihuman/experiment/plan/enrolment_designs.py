@@ -19,6 +19,8 @@ from minihuman.experiment.plan.designs import (
     round_estimate,
 )
 
+_COMPARED_DIGITS = 9  # decimals of what a decision compares, so that every processor decides alike
+
 
 class MinimisationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The settings of minimisation."""
@@ -50,21 +52,35 @@ class Minimisation(EnrolmentDesign):
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
         """Choose the group that leaves the least imbalance with the coin's probability, and otherwise another group."""
         ratios: dict[str, int] = statistics["ratios"]
-        margins = [(1.0, statistics["all"]), (self.settings.stratum_weight, statistics["strata"].get(stratum, {}))]
+        margins: list[tuple[float, Mapping[str, int]]] = [(1.0, statistics["all"])]
+        if stratum:
+            margins.append((self.settings.stratum_weight, statistics["strata"].get(stratum, {})))
+        imbalances = {}
+        for group in ratios:
+            imbalance = 0.0
+            for weight, counts in margins:
+                imbalance += weight * _find_imbalance(counts, ratios, group)
+            imbalances[group] = round(imbalance, _COMPARED_DIGITS)
+        least = min(imbalances.values())
+        best_groups = [group for group in ratios if imbalances[group] == least]
+        other_groups = [group for group in ratios if group not in best_groups]
+        coin, choice_share = draw(2)
+        if other_groups and coin >= self.settings.probability:
+            candidates = other_groups
+        else:
+            candidates = best_groups
+        group = candidates[int(choice_share * len(candidates))]
+        return EnrolmentDecision(group, estimates={"imbalance": least})
 
-        def imbalance(group: str) -> float:
-            total = 0.0
-            for weight, counts in margins[: 2 if stratum else 1]:
-                after = [(counts.get(name, 0) + (name == group)) / ratio for name, ratio in ratios.items()]
-                total += weight * (max(after) - min(after))
-            return round(total, 9)
 
-        imbalances = {group: imbalance(group) for group in ratios}
-        coin, which = draw(2)
-        best = [group for group in ratios if imbalances[group] == min(imbalances.values())]
-        other_groups = [group for group in ratios if group not in best]
-        among = best if not other_groups or coin < self.settings.probability else other_groups
-        return EnrolmentDecision(among[int(which * len(among))], estimates={"imbalance": min(imbalances.values())})
+def _find_imbalance(counts: Mapping[str, int], ratios: Mapping[str, int], new_group: str) -> float:
+    filled_shares = []
+    for group, ratio in ratios.items():
+        count = counts.get(group, 0)
+        if group == new_group:
+            count += 1
+        filled_shares.append(count / ratio)
+    return max(filled_shares) - min(filled_shares)
 
 
 class ThompsonSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -107,13 +123,13 @@ class Thompson(EnrolmentDesign):
 
         prior = self.settings.prior
         chances = dict[str, float]()
-        best = dict[str, float]()
+        draws = dict[str, float]()
         for (group, (won, lost)), share in zip(statistics.items(), draw(len(statistics)), strict=True):
             wins = prior[0] + won
             losses = prior[1] + lost
             chances[group] = round_estimate(wins / (wins + losses))
-            best[group] = round(float(betaincinv(wins, losses, share)), 9)
-        return EnrolmentDecision(max(best, key=lambda group: best[group]), estimates=chances)
+            draws[group] = round(float(betaincinv(wins, losses, share)), _COMPARED_DIGITS)
+        return EnrolmentDecision(max(draws, key=lambda group: draws[group]), estimates=chances)
 
 
 class GroupSequentialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+_BOUNDARY_BRACKET = (0.5, 12.0)  # in which each look's |z| is searched for
 _POINTS = 801  # of the grid on which the score's density between two looks is followed
 
 
@@ -23,11 +24,19 @@ def find_boundaries(fractions: Sequence[float], alpha: float = 0.05) -> tuple[fl
     spent = [0.0, *(spend_alpha(fraction, alpha) for fraction in fractions)]
     walk = _Walk()
     boundaries = list[float]()
-    for at, fraction in enumerate(fractions):
-        due = spent[at + 1] - spent[at]
-        boundaries.append(float(scipy.optimize.brentq(lambda z, t=fraction, due=due: walk.exit(z, t) - due, 0.5, 12.0)))
-        walk.advance(boundaries[-1], fraction)
+    for look, fraction in enumerate(fractions):
+        alpha_of_look = spent[look + 1] - spent[look]
+        boundary = _find_boundary(walk, fraction, alpha_of_look)
+        boundaries.append(boundary)
+        walk.advance(boundary, fraction)
     return tuple(boundaries)
+
+
+def _find_boundary(walk: "_Walk", fraction: float, alpha_of_look: float) -> float:
+    def excess_alpha(z: float) -> float:
+        return walk.exit(z, fraction) - alpha_of_look
+
+    return float(scipy.optimize.brentq(excess_alpha, *_BOUNDARY_BRACKET))
 
 
 def compute_adjusted_p(z: float, fractions: Sequence[float], boundaries: Sequence[float]) -> float:
@@ -74,10 +83,13 @@ class _Walk:
 
 def compute_welch_z(first: Sequence[float], second: Sequence[float]) -> float:
     """Return the z with the same two-sided p as Welch's t, from two groups' (n, mean, variance); 0 if undefined."""
-    (n, mean, variance), (m, other, spread) = first, second
-    if n < 2 or m < 2 or variance + spread <= 0:
+    n_first, mean_first, variance_first = first
+    n_second, mean_second, variance_second = second
+    if n_first < 2 or n_second < 2 or variance_first + variance_second <= 0:
         return 0.0
-    squares = variance / n, spread / m
-    t = (mean - other) / np.sqrt(sum(squares))
-    freedom = sum(squares) ** 2 / (squares[0] ** 2 / (n - 1) + squares[1] ** 2 / (m - 1))
+    squared_error_first = variance_first / n_first
+    squared_error_second = variance_second / n_second
+    squared_error = squared_error_first + squared_error_second
+    t = (mean_first - mean_second) / np.sqrt(squared_error)
+    freedom = squared_error**2 / (squared_error_first**2 / (n_first - 1) + squared_error_second**2 / (n_second - 1))
     return float(-np.sign(t) * scipy.special.ndtri(scipy.stats.t.sf(abs(t), freedom)))

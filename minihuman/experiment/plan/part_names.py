@@ -79,8 +79,10 @@ def _add_debrief(protocol: Protocol, names: list[str], group: str) -> list[str]:
     teams = [protocol.block_for(name, group).team for name in names if is_block(protocol, name)]
     if DEBRIEF in names or not any(team and team.partner_disclosure == "debrief" for team in teams):
         return names
-    at = len(names) - (names[-1] == CLOSING or _has_page(protocol, names[-1:], "closing"))
-    return [*names[:at], DEBRIEF, *names[at:]]
+    ends_with_closing = names[-1] == CLOSING or _has_page(protocol, names[-1:], "closing")
+    if ends_with_closing:
+        return [*names[:-1], DEBRIEF, names[-1]]
+    return [*names, DEBRIEF]
 
 
 def _has_page(protocol: Protocol, names: list[str], role: str) -> bool:

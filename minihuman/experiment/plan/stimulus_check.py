@@ -97,7 +97,9 @@ def list_levels(protocol: Protocol) -> dict[str, list[Any]]:
     for block in protocol.blocks:
         for group in ("", *block.group_overrides):
             block_of_group = apply_overrides(block, group)
-            for stimulus in read_stimuli(protocol, block_of_group) if block_of_group.stimuli else ():
+            if block_of_group.stimuli is None:
+                continue
+            for stimulus in read_stimuli(protocol, block_of_group):
                 for name, level in stimulus.labels.items():
                     if level not in levels.setdefault(name, []):
                         levels[name].append(level)

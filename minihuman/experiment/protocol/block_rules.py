@@ -135,7 +135,9 @@ def _check_motion(block: BlockSpec) -> Iterator[FieldError]:
 def _check_stimuli(stimuli: StimuliSpec | None) -> Iterator[FieldError]:
     if stimuli is None:
         return
-    if bool(stimuli.file) == bool(stimuli.rows):
+    has_neither = not stimuli.file and not stimuli.rows
+    has_both = bool(stimuli.file and stimuli.rows)
+    if has_neither or has_both:
         yield "stimuli", "needs a file or rows, and not both"
     if stimuli.order == "fixed" and (stimuli.balanced_by or stimuli.max_run):
         yield "stimuli.order", "is 'fixed', but balanced_by and max_run draw one; use 'shuffled'"

@@ -22,13 +22,13 @@ def check_carried_key_maps(protocol: Protocol) -> Iterator[FieldError]:
             if first is not None and first.key_map == "carry_over":
                 message = f"is {first.name!r}, which carries a key map, but no group plays a block before it"
                 yield f"$.groups[{number}].blocks[0]", message
-        for place, pair in enumerate(pairwise(group.blocks), 1):
-            yield from _check_pair(protocol, f"$.groups[{number}].blocks[{place}]", group, *pair)
-        for place, listed in enumerate(day.parts for day in protocol.sessions):
-            for pair in _list_block_pairs(protocol, group, listed):
-                yield from _check_pair(protocol, f"$.sessions[{place}].parts", group, *pair)
-        for pair in _list_block_pairs(protocol, group, group.parts):
-            yield from _check_pair(protocol, f"$.groups[{number}].parts", group, *pair)
+        for place, (first_name, second_name) in enumerate(pairwise(group.blocks), 1):
+            yield from _check_pair(protocol, f"$.groups[{number}].blocks[{place}]", group, first_name, second_name)
+        for place, session in enumerate(protocol.sessions):
+            for first_name, second_name in _list_block_pairs(protocol, group, session.parts):
+                yield from _check_pair(protocol, f"$.sessions[{place}].parts", group, first_name, second_name)
+        for first_name, second_name in _list_block_pairs(protocol, group, group.parts):
+            yield from _check_pair(protocol, f"$.groups[{number}].parts", group, first_name, second_name)
 
 
 def _check_pair(protocol: Protocol, path: str, group: GroupSpec, first: str, second: str) -> Iterator[FieldError]:

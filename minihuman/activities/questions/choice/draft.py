@@ -29,16 +29,11 @@ class ChoiceDraft(AnswerDraft):
 
     def key(self, press: KeyDown) -> bool:
         """Move the cursor with up and down, or select with a digit or the space bar."""
-        n_options = len(self.question.options)
-        if (digit := parse_digit(press.key)) and digit <= n_options:
+        digit = parse_digit(press.key)
+        if 1 <= digit <= len(self.question.options):
             self._choose(digit - 1)
         elif press.key in ("up", "down"):
-            by = 1 if press.key == "down" else -1
-            untouched = not self._chosen and not self.many
-            if untouched and by > 0:
-                self._cursor = self._cursor
-            else:
-                self._cursor = (self._cursor + by) % n_options
+            self._move_cursor(1 if press.key == "down" else -1)
             if not self.many:
                 self._choose(self._cursor)
         elif press.key == "space" and not press.repeat:
@@ -46,6 +41,12 @@ class ChoiceDraft(AnswerDraft):
         else:
             return False
         return True
+
+    def _move_cursor(self, by: int) -> None:
+        is_untouched = not self._chosen and not self.many
+        if is_untouched and by > 0:  # down chooses the first option first
+            return
+        self._cursor = (self._cursor + by) % len(self.question.options)
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:
         """Select the option under the pointer when it is pressed."""
@@ -79,11 +80,13 @@ class ChoiceDraft(AnswerDraft):
         """Click on the right option if the participant attends and one is right, otherwise on a random option."""
         if self._chosen:
             return None
-        right = None
+        option = None
         if self.question.right is not None and attends():
             codes = enumerate(self.question.all_codes)
-            right = next((number for number, code in codes if code in self.question.right_answers), None)
-        return Click(f"option:{choose(len(self.question.options)) if right is None else right}")
+            option = next((number for number, code in codes if code in self.question.right_answers), None)
+        if option is None:
+            option = choose(len(self.question.options))
+        return Click(f"option:{option}")
 
 
 class ChoicesDraft(ChoiceDraft):
