@@ -176,8 +176,7 @@ class JointPlay:
         if want.step <= len(steps):
             if is_back:  # too late for this step, in time for the next one
                 self.presence.take_back(seat)
-            closed_step = steps[want.step - 1]
-            return JointTaken(0, episode, want.step, closed_step.actions, closed_step.sources)
+            return _build_joint_taken(episode, want.step, steps[want.step - 1])
         if self.presence.has_ended:
             return TeamLost(0, "partner_left")
         self._open_step.open(episode, want.step)
@@ -204,7 +203,7 @@ class JointPlay:
         joint_action = due.close(chosen, idle_action)
         self._steps[due.episode].append(joint_action)
         self._concern_others(seat)
-        return JointTaken(0, due.episode, due.step, joint_action.actions, joint_action.sources)
+        return _build_joint_taken(due.episode, due.step, joint_action)
 
     def leave(self, seat: int) -> None:
         """Record that the session of a seat is over."""
@@ -253,3 +252,7 @@ class JointPlay:
 
     def _concern_others(self, seat: int) -> None:
         self._concerned |= self.presence.persons - {seat}
+
+
+def _build_joint_taken(episode: int, step: int, joint_action: JointAction) -> JointTaken:
+    return JointTaken(0, episode, step, joint_action.actions, joint_action.sources)

@@ -304,17 +304,14 @@ class RunningEpisode:
     def step(
         self, t_ns: int, action: "Action", *, key: str, key_t_ns: int, held_keys: Mapping[str, int] | None = None
     ) -> Stepped:
-        """Make one step of the world and return its event.
-
-        The plan's step limit counts as a truncation, whether or not the world has a limit of its own.
+        """Make one step of the world and return its event; the plan's step limit counts as a truncation.
 
         Args:
             t_ns: the present time.
             action: an action number, or a vector if actions are vectors.
             key: the key that caused the step; "" for none.
             key_t_ns: the time of the key press.
-            held_keys: the keys pressed since the last tick, if held keys make steps; any other key is no response to a
-                picture.
+            held_keys: the keys pressed since the last tick, if held keys make steps; other keys answer no picture.
         """
         assert self.started, "start() comes first"
         with catch_world_errors():
