@@ -1,6 +1,6 @@
-"""The prompts that show a language model the screens of a participant, and the reading of its answers.
+"""The prompts that show a language model a participant's screens, and the reading of its answers.
 
-It uses no network, clock or file. A model is shown the same screens as a person: a picture is the same drawing at the
+No network, clock or file is used. A model is shown the same screens as a person: a picture is the same drawing at the
 protocol's size. A `Conversation` that is fed the same screens and answers composes the same prompts, so that a log
 proves them.
 """
@@ -143,10 +143,7 @@ def _read_slider(word: str) -> str | None:
 
 
 def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | None:
-    """Return the answers that a screen accepts; None if it needs no decision.
-
-    A screen needs no decision if it is only read or ends by itself.
-    """
+    """Return the answers that a screen accepts; None if it is only read or ends by itself."""
     match screen:
         case PlayScreen() if session.play is not None:
             named = tuple((action.lower(), key) for key, action in screen.legend)
@@ -447,10 +444,7 @@ class ConversationRecord:
         self.coming: list[Input] = []  # what answers stand for and has not happened yet, in order of time
 
     def follow(self, session: SessionMachine, call: ModelCall | None) -> str:
-        """Follow a replay by seeing the present screen or recording a call.
-
-        Return how the log's prompt differs from the composed one; "" if it does not.
-        """
+        """Follow a replay by one screen or call; return how the log's prompt differs, or "" if it does not."""
         if call is None:
             self.conversation.see(session.screen)
             return ""
