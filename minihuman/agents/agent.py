@@ -96,7 +96,7 @@ def is_registered_agent(name: str) -> bool:
 
 
 def load_agent_class(name: str) -> Any:
-    """Import the class of a registered agent.
+    """Import and return the class of a registered agent.
 
     Raises:
         MinihumanError: if no agent has that name, or it cannot be imported.

@@ -24,6 +24,8 @@ from minihuman.worlds.grid.layouts.team_layouts import SwapCorridor
 
 Cell = tuple[int, int]
 STEPS = ((0, -1), (0, 1), (1, 0), (-1, 0))  # of a kitchen's actions: up, down, right, left
+_QUARTER_TURNS_OF_STEPS = (3, 1, 0, 2)  # to the right from east, by the index of the step
+_QUARTER_TURN_RAD = np.pi / 2
 SIDESTEP = 0.3  # how probable it is that a cook whose way is blocked or contested stays or goes anywhere
 
 
@@ -267,6 +269,7 @@ class CorridorAgent(BaseAgent):
             way = find_way(place, bay.__contains__, free - other_cells) or []
         action = "stay"
         if way:
-            turns = ((3, 1, 0, 2)[towards(place, way[0])] - round(-pose.yaw_rad / (np.pi / 2))) % 4
-            action = {0: "forward", 3: "left"}.get(turns, "right")
+            quarter_turns = round(-pose.yaw_rad / _QUARTER_TURN_RAD)
+            right_turns = (_QUARTER_TURNS_OF_STEPS[towards(place, way[0])] - quarter_turns) % 4
+            action = {0: "forward", 3: "left"}.get(right_turns, "right")
         return np.array([name == action for name in world.action_names], np.float32)

@@ -40,7 +40,7 @@ class SimulatedPerson(abc.ABC):
 
     @abc.abstractmethod
     def press_key(self, key: str, delay_ms: float = READING_MS, hold_ms: float = HOLD_MS) -> None:
-        """Press a key."""
+        """Press a key after a delay and hold it, with both times in milliseconds."""
 
     @abc.abstractmethod
     def point(self, target: str, along: float) -> None:

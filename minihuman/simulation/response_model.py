@@ -20,7 +20,7 @@ from minihuman.experiment.stimuli import NO_RESPONSE, Stimulus
 
 @dataclass(frozen=True, slots=True)
 class ResponseParameters:
-    """One simulated person's parameters; the defaults are the population's medians."""
+    """The parameters of one simulated person's responses; the defaults are the population's medians."""
 
     threshold: float = 2.0  # in units of the noise's standard deviation over a second
     drift_correct: float = 8.0  # per second, of the correct response

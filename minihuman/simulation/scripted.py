@@ -27,7 +27,7 @@ class RandomParticipant(SimulatedParticipant):
         self._keys: list[str] = []
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
-        """Collect the keys that have an action."""
+        """Start an episode with the keys that have an action."""
         self._keys = sorted(plan.key_map.keys)
 
     def press(self, world: World) -> KeyPress:
@@ -165,5 +165,5 @@ class ObserverParticipant(SimulatedParticipant):
             self._keys = sorted(plan.key_map.keys)
 
     def press(self, world: World) -> KeyPress:
-        """Press the key, 300 to 700 ms after the picture."""
+        """Press the chosen key, or a random one if the stimulus was not seen, 300 to 700 ms after the picture."""
         return KeyPress(self._keys[self._rng.integers(len(self._keys))], self._rng.uniform(300.0, 700.0))

@@ -104,7 +104,7 @@ class CorrectionActivity(Activity):
         return self.number, self._number
 
     def suspend(self, reason: PauseReason) -> None:
-        """Stop the correction's clock."""
+        """Stop the clock of a running correction."""
         if self.play is not None:
             self.play.suspend()
 

@@ -85,7 +85,7 @@ class CorrectionStepped(ActivityEvent, EpisodeStep):
 
 @dataclass(frozen=True, slots=True)
 class CorrectionEnded(ActivityEvent, EpisodeEnding):
-    """A correction ended."""
+    """A correction ended with an outcome."""
 
     part: int
     correction: int

@@ -50,7 +50,7 @@ class EpisodeSequence:
 
     @property
     def last_points(self) -> float:
-        """The points of the last episode."""
+        """The points that the last episode earned."""
         return self._tally.scored
 
     def resume(self) -> None:

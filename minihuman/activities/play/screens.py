@@ -114,7 +114,7 @@ class BlockScreens:
         return None
 
     def rest(self, left_s: int) -> TextScreen:
-        """Build the screen of the rest after the block."""
+        """Build the screen of the rest after the block, with the seconds that remain of it."""
         return build_rest_screen(self._context.words, fill_score_fields(self._context, self._plan.rest), left_s)
 
     def ready(self, play: RunningEpisode) -> TextScreen:

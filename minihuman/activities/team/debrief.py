@@ -29,7 +29,7 @@ class DebriefActivity(Activity):
     phase = Phase.DEBRIEFING
 
     def begin(self) -> None:
-        """Show the page."""
+        """Log the phase; the page is shown until the participant presses Enter."""
         self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
 
     def receive(self, happened: Input) -> None:

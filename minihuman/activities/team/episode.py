@@ -133,24 +133,24 @@ class TeamEpisode(RunningEpisode):
         """Make a joint step and return its event, the rewards by seat, and this seat's submission for it."""
         mine = self.submitted
         self.submitted = None
+        key = ""
+        key_t_ns = t_ns
+        held_keys: Mapping[str, int] | None = None
         if mine is not None and joint.sources[self.team.seat] == "person":
-            key = mine
-        else:
-            key = None
+            key = mine.key
+            if mine.key:
+                key_t_ns = mine.key_t_ns
+            if not mine.is_new:
+                held_keys = {}
         env = self.world.unwrapped
         env.joint = joint.actions
         with catch_world_errors():
-            stepped = self.step(
-                t_ns,
-                joint.actions[self.team.seat],
-                key="" if key is None else key.key,
-                key_t_ns=t_ns if key is None or not key.key else key.key_t_ns,
-                held_keys={} if key is not None and not key.is_new else None,
-            )
+            stepped = self.step(t_ns, joint.actions[self.team.seat], key=key, key_t_ns=key_t_ns, held_keys=held_keys)
         self.joint_actions.append(joint.actions)
         self.sources.append(joint.sources)
         self.digest = extend_digest(self.digest, joint.actions)
         if self._due_ns is not None:
-            self.next_tick_ns = self._due_ns + self._period_ns * (max(0, t_ns - self._due_ns) // self._period_ns + 1)
+            n_missed_periods = max(0, t_ns - self._due_ns) // self._period_ns
+            self.next_tick_ns = self._due_ns + self._period_ns * (n_missed_periods + 1)
             self._due_ns = None
         return stepped, env.rewards, mine

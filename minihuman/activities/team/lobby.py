@@ -21,7 +21,7 @@ def name_team(seed: int, index: int, *, is_solo: bool) -> str:
 
 @dataclass(slots=True, eq=False)
 class LobbyEntry(Generic[Member]):
-    """A session in the lobby."""
+    """A session that waits in the lobby."""
 
     member: Member
     participant: Participant
@@ -56,7 +56,7 @@ class SeatedTeam(Generic[Member]):
 
     @property
     def members(self) -> dict[int, Member]:
-        """The members by seat."""
+        """The team's members by seat."""
         return {seat: entry.member for seat, entry in self.entries.items()}
 
     def admit(self) -> None:

@@ -34,7 +34,7 @@ class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def persons(self) -> tuple[int, ...]:
-        """The seats of people."""
+        """The indices of the seats that people take."""
         return tuple(seat for seat, kind in enumerate(self.seats) if kind == PERSON)
 
     @property

@@ -1,1 +1,1 @@
-"""The session machine: inputs in, events out. No clock, files or windows."""
+"""The session machine: inputs in, events out. It has no clock, files or windows."""

@@ -87,7 +87,7 @@ class EpisodeBeginning:
 
 
 class EpisodeStep:
-    """An event that is a step of the episode that began last."""
+    """An event that is a step of the episode that began last, with the episode's index and the action's number."""
 
     __slots__ = ()
     if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class EpisodeStep:
 
         @property
         def action(self) -> int:
-            """The action's number."""
+            """The number of the action."""
 
 
 class EpisodeEnding:

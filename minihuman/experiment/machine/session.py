@@ -136,7 +136,7 @@ class SessionMachine:
 
     @property
     def now_ns(self) -> int:
-        """The time of the latest input."""
+        """The time of the latest input in nanoseconds."""
         return self._context.now_ns
 
     @property

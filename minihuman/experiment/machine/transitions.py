@@ -39,7 +39,7 @@ class TransitionTable(Generic[Subject]):
 
 
 class Phase(StrEnum):
-    """The phase of a session. While a part runs, the session's phase is the part's own."""
+    """A phase of a session. While a part runs, the session's phase is the part's own."""
 
     START = "start"
     PART = "part"  # never seen from outside: the part's phase is

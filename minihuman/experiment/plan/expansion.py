@@ -208,7 +208,7 @@ def _plan_episodes(
 def _draw_layout_seeds(
     protocol: Protocol, block: BlockSpec, number: int, participant: Participant, session: int
 ) -> tuple[int, ...]:
-    """Draw the seed of each episode's layout."""
+    """Draw the seed of the layout of each of a block's episodes."""
     if isinstance(block.seeds, tuple):
         return block.seeds
     purpose = f"layouts-{number}-{block.name}-session-{session}"

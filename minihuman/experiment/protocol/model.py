@@ -37,7 +37,7 @@ MAX_SEED = 2**63 - 1  # TOML's integers are 64-bit signed
 
 
 class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The study as a whole."""
+    """The settings of the study as a whole."""
 
     name: str  # lower-case letters, digits, "-" and "_": it names a folder
     version: str
@@ -53,7 +53,7 @@ class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class KeysSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The keys that participants may find their actions on."""
+    """The keys to which a participant's actions can be assigned."""
 
     pool: tuple[str, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")  # physical keys, study/keys.py
     spare_keys: SpareKeyPolicy = "ignore"  # pool keys left over: nothing happens, or a block's distractors

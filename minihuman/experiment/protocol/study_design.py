@@ -49,7 +49,7 @@ class ExperimentDesign:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """The levels compared within participants."""
+        """The levels of the factor "condition", which is compared within participants."""
         return self.levels("condition")
 
     @property
