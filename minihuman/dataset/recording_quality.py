@@ -1,4 +1,4 @@
-"""Recording quality of a session: late and missing frames, pauses, displays; and an outline of its plan for reports."""
+"""Recording quality of a session (late and missing frames, pauses, displays), and an outline of its plan."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _SOFTWARE = (
 
 @dataclass(frozen=True, slots=True)
 class RecordingQuality:
-    """The recording quality of one session. Times in ms; NaN where there was nothing to measure."""
+    """The recording quality of one session. Times are in milliseconds; NaN where nothing could be measured."""
 
     participant: str
     session: int
@@ -67,7 +67,7 @@ class PlanOutline(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, plan: SessionPlan) -> "PlanOutline":
-        """Outline a plan."""
+        """Outline a session's plan."""
         first: dict[str, EpisodePlan] = {}
         for episode in plan.episodes:
             first.setdefault(episode.block_name, episode)
@@ -92,7 +92,7 @@ class PlanOutline(msgspec.Struct, frozen=True):
 
 
 def measure_recording_quality(log: SessionLog) -> RecordingQuality:
-    """Measure one session's recording."""
+    """Measure the recording quality of one session."""
     waited_ms = [np.asarray(segment.keys.column("waited_ns")) / _NS_PER_MS for segment in log.segments]
     down = [np.asarray(segment.keys.column("down"), bool) for segment in log.segments]
     pressed = _concatenate(segment_waits_ms[is_down] for segment_waits_ms, is_down in zip(waited_ms, down, strict=True))
@@ -126,13 +126,13 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
 
 
 def _list_station_facts(log: SessionLog, names: Sequence[str]) -> tuple[dict[str, str], ...]:
-    """List some facts of the stations that a session's segments were played at, each distinct one once."""
+    """List the named facts of the stations on which the session's segments were played, without duplicates."""
     station_facts = [{name: segment.facts[name] for name in names if name in segment.facts} for segment in log.segments]
     return tuple(facts for place, facts in enumerate(station_facts) if facts not in station_facts[:place])
 
 
 def list_key_to_flip_ms(log: SessionLog) -> NDArray[np.float64]:
-    """List the times from each step's key to the first flip of its picture, in ms, of all episodes."""
+    """List the times in milliseconds from each step's key to the first flip of its picture, over all episodes."""
     return _concatenate(_key_to_flip_ms(episode) for episode in log.episodes)
 
 
@@ -141,13 +141,16 @@ def _concatenate(parts: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
 
 
 def _count_missing_pictures(episode: EpisodeLog) -> int:
-    """Count an episode's pictures that were not shown; the reset has one too."""
+    """Count an episode's pictures that were never shown, including the picture of the reset."""
     shown_steps = set(np.asarray(episode.frames.column("step")).tolist())
     return len(episode.actions) + 1 - len(shown_steps)
 
 
 def _count_periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
-    """Count the periods between each step and the next, in real time without a pause; [] where keys make the steps."""
+    """Count the step periods from each real-time step to the next, without steps around a pause.
+
+    The array is empty if keys make the steps.
+    """
     if episode.plan.pace != "real_time" or episode.plan.noop is None:
         return np.empty(0, np.int64)
     made_ns = episode.t_ns[1:]
@@ -160,7 +163,7 @@ def _count_periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> ND
 
 
 def _key_to_flip_ms(episode: EpisodeLog) -> NDArray[np.float64]:
-    """List the times from each step's key to the first flip of its picture, where there was a key and a picture."""
+    """List the times in milliseconds from a step's key to the first flip of its picture, for steps that have both."""
     # backwards: of several pictures of a step the first is kept
     steps, flips_ns = (np.asarray(episode.frames.column(name), np.int64)[::-1] for name in ("step", "flip_ns"))
     is_done = (steps > 0) & (steps <= len(episode.actions))  # a log may break off between a picture and its step
