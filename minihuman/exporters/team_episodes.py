@@ -1,7 +1,8 @@
-"""Export episodes of teams with all bodies: PettingZoo-style episodes, and Overcooked-AI's trajectories for kitchens.
+"""Export episodes of teams with all bodies: PettingZoo-style episodes, and Overcooked-AI trajectories of kitchens.
 
-An episode is written once, from the first of its members' logs; each is played again from seed and joint actions, and
-its last state compared with the log. Rows of one body have no place in these formats and are left out.
+A team's episode is written once, from the first of its members' logs. Each episode is replayed from its seed and joint
+actions, and its last state is compared with the log. These formats have no place for episodes with a single body, which
+are excluded.
 """
 
 import json
@@ -27,10 +28,10 @@ NO_TEAM = "was played by one body"
 
 
 def export_pettingzoo(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write a folder per world: ``episodes.jsonl``, a line an episode, and each one's observations as ``.npz``.
+    """Write a folder per world, with a line per episode in ``episodes.jsonl`` and a file of observations per episode.
 
-    Agents are named as PettingZoo's parallel API names them, ``body_0`` for the first. Observations of body i
-    are ``body_i`` of the file, (steps + 1, ...); actions and rewards are lists by step, by agent.
+    Agents have the names of PettingZoo's parallel API, beginning with ``body_0``. The array ``body_i`` in an episode's
+    ``.npz`` file holds the observations of body i, (steps + 1, ...); actions and rewards are lists by step and agent.
 
     Raises:
         ExportError: if an episode does not replay.
@@ -87,10 +88,10 @@ def _describe_team_episode(included: IncludedEpisode, team: TeamRecord, agents: 
 
 
 def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write kitchens as Overcooked-AI's trajectories: a JSON file per layout and rules.
+    """Write kitchens as Overcooked-AI trajectories: one JSON file per layout and version of the rules.
 
-    ``AgentEvaluator.load_traj_from_json`` reads each, and Overcooked-AI steps those of the rules of 1.1.0 to the same
-    states. A kitchen that a protocol draws is named by its floor plan.
+    ``AgentEvaluator.load_traj_from_json`` reads each file, and Overcooked-AI reproduces the states of kitchens that
+    follow the rules of 1.1.0. A kitchen that a protocol defines is named by its floor plan.
 
     Raises:
         ExportError: if an episode does not replay.
@@ -138,7 +139,7 @@ _LETTERS = " PXOTDS"  # of Overcooked-AI's layouts, by our terrain
 def _describe_trajectory(
     included: IncludedEpisode, team: TeamRecord, kitchen: "Kitchen", layout_name: str, states: list[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Describe an episode as a trajectory of Overcooked-AI; ``states`` are the kitchen's at each step."""
+    """Describe an episode as an Overcooked-AI trajectory; ``states`` are the kitchen's states at each step."""
     rewards = team.rewards[:, 0].astype(int).tolist()
     n = len(rewards)
     params = {
@@ -161,7 +162,7 @@ def _describe_trajectory(
 
 
 def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
-    """Describe a kitchen's state in Overcooked-AI's words, as its ``OvercookedState.to_dict``."""
+    """Describe a kitchen's state in the form of Overcooked-AI's ``OvercookedState.to_dict``."""
     from minihuman.worlds.grid.core import kitchen_rules as rules
 
     row = kitchen.row
@@ -220,7 +221,7 @@ def _terrain(kitchen: "Kitchen") -> list[list[str]]:
 
 
 def _team_episodes(chosen: IncludedEpisodes, left_out: list[str]) -> Iterator[tuple[IncludedEpisode, TeamRecord]]:
-    """Yield every team's episode once; what else there is goes into ``left_out``."""
+    """Yield every team's episode once; add a line to ``left_out`` for each episode of a single body."""
     known_keys = set()
     for item in chosen:
         team = item.episode.team
@@ -235,10 +236,10 @@ def _team_episodes(chosen: IncludedEpisodes, left_out: list[str]) -> Iterator[tu
 
 
 def _play(item: IncludedEpisode) -> Iterator[World]:
-    """Yield the world at each state of an episode, the reset's first.
+    """Replay an episode, yielding the world at each state, beginning with the reset.
 
     Raises:
-        ExportError: if it cannot be made here, or ends in another state than in the log.
+        ExportError: if the world cannot be created here, or the last state differs from the log.
     """
     episode = item.episode
     try:
