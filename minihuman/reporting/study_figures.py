@@ -147,7 +147,7 @@ def draw_reaction_times(times: pd.DataFrame, results: Results, out: Path) -> Ite
         shares = shares.div(shares.sum(axis=1), axis=0)
         groups = {group: shares.loc[group].to_numpy(float) for group in results.order if group in shares.index}
         edges_ms = 2.0 ** (np.arange(bins.start, bins.stop + 1) / _BINS_PER_OCTAVE)
-        stem = out / f"{block.block}draw_reaction_times"
+        stem = out / f"{block.block}_reaction_times"
         title = name_measure("reaction times", block.block)
         png, _ = draw_figure_files(stem, "estimation.reaction_time_figure", groups, edges_ms, title=title)
         caption = (
