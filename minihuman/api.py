@@ -96,15 +96,13 @@ def run(
         window: the kind of window: ``auto``, ``pygame``, ``pyglet`` or a plug-in's name.
         fullscreen: whether to use the whole screen instead of a window.
         lsl: whether to send markers through the Lab Streaming Layer.
-        isolate_worlds: whether to run third-party worlds in separate processes; worlds of teams stay in this process.
-        trust: whether to trust the protocol's folder from now on and run its Python; or a function that is called with
-            this question.
+        isolate_worlds: whether to run third-party worlds in separate processes; worlds of teams stay in this one.
+        trust: whether to trust the protocol's folder from now on and run its Python, or a function that asks this.
         on_progress: called with a text about what is being prepared; "" when the window is about to open.
-        on_start: called with a text about participants who have a slot and no log, then, once the slot is taken, with a
-            text about the participant who begins.
+        on_start: called with a line on slots without a log, then, once the slot is taken, a line on the participant.
 
     Returns:
-        The path of the session's log; None if the session ended before anything had to be recorded, so the slot stays
+        The path of the session's log; None if the session ended before anything had to be recorded, so the slot is
         free.
 
     Raises:
@@ -361,14 +359,10 @@ def export(
         study: a study's folder, or one log.
         out: the path of a folder that does not exist yet.
         selection: the rule for which sessions and episodes are included.
-        stored_frames: whether to take the observations from the logs instead of replaying the episodes; both are
-            checked by hash.
-        with_messages: whether an archive such as BIDS also includes logs that hold messages between participants.
+        stored_frames: whether to take observations from the logs instead of replaying; both are checked by hash.
+        with_messages: whether an archive such as BIDS includes logs that hold messages between participants.
         engine: "local" to read logs for tables in processes of this machine, or "ray" to read them in a Ray cluster.
         on_progress: called with the path of each log.
-
-    Returns:
-        A summary of what was written.
 
     Raises:
         ExportError: if the format is unknown, the folder exists, nothing is included, or an episode does not replay.
@@ -416,9 +410,6 @@ def report(
         selection: the rule for which sessions and episodes are included.
         template: a folder with a ``report.html.j2`` or ``report.css`` to use instead of the package's own.
         scripts: ``r`` and ``python``, to write mixed models as ``analysis.R`` and ``analysis.py`` beside the tables.
-
-    Returns:
-        A summary of what was written.
 
     Raises:
         LogError: if there is no such folder.

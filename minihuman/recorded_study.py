@@ -205,8 +205,14 @@ class Episode:
                 observation = copy.deepcopy(world.observation)  # as a world may use its arrays again
                 change = world.step(int(action))
                 observation_hash = change.observation_hash
-                ended = bool(recorded.terminated[place]), bool(recorded.truncated[place])
-                yield ReplayedStep(place + 1, observation, recorded.start.action_names[action], change.reward, *ended)
+                yield ReplayedStep(
+                    step=place + 1,
+                    observation=observation,
+                    action=recorded.start.action_names[action],
+                    reward=change.reward,
+                    terminated=bool(recorded.terminated[place]),
+                    truncated=bool(recorded.truncated[place]),
+                )
             self._compare(observation_hash, self.steps)
 
     def figure(self) -> "Figure":

@@ -43,10 +43,8 @@ def verify(
         manifest: a digest or a manifest file, with which the files are compared instead of being replayed.
         trust: whether to trust the modules of the logs' worlds from now on.
         policies: whether to compare the agents' actions with their policy files, too.
-        tables: whether to recompute every table of the study folders from their logs and compare the caches, instead of
-            replaying.
-        outputs: the folders of reports and of CSV and Parquet exports made under the default selection, to be compared
-            with the recomputed tables.
+        tables: whether to recompute the tables of study folders and compare the caches, instead of replaying logs.
+        outputs: folders of reports and exports (CSV, Parquet) of the default selection to compare with these tables.
         engine: "local" to replay many logs in processes of this machine, or "ray" to replay them in a Ray cluster.
 
     Yields:

@@ -88,8 +88,10 @@ def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[Due
         if slot.participant in replaced:
             continue
         last = latest_sessions.get(slot.participant)
-        if (session := unreadable.get(slot.participant, 0)) > (0 if last is None else last.session):
-            due_sessions.append(DueSession(slot.participant, slot.group, session, "unreadable"))
+        last_readable = 0 if last is None else last.session
+        last_unreadable = unreadable.get(slot.participant, 0)
+        if last_unreadable > last_readable:
+            due_sessions.append(DueSession(slot.participant, slot.group, last_unreadable, "unreadable"))
         elif last is None:
             due_sessions.append(DueSession(slot.participant, slot.group, 1, "never came"))
         elif not last.complete:

@@ -25,7 +25,9 @@ from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, load_
 from minihuman.worlds.adapters.world import World
 
 NARROWEST_SCREEN_PX = (1024, 768)  # the narrowest screen that a study is likely to meet
-_LONGEST_TITLE = 1.25  # of the height
+_MEASURED_HEIGHT_PX = 1000  # a screen's height, at which titles are measured
+_SMALLEST_TYPE_PX = 25  # on a screen of that height
+_LONGEST_TITLE = 1.25  # in heights of the screen
 
 
 def require_legible(protocol: Protocol, source: str) -> None:
@@ -126,7 +128,8 @@ def _too_long(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> I
                 if not question_fits(empty, NARROWEST_SCREEN_PX):
                     yield f"{part.name}, question {item.name!r}: {_does_not_fit(item.ask)}"
     for title in _titles(part):
-        if measure_width_px(title, faces, 25) / 1000 > _LONGEST_TITLE:  # in the smallest type, by the height
+        width = measure_width_px(title, faces, _SMALLEST_TYPE_PX) / _MEASURED_HEIGHT_PX
+        if width > _LONGEST_TITLE:
             yield f"{part.name}, title: is too long for one line: {title[:40]!r}; shorten it"
 
 

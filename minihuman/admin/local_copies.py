@@ -89,8 +89,6 @@ def erase_local_copy(study_dir: Path, code: str) -> list[Exception]:
 def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -> bool:
     """Erase one participant's data here and report it; return False if anything is left."""
     from minihuman.admin.recorded_outputs import note_withdrawal
-    from minihuman.admin.remote_logs import delete_remote_logs
-    from minihuman.dataset.remote_tables import delete_remote_tables
 
     if any(is_being_recorded(part) for part in (study_dir / code).rglob(f"*{PART_SUFFIX}")):
         say(f"{code} has withdrawn, but a session of theirs is running here; it is erased once it has ended")
@@ -98,11 +96,8 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
     has_data = (study_dir / code).exists()
     _record_departure(study_dir, code)
     errors = erase_local_copy(study_dir, code)
-    for erase_elsewhere in (delete_remote_logs, delete_remote_tables) if ask_store else ():
-        try:
-            erase_elsewhere(study_dir, code)
-        except (OSError, MinihumanError) as error:
-            errors.append(error)
+    if ask_store:
+        errors += _erase_remote_copies(study_dir, code)
     try:
         for line in note_withdrawal(study_dir, code):
             say(line)
@@ -115,6 +110,20 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
     if has_data and not errors:
         say(f"{code} has withdrawn: their data were erased on this machine")
     return not errors
+
+
+def _erase_remote_copies(study_dir: Path, code: str) -> list[Exception]:
+    """Erase a participant's logs and tables from their remote stores; return the errors."""
+    from minihuman.admin.remote_logs import delete_remote_logs
+    from minihuman.dataset.remote_tables import delete_remote_tables
+
+    errors: list[Exception] = []
+    for erase_remotely in (delete_remote_logs, delete_remote_tables):
+        try:
+            erase_remotely(study_dir, code)
+        except (OSError, MinihumanError) as error:
+            errors.append(error)
+    return errors
 
 
 def _record_departure(study_dir: Path, code: str) -> None:

@@ -44,8 +44,7 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
     """Summarize a session from the messages of its log and segments, given in order.
 
     Raises:
-        LogError: if a file cannot be opened, is not a session log, has another schema version, is damaged, or holds no
-            plan.
+        LogError: if a file cannot be opened, is damaged, is not a session log of this schema version, or holds no plan.
     """
     readings = [LogReader(file) for file in files]
     tally = _SessionTally()
@@ -247,24 +246,28 @@ def recover_logs(paths: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[R
             logs = list(find_leftovers(path))
         for log in logs:
             try:
-                if not log.name.endswith(PART_SUFFIX) and (added := _add_missing_heads(log)):
-                    outcome = f"whole; {added} chain heads added to the enrolment log"
-                    _record_recovery(log, outcome, note)
-                    yield RecoveryResult(f"{log}: {outcome}")
-                    continue
-                if log.name.endswith(PART_SUFFIX):
-                    finished = _recover(log)
-                else:
-                    finished = repair_log(log)
-                if finished is None:
-                    yield RecoveryResult(f"{log}: another server has gone on with this session, so it was put aside")
-                    continue
-                if finished.readable:
-                    record_log_end(finished.path)
-                    _record_recovery(finished.path, f"ended: {finished.end_reason}; {finished.damage}", note)
-                yield RecoveryResult(finished.describe(), finished.damaged)
+                yield _recover_and_record(log, note)
             except MinihumanError as error:
                 yield error
+
+
+def _recover_and_record(log: Path, note: AuditNote) -> RecoveryResult:
+    """Recover one log, record the recovery in the enrolment log, and return the result."""
+    if log.name.endswith(PART_SUFFIX):
+        finished = _recover(log)
+    else:
+        added = _add_missing_heads(log)
+        if added:
+            outcome = f"whole; {added} chain heads added to the enrolment log"
+            _record_recovery(log, outcome, note)
+            return RecoveryResult(f"{log}: {outcome}")
+        finished = repair_log(log)
+    if finished is None:
+        return RecoveryResult(f"{log}: another server has gone on with this session, so it was put aside")
+    if finished.readable:
+        record_log_end(finished.path)
+        _record_recovery(finished.path, f"ended: {finished.end_reason}; {finished.damage}", note)
+    return RecoveryResult(finished.describe(), finished.damaged)
 
 
 def _recover(part: Path) -> FinalizedLog | None:

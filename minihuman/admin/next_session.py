@@ -82,11 +82,7 @@ def plan_next_session(
         entry = DayOverridden(enrolled.id, session, now_text(), note.reason, note.experimenter)
         record_intervention(study_dir, entry)
     folder = session_folder(data, protocol.study.name, enrolled.id, session)
-    for part in find_leftovers(folder):
-        if (finished := recover_log(part, publish)).readable:
-            record_missing_heads(finished.path)
-            recovered = LogRecovered(finished.path.name, now_text(), f"ended: {finished.end_reason}", "resumed")
-            record_intervention(study_dir, recovered)
+    _finish_leftovers(folder, study_dir, publish)
     if folder.is_dir() and list_sessions(folder):
         return _plan_rest(read_log(folder))
     if protocol.allocation.stratify_by and session == 1:
@@ -94,6 +90,16 @@ def plan_next_session(
     return expand_protocol(
         protocol, enrolled, session=session, overridden=slot.overridden, outcome_rules=slot.outcome_rules
     )
+
+
+def _finish_leftovers(folder: Path, study_dir: Path, publish: Callable[[Path], None]) -> None:
+    """Finish the truncated logs in a session's folder, and record this in the enrolment log."""
+    for part in find_leftovers(folder):
+        finished = recover_log(part, publish)
+        if finished.readable:
+            record_missing_heads(finished.path)
+            recovered = LogRecovered(finished.path.name, now_text(), f"ended: {finished.end_reason}", "resumed")
+            record_intervention(study_dir, recovered)
 
 
 def plan_drawn_session(protocol: Protocol, data: Path, undrawn: SessionPlan, stratum: str) -> SessionPlan:

@@ -164,9 +164,11 @@ def _refresh(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple[list
     fresh = list[str]()
     gone = list[str]()
     present = 0
-    for log, files in _sessions_below(find_log_folders(study) if folders is None else folders):
+    if folders is None:
+        folders = find_log_folders(study)
+    for log, files in _sessions_below(folders):
         key = os.fspath(log)[below:]
-        present = present + 1
+        present += 1
         known = msgspec.msgpack.decode(rows[key])[0] if key in rows else ""
         described = _describe(files, known)
         if not is_same_content(described, known):

@@ -127,7 +127,9 @@ def _erase_everywhere(study_dir: Path, code: str) -> int | None:
 def _explain_leftovers(study_dir: Path, code: str, errors: list[Exception]) -> MinihumanError:
     distinct = list(dict.fromkeys(map(str, errors)))
     unnamed = len(distinct) - MAX_REASONS
-    reasons = "; ".join(distinct[:MAX_REASONS]) + (f"; and {unnamed} more" if unnamed > 0 else "")
+    reasons = "; ".join(distinct[:MAX_REASONS])
+    if unnamed > 0:
+        reasons += f"; and {unnamed} more"
     if all(isinstance(error, RemoteStoreError) for error in errors):
         return RemoteStoreError(
             f"{code} has withdrawn, and their data are gone from {study_dir}, but {reasons}; run the command again "

@@ -59,7 +59,7 @@ class KnownLog(NamedTuple):
 def build_cached_session(session: SessionRows) -> CachedSession:
     """Build a session's cache entry. Its path stays empty, because the cache's key holds the path."""
     account = session.account
-    versions = tuple((*whose, count) for whose, count in account.versions.items())
+    versions = tuple((study, version, count) for (study, version), count in account.versions.items())
     outline: PlanOutline | None = None
     quality: RecordingQuality | None = None
     if session.rows.count("participants"):

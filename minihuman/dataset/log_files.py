@@ -82,14 +82,12 @@ def list_readable_logs(
 ) -> tuple[list[Path], list[SkippedLog]]:
     """List the log itself, or every session below a folder once, in the order of paths; and list the logs to skip.
 
-    A session in several segments is represented by its folder, so that the segments are read together. If several logs
-    belong to the same session, the one in the session's regular place is read. The logs of participants who withdrew
-    are skipped.
+    A session in several segments is listed as its folder, so that they are read together. Of several logs of a session,
+    the one in its regular place is listed. The logs of participants who withdrew are skipped.
 
     Args:
         source: the log or folder.
-        read_metadata: a function that returns a log's first metadata, given the log's path and the path of its first
-            file.
+        read_metadata: a function that returns a log's first metadata, given the log's path and its first file.
 
     Raises:
         LogError: if there is no such file or folder.

@@ -137,8 +137,8 @@ def turns_in_place(episode: EpisodeLog) -> NDArray[np.void]:
 
 def _measure_strides(poses: PoseArray) -> NDArray[np.float64]:
     """Return the distance from each position to the next, shape (n,)."""
-    moved = poses[1:] - poses[:-1]
-    return np.asarray(np.hypot(moved[:, 0], moved[:, 2]))
+    displacements = poses[1:] - poses[:-1]
+    return np.asarray(np.hypot(displacements[:, 0], displacements[:, 2]))
 
 
 def _turned_rad(poses: PoseArray) -> NDArray[np.float64]:
@@ -150,12 +150,13 @@ def _turned_rad(poses: PoseArray) -> NDArray[np.float64]:
 def _find_turns(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Find the runs of turning in place: each run's first row, its last row, and the number of steps that turned."""
     still = _measure_strides(poses) < _STILL
-    between = np.concatenate([[False], still, [False]])
-    edges = np.flatnonzero(between[1:] != between[:-1]).reshape(-1, 2)
+    bounded = np.concatenate([[False], still, [False]])
+    edges = np.flatnonzero(bounded[1:] != bounded[:-1]).reshape(-1, 2)  # first and last row of each run
     turned = still & (np.abs(_turned_rad(poses)) > _STILL)
-    before = np.concatenate([[0], np.cumsum(turned)])  # steps that turned, up to each row
-    steps = before[edges[:, 1]] - before[edges[:, 0]]
-    return edges[steps > 0, 0], edges[steps > 0, 1], steps[steps > 0]
+    turns_until_row = np.concatenate([[0], np.cumsum(turned)])
+    steps = turns_until_row[edges[:, 1]] - turns_until_row[edges[:, 0]]
+    has_turn = steps > 0
+    return edges[has_turn, 0], edges[has_turn, 1], steps[has_turn]
 
 
 def excess_steps(steps: int, best: int | None, *, success: bool) -> float | None:

@@ -71,19 +71,22 @@ class PlanOutline(msgspec.Struct, frozen=True):
         first: dict[str, EpisodePlan] = {}
         for episode in plan.episodes:
             first.setdefault(episode.block_name, episode)
+        stratified_by = ""
+        if plan.participant.stratum:
+            stratified_by = decode_logged_protocol(plan.protocol_toml).allocation.stratify_by
         return cls(
-            plan.study,
-            plan.study_version,
-            plan.protocol_sha256,
-            plan.study_seed,
-            plan.participant.id,
-            plan.participant.group,
-            plan.session,
-            plan.overridden,
-            tuple(first.values()),
-            plan.participant.stratum,
-            decode_logged_protocol(plan.protocol_toml).allocation.stratify_by if plan.participant.stratum else "",
-            tuple(
+            study=plan.study,
+            version=plan.study_version,
+            protocol_sha256=plan.protocol_sha256,
+            seed=plan.study_seed,
+            participant=plan.participant.id,
+            group=plan.participant.group,
+            session=plan.session,
+            by_hand=plan.overridden,
+            blocks=tuple(first.values()),
+            stratum=plan.participant.stratum,
+            stratified_by=stratified_by,
+            computed=tuple(
                 plan.episodes[part.plan.first].block_name
                 for part in plan.parts
                 if isinstance(part.plan, PlayPlan) and part.plan.computed == "page"

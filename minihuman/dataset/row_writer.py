@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice
-from typing import Any
+from typing import NamedTuple
 
 import msgspec
 import pyarrow as pa
@@ -25,6 +25,16 @@ _INCLUDED_SESSIONS = """
     WHERE log IN (SELECT unnest(?))
     AND log NOT IN (SELECT log FROM kept.participants WHERE exclusion_reason IS NOT NULL)
 """
+
+
+class _LogLine(NamedTuple):
+    """The columns of a log in the table of logs that are known before its rows are inserted."""
+
+    key: str
+    fingerprint: str
+    metadata: bytes
+    about: bytes
+    facts: bytes | None
 
 
 class RowWriter:
@@ -107,13 +117,18 @@ class RowWriter:
 
         Only few sessions are in memory at a time.
         """
-        lines: dict[int, tuple[Any, ...]] = {}
+        lines: dict[int, _LogLine] = {}
 
         def list_rows() -> Iterator[tuple[int, SessionTables]]:
             for number, ((key, log), session) in sessions:
                 cached_session, facts = self._describe(session)
-                encoded = msgspec.msgpack.encode(log.metadata), msgspec.msgpack.encode(cached_session)
-                lines[number] = (key, log.fingerprint, self._with_shortest, *encoded, facts)
+                lines[number] = _LogLine(
+                    key=key,
+                    fingerprint=log.fingerprint,
+                    metadata=msgspec.msgpack.encode(log.metadata),
+                    about=msgspec.msgpack.encode(cached_session),
+                    facts=facts,
+                )
                 if not isinstance(session, SkippedLog):
                     yield number, session.rows
 
@@ -121,7 +136,19 @@ class RowWriter:
         none = [0] * len(TABLES)
         self._tables.connection.executemany(
             "INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?, ?, ?, NULL)",
-            [(number, *line[:3], digests.get(number, none), *line[3:]) for number, line in lines.items()],
+            [
+                (
+                    number,
+                    line.key,
+                    line.fingerprint,
+                    self._with_shortest,
+                    digests.get(number, none),
+                    line.metadata,
+                    line.about,
+                    line.facts,
+                )
+                for number, line in lines.items()
+            ],
         )
         self._digest_logs()
 

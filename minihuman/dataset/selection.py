@@ -327,12 +327,9 @@ class Selection:
     ) -> SelectedSession:
         """Decide for each of a session's episodes whether it is selected and whether it is included.
 
-        The protocol's rules are applied to the whole session, whichever part of it is selected.
-
-        Args:
-            log: the session.
-            measured: the session's measures, if they have been computed already.
-            marks: the session's annotations; by default they are read from the file beside the log.
+        The protocol's rules are applied to the whole session, whichever part of it is selected. ``measured`` holds the
+        session's measures, if they have been computed; ``marks`` by default are read from the annotation file beside
+        the log.
 
         Raises:
             LogError: if the annotations beside the log are not valid.

@@ -52,10 +52,7 @@ def build_context_rows(
     *,
     is_selected: bool = True,
 ) -> dict[str, RowBatch]:
-    """Build the rows of the tables that describe a session's context; all are empty if the session is not selected.
-
-    The tables "starts" and "frames" cover the given episodes only.
-    """
+    """Build the context tables' rows, none of a session not selected; starts and frames are of ``episodes``."""
     if not is_selected:
         return dict.fromkeys(_TABLE_BUILDERS, RowBatch(0, {}))
     attempts = Counter(episode.number for episode in log.episodes)
@@ -230,7 +227,10 @@ def build_activity_rows(
         for event_type, maker in table.event_rows.items():
             makers[event_type].append((table.name, maker))
     rows: dict[str, list[TableRow]] = {table.name: [] for table in tables}
-    for segment in log.segments if is_selected else ():
+    segments = log.segments
+    if not is_selected:
+        segments = ()
+    for segment in segments:
         for event in segment.part_events:
             for name, make in makers.get(type(event), ()):
                 row = make(event, log)

@@ -172,12 +172,12 @@ def read_session_rows(log: SessionLog, *, selection: Selection, with_shortest: b
     session = selection.judge(log, measured=measured)
     facts = tuple(build_episode_facts(log, episode) for episode in session.episodes)
     return SessionRows(
-        log.path,
-        log.plan,
-        build_session_tables(session, measured),
-        facts,
-        _account(session),
-        measure_recording_quality(log),
+        path=log.path,
+        plan=log.plan,
+        rows=build_session_tables(session, measured),
+        facts=facts,
+        account=_account(session),
+        quality=measure_recording_quality(log),
     )
 
 

@@ -35,6 +35,7 @@ from minihuman.worlds.adapters.world import World
 from minihuman.worlds.observation_spaces import find_mismatch
 
 _CHARACTERS = frozenset(string.printable)
+_MIN_PICTURE_PX = 32  # a smaller array is taken for an encoded grid
 
 
 def stack_observations(observations: Sequence[Any]) -> Any:
@@ -80,7 +81,7 @@ def is_picture(space: gymnasium.Space[Any]) -> bool:
         and space.dtype == np.uint8
         and len(space.shape) == 3
         and space.shape[2] == 3
-        and min(space.shape[:2]) >= 32
+        and min(space.shape[:2]) >= _MIN_PICTURE_PX
     )
 
 

@@ -33,6 +33,7 @@ from minihuman.log.observations import encode_png
 
 DATASET_VERSION = "1.0.0"
 SHARD_BYTES = 200 * 1024 * 1024
+_CRC_MASK_DELTA = 0xA282EAD8  # of the TFRecord format
 _PYTHON = "tensorflow_datasets.core.features."
 
 
@@ -229,4 +230,5 @@ def _frame(record: bytes) -> bytes:
 
 def _checksum(content: bytes) -> bytes:
     crc = google_crc32c.value(content)
-    return struct.pack("<I", ((crc >> 15 | crc << 17) + 0xA282EAD8) & 0xFFFFFFFF)
+    rotated = crc >> 15 | crc << 17
+    return struct.pack("<I", (rotated + _CRC_MASK_DELTA) & 0xFFFFFFFF)

@@ -90,8 +90,8 @@ def _describe_team_episode(included: IncludedEpisode, team: TeamRecord, agents: 
 def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write kitchens as Overcooked-AI trajectories: one JSON file per layout and version of the rules.
 
-    ``AgentEvaluator.load_traj_from_json`` reads each file, and Overcooked-AI reproduces the states of kitchens that
-    follow the rules of 1.1.0. A kitchen that a protocol defines is named by its floor plan.
+    ``AgentEvaluator.load_traj_from_json`` reads each file, and Overcooked-AI reproduces the states under the rules of
+    1.1.0. A kitchen that a protocol defines is named by its floor plan.
 
     Raises:
         ExportError: if an episode does not replay.
@@ -114,8 +114,7 @@ def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
             continue
         names = (name for name, layout in KITCHENS.items() if layout == kitchen.layout)
         layout_name = next(names, kitchen.layout.plan)
-        name = "".join(letter if letter.isalnum() else "_" for letter in layout_name)
-        name += "_2019" * (kitchen.rules == "2019")
+        name = _name_trajectories(layout_name, kitchen.rules)
         trajectory = _describe_trajectory(item, team, kitchen, layout_name, states)
         columns = files.setdefault(name, {key: [] for key in trajectory})
         for key, part in trajectory.items():
@@ -129,11 +128,25 @@ def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     return ExportResult(tuple(paths), episodes, steps, left_out=tuple(left_out))
 
 
+def _name_trajectories(layout_name: str, rules: str) -> str:
+    """Return a file name without suffix: the layout's name, with the rules if they are those of 2019."""
+    name = "".join(letter if letter.isalnum() else "_" for letter in layout_name)
+    if rules == "2019":
+        return f"{name}_2019"
+    return name
+
+
 ORIENTATIONS = ((0, -1), (0, 1), (1, 0), (-1, 0))  # Overcooked-AI's vectors, by our direction: up, down, right, left
 ACTIONS = (*ORIENTATIONS, (0, 0), "interact")  # by our action
 _THINGS = ("", "onion", "tomato", "dish", "soup")
 _INGREDIENTS = {"o": "onion", "t": "tomato"}
 _LETTERS = " PXOTDS"  # of Overcooked-AI's layouts, by our terrain
+_COOK_SIZE = 4  # numbers of a cook in a kitchen's row: column, line, direction, held thing
+_KIND_MASK = 7  # a thing's lowest three bits; of a soup, onions, tomatoes and clock follow
+_INGREDIENT_MASK = 3
+_ONIONS_SHIFT = 3
+_TOMATOES_SHIFT = 5
+_CLOCK_SHIFT = 7
 
 
 def _describe_trajectory(
@@ -167,19 +180,19 @@ def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
 
     row = kitchen.row
     width, height, cooks = row[:3].tolist()
-    cells = row[rules.COOK + 4 * cooks + width * height :].reshape(width, height)
-    times = row[rules.TIMES : rules.TIMES + 16].tolist()
+    cells = row[rules.COOK + _COOK_SIZE * cooks + width * height :].reshape(width, height)
+    times = row[rules.TIMES : rules.COOK].tolist()
 
     def thing(number: int, position: list[int]) -> dict[str, Any] | None:
-        kind = number & 7
+        kind = number & _KIND_MASK
         if not kind:
             return None
         described = {"name": _THINGS[kind], "position": position}
         if kind != rules.SOUP:
             return described
-        onions = number >> 3 & 3
-        tomatoes = number >> 5 & 3
-        clock = (number >> 7) - 1
+        onions = number >> _ONIONS_SHIFT & _INGREDIENT_MASK
+        tomatoes = number >> _TOMATOES_SHIFT & _INGREDIENT_MASK
+        clock = (number >> _CLOCK_SHIFT) - 1
         inside = ["onion"] * onions + ["tomato"] * tomatoes
         time = times[onions + 4 * tomatoes]
         return described | {
@@ -194,7 +207,7 @@ def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
 
     players = []
     for cook in range(cooks):
-        x, y, direction, held_number = row[rules.COOK + 4 * cook :][:4].tolist()
+        x, y, direction, held_number = row[rules.COOK + _COOK_SIZE * cook :][:_COOK_SIZE].tolist()
         held_object = thing(held_number, [x, y])
         players.append({"position": [x, y], "orientation": list(ORIENTATIONS[direction]), "held_object": held_object})
     objects = [thing(int(cells[x, y]), [x, y]) for x, y in np.argwhere(cells).tolist()]
@@ -216,7 +229,7 @@ def _terrain(kitchen: "Kitchen") -> list[list[str]]:
     from minihuman.worlds.grid.core import kitchen_rules as rules
 
     width, height, cooks = kitchen.row[:3].tolist()
-    cells = kitchen.row[rules.COOK + 4 * cooks :][: width * height].reshape(width, height)
+    cells = kitchen.row[rules.COOK + _COOK_SIZE * cooks :][: width * height].reshape(width, height)
     return [[_LETTERS[cells[x, y]] for x in range(width)] for y in range(height)]
 
 

@@ -48,6 +48,9 @@ NOT_CALIBRATED = "not calibrated on people: fitted to simulated people and progr
 # so many times in a row, each as near as this, in another session
 _SAME_RUN = 5
 _SAME_MS = 2.0
+_VARIED_MS = 50 * _SAME_MS  # a steadier run, as of a held key, can be the same in two sessions by chance
+_MIN_MS = 0.1  # shorter times count as this, so that each has a logarithm
+_MIN_RATIO = 1e-3  # added to a spread for the same reason
 _ANSWER_AT_ONCE = 40  # characters
 
 
@@ -113,7 +116,7 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
     An empty dict if there are too few intervals.
     """
     known = ~np.isnan(times.intervals_ms)
-    intervals = np.maximum(times.intervals_ms, 0.1)
+    intervals = np.maximum(times.intervals_ms, _MIN_MS)
     if known.sum() < N_INTERVALS:
         return {}
     logs = np.log10(intervals)
@@ -123,19 +126,19 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
     pairs = known[1:] & known[:-1]
     low, middle, high = np.quantile(intervals[known], (0.25, 0.5, 0.75))
     if len(times.holds_ms) >= N_OTHERS:
-        holds_ms = np.maximum(times.holds_ms, 0.1)
+        holds_ms = np.maximum(times.holds_ms, _MIN_MS)
     else:
         holds_ms = np.full(1, np.nan)
     measures = {
         "median": np.log10(middle),
-        "spread": np.log10((high - low) / middle + 1e-3),
+        "spread": np.log10((high - low) / middle + _MIN_RATIO),
         "skewness": np.log10((high - middle + 1.0) / (middle - low + 1.0)),
         "autocorrelation": _correlate(logs[1:][pairs], logs[:-1][pairs]),
         "repetition": _compare(intervals[known & times.same], intervals[known & ~times.same]),
         "first": _compare(times.firsts_ms, intervals[known]),
         "practice": _correlate(scipy.stats.rankdata(intervals[known]), np.arange(known.sum())),
         "hold": np.log10(np.median(holds_ms)),
-        "hold_spread": np.log10(np.ptp(np.quantile(holds_ms, (0.25, 0.75))) / np.median(holds_ms) + 1e-3),
+        "hold_spread": np.log10(np.ptp(np.quantile(holds_ms, (0.25, 0.75))) / np.median(holds_ms) + _MIN_RATIO),
         "overlap": times.overlap,
     }
     return {name: float(value) for name, value in measures.items()}
@@ -150,7 +153,9 @@ def _correlate(first: Array, second: Array) -> float:
 def _compare(first: Array, second: Array) -> float:
     if min(len(first), len(second)) < N_OTHERS:
         return float("nan")
-    return float(np.log10(max(float(np.median(first)), 0.1) / max(float(np.median(second)), 0.1)))
+    first_median = max(float(np.median(first)), _MIN_MS)
+    second_median = max(float(np.median(second)), _MIN_MS)
+    return float(np.log10(first_median / second_median))
 
 
 def place_in_bin(name: str, value: float) -> int:
@@ -297,7 +302,7 @@ def find_same_times(times: list[PressTimes]) -> dict[int, int]:
     for number, press_times in enumerate(times):
         if len(press_times.intervals_ms) >= _SAME_RUN:
             runs = np.lib.stride_tricks.sliding_window_view(press_times.intervals_ms, _SAME_RUN)
-            varied = runs[~np.isnan(runs).any(axis=1) & (np.ptp(np.nan_to_num(runs), axis=1) > 50 * _SAME_MS)]
+            varied = runs[~np.isnan(runs).any(axis=1) & (np.ptp(np.nan_to_num(runs), axis=1) > _VARIED_MS)]
             rows.append(varied)
             owners.append(np.full(len(varied), number))
     owner = np.concatenate(owners)

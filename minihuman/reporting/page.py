@@ -471,10 +471,9 @@ def _show_growth(block: BlockResults, mixed: MixedModel | None) -> dict[str, Any
 
 
 def _mixed_model_table(terms: Sequence[GrowthTerm]) -> Table:
-    """Tabulate the terms of a mixed model, without its Wald intervals and p values.
+    """Tabulate a mixed model's terms, without Wald intervals and p values.
 
-    With groups of 2 and 18 people and standard deviations of 3 to 1, these reject a true null hypothesis in a third of
-    studies.
+    With groups of 2 and 18 people and SDs of 3 to 1, these reject a true null hypothesis in a third of studies.
     """
     return Table(("term", "estimate"), [(term.name, format_number(term.estimate)) for term in terms])
 

@@ -47,16 +47,10 @@ def compute_results(
     trial_levels: pd.DataFrame | None = None,
     design: ExperimentDesign | None = None,
 ) -> Results:
-    """Compute a study's results from its tables.
+    """Compute a study's results from its tables of episodes, blocks and participants.
 
-    Args:
-        episodes: the table of episodes.
-        blocks: the table of blocks.
-        participants: the table of participants.
-        analysis: the analysis that the protocol plans.
-        teams: the table of teams.
-        trial_levels: the measures of trials by level of their labels.
-        design: the design, which assigns blocks to conditions; without it, each block is a condition.
+    ``analysis`` is the protocol's planned analysis, ``teams`` the table of teams, and ``trial_levels`` the measures of
+    trials by level of their labels. ``design`` assigns blocks to conditions; without it each block is a condition.
     """
     units: dict[str, dict[str, str]] = {}
     if teams is not None:

@@ -269,13 +269,13 @@ def _count_costs(logs: Iterable[SessionLog], currency: str) -> dict[str, Costs]:
         calls = [event for event in log.part_events if isinstance(event, ModelCall) and event.state != "asked"]
         if calls:
             session_costs = Costs(
-                len(calls),
-                sum(call.verdict == "invalid" for call in calls),
-                sum(call.state == "unknown" for call in calls),
-                sum(call.prompt_tokens + call.completion_tokens for call in calls),
-                sum(call.price for call in calls),
-                currency,
-                int(log.end_reason == "declined"),
+                calls=len(calls),
+                invalid=sum(call.verdict == "invalid" for call in calls),
+                unknown=sum(call.state == "unknown" for call in calls),
+                tokens=sum(call.prompt_tokens + call.completion_tokens for call in calls),
+                price=sum(call.price for call in calls),
+                currency=currency,
+                declined=int(log.end_reason == "declined"),
             )
             costs[log.player] = costs.get(log.player, Costs()).add(session_costs)
     return costs
@@ -330,16 +330,16 @@ def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: in
     if len(runs["random"].success):
         floor = runs["random"]
     return ScoredPlayer(
-        name,
-        player_rows["run"].nunique(),
-        len(player_rows),
-        len(levels),
-        int((player_rows.merge(shared)["outcome"] == UNFINISHED).sum()),
-        len(player_rows.loc[~player_rows["path_known"]].merge(shared)[_LEVEL].drop_duplicates()),
-        score_player(runs[name], runs[reference], floor, seed=seed, draws=draws),
-        float(player_rows["excess_steps"].mean()),
-        tuple(float(share) for share in player_rows.groupby("episode_in_block")["success"].mean()),
-        costs,
+        player=name,
+        runs=player_rows["run"].nunique(),
+        episodes=len(player_rows),
+        levels=len(levels),
+        unfinished=int((player_rows.merge(shared)["outcome"] == UNFINISHED).sum()),
+        unknown_paths=len(player_rows.loc[~player_rows["path_known"]].merge(shared)[_LEVEL].drop_duplicates()),
+        score=score_player(runs[name], runs[reference], floor, seed=seed, draws=draws),
+        excess_steps=float(player_rows["excess_steps"].mean()),
+        success_by_episode=tuple(float(share) for share in player_rows.groupby("episode_in_block")["success"].mean()),
+        costs=costs,
     )
 
 

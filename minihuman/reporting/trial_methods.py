@@ -46,12 +46,11 @@ def list_shared_options(plan: EpisodePlan, spec: BlockSpec | None) -> dict[str, 
 def describe_trials(plan: EpisodePlan, spec: BlockSpec | None) -> str:
     """Describe a block of trials except for its keys: what was shown, and when."""
     options = "".join(f", {name} = {option!r}" for name, option in sorted(list_shared_options(plan, spec).items()))
+    parts = [f"{_count_trials(plan, spec)} of {plan.world}{options}"]
     stimuli = describe_stimuli(spec)
-    parts = [
-        f"{_count_trials(plan, spec)} of {plan.world}{options}",
-        *([f"stimuli from {stimuli}"] if stimuli else []),
-        *_describe_clock(plan, spec),
-    ]
+    if stimuli:
+        parts.append(f"stimuli from {stimuli}")
+    parts += _describe_clock(plan, spec)
     return "; ".join(parts)
 
 
