@@ -49,15 +49,15 @@ class SlotTaken(msgspec.Struct, frozen=True, omit_defaults=True):
     list_length: int
     index: int
     participant: str
-    group: str  # "" where it is still to be drawn
+    group: str  # "" if it has not been drawn yet
     overridden: bool  # chosen by hand with --participant or --group
     stratum: str = ""
-    slot: int | None = None  # where the group was drawn after an answer: the place in the list
+    slot: int | None = None  # index in the list, if the group was drawn after an answer
     at: str = ""  # ISO 8601 UTC; "" in lines of earlier versions
     reason: str = ""  # of an override
     experimenter: str = ""
-    assigned: GroupAssignment | None = None  # where a design assigned the group
-    outcome_rules: int = 0  # of the whole study, by its first line; 0: it began before there were any
+    assigned: GroupAssignment | None = None  # if a design assigned the group
+    outcome_rules: int = 0  # of the whole study, from its first line; 0 for studies that predate them
 
 
 class GroupDrawn(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -88,7 +88,7 @@ class ParticipantWithdrawn(msgspec.Struct, frozen=True, omit_defaults=True):
 
     withdrawn: str  # the code
     at: str  # ISO 8601 UTC
-    kept: Literal["erased", "sealed"]  # what became of the data
+    kept: Literal["erased", "sealed"]  # whether the data were erased or archived
     reason: str = ""
     experimenter: str = ""
 
@@ -105,7 +105,7 @@ class ParticipantReplaced(msgspec.Struct, frozen=True, omit_defaults=True):
 class SlotFreed(msgspec.Struct, frozen=True, omit_defaults=True):
     """A participant took a slot and left no data: slot and code are free, as if the participant had never come."""
 
-    freed: str  # the code, which the next one gets
+    freed: str  # the code, which the next participant gets
     at: str  # ISO 8601 UTC
     why: str = ""  # why their session ended: "declined", "screened_out", ...; "" in registers of before
 

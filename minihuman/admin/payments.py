@@ -21,7 +21,7 @@ class Payment:
 
     participant: str
     session: int
-    platform: str  # "" for who came by a link, or to the lab
+    platform: str  # "" for participants who came by a link or to the lab
     id: str  # on that platform
     end: str  # why the session ended
     points: float

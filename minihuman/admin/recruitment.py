@@ -76,7 +76,7 @@ class RecruitmentState:
     """The state of recruitment after a number of journal entries."""
 
     issued: set[str] = field(default_factory=set)
-    came: dict[str, str] = field(default_factory=dict)  # by what they came -> participant
+    came: dict[str, str] = field(default_factory=dict)  # participant by link or hashed platform id
     recruiting: bool = True
 
     def take(self, line: RecruitmentEntry) -> None:

@@ -20,8 +20,8 @@ from minihuman.storage.file_journal import FileJournal
 
 ANNOTATIONS_SUFFIX = ".marks.jsonl"
 MAX_SHOWN_DIGITS = 12
-MAX_EPISODES = 1_000_000  # of a session; no plan has as many
-KNOWN_TAGS = ("exclude",)  # those that an output acts on by itself
+MAX_EPISODES = 1_000_000  # per session; no plan has as many
+KNOWN_TAGS = ("exclude",)  # tags that every output obeys by default
 _LOG_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")
 _TAG = re.compile(r"[a-z][a-z0-9_-]*")
 
@@ -38,7 +38,7 @@ class Annotation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     episode: int | None = None
     note: str = ""
     taken_back: bool = False
-    experimenter: str = ""  # the code of the one who made it
+    experimenter: str = ""  # the code of the experimenter who made it
 
 
 def annotations_path(log: Path) -> Path:

@@ -19,15 +19,15 @@ from minihuman.log.salvage.summary_section import read_first_metadata
 class CachedSession(msgspec.Struct, frozen=True):
     """A cached log: its path, how much of it is included, or why it cannot be read."""
 
-    path: str  # "" in the file, which names no folder outside the study
+    path: str  # "" in the cache file, which names no folder outside the study
     problem: str = ""
     study: str = ""
-    blocks: int = 0  # that have an episode that counts
-    outline: PlanOutline | None = None  # of the session's plan; None, as the quality, of one that is not asked for
+    blocks: int = 0  # blocks with an included episode
+    outline: PlanOutline | None = None  # of the session's plan; None, like the quality, for a session not selected
     quality: RecordingQuality | None = None
     account: tuple[int, int, tuple[tuple[str, str, int], ...], tuple[tuple[str, int], ...]] = (0, 0, (), ())
-    practice: tuple[str, ...] = ()  # the blocks that its protocol does not analyse
-    excluded: tuple[tuple[str, str, str], ...] = ()  # the participant, where a rule excludes them: reason, study, code
+    practice: tuple[str, ...] = ()  # the blocks that the session's protocol does not analyse
+    excluded: tuple[tuple[str, str, str], ...] = ()  # reason, study and code if a rule excludes the participant
 
     def to_summary(self) -> SelectionSummary:
         """Return the selection summary of this log alone."""
@@ -44,7 +44,7 @@ class ListedLog(NamedTuple):
 
     path: Path
     fingerprint: str
-    metadata: dict[str, str]  # its first
+    metadata: dict[str, str]  # the log's first metadata record
 
 
 class KnownLog(NamedTuple):
@@ -53,7 +53,7 @@ class KnownLog(NamedTuple):
     number: int
     fingerprint: str
     with_shortest: bool
-    metadata: bytes  # its first, as MessagePack
+    metadata: bytes  # the log's first metadata record, as MessagePack
 
 
 def build_cached_session(session: SessionRows) -> CachedSession:

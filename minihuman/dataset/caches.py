@@ -22,18 +22,18 @@ except ModuleNotFoundError:  # a station does without a cache, and reads its log
     duckdb = None  # type: ignore[assignment]
 
 TABLE_CACHE = "tables.duckdb"  # every table's rows, and the session index
-INDEX_SCHEMA = "session_index"  # which has a digest per row, and none of its definition
+INDEX_SCHEMA = "session_index"  # its rows have digests; its definition has none
 IN_USE_ERRORS = (duckdb.ConnectionException, duckdb.ResourceInUseException) if duckdb else ()  # open in this process
-# one process cannot open it with two kinds; with one thread, rows that are put in take whole pieces of the file
+# one process cannot open a file with two kinds of settings; with one thread, inserted rows fill whole row groups
 CACHE_SETTINGS = {"threads": "1", "memory_limit": "128MB"}
-LOCK_WAIT_S = 2.0  # how long another process may hold it before a command does without it
+LOCK_WAIT_S = 2.0  # a command does without the cache if another process holds it longer
 _LOCK_POLL_S = 0.02
 _LOCK_ERRORS = ("Could not set lock", "being used by another process")  # of DuckDB, on POSIX and on Windows
-_END_BYTES = 64 * 1024  # of a file's beginning and end, which tell it from another of the same size
-_UNSETTLED_NS = 2_000_000_000  # file systems count in steps of up to two seconds
-_FORMER = ("sessions.sqlite", "tables.files", "figures.files")  # what earlier versions kept
-_CHECKED = ".checked"  # of the file that says as of when its rows were compared with their digests
-_BESIDE = ("", "-journal", "-wal", "-shm", ".wal", ".tmp", _CHECKED)  # what we and libraries put beside them
+_END_BYTES = 64 * 1024  # of a file's beginning and end, which distinguish files of the same size
+_UNSETTLED_NS = 2_000_000_000  # file systems store times in steps of up to two seconds
+_FORMER = ("sessions.sqlite", "tables.files", "figures.files")  # the caches of earlier versions
+_CHECKED = ".checked"  # suffix of the file that records which tables were compared with their digests
+_BESIDE = ("", "-journal", "-wal", "-shm", ".wal", ".tmp", _CHECKED)  # suffixes of the files beside a cache
 _NAMES = frozenset(name + more for name in (TABLE_CACHE, *_FORMER) for more in _BESIDE)
 
 
@@ -187,7 +187,7 @@ def _digest_ends(file: str | Path, size: int) -> str:
     """
     try:
         with open(file, "rb", buffering=0) as source:
-            digest = sha256(source.read(_END_BYTES))  # half of what BLAKE2 takes
+            digest = sha256(source.read(_END_BYTES))  # takes half the time of BLAKE2
             source.seek(max(_END_BYTES, size - _END_BYTES))
             digest.update(source.read(_END_BYTES))
     except OSError:  # no permission, or finished and renamed just now: reading the log says so

@@ -21,7 +21,7 @@ class IncludedEpisode:
 
     log: SessionLog
     episode: EpisodeLog
-    stored_frames: bool = False  # take the observations that the log holds, do not play them again
+    stored_frames: bool = False  # whether to use the observations in the log instead of replaying
 
     @property
     def facts(self) -> dict[str, Any]:

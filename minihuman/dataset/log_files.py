@@ -33,15 +33,15 @@ from minihuman.log.salvage.summary_section import read_first_metadata
 from minihuman.operating_system import count_processes
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, URL_FILE_NAME
 
-_UP = 3  # from a session's folder to its study's: <study>/sub-07/ses-01
+_UP = 3  # folders above a session's to search for its study: <study>/sub-07/ses-01
 
 T = TypeVar("T")
 _SEGMENT_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")
-_MIN_LOGS_PER_PROCESS = 32  # sessions; fewer are read sooner than one more process starts
-_BATCH = 4  # sessions handed over together
-_RAY_BATCH = 16  # the same; a task costs a cluster more than a process
-_AHEAD = 4  # batches worked on and not yet taken, beside two for each other process
-_SELDOM = 50_000, 20, 100  # new objects before the youngest are looked at, and so on; Python's own begin at 700
+_MIN_LOGS_PER_PROCESS = 32  # sessions; fewer are read faster than another process starts
+_BATCH = 4  # sessions sent to a process together
+_RAY_BATCH = 16  # sessions per task; a cluster's tasks cost more than a process's
+_AHEAD = 4  # unconsumed batches, in addition to two per worker process
+_SELDOM = 50_000, 20, 100  # thresholds of the garbage collector's generations; Python's default begins at 700
 _Batch = tuple[list[Path], "Future[list[T]]"]
 
 
@@ -163,7 +163,7 @@ def list_participant_logs(source: Path, participant: str) -> list[Path]:
     }
     return [
         path for path, code in participants.items() if code in (participant, "")
-    ]  # a damaged log says nothing there
+    ]  # a damaged log may not name its participant
 
 
 def list_other_sessions(log: SessionLog) -> list[Path]:
@@ -339,7 +339,7 @@ def _settle(work: Callable[[Path], object]) -> None:
     """
     gc.freeze()
     gc.set_threshold(*_SELDOM)
-    atexit.register(gc.unfreeze)  # else libraries in C take what is frozen for leaked, and say so
+    atexit.register(gc.unfreeze)  # otherwise C libraries report the frozen objects as leaks
 
 
 def _work_on_each(paths: list[Path], work: Callable[[Path], T]) -> list[T]:
@@ -351,7 +351,7 @@ def _work_on(path: Path, work: Callable[[SessionLog], T]) -> T | SkippedLog:
 
     try:
         log = read_log(path)
-        with raise_as_log_error(path):  # what a log says can be wrong in ways that only its use finds
+        with raise_as_log_error(path):  # a log's content can be invalid in ways that only its use reveals
             return work(log)
     except (LogError, ProtocolError, OSError) as error:
         return SkippedLog(path, str(error))

@@ -80,16 +80,16 @@ def mean_and_median(times_ms: NDArray[np.float64]) -> tuple[float | None, float 
 
 TURN_DTYPE = np.dtype([("row", np.int64), ("turned_rad", np.float64), ("steps", np.int64)])
 _STILL = 1e-9  # floating-point noise, in the map's unit
-_APART = np.full((1, 4), math.nan)  # between two episodes' poses: no movement leads from one into the next
+_APART = np.full((1, 4), math.nan)  # separates the poses of two episodes, so that no movement joins them
 
-PoseArray = NDArray[np.float64]  # (n + 1, 4) of an episode; of several with a row between them
+PoseArray = NDArray[np.float64]  # (n + 1, 4) for one episode; several are separated by a row of NaN
 
 
 class PathMeasures(NamedTuple):
     """The measures of an episode's path."""
 
-    length: float  # ground covered, in cells or metres; NaN where the world tells no pose
-    efficiency: float  # straight distance over ground covered: 1 is a straight line; NaN for one who never moved
+    length: float  # distance travelled in cells or metres; NaN if the world has no pose
+    efficiency: float  # straight distance / distance travelled; 1 for a straight line, NaN without movement
     turns: int  # runs of turning in place
 
 
@@ -211,7 +211,7 @@ def spl(steps: int, best: int | None, outcome: str) -> float | None:
     return 0.0
 
 
-FIRST_EPISODES = 5  # episodes that count as the first
+FIRST_EPISODES = 5  # the number of episodes regarded as the first
 
 
 def slope_per_episode(values: Sequence[float], *, first: int = FIRST_EPISODES) -> float:
@@ -229,7 +229,7 @@ def slope_per_episode(values: Sequence[float], *, first: int = FIRST_EPISODES) -
     return float((centred * rises).sum() / (centred**2).sum())
 
 
-_TAKEN = ("accepted", "queued")  # verdicts of presses that were answered by a step
+_TAKEN = ("accepted", "queued")  # verdicts of presses that caused a step
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,9 +243,9 @@ class KeyUse:
 
     key: str
     action: str | None  # None: no action
-    first_episode: int  # the key map's first, by Episode.number
-    presses: int  # all that went down while an episode ran, auto-repeats excluded
-    steps: int  # that stepped the world
+    first_episode: int  # number of the first episode under the key map
+    presses: int  # presses during episodes, without auto-repeats
+    steps: int  # steps that the key caused
     ineffective_steps: int  # steps without a visible effect
     refused: int  # presses with no action, or while no action was taken
     discovered_s: float | None

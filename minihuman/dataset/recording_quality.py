@@ -15,7 +15,7 @@ from minihuman.log.model.doubtful_presses import describe_doubtful_presses, find
 from minihuman.log.model.event_columns import CategoricalTexts
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
-LATE_MS = 5.0  # a press that waited longer for the session than this is counted
+LATE_MS = 5.0  # presses that waited longer to be processed are counted as late
 _NS_PER_MS = 1e6
 _NO_FLIP = -1
 _DISPLAY = ("window", "window_size_px", "refresh_hz_reported", "vsync", "key_times")
@@ -32,21 +32,21 @@ class RecordingQuality:
     participant: str
     session: int
     presses: int
-    late: int  # presses that were taken more than LATE_MS after they were made
+    late: int  # presses processed more than LATE_MS after they were made
     latest_ms: float
     steps: int
-    pictures_missing: int  # steps and resets of which no picture was shown
+    pictures_missing: int  # steps and resets whose picture was not shown
     key_to_flip_ms: tuple[float, float, float]  # median, 95 %, 99 %: from a step's key to its picture's flip
     focus_lost: int
     pauses: int
     paused_s: float
     segments: int
     clean: bool
-    displays: tuple[dict[str, str], ...]  # each other one that a segment was played at
-    software: tuple[dict[str, str], ...]  # the same
-    periods: int = 0  # of real time in which steps are made without a key, too
-    periods_missed: int = 0  # of them, without a step: the world or the machine was too slow
-    doubtful_presses: str = ""  # accepted, though down before the window had the focus, in words; "" for none
+    displays: tuple[dict[str, str], ...]  # the distinct displays of the segments
+    software: tuple[dict[str, str], ...]  # the distinct software versions of the segments
+    periods: int = 0  # step periods of real-time blocks that step without a key
+    periods_missed: int = 0  # periods without a step, because the world or the machine was too slow
+    doubtful_presses: str = ""  # describes accepted presses of keys that were down before the window had the focus
 
 
 class PlanOutline(msgspec.Struct, frozen=True):
@@ -59,11 +59,11 @@ class PlanOutline(msgspec.Struct, frozen=True):
     participant: str
     group: str
     session: int
-    by_hand: bool  # participant or group chosen, not allocated
-    blocks: tuple[EpisodePlan, ...]  # the first episode of each
+    by_hand: bool  # whether participant or group was chosen instead of allocated
+    blocks: tuple[EpisodePlan, ...]  # the first episode of each block
     stratum: str = ""
-    stratified_by: str = ""  # the question that the stratum is of
-    computed: tuple[str, ...] = ()  # the blocks that a page with the same kernels computes
+    stratified_by: str = ""  # the question whose answer is the stratum
+    computed: tuple[str, ...] = ()  # blocks that the web page computes with its own kernels
 
     @classmethod
     def of(cls, plan: SessionPlan) -> "PlanOutline":

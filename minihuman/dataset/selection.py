@@ -37,7 +37,7 @@ from minihuman.log.evidence import find_evidence
 from minihuman.log.model.session_log import CUT_OFF, EpisodeLog, SessionLog
 from minihuman.moved import warn_of_old_name
 
-_ENOUGH = 6  # letters of a SHA-256 that name a protocol
+_ENOUGH = 6  # digits of a SHA-256 that identify a protocol
 
 
 def format_version(plan: SessionPlan) -> str:
@@ -116,7 +116,7 @@ class ExclusionRule:
             value = labels.get(rule.measured_label)
         else:
             value = row.get(rule.measure)
-        if not isinstance(value, int | float):  # nothing says it, or a label is a text in this row
+        if not isinstance(value, int | float):  # unknown, or a text label
             return False
         return (rule.below is not None and value < rule.below) or (rule.above is not None and value > rule.above)
 
@@ -162,10 +162,10 @@ class SelectedSession:
     log: SessionLog
     tags: tuple[frozenset[str], ...]
     selected: tuple[bool, ...]
-    reasons: tuple[str, ...]  # "" where nothing speaks against an episode
-    is_selected: bool = True  # whether the session is asked for at all; one without an episode may be
-    marks: tuple[Annotation, ...] = ()  # beside the log, those that were taken back among them
-    session_reason: str = ""  # why the participant does not count, "" if nothing speaks against that
+    reasons: tuple[str, ...]  # why each episode is excluded; "" if it is not
+    is_selected: bool = True  # whether the session is selected; it may have no episode
+    marks: tuple[Annotation, ...] = ()  # all annotations beside the log, including revoked ones
+    session_reason: str = ""  # why the participant is excluded; "" if they are not
 
     @property
     def asked(self) -> tuple[bool, ...]:
@@ -226,12 +226,12 @@ class SelectedSession:
 class SelectionSummary:
     """A summary of an output's data: how much is included, what is excluded and why, and what could not be read."""
 
-    selection: str = ""  # as the command line takes it
-    sessions: int = 0  # with an episode that counts, or without any to play
-    episodes: int = 0  # that count
-    versions: Counter[tuple[str, str]] = field(default_factory=Counter)  # study and protocol version: sessions
+    selection: str = ""  # as command-line options
+    sessions: int = 0  # with an included episode, or without planned episodes
+    episodes: int = 0  # included
+    versions: Counter[tuple[str, str]] = field(default_factory=Counter)  # sessions by study and protocol version
     excluded_episodes: Counter[str] = field(default_factory=Counter)  # by reason
-    excluded_participants: set[tuple[str, str, str]] = field(default_factory=set)  # reason, study, code: once each
+    excluded_participants: set[tuple[str, str, str]] = field(default_factory=set)  # reason, study and code
     skipped: list[SkippedLog] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # about this run, not about the data: for the terminal only
 
@@ -289,7 +289,7 @@ def _format_count(count: int, noun: str) -> str:
     return f"{count} {noun}s"
 
 
-EXCLUDE = "exclude"  # a reviewer's tag that leaves an episode out unless it is asked for
+EXCLUDE = "exclude"  # a reviewer's tag that excludes an episode by default
 UNFINISHED = "unfinished"  # abandoned, ended by a failed agent, or cut off with the log
 RULES = "rules"  # of the protocol: [[exclusions]]
 NOT_FINISHED = "not played to an end"
@@ -307,8 +307,8 @@ class Selection:
     outcome: tuple[str, ...] = ()
     block: tuple[str, ...] = ()
     participant: tuple[str, ...] = ()
-    version: tuple[str, ...] = ()  # of the protocol: as it says itself, or the start of its SHA-256
-    only: tuple[str, ...] = ()  # tags: episodes that carry one of them
+    version: tuple[str, ...] = ()  # of the protocol: its own name, or the start of its SHA-256
+    only: tuple[str, ...] = ()  # tags; an episode needs one of them
     without: tuple[str, ...] = ()
     with_: tuple[str, ...] = ()
 
@@ -350,7 +350,7 @@ class Selection:
         selected = [
             self._asks_for(log, episode, tags) for episode, tags in zip(log.episodes, episode_tags, strict=True)
         ]
-        # a session without an episode is not asked for where episodes of one kind are
+        # a session without episodes is not selected by properties of episodes
         if log.episodes:
             is_selected = any(selected)
         else:

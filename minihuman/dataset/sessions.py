@@ -134,7 +134,7 @@ class SessionRows:
     path: Path
     plan: SessionPlan
     rows: "SessionTables"
-    facts: tuple[dict[str, Any], ...]  # of each episode that counts
+    facts: tuple[dict[str, Any], ...]  # of each included episode
     account: SelectionSummary
     quality: RecordingQuality
 
@@ -183,7 +183,7 @@ def read_session_rows(log: SessionLog, *, selection: Selection, with_shortest: b
 
 @dataclass(frozen=True, slots=True)
 class _SessionResult(Generic[T]):
-    outputs: tuple[T, ...]  # one, or none where no episode counts
+    outputs: tuple[T, ...]  # one, or none if no episode is included
     account: SelectionSummary
 
 

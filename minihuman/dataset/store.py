@@ -30,14 +30,14 @@ from minihuman.dataset.table_catalogue import TABLES
 from minihuman.dataset.table_database import COUNTED_BY, LOG_COLUMNS, PLANNED_TABLES
 from minihuman.moved import forward_names
 
-_MAX_OPENINGS = 5  # to look, to write, to read; another command may write meanwhile
+_MAX_OPENINGS = 5  # to check, to write and to read; another command may write in between
 
 
 class _Damage(NamedTuple):
     """The parts of a file that differ from what was written."""
 
-    changed: set[int]  # the sessions with other rows, or whose line is another; numbers of no session among them
-    doubled: set[str]  # the logs that are in it more than once
+    changed: set[int]  # numbers of sessions with changed rows or log lines, and of rows without a session
+    doubled: set[str]  # keys of logs that the file holds more than once
 
 
 class StudyStore(AbstractContextManager["StudyStore", None]):
@@ -65,15 +65,15 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         tables: Collection[str] | None = None,
         with_account: bool = True,
     ) -> None:
-        self.cached_sessions: tuple[CachedSession, ...] = ()  # every log, in order of path
+        self.cached_sessions: tuple[CachedSession, ...] = ()  # one per log, in the order of paths
         self.selection = sessions.selection
         self._sessions = sessions
         self._with_shortest = with_shortest
         self._read_tables = frozenset(TABLES if tables is None else tables).union(COUNTED_BY)
         self._keys: tuple[str, ...] = ()
         self._known: dict[str, KnownLog] = {}  # while the rows are brought up to date
-        self._described = ""  # the file, when its rows were compared with their digests
-        self._compared = frozenset[str]()  # the tables of which they were; of no log's own, where it is empty
+        self._described = ""  # describes the file as of the comparison with the digests
+        self._compared = frozenset[str]()  # the tables that were compared; empty if nothing was
         self._file = StoreFile(sessions)
         self.tables = self._file.open_database(read_only=True)
         try:
@@ -223,7 +223,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         self.tables.put_in_order([numbers[key] for key in logs])
         self.tables.checked = self._read_tables
         self._keys = tuple(logs)
-        self.cached_sessions = tuple(  # with the paths of today: files may move
+        self.cached_sessions = tuple(  # with current paths, as files may have moved
             msgspec.structs.replace(sessions[key], path=str(log.path)) for key, log in logs.items() if key in sessions
         )
         for session in self.cached_sessions:

@@ -25,14 +25,14 @@ from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_queries import QUERY_SETTINGS, find_queried_tables
 from minihuman.errors import QueryError
 
-_ROWS = 100_000  # handed out at once
+_ROWS = 100_000  # per batch
 _DIGEST_MODULUS = 2**64
-_ROWS_PER_INSERT = 50_000  # of a table; fewer are slower, more take more memory
+_ROWS_PER_INSERT = 50_000  # of one table; fewer are slower, more need more memory
 _SQL_TYPES = {pa.string(): "VARCHAR", pa.int64(): "BIGINT", pa.float64(): "DOUBLE", pa.bool_(): "BOOLEAN"}
 _READING = frozenset(f"StatementType.{name}" for name in ("SELECT", "EXPLAIN", "PRAGMA", "MULTI"))  # MULTI: PIVOT
-_MAKERS = ("dataset", "log/model")  # the packages whose code makes the rows, beside the modules of activities' tables
+_MAKERS = ("dataset", "log/model")  # the packages whose code builds the rows, besides the modules of activity tables
 LOG_COLUMNS = "log, key, fingerprint, with_shortest, row_digests, metadata, about, facts"  # digested with each log
-COUNTED_BY = ("episodes", "participants")  # the tables whose exclusion reasons say what counts in all others
+COUNTED_BY = ("episodes", "participants")  # the tables whose exclusion reasons apply to all others
 PLANNED_TABLES = {
     "episodes": "row",
     "blocks": "block",
@@ -64,11 +64,13 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
         """Open a file, and create the tables if the file is new."""
         self.path = path
-        self.order: tuple[int, ...] | None = None  # of the sessions' numbers; None: as they were put in
+        self.order: tuple[int, ...] | None = (
+            None  # session numbers in the order of reading; None: in the order of insertion
+        )
         self._is_placed = False  # whether the connection has the order as a table
         self.checked: frozenset[str] = frozenset(TABLES)  # tables that may be read: their digests were compared
         self.read_only = read_only
-        self.is_new = False  # whether it was laid out here: no other program can have changed it
+        self.is_new = False  # whether this object created the tables; no other program can have changed them
         self.connection = connect_cache(path, read_only=read_only)
         try:
             version_tables = self.connection.execute(
@@ -110,7 +112,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         counts = [part.count for part in parts.values()]
         numbers = np.repeat(list(parts), counts), np.concatenate([np.arange(count) for count in counts])
         columns = [*map(as_int64, numbers), *arrow_columns(name, list(parts.values()))]
-        # no view, which would keep them in memory until the transaction ends
+        # not a view, which would keep the rows in memory until the transaction ends
         new = self.connection.from_arrow(pa.Table.from_arrays(columns, ["log", "row", *arrow_schema(name).names]))
         for number, digest in new.aggregate(_row_digest(name), "log").fetchall():
             digests[number][list(TABLES).index(name)] = digest
@@ -126,7 +128,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             practice: per session number, the names of the blocks that are not analysed.
         """
         episodes = self._measure_paths(numbers)
-        if not episodes:  # none of these sessions had one
+        if not episodes:  # none of these sessions has an episode
             return
         by_block: dict[tuple[int, str], list[dict[str, Any]]] = {}
         by_session: dict[tuple[int, str], list[dict[str, Any]]] = {}

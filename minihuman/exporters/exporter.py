@@ -28,12 +28,12 @@ class ExportResult:
     """An exporter's output: its data files and folders, and the amount of data in them."""
 
     paths: tuple[Path, ...]
-    episodes: int  # that count
-    steps: int  # of those
-    left_out: tuple[str, ...] = ()  # what the format cannot hold, and why; in the card
-    marked: int = 0  # further episodes, that do not count and are there all the same, with the reason
-    sessions: int = 0  # of tables: those that have a row, with an episode or without
-    front_matter: str = ""  # of the card, for what reads it by machine
+    episodes: int  # included episodes
+    steps: int  # steps of the included episodes
+    left_out: tuple[str, ...] = ()  # what the format cannot hold, and why; listed in the card
+    marked: int = 0  # excluded episodes that are present with the reason
+    sessions: int = 0  # for tables: sessions that have a row
+    front_matter: str = ""  # of the card, for programs
 
     def with_files(self, paths: tuple[Path, ...], *, front_matter: str = "") -> "ExportResult":
         """Return the same counts for other files."""

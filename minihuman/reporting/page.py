@@ -90,28 +90,28 @@ class PageContent:
     sessions: int
     players: Sequence[str]
     simulated: int  # sessions that no person played
-    imported: int  # sessions that a page recorded and nobody witnessed
-    windows: Mapping[str, int]  # what they sat at, and how many sessions there
-    flow: FlowSection | None  # how many came, left, were screened out and are included
+    imported: int  # sessions that a page recorded without a server
+    windows: Mapping[str, int]  # the number of sessions by kind of window
+    flow: FlowSection | None  # counts of participants who came, left, were screened out and are included
     methods: Sequence[str]
-    known_keys: Mapping[str, Sequence[str]]  # block: the groups who came to it with the keys of the one before
+    known_keys: Mapping[str, Sequence[str]]  # by block, the groups that already knew its keys
     figures: Sequence[ReportFigure]
-    first_figures: Sequence[ReportFigure]  # of the result
+    first_figures: Sequence[ReportFigure]  # those that answer the study's question
     models: Sequence[ReportFigure]
     tables: Sequence[Path]
     qualities: Sequence[RecordingQuality]
     answers: pd.DataFrame
-    clauses: pd.DataFrame  # asked for and done, by block, verb and group
-    activities: Sequence[ReportSection]  # what kinds of activity add
-    practice: Mapping[str, int]  # block that is not analysed: episodes that would be included
+    clauses: pd.DataFrame  # assigned and completed, by block, verb and group
+    activities: Sequence[ReportSection]  # the sections of activity kinds
+    practice: Mapping[str, int]  # by practice block, the episodes that would be included
     exclusions: pd.DataFrame
     account: SelectionSummary
-    analysis: AnalysisSpec  # what the protocol named
+    analysis: AnalysisSpec  # as the protocol plans it
     design: ExperimentDesign
     interaction: InteractionResults | None  # of groups and conditions, in a mixed design
-    first_block: str  # whose comparison of groups is among the answers; "": none's
-    papers: bool  # the protocol is the published study's
-    mixed: Mapping[str, MixedModel | None]  # of each block whose change over episodes is compared
+    first_block: str  # the block whose group comparison answers the question; "" for none
+    papers: bool  # whether the protocol is the published study's
+    mixed: Mapping[str, MixedModel | None]  # by block, if its change over episodes is compared
 
 
 def build_page(content: PageContent, results: Results, templates: Path | None = None) -> str:

@@ -36,7 +36,7 @@ _ENDED = ("goal", "timeout", "failure")
 UNFINISHED = "unfinished"
 _LEVEL = ["block", "world", "seed"]
 _MODELS = ("model:", "http:")  # players whose unfinished episodes are failures
-_STAND_INS = ("human-like", "exploring", "optimal")  # for people who are not there, the likest first
+_STAND_INS = ("human-like", "exploring", "optimal")  # stand-ins for people, the most similar first
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Costs:
     tokens: int = 0
     price: float = 0.0
     currency: str = ""
-    declined: int = 0  # sessions whose consent it refused
+    declined: int = 0  # sessions in which it declined consent
 
     def add(self, other: "Costs") -> "Costs":
         """Return the sum of both costs; the currency is "mixed" if it differs."""
@@ -71,12 +71,12 @@ class ScoredPlayer:
     player: str
     runs: int
     episodes: int
-    levels: int  # that the reference has played, too
-    unfinished: int  # episodes on them that a model's sessions did not finish, and that are failures
-    unknown_paths: int  # levels whose shortest path is not known, so that they are in no efficiency
+    levels: int  # shared with the reference
+    unfinished: int  # episodes on shared levels left unfinished by a model's sessions; they are failures
+    unknown_paths: int  # levels without a known shortest path; efficiencies exclude them
     score: PlayerScore
-    excess_steps: float  # mean, over the fewest, of successful episodes
-    success_by_episode: tuple[float, ...]  # share of successes, by the place of the episode in its block
+    excess_steps: float  # mean over successful episodes
+    success_by_episode: tuple[float, ...]  # share of successes by episode number in the block
     costs: Costs
 
 
@@ -84,11 +84,11 @@ class ScoredPlayer:
 class Scorecard:
     """The scores of several players on the same levels."""
 
-    reference: str  # "human (n = 12)", or the stand-in's name and that it is one
+    reference: str  # "human (n = 12)", or a stand-in's name marked as such
     reference_player: str
     players: tuple[ScoredPlayer, ...]
     notes: tuple[str, ...]
-    answers: pd.DataFrame  # a row for each question, a column for each player; what a person typed is not in it
+    answers: pd.DataFrame  # a row per question and a column per player, without typed answers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
