@@ -108,7 +108,7 @@ class Episode:
 
     @property
     def mission(self) -> str:
-        """The mission as the participant read it."""
+        """The mission as shown to the participant."""
         return self.recorded.start.mission
 
     @property
@@ -382,7 +382,7 @@ class Study:
 
     @property
     def sessions(self) -> tuple[Session, ...]:
-        """Every readable session, in order of path; they stay in memory."""
+        """All readable sessions, in the order of their paths; they stay in memory."""
         return self._opened[0]
 
     @property

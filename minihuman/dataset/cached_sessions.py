@@ -48,7 +48,7 @@ class ListedLog(NamedTuple):
 
 
 class KnownLog(NamedTuple):
-    """A log as the cache describes it."""
+    """A log as the cache recorded it when its rows were stored."""
 
     number: int
     fingerprint: str

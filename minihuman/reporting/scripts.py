@@ -1,4 +1,4 @@
-"""Scripts of mixed models beside a report's tables: in R (lme4, brms) and Python (statsmodels, Bambi)."""
+"""Scripts that fit mixed models to a report's tables: in R (lme4, brms) and Python (statsmodels, Bambi)."""
 
 import json
 from collections.abc import Sequence

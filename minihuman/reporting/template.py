@@ -85,9 +85,9 @@ def format_mean_sd(mean: float, sd: float) -> str:
 
 
 def format_number(value: float, digits: int = 3, *, sign: str = "-") -> str:
-    """Format a number with at most ``digits`` significant digits after a leading zero.
+    """Format a number with ``digits`` decimals, less one for each digit before the point unless that is a 0.
 
-    ``sign`` "+" also shows a plus.
+    ``sign`` is "-" to show only minus signs, or "+" to show a plus, too.
     """
     if math.isnan(value):
         return "n/a"
