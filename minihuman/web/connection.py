@@ -174,7 +174,8 @@ class Connection(PageSession):
         if transport != self.transport:  # the log's fact is of the segment's start
             self.transport = transport
             self.host.note(f"the page speaks by {transport} from here on")
-            self.host.link.rtt_ns = None
+        if transport == "http":
+            self.host.link.rtt_ns = None  # of another line, maybe through another network
         if self._streams.receive_stream(hello.stream, hello.first):
             self.host.begin_stream(hello.first - 1)
         if hello.segment == self.hosted.segment:
@@ -212,9 +213,10 @@ class Connection(PageSession):
         )
 
     def is_too_slow(self) -> bool:
-        """Tell whether a page over HTTP plays in real time by the server's steps, and a round trip takes longer than one.
+        """Tell whether a round trip over HTTP takes longer than the step period of the real-time episode being played.
 
-        A page with a socket is never too slow: the protocol admitted its latency.
+        An episode that the page computes waits for no round trip. A page with a socket is never too slow: the
+        protocol admitted its latency.
         """
         rtt_ns = self.host.link.rtt_ns
         if self.transport != "http" or rtt_ns is None or self.host.over:

@@ -1,4 +1,4 @@
-"""A page over HTTP without a browser: `polling.js` in Python, on a network that repeats, swallows and closes requests."""
+"""A page over HTTP without a browser: `polling.js` in Python, on a network that fails."""
 
 import asyncio
 import random
@@ -118,19 +118,40 @@ class PollingTypedPage(TypedPage):
         client: asks the server.
         number: of the participant.
         token: of their link.
+        reported_rtt_s: that the page reports whatever it measures; None: what it measures.
     """
 
-    def __init__(self, client: httpx.AsyncClient, number: int, token: str, **options: Any) -> None:
+    def __init__(
+        self,
+        client: httpx.AsyncClient,
+        number: int,
+        token: str,
+        *,
+        reported_rtt_s: float | None = None,
+        **options: Any,
+    ) -> None:
         super().__init__(ADDRESS, token, rng=random.Random(number), **options)
         self.sent_presses: list[tuple[str, int]] = []  # keys and their times
         self._client = client
         self._number = number
+        self._reported_rtt_s = reported_rtt_s
 
     def say(self, *, waits: bool = False, **what: Any) -> int:
         """Say something, numbered."""
         if what["t"] == "key" and what["down"]:
             self.sent_presses.append((what["key"], what["stamp"]))
+        if what["t"] == "link" and self._reported_rtt_s is not None:
+            what["back"] = what["sent"] + what["answered"] - what["received"] + round(self._reported_rtt_s * 1e9)
         return super().say(waits=waits, **what)
+
+    def _confirmed(self, now: dict[str, Any]) -> None:
+        """See where the session is; the first picture starts the clock of real time."""
+        super()._confirmed(now)
+        seen = (now["episode"], now["step"], now["node"])
+        if now["step"] == 0 and seen != self._seen:
+            self._seen = seen
+            at_ns = self._now_ns()
+            self.say(t="shown", submit=at_ns, flip=at_ns, episode=seen[0], step=seen[1], node=seen[2])
 
     @asynccontextmanager
     async def open_socket(self) -> AsyncIterator[PollingLine]:  # type: ignore[override]

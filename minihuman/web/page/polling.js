@@ -34,7 +34,7 @@ export class PollingSocket {
       if (this.readyState !== 0) return;
       this.readyState = 1;
       this.onopen();
-    });
+    }, 0);
   }
 
   /** @param {string} text */
@@ -52,7 +52,7 @@ export class PollingSocket {
     if (this.readyState === 3) return;
     this.readyState = 3;
     for (const abort of this.#aborts) abort.abort();
-    setTimeout(() => this.onclose({ code, reason })); // later, as a socket says it
+    setTimeout(() => this.onclose({ code, reason }), 0); // later, as a socket says it
   }
 
   async #bring() {
