@@ -6,7 +6,7 @@ comparison of rewards that are 0 after a timeout, growth, equivalence, reliabili
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import get_args
 
@@ -145,11 +145,24 @@ class BlockResults:
     reliabilities: tuple[Reliability, ...]  # of the measures that an episode has a value of; none of teams
     powers: tuple[PowerAnalysis, ...]  # one for each pair of groups, in the order of the headline
     teams: int = 0  # of several people, each of which is one unit of the statistics; 0: participants are
+    team_units: Mapping[str, str] = field(default_factory=dict)  # by group: "teams", or "teams and participants"
 
     @property
     def headline(self) -> tuple[GroupComparison, ...]:
         """Return the comparisons on the primary measure, or on the first of ``MEASURES`` that has values."""
         return _select_headline(self.comparisons, self.roles)
+
+
+def _name_team_units(rows: pd.DataFrame, teams: Collection[str]) -> dict[str, str]:
+    """Name what is counted in each group that has teams; a group of participants alone is left out."""
+    names: dict[str, str] = {}
+    for group, codes in rows.groupby("group")["participant"]:
+        is_team = codes.isin(teams)
+        if is_team.all():
+            names[str(group)] = "teams"
+        elif is_team.any():
+            names[str(group)] = "teams and participants"
+    return names
 
 
 def _select_headline(comparisons: Sequence[GroupComparison], roles: Mapping[str, Role]) -> tuple[GroupComparison, ...]:
@@ -212,6 +225,7 @@ def compute_block_results(
         reliabilities=() if units else tuple(estimate_reliabilities(episodes, measured)),
         powers=tuple(compute_power(comparison.n) for comparison in _select_headline(comparisons, roles)),
         teams=len({*units.values()} & {*rows["participant"]}),
+        team_units=_name_team_units(rows, set(units.values())),
     )
 
 

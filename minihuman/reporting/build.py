@@ -262,6 +262,7 @@ def _gather_content(
     simulated = int((participants["player"] != "human").sum())
     is_practice = _is_practice(episodes, practice)
     practised = episodes[is_practice & episodes["exclusion_reason"].isna()]
+    flow = flow_section(tables.source, participants)
     return PageContent(
         study=report_input.study,
         sessions=len(participants),
@@ -269,8 +270,10 @@ def _gather_content(
         windows=dict(participants["window"].fillna("a window that did not say").value_counts()),
         simulated=simulated,
         imported=int((participants["evidence"] == "consistent").sum()),
-        flow=flow_section(tables.source, participants),
-        methods=build_methods(outlines, qualities, simulated, protocols=report_input.protocols),
+        flow=flow,
+        methods=build_methods(
+            outlines, qualities, simulated, protocols=report_input.protocols, flow=flow.counts if flow else None
+        ),
         known_keys=find_known_keys(outlines, report_input.protocols),
         figures=(),
         first_figures=(),
@@ -287,6 +290,7 @@ def _gather_content(
         design=report_input.design,
         interaction=None,
         first_block=results.target,
+        planned_groups={group.name for protocol in report_input.protocols for group in protocol.groups},
         papers=is_published_study([outline.protocol_sha256 for outline in outlines]),
         mixed={},
     )

@@ -5,10 +5,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 
 import minihuman
+from minihuman.admin.enrolment_flow import ParticipantFlow
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.plan.stated_outcomes import describe_rule, find_outcome_rule, is_of_catalogue
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+from minihuman.reporting.attrition import Attrition
 from minihuman.reporting.block_measures import FORMULAS, MEASURES, TRIAL_BLOCK_MEASURES
 from minihuman.reporting.trial_methods import (
     describe_stimuli,
@@ -55,6 +57,7 @@ def build_methods(
     simulated: int = 0,
     *,
     protocols: Sequence[Protocol] = (),
+    flow: ParticipantFlow | None = None,
 ) -> list[str]:
     """Write the paragraphs of the methods.
 
@@ -63,10 +66,11 @@ def build_methods(
         qualities: of their recording.
         simulated: how many sessions no person played.
         protocols: those the sessions were played by; without them nothing is said that only a protocol knows.
+        flow: of the study's participants; None where there is no enrolment log to count them by.
     """
     specs = BlockSpecs(protocols)
     return [
-        _describe_people(plans, simulated, specs, protocols),
+        _describe_people(plans, simulated, specs, protocols, flow),
         *_describe_designs(protocols),
         *_describe_blocks(plans, specs),
         _describe_measures(plans, specs),
@@ -133,10 +137,15 @@ def _map_key_effects(block_plan: EpisodePlan) -> dict[str, int]:
 
 
 def _describe_people(
-    plans: Sequence[PlanOutline], simulated: int, specs: BlockSpecs, protocols: Sequence[Protocol] = ()
+    plans: Sequence[PlanOutline],
+    simulated: int,
+    specs: BlockSpecs,
+    protocols: Sequence[Protocol] = (),
+    flow: ParticipantFlow | None = None,
 ) -> str:
-    """Say who took part, and how groups and keys were allocated."""
-    groups = Counter({plan.participant: plan.group for plan in plans}.values())
+    """Say who took part, who was lost, and how groups and keys were allocated."""
+    attrition = Attrition.of(plans, flow)
+    groups = attrition.groups
     parts = ", ".join(f"{count} in group {group}" for group, count in sorted(groups.items()))
     by_hand = sum(plan.by_hand for plan in plans)
     by_design = any(protocol.allocation.design for protocol in protocols)
@@ -145,17 +154,17 @@ def _describe_people(
     if by_hand:
         chosen = f"; in {by_hand} sessions the participant or group was chosen by hand"
     return (
-        f"{sum(groups.values())} participants took part{_describe_sessions(plans)} "
-        f"({parts}{_describe_simulated(plans, simulated)}). "
+        f"{sum(groups.values())} participants took part{_describe_sessions(attrition.sessions)} "
+        f"({parts}{_describe_simulated(plans, simulated, attrition)}). {attrition.describe()}"
         f"{allocated} came from an allocation list "
         f"drawn before the first session from the study's seed, {plans[0].seed}{_describe_later_keys(plans, specs)}"
         f"{chosen}.{_describe_strata(plans, by_design=by_design)}"
     )
 
 
-def _describe_sessions(plans: Sequence[PlanOutline]) -> str:
-    """Say in how many sessions participants took part; "" of one session."""
-    by_session = sorted(Counter(plan.session for plan in plans).items())
+def _describe_sessions(sessions: Mapping[int, int]) -> str:
+    """Say in how many sessions so many participants took part; "" of one session."""
+    by_session = sorted(sessions.items())
     counts = ", ".join(f"{count} in session {session}" for session, count in by_session)
     if len({count for _, count in by_session}) > 1:
         return f" in {len(by_session)} sessions ({counts})"
@@ -237,12 +246,12 @@ def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -
     return f" Groups were stratified by the answer to {question}, {lists} ({strata})."
 
 
-def _describe_simulated(plans: Sequence[PlanOutline], simulated: int) -> str:
-    """Say how many sessions were simulated; "" where none was."""
+def _describe_simulated(plans: Sequence[PlanOutline], simulated: int, attrition: Attrition) -> str:
+    """Say how many sessions were simulated; "" where none was. Of erased ones nothing is known."""
     if not simulated:
         return ""
     if simulated == len(plans):
-        return "; all simulated"
+        return "; all simulated" if not attrition.withdrew else "; all sessions on record simulated"
     return f"; {simulated} of the sessions simulated"
 
 

@@ -22,6 +22,7 @@ from minihuman.reporting.block_results import BlockResults, summarise_group_rewa
 from minihuman.reporting.instruction_clauses import clauses_table
 from minihuman.reporting.interactions import InteractionResults, cells_table, interaction_table, state_interaction
 from minihuman.reporting.participant_flow import FlowSection
+from minihuman.reporting.question import ask_question, join_names
 from minihuman.reporting.result_tables import (
     conditions_table,
     crossover_table,
@@ -108,6 +109,7 @@ class PageContent:
     interaction: InteractionResults | None  # of groups and conditions, in a mixed design
     first_block: str  # whose comparison of groups is among the answers; "": none's
     papers: bool  # the protocol is the published study's
+    planned_groups: Collection[str]  # by the protocol, whoever is included
     mixed: Mapping[str, MixedModel | None]  # of each block whose change over episodes is compared
 
 
@@ -137,7 +139,9 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "flow": content.flow,
         "practice": content.practice,
         "published": _compare_with_published(target) if content.papers and target else None,
-        "question": ask_question(content.analysis, results, content.design, content.interaction),
+        "question": ask_question(
+            content.analysis, results, content.design, content.interaction, content.planned_groups
+        ),
         "answers_first": _answer_question(results, content),
         "excluded": _count_excluded(content.exclusions),
         "within": _show_within(results.within),
@@ -157,49 +161,6 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "tables": content.tables,
     }
     return render_template(REPORT, context, templates)
-
-
-def ask_question(
-    analysis: AnalysisSpec,
-    results: Results,
-    design: ExperimentDesign | None = None,
-    interaction: InteractionResults | None = None,
-) -> str:
-    """State what the study compares, in one sentence, after the protocol's own question."""
-    stated = ""
-    if design and design.question:
-        stated = f"{design.question} "
-    if analysis.primary_measure:
-        measure = label_measure(analysis.primary_measure)
-    else:
-        measure = "every measure"
-    if design and interaction and design.primary_effect == "interaction":
-        return (
-            f"{stated}Asked: whether differences between conditions {_join(interaction.conditions)} in {measure} "
-            f"depend on the group ({_join(interaction.groups)})."
-        )
-    groups: list[str] = []
-    if results.target_block is not None:
-        groups = results.target_block.groups["group"].tolist()
-    conditions: Sequence[str] = ()
-    if results.within is not None:
-        conditions = results.within.conditions
-    parts = []
-    if len(groups) > 1:
-        parts.append(f"groups {_join(groups)} in block {results.target}")
-    if results.within and results.within.label:
-        parts.append(f"levels {_join(conditions)} of {results.within.label} within participants")
-    elif conditions:
-        parts.append(f"blocks {_join(conditions)} within participants")
-    if not parts:
-        return f"{stated}One group: nothing is compared between groups."
-    return f"{stated}Asked: how {', and '.join(parts)} differ in {measure}."
-
-
-def _join(names: Sequence[str]) -> str:
-    if len(names) > 1:
-        return f"{', '.join(names[:-1])} and {names[-1]}"
-    return names[0]
 
 
 def _answer_question(results: Results, content: PageContent) -> list[str]:
@@ -229,9 +190,10 @@ def _state_differences(target: BlockResults | None) -> Iterator[str]:
     if target is None or len(target.groups) < 2:
         return
     for comparison in target.headline:
-        yield difference_statement(comparison, target.block)
+        yield difference_statement(comparison, target.block, target.team_units)
     for comparison in target.adjusted:
-        yield f"Adjusted for the covariates. {difference_statement(comparison, target.block)}"
+        statement = difference_statement(comparison, target.block, target.team_units)
+        yield f"Adjusted for the covariates. {statement}"
     for equivalence in target.alike:
         yield equivalence_statement(equivalence, target.roles)
 
@@ -248,7 +210,7 @@ def _show_within(within: WithinResults | None) -> dict[str, Any] | None:
         return None
     return {
         "label": within.label,
-        "conditions": _join(within.conditions),
+        "conditions": join_names(within.conditions),
         "table": conditions_table(within),
         "effects": crossover_table(within),
     }
@@ -339,7 +301,7 @@ def _list_differences(block: BlockResults, first_block: str) -> list[str]:
     """State the differences of groups in a block, unless they are among the answers at the page's beginning."""
     if block.block == first_block and len(block.groups) > 1:
         return []
-    return [difference_statement(comparison, block.block) for comparison in block.headline]
+    return [difference_statement(comparison, block.block, block.team_units) for comparison in block.headline]
 
 
 def _name_only_pair(block: BlockResults) -> str:

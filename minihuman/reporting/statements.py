@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 
 from minihuman.reporting.block_measures import Role, label_measure
 from minihuman.reporting.block_results import EquivalenceResult
@@ -27,8 +28,16 @@ def _begin_with_measure(name: str) -> str:
     return f"{label[0].upper()}{label[1:]}"
 
 
-def difference_statement(comparison: GroupComparison, block: str) -> str:
-    """State how far apart two groups are in a block, in one sentence."""
+def difference_statement(
+    comparison: GroupComparison, block: str, team_units: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """State how far apart two groups are in a block, in one sentence.
+
+    Args:
+        comparison: of the groups.
+        block: the block's name.
+        team_units: by group, what is counted there where it is not participants alone.
+    """
     per = "over" if comparison.is_log else "minus"
     groups = f"{comparison.first} {per} {comparison.second}"
     opening = f"{_begin_with_measure(comparison.measure)}, block {block}: {groups} "
@@ -43,8 +52,16 @@ def difference_statement(comparison: GroupComparison, block: str) -> str:
         size = f"; standardised difference g {format_number(comparison.g, 2)}, interval {interval}"
     estimate = f"{_state_estimate(comparison)}{_state_factor(comparison)}"
     p = format_p_value(comparison.p)
-    participants = f"{comparison.n[0]} and {comparison.n[1]} participants"
-    return f"{opening}is {estimate}; permutation p {p}{size}; {participants}).{caveat}"
+    sizes = _count_units(comparison, team_units)
+    return f"{opening}is {estimate}; permutation p {p}{size}; {sizes}).{caveat}"
+
+
+def _count_units(comparison: GroupComparison, team_units: Mapping[str, str]) -> str:
+    """Write how many teams or participants the two groups have."""
+    first, second = (team_units.get(group, "participants") for group in (comparison.first, comparison.second))
+    if first == second:
+        return f"{comparison.n[0]} and {comparison.n[1]} {second}"
+    return f"{comparison.n[0]} {first} and {comparison.n[1]} {second}"
 
 
 def _state_estimate(comparison: GroupComparison | PairedComparison) -> str:

@@ -110,7 +110,7 @@ def test_a_player_that_fails_ends_its_session_as_failed_and_its_slot_is_free(
     assert [good for _, good in verify_session(path)] == [True]
     lines = list(format_status(study))
     assert "the simulated participant failed" in lines[1]
-    flow = flow_table(count_participant_flow(study), {})
+    flow = flow_table(count_participant_flow(study))
     assert ("simulated participant failed", "1", "1") in flow.rows
     assert not any(row[0] == "not finished" for row in flow.rows)
     [next_one] = simulate(protocol, tmp_path, participants=1, seed=1, player="random")
