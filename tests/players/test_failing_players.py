@@ -130,4 +130,5 @@ def test_a_player_that_fails_before_anything_is_recorded_leaves_its_slot_and_its
     with pytest.raises(PlayerFailedError, match="nothing was recorded, and the slot is free again"):
         list(simulate(protocol, tmp_path, participants=1, seed=1, player="lab:crash"))
     lines = list(format_status(tmp_path / "fails"))
-    assert lines[1:] == ["1 simulated participants that failed before anything was recorded"]
+    failed = "simulated participants that failed before anything was recorded"
+    assert lines[1:] == [f"1 {failed}", f"flow: came 1 (then {failed} 1); allocated to a group 0; began 0; finished 0"]
