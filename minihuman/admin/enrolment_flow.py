@@ -139,7 +139,7 @@ def classify_session(summary: SessionSummary) -> SessionState:
 
 def count_unrecorded_departures(entries: Iterable[EnrolmentEntry]) -> dict[str, int]:
     """Count those who left no data, by what they did."""
-    left = Counter(_DEPARTURES.get(entry.why, _DEPARTED) for entry in entries if isinstance(entry, SlotFreed))
+    left = Counter(_DEPARTURES.get(line.why, _DEPARTED) for line in entries if isinstance(line, SlotFreed))
     return {label: left[label] for label in (*_DEPARTURES.values(), _DEPARTED) if left[label]}
 
 
@@ -216,20 +216,20 @@ def list_analysis_stages(analysis: AnalysisFlow) -> Iterator[FlowStage]:
 def _list_people(entries: Iterable[EnrolmentEntry]) -> dict[str, _Person]:
     """List the holders of slots that were not freed, by code."""
     people: dict[str, _Person] = {}
-    for entry in entries:
-        match entry:
+    for line in entries:
+        match line:
             case SlotTaken():
-                people.setdefault(entry.participant, _Person(entry.group)).group = entry.group
-            case GroupDrawn() if entry.drawn in people:
-                people[entry.drawn].group = entry.group
+                people.setdefault(line.participant, _Person(line.group)).group = line.group
+            case GroupDrawn() if line.drawn in people:
+                people[line.drawn].group = line.group
             case SlotFreed():
-                people.pop(entry.freed, None)
-            case ParticipantWithdrawn() if entry.withdrawn in people:
-                people[entry.withdrawn].is_withdrawn = True
-            case ParticipantReplaced() if entry.replaced in people:
-                people[entry.replaced].is_replaced = True
+                people.pop(line.freed, None)
+            case ParticipantWithdrawn() if line.withdrawn in people:
+                people[line.withdrawn].is_withdrawn = True
+            case ParticipantReplaced() if line.replaced in people:
+                people[line.replaced].is_replaced = True
             case ChainHeadRecorded():
-                code, session = parse_log_name(entry.sealed) or ("", 0)
+                code, session = parse_log_name(line.sealed) or ("", 0)
                 if code in people:
                     people[code].begun.add(session)
     return people
@@ -301,9 +301,9 @@ def _name_absence(person: _Person) -> str:
 def _count_teams(entries: Iterable[EnrolmentEntry], people: Mapping[str, _Person]) -> GroupCounts:
     """Count the teams of several people, each once in however many blocks it played."""
     teams = {
-        frozenset(entry.members.values()): next(iter(entry.members.values()))
-        for entry in entries
-        if isinstance(entry, TeamRecorded) and not entry.solo and len(set(entry.members.values())) > 1
+        frozenset(line.members.values()): next(iter(line.members.values()))
+        for line in entries
+        if isinstance(line, TeamRecorded) and not line.solo and len(set(line.members.values())) > 1
     }
     return Counter(people[first].group for first in teams.values() if first in people)
 

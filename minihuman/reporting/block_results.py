@@ -121,6 +121,9 @@ class SessionChange:
     is_log: bool = False  # the change is one of natural logarithms
 
 
+_SUBJECT_COLUMNS = ["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockResults:
     """The results of one block, for the groups that played it."""
@@ -146,6 +149,14 @@ class BlockResults:
     powers: tuple[PowerAnalysis, ...]  # one for each pair of groups, in the order of the headline
     teams: int = 0  # of several people, each of which is one unit of the statistics; 0: participants are
     team_units: Mapping[str, str] = field(default_factory=dict)  # by group: "teams", or "teams and participants"
+
+    @property
+    def unit_name(self) -> str:
+        """Name the unit of the block's statistics, in the plural."""
+        names = {self.team_units.get(str(group), "participants") for group in self.groups["group"]}
+        if len(names) == 1:
+            return names.pop()
+        return "teams and participants"
 
     @property
     def headline(self) -> tuple[GroupComparison, ...]:
@@ -203,12 +214,11 @@ def compute_block_results(
     scaled_means = _average_sessions(scaled, columns)
     comparisons = compare_measures(scaled_means, roles, order, logs)
     changed = list_changes(scaled, measured)
-    subject_columns = ["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]
     return BlockResults(
         block=block,
         worlds=tuple(dict.fromkeys(episodes["world"])),
         episodes=len(episodes),
-        subjects=_order_by_group(people, order)[subject_columns].reset_index(drop=True),
+        subjects=_order_by_group(people, order)[_SUBJECT_COLUMNS].reset_index(drop=True),
         groups=_order_by_group(summarise_group_rewards(means), order),
         measures=_describe_measures(_order_by_group(means, order), measured, ["group"]),
         by_session=_describe_measures(_order_by_group(rows, order), measured, ["group", "session"]),

@@ -261,8 +261,8 @@ def _gather_content(
     outlines = [session.outline for session in tables.sessions if session.outline is not None]
     simulated = int((participants["player"] != "human").sum())
     is_practice = _is_practice(episodes, practice)
-    practised = episodes[is_practice & episodes["exclusion_reason"].isna()]
     flow = flow_section(tables.source, participants)
+    counts = flow.counts if flow else None
     return PageContent(
         study=report_input.study,
         sessions=len(participants),
@@ -271,9 +271,7 @@ def _gather_content(
         simulated=simulated,
         imported=int((participants["evidence"] == "consistent").sum()),
         flow=flow,
-        methods=build_methods(
-            outlines, qualities, simulated, protocols=report_input.protocols, flow=flow.counts if flow else None
-        ),
+        methods=build_methods(outlines, qualities, simulated, protocols=report_input.protocols, flow=counts),
         known_keys=find_known_keys(outlines, report_input.protocols),
         figures=(),
         first_figures=(),
@@ -283,17 +281,21 @@ def _gather_content(
         answers=report_input.answers,
         clauses=count_clauses(episodes[~is_practice], report_input.starts, report_input.clauses),
         activities=join_sections(report_input.sections),
-        practice={str(name): len(rows) for name, rows in practised.groupby("block", sort=False)},
+        practice=_count_by_block(episodes[is_practice & episodes["exclusion_reason"].isna()]),
         exclusions=list_exclusions(episodes, participants),
         account=tables.account,
         analysis=report_input.analysis,
         design=report_input.design,
         interaction=None,
         first_block=results.target,
-        planned_groups={group.name for protocol in report_input.protocols for group in protocol.groups},
         papers=is_published_study([outline.protocol_sha256 for outline in outlines]),
         mixed={},
     )
+
+
+def _count_by_block(episodes: pd.DataFrame) -> dict[str, int]:
+    """Count episodes by block, in the order of the first of each."""
+    return {str(name): len(rows) for name, rows in episodes.groupby("block", sort=False)}
 
 
 def _fit_mixed(episodes: pd.DataFrame, block: BlockResults) -> MixedModel | None:

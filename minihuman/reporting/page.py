@@ -22,7 +22,6 @@ from minihuman.reporting.block_results import BlockResults, summarise_group_rewa
 from minihuman.reporting.instruction_clauses import clauses_table
 from minihuman.reporting.interactions import InteractionResults, cells_table, interaction_table, state_interaction
 from minihuman.reporting.participant_flow import FlowSection
-from minihuman.reporting.question import ask_question, join_names
 from minihuman.reporting.result_tables import (
     conditions_table,
     crossover_table,
@@ -41,6 +40,7 @@ from minihuman.reporting.statements import (
     paired_statement,
     power_statement,
 )
+from minihuman.reporting.study_question import ask_question, join_names
 from minihuman.reporting.template import (
     PARTICIPANTS,
     REPORT,
@@ -109,7 +109,6 @@ class PageContent:
     interaction: InteractionResults | None  # of groups and conditions, in a mixed design
     first_block: str  # whose comparison of groups is among the answers; "": none's
     papers: bool  # the protocol is the published study's
-    planned_groups: Collection[str]  # by the protocol, whoever is included
     mixed: Mapping[str, MixedModel | None]  # of each block whose change over episodes is compared
 
 
@@ -139,9 +138,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "flow": content.flow,
         "practice": content.practice,
         "published": _compare_with_published(target) if content.papers and target else None,
-        "question": ask_question(
-            content.analysis, results, content.design, content.interaction, content.planned_groups
-        ),
+        "question": ask_question(content.analysis, results, content.design, content.interaction),
         "answers_first": _answer_question(results, content),
         "excluded": _count_excluded(content.exclusions),
         "within": _show_within(results.within),
@@ -286,7 +283,7 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         "parts_missing": list_missing_parts(block.parts),
         **_show_growth(block, content.mixed.get(block.block)),
         "reliability": reliability_table(block.reliabilities),
-        "powers": [power_statement(power) for power in block.powers],
+        "powers": [power_statement(power, block.unit_name) for power in block.powers],
     }
 
 

@@ -110,14 +110,14 @@ def equivalence_statement(equivalence: EquivalenceResult, roles: Mapping[str, Ro
     )
 
 
-def power_statement(power: PowerAnalysis) -> str:
+def power_statement(power: PowerAnalysis, units: str = "participants") -> str:
     """State what the sample could show, in one sentence."""
     a, b = power.n
     if math.isnan(power.power_for_large):
-        return f"Power: with {a} and {b} participants no difference between groups can be tested."
+        return f"Power: with {a} and {b} {units} no difference between groups can be tested."
     return (
-        f"Power: with {a} and {b} participants a two-sided t test at 5 %, before any correction, detects a "
+        f"Power: with {a} and {b} {units} a two-sided t test at 5 %, before any correction, detects a "
         f"difference of 0.8 standard deviations with a power of {100 * power.power_for_large:.0f} %; a power of 80 % "
-        f"needs one of {power.detectable_g:.2f} standard deviations, or {power.needed_for_large} participants per "
+        f"needs one of {power.detectable_g:.2f} standard deviations, or {power.needed_for_large} {units} per "
         f"group for one of 0.8."
     )

@@ -1,6 +1,6 @@
 """The question that a study asks, in the words of its report, and why there may be nothing to compare."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign
@@ -14,17 +14,8 @@ def ask_question(
     results: Results,
     design: ExperimentDesign | None = None,
     interaction: InteractionResults | None = None,
-    planned_groups: Collection[str] = (),
 ) -> str:
-    """State what the study compares, in one sentence, after the protocol's own question.
-
-    Args:
-        analysis: what the protocol named.
-        results: the study's.
-        design: the study's.
-        interaction: of groups and conditions, in a mixed design.
-        planned_groups: the protocol's, whoever is included.
-    """
+    """State what the study compares, in one sentence, after the protocol's own question."""
     stated = ""
     if design and design.question:
         stated = f"{design.question} "
@@ -51,19 +42,22 @@ def ask_question(
     elif conditions:
         parts.append(f"blocks {join_names(conditions)} within participants")
     if not parts:
-        return f"{stated}{_explain_no_comparison(results, planned_groups)}"
+        return f"{stated}{_explain_no_comparison(results, design)}"
     return f"{stated}Asked: how {', and '.join(parts)} differ in {measure}."
 
 
-def _explain_no_comparison(results: Results, planned_groups: Collection[str]) -> str:
+def _explain_no_comparison(results: Results, design: ExperimentDesign | None) -> str:
     """Say why nothing is compared: by the plan, or since too few are included."""
     if not results.included[0]:
         return "Nobody is included: nothing is compared."
+    planned_groups: Sequence[str] = results.order  # those who were excluded too
+    if design is not None and design.levels("group"):
+        planned_groups = design.levels("group")
     if len(planned_groups) < 2:
         return "One group: nothing is compared between groups."
-    groups = f"groups {join_names(sorted(planned_groups))}"
+    groups = f"groups {join_names(planned_groups)}"
     if results.target_block is None:
-        return f"No block has been played by participants of all of {groups}: nothing is compared between groups."
+        return f"No block was played by included participants of all of {groups}: nothing is compared between groups."
     (included_group,) = results.target_block.groups["group"]
     return f"Of {groups} only {included_group} has included participants: nothing is compared between groups."
 
