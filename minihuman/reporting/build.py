@@ -5,9 +5,11 @@
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pandas as pd
 
+from minihuman.dataset.selection import ANSWER_RULES
 from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES
 from minihuman.dataset.tables import Tables, select
 from minihuman.errors import ReportError
@@ -21,11 +23,11 @@ from minihuman.reporting.activity_sections import (
     join_sections,
 )
 from minihuman.reporting.block_results import BlockResults
-from minihuman.reporting.exclusions import exclude_practice_alone, list_exclusions
+from minihuman.reporting.exclusions import count_excluded, exclude_practice_alone, list_exclusions
 from minihuman.reporting.instruction_clauses import ATTEMPT_COLUMNS, count_clauses
-from minihuman.reporting.interactions import choose_first_block, compute_interaction
+from minihuman.reporting.interactions import InteractionResults, choose_first_block, compute_interaction
 from minihuman.reporting.methods import build_methods, find_known_keys
-from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
+from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study, state_answers
 from minihuman.reporting.participant_flow import flow_section
 from minihuman.reporting.results import Results, compute_results, leave_out_navigation
 from minihuman.reporting.scorecard import (
@@ -111,6 +113,7 @@ def build_report(
     results = _compute_results(report_input, episodes, blocks)
     content = _gather_content(tables, report_input, results, practice)
     content = _add_interaction(content, report_input, blocks, results)
+    content = replace(content, answers_without_rules=_answer_without_rules(tables, report_input, names))
     content = _add_figures(content, tables, report_input, (episodes, blocks), results, out / "figures")
     models, score_files = _score_models(report_input.plays, out)
     content = replace(
@@ -158,12 +161,35 @@ def _add_interaction(
     content: PageContent, report_input: _ReportInput, blocks: pd.DataFrame, results: Results
 ) -> PageContent:
     """Add the interaction of groups and conditions, and choose the block whose comparison answers the question."""
+    interaction, first_block = _compute_interaction(report_input, blocks, results)
+    return replace(content, interaction=interaction, first_block=first_block)
+
+
+def _compute_interaction(
+    report_input: _ReportInput, blocks: pd.DataFrame, results: Results
+) -> tuple[InteractionResults | None, str]:
+    """Return the interaction of groups and conditions, and the block whose comparison answers the question."""
     analysis = report_input.analysis
     design = report_input.design
     included = unite_teams(blocks[blocks["exclusion_reason"].isna()], report_input.teams)
     interaction = compute_interaction(included, design, analysis, results.order)
-    first_block = choose_first_block(design, analysis, results, interaction)
-    return replace(content, interaction=interaction, first_block=first_block)
+    return interaction, choose_first_block(design, analysis, results, interaction)
+
+
+def _answer_without_rules(tables: Tables, report_input: _ReportInput, names: Sequence[str]) -> list[str]:
+    """State the answers as they are if no rule on answers excludes anybody; none where none does."""
+    reasons = {rule.reason for protocol in report_input.protocols for rule in protocol.exclusions if rule.question}
+    if not reasons.intersection(report_input.participants["exclusion_reason"].dropna()):
+        return []
+    selection = replace(tables.selection, with_=(*tables.selection.with_, ANSWER_RULES))
+    with TemporaryDirectory() as drawn, select(tables.source, selection) as all_tables:
+        all_tables.require((*names, "steps"), shortest_paths=True)
+        all_input = _read_input(all_tables, report_input.study, names, Path(drawn))
+    practice = find_practice(all_input.protocols, all_input.participants["group"].unique())
+    episodes, blocks = _leave_out_practice(all_input, practice)
+    results = _compute_results(all_input, episodes, blocks)
+    interaction, first_block = _compute_interaction(all_input, blocks, results)
+    return state_answers(results, interaction, all_input.design, first_block)
 
 
 def _add_figures(
@@ -271,7 +297,14 @@ def _gather_content(
         simulated=simulated,
         imported=int((participants["evidence"] == "consistent").sum()),
         flow=flow,
-        methods=build_methods(outlines, qualities, simulated, protocols=report_input.protocols, flow=counts),
+        methods=build_methods(
+            outlines,
+            qualities,
+            simulated,
+            protocols=report_input.protocols,
+            flow=counts,
+            n_excluded=count_excluded(participants),
+        ),
         known_keys=find_known_keys(outlines, report_input.protocols),
         figures=(),
         first_figures=(),

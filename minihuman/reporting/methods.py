@@ -9,6 +9,7 @@ from minihuman.admin.enrolment_flow import ParticipantFlow
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.plan.stated_outcomes import describe_rule, find_outcome_rule, is_of_catalogue
+from minihuman.experiment.protocol.answer_exclusions import describe_answer_exclusion
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.reporting.attrition import Attrition
 from minihuman.reporting.block_measures import FORMULAS, MEASURES, TRIAL_BLOCK_MEASURES
@@ -58,6 +59,7 @@ def build_methods(
     *,
     protocols: Sequence[Protocol] = (),
     flow: ParticipantFlow | None = None,
+    n_excluded: Mapping[str, int] | None = None,
 ) -> list[str]:
     """Write the paragraphs of the methods.
 
@@ -67,10 +69,12 @@ def build_methods(
         simulated: how many sessions no person played.
         protocols: those the sessions were played by; without them nothing is said that only a protocol knows.
         flow: of the study's participants; None where there is no enrolment log to count them by.
+        n_excluded: how many participants are excluded, by reason; None where that is not known.
     """
     specs = BlockSpecs(protocols)
     return [
         _describe_people(plans, simulated, specs, protocols, flow),
+        *_describe_answer_exclusions(protocols, n_excluded or {}),
         *_describe_designs(protocols),
         *_describe_blocks(plans, specs),
         _describe_measures(plans, specs),
@@ -178,6 +182,22 @@ def _name_allocated(*, by_design: bool, has_keys: bool) -> str:
     if by_design:
         return "Keys" if has_keys else "Orders"
     return "Groups and keys" if has_keys else "Groups"
+
+
+def _describe_answer_exclusions(protocols: Sequence[Protocol], n_excluded: Mapping[str, int]) -> list[str]:
+    """Write a paragraph on the rules that exclude by answers, with the count of each; none without such rules."""
+    rules = {
+        rule.reason: describe_answer_exclusion(rule)
+        for protocol in protocols
+        for rule in protocol.exclusions
+        if rule.question
+    }
+    if not rules:
+        return []
+    described = "; ".join(
+        f"{description} ({reason}: {n_excluded.get(reason, 0)} excluded)" for reason, description in rules.items()
+    )
+    return [f"By rules that the protocol states, blind to the results, participants are excluded {described}."]
 
 
 def _describe_designs(protocols: Sequence[Protocol]) -> list[str]:

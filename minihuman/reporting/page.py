@@ -110,6 +110,7 @@ class PageContent:
     first_block: str  # whose comparison of groups is among the answers; "": none's
     papers: bool  # the protocol is the published study's
     mixed: Mapping[str, MixedModel | None]  # of each block whose change over episodes is compared
+    answers_without_rules: Sequence[str] = ()  # what the answers are if no rule on answers excludes anybody
 
 
 def build_page(content: PageContent, results: Results, templates: Path | None = None) -> str:
@@ -139,7 +140,8 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "practice": content.practice,
         "published": _compare_with_published(target) if content.papers and target else None,
         "question": ask_question(content.analysis, results, content.design, content.interaction),
-        "answers_first": _answer_question(results, content),
+        "answers_first": state_answers(results, content.interaction, content.design, content.first_block),
+        "answers_without_rules": content.answers_without_rules,
         "excluded": _count_excluded(content.exclusions),
         "within": _show_within(results.within),
         "interaction": _show_interaction(content.interaction),
@@ -160,23 +162,25 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
     return render_template(REPORT, context, templates)
 
 
-def _answer_question(results: Results, content: PageContent) -> list[str]:
+def state_answers(
+    results: Results, interaction_results: InteractionResults | None, design: ExperimentDesign, first_block: str
+) -> list[str]:
     """State the answers: the primary measure's, adjusted ones, equivalence, and conditions.
 
     Where the question is about the interaction, its answer comes first, and conditions pooled over groups are left to
     their table.
     """
-    is_about_interaction = content.interaction is not None and content.design.primary_effect == "interaction"
+    is_about_interaction = interaction_results is not None and design.primary_effect == "interaction"
     statements: list[str] = []
-    if content.first_block:
+    if first_block:
         statements += _state_differences(results.target_block)
     if results.within and not is_about_interaction:
         roles = results.within.roles
         primary = [comparison for comparison in results.within.comparisons if roles[comparison.measure] == "primary"]
         statements += [paired_statement(comparison) for comparison in primary]
-    if content.interaction is None:
+    if interaction_results is None:
         return statements
-    interaction = list(state_interaction(content.interaction))
+    interaction = list(state_interaction(interaction_results))
     if is_about_interaction:
         return [*interaction, *statements]
     return [*statements, *interaction]

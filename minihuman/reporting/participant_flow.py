@@ -10,7 +10,8 @@ from minihuman.admin.enrolment_entries import LookTaken, open_enrolment_log, rea
 from minihuman.admin.enrolment_flow import GroupCounts, ParticipantFlow, list_analysis_stages, list_stages
 from minihuman.admin.status import count_all_interventions, count_participant_flow
 from minihuman.errors import AllocationError, LogError
-from minihuman.reporting.template import Table, to_records
+from minihuman.reporting.exclusions import list_exclusion_reasons
+from minihuman.reporting.template import Table
 
 
 class FlowSection(NamedTuple):
@@ -32,7 +33,7 @@ def flow_section(source: Path, participants: pd.DataFrame) -> FlowSection | None
     try:
         if not source.is_dir() or not open_enrolment_log(source).begun:
             return None
-        flow = count_participant_flow(source, _list_exclusion_reasons(participants))
+        flow = count_participant_flow(source, list_exclusion_reasons(participants))
         interventions = count_all_interventions(source)
     except (AllocationError, LogError):  # no other number depends on it; the error names folders: it is not given here
         return FlowSection(None)
@@ -70,18 +71,6 @@ def _format_estimate(look: LookTaken, name: str) -> str:
 def _find_group_statistics(look: LookTaken) -> dict[str, Sequence[float]]:
     """Find the statistics that are lists, one per group, whose first number is the group's n."""
     return {name: statistic for name, statistic in look.statistics.items() if isinstance(statistic, list) and statistic}
-
-
-def _list_exclusion_reasons(participants: pd.DataFrame) -> dict[str, str]:
-    """List each participant's exclusion reason, of their first session; "" where any session is included."""
-    reasons: dict[str, str] = {}
-    for row in to_records(participants):
-        code = str(row["participant"])
-        if pd.isna(row["exclusion_reason"]):
-            reasons[code] = ""
-        else:
-            reasons.setdefault(code, str(row["exclusion_reason"]))
-    return reasons
 
 
 def flow_table(flow: ParticipantFlow) -> Table:
