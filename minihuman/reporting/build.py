@@ -28,7 +28,7 @@ from minihuman.reporting.instruction_clauses import ATTEMPT_COLUMNS, count_claus
 from minihuman.reporting.interactions import InteractionResults, choose_first_block, compute_interaction
 from minihuman.reporting.methods import build_methods, find_known_keys
 from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study, state_answers
-from minihuman.reporting.participant_flow import flow_section
+from minihuman.reporting.participant_flow import FlowSection, flow_section
 from minihuman.reporting.results import Results, compute_results, leave_out_navigation
 from minihuman.reporting.scorecard import (
     PlayerRows,
@@ -112,8 +112,7 @@ def build_report(
     episodes, blocks = _leave_out_practice(report_input, practice)
     results = _compute_results(report_input, episodes, blocks)
     content = _gather_content(tables, report_input, results, practice)
-    content = _add_interaction(content, report_input, blocks, results)
-    content = replace(content, answers_without_rules=_answer_without_rules(tables, report_input, names))
+    content = _add_interaction(content, tables, report_input, blocks, results)
     content = _add_figures(content, tables, report_input, (episodes, blocks), results, out / "figures")
     models, score_files = _score_models(report_input.plays, out)
     content = replace(
@@ -158,11 +157,12 @@ def _compute_results(report_input: _ReportInput, episodes: pd.DataFrame, blocks:
 
 
 def _add_interaction(
-    content: PageContent, report_input: _ReportInput, blocks: pd.DataFrame, results: Results
+    content: PageContent, tables: Tables, report_input: _ReportInput, blocks: pd.DataFrame, results: Results
 ) -> PageContent:
     """Add the interaction of groups and conditions, and choose the block whose comparison answers the question."""
     interaction, first_block = _compute_interaction(report_input, blocks, results)
-    return replace(content, interaction=interaction, first_block=first_block)
+    without_rules = _answer_without_rules(tables, report_input)
+    return replace(content, interaction=interaction, first_block=first_block, answers_without_rules=without_rules)
 
 
 def _compute_interaction(
@@ -176,15 +176,16 @@ def _compute_interaction(
     return interaction, choose_first_block(design, analysis, results, interaction)
 
 
-def _answer_without_rules(tables: Tables, report_input: _ReportInput, names: Sequence[str]) -> list[str]:
+def _answer_without_rules(tables: Tables, report_input: _ReportInput) -> list[str]:
     """State the answers as they are if no rule on answers excludes anybody; none where none does."""
     reasons = {rule.reason for protocol in report_input.protocols for rule in protocol.exclusions if rule.question}
     if not reasons.intersection(report_input.participants["exclusion_reason"].dropna()):
         return []
     selection = replace(tables.selection, with_=(*tables.selection.with_, ANSWER_RULES))
-    with TemporaryDirectory() as drawn, select(tables.source, selection) as all_tables:
+    names = [name for name in TABLES if name not in EVERY_MOMENT]
+    with TemporaryDirectory() as figures, select(tables.source, selection) as all_tables:
         all_tables.require((*names, "steps"), shortest_paths=True)
-        all_input = _read_input(all_tables, report_input.study, names, Path(drawn))
+        all_input = _read_input(all_tables, report_input.study, names, Path(figures))
     practice = find_practice(all_input.protocols, all_input.participants["group"].unique())
     episodes, blocks = _leave_out_practice(all_input, practice)
     results = _compute_results(all_input, episodes, blocks)
@@ -288,7 +289,6 @@ def _gather_content(
     simulated = int((participants["player"] != "human").sum())
     is_practice = _is_practice(episodes, practice)
     flow = flow_section(tables.source, participants)
-    counts = flow.counts if flow else None
     return PageContent(
         study=report_input.study,
         sessions=len(participants),
@@ -297,14 +297,7 @@ def _gather_content(
         simulated=simulated,
         imported=int((participants["evidence"] == "consistent").sum()),
         flow=flow,
-        methods=build_methods(
-            outlines,
-            qualities,
-            simulated,
-            protocols=report_input.protocols,
-            flow=counts,
-            n_excluded=count_excluded(participants),
-        ),
+        methods=_write_methods(tables, report_input, simulated, flow),
         known_keys=find_known_keys(outlines, report_input.protocols),
         figures=(),
         first_figures=(),
@@ -323,6 +316,18 @@ def _gather_content(
         first_block=results.target,
         papers=is_published_study([outline.protocol_sha256 for outline in outlines]),
         mixed={},
+    )
+
+
+def _write_methods(tables: Tables, report_input: _ReportInput, simulated: int, flow: FlowSection | None) -> list[str]:
+    """Write the methods of the sessions that could be read."""
+    return build_methods(
+        [session.outline for session in tables.sessions if session.outline is not None],
+        [session.quality for session in tables.sessions if session.quality is not None],
+        simulated,
+        protocols=report_input.protocols,
+        flow=flow.counts if flow else None,
+        n_excluded=count_excluded(report_input.participants),
     )
 
 

@@ -125,7 +125,6 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
     Raises:
         ReportError: if there is no such file in the folder, or the template in it cannot be rendered.
     """
-    target = results.target_block
     windows = ", ".join(f"{window} in {count} sessions" for window, count in content.windows.items())
     context = {
         "study": content.study,
@@ -138,7 +137,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "windows": windows,
         "flow": content.flow,
         "practice": content.practice,
-        "published": _compare_with_published(target) if content.papers and target else None,
+        "published": _compare_with_published(results) if content.papers else None,
         "question": ask_question(content.analysis, results, content.design, content.interaction),
         "answers_first": state_answers(results, content.interaction, content.design, content.first_block),
         "answers_without_rules": content.answers_without_rules,
@@ -325,8 +324,11 @@ def _list_not_compared(block: BlockResults) -> list[dict[str, str]]:
     ]
 
 
-def _compare_with_published(block: BlockResults) -> dict[str, Any]:
-    """Set the published study's subjects beside this one's."""
+def _compare_with_published(results: Results) -> dict[str, Any] | None:
+    """Set the published study's subjects beside this one's; None where no block is compared."""
+    block = results.target_block
+    if block is None:
+        return None
     frame = read_published_subjects()
     rows = [(row["group"], str(row["subject"]), f"{row['reward_mean']:.2f}") for row in to_records(frame)]
     means = summarise_group_rewards(frame)
