@@ -81,22 +81,14 @@ def draw_learning(
         xlabel: the label of the horizontal axis.
         numbers: the places of the episodes on the horizontal axis; by default 1, 2 and so on.
     """
-    are_shares = limits in (None, (0, 1)) and all(
-        np.isin(values[~np.isnan(values)], (0, 1)).all() for values in curves.values()
-    )
+    are_shares = limits in (None, (0, 1)) and _are_all_zero_or_one(curves)
     for place, (group, values) in enumerate(curves.items()):
         colour = SERIES[place % len(SERIES)]
-        if are_shares:
-            mean, low, high = share_and_band(values)
-        else:
-            mean, low, high = mean_and_band(values, level=level)
-        if limits is not None:
-            low = np.clip(low, *limits)
-            high = np.clip(high, *limits)
+        mean, low, high = share_and_band(values) if are_shares else mean_and_band(values, level=level)
+        low, high = _clip_band(low, high, limits)
         at = np.arange(1, values.shape[1] + 1) if numbers is None else np.asarray(numbers)
         if len(values) <= _FEW and not are_shares:
-            for participant_values in values:
-                ax.plot(at, participant_values, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")
+            ax.plot(at, values.T, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")
         ax.plot(
             at, mean, _DASHES[place % len(_DASHES)], marker=_MARKERS[place % len(_MARKERS)], ms=3.2, color=colour,
             label=f"{group} (n = {len(values)})",
@@ -107,6 +99,20 @@ def draw_learning(
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(2, len(curves)))
     return ax
+
+
+def _are_all_zero_or_one(curves: Mapping[str, NDArray[np.float64]]) -> bool:
+    """Return whether every value of every group that is not missing is 0 or 1."""
+    return all(np.isin(values[~np.isnan(values)], (0, 1)).all() for values in curves.values())
+
+
+def _clip_band(
+    low: NDArray[np.float64], high: NDArray[np.float64], limits: tuple[float, float] | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lower and the upper edge of a band, clipped to the limits of the measure if it has any."""
+    if limits is None:
+        return low, high
+    return np.clip(low, *limits), np.clip(high, *limits)
 
 
 def _set_limits(ax: Axes, limits: tuple[float, float] | None) -> None:

@@ -124,14 +124,7 @@ def estimate_report_power(
         ReportError: if the protocol does not have the comparison of the design.
     """
     estimates = []
-    has_several_groups = len(pool.groups) > 1
-    possible = {
-        "groups": has_several_groups,
-        "conditions": bool(pool.analysis.conditions),
-        "interaction": pool.design.is_mixed,
-        "change": has_several_groups and pool.rows["session"].nunique() > 1,
-    }
-    if not possible[design.on]:
+    if not _has_comparison(pool, design.on):
         raise ReportError(
             f"the protocol has no comparison of {design.on}; add one to [analysis], or choose another with --on"
         )
@@ -148,6 +141,18 @@ def estimate_report_power(
             low, high = wilson_interval(hits, studies)
             estimates.append(PowerEstimate(name, size, hits / studies, low, high, studies))
     return tuple(estimates)
+
+
+def _has_comparison(pool: ReportPool, comparison: str) -> bool:
+    """Return whether the protocol has a comparison, which is one of `COMPARISONS`."""
+    has_several_groups = len(pool.groups) > 1
+    possible = {
+        "groups": has_several_groups,
+        "conditions": bool(pool.analysis.conditions),
+        "interaction": pool.design.is_mixed,
+        "change": has_several_groups and pool.rows["session"].nunique() > 1,
+    }
+    return possible[comparison]
 
 
 def draw_study(pool: ReportPool, design: StudyDesign, size: int, rng: np.random.Generator) -> pd.DataFrame:

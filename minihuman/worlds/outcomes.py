@@ -181,8 +181,6 @@ def normalize_outcome_rule(success: str, *, at_any_step: bool) -> str:
     parse_outcome_rule(text)
     if {*parts} == {*_LAST_REWARD_TEXT.split(" and ")}:
         text = LAST_REWARD
-    else:
-        text = text
     if at_any_step:
         return add_any_step(text)
     return text

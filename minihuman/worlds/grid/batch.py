@@ -358,10 +358,9 @@ def step_parts(
     instructed: bool,
     nth: int,
 ) -> None:
-    """Run `step_many` for parts of the worlds, sharing them with other threads.
+    """Run `step_many` for parts of the worlds, sharing them with other threads; write its results to ``counts``.
 
-    The results are written to ``counts``, one per part. A thread begins with its own share, number ``nth``: over many
-    steps, the same worlds then stay in the nearest caches of its core.
+    A thread begins with its own share, number ``nth``, so that the same worlds stay in its core's nearest caches.
     """
     threads = len(counters) // APART - 1
     for turn in range(nth, nth + threads):

@@ -179,9 +179,8 @@ def prospects(
 ) -> NDArray[np.float64]:
     """Return for each reachable pose the value of the cells that it would show for the first time, (width, height, 4).
 
-    Unknown cells hide nothing, and a closed door ahead is assumed to be opened first. After ``straight`` cells of wall
-    in a line, the wall is expected to continue; with 0, no wall is expected. A cell is worth ``floor``, or ``wall`` if
-    a wall is expected there.
+    Unknown cells hide nothing, and a closed door ahead is opened first. After ``straight`` cells of wall in a line, the
+    wall is expected to continue (0: never). A cell is worth ``floor``, or ``wall`` if a wall is expected there.
     """
     world = believe(row, explored, EMPTY)
     if straight > 0:

@@ -213,10 +213,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
 
     @property
     def np_random(self) -> np.random.Generator:
-        """Return the world's random generator.
-
-        Read this property each time it is needed: a generator kept from before a step may be out of date.
-        """
+        """Return the world's random generator. Read it anew each time: one from before a step may be out of date."""
         generator = super().np_random
         if self._stream_is_ahead:
             write_rng_state(self._rng_state, generator)
@@ -295,11 +292,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return reward, status & TERMINATED != 0, status & TRUNCATED != 0
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Take an action; return the observation, reward, terminated, truncated and an empty info.
-
-        Raises:
-            WorldError: before `reset`, after an episode's end, and for an action that does not exist.
-        """
+        """Take an action as Gymnasium defines it; raise a WorldError outside an episode and for an unknown action."""
         try:
             number = index(action)
         except TypeError:
@@ -414,10 +407,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return ()
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Return the actions to success, or an empty list if there is no way.
-
-        The actions are the fewest possible, unless finding those would take too long.
-        """
+        """Return the actions to success, the fewest unless finding them takes too long; empty if there are none."""
         return shortest_path(self._in_world(), self._now()) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:

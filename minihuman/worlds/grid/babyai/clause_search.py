@@ -153,8 +153,7 @@ def distance_heuristic(
 ) -> Table:
     """Return the table of distances for a clause, FAR where it cannot be done even in the simplified world.
 
-    With ``careful``, doors and objects in the way cost about as many actions as they take. Otherwise the table never
-    overestimates.
+    With ``careful``, doors and objects in the way cost what they usually take; otherwise it never overestimates.
     """
     width = np.int64(row[WIDTH])
     height = np.int64(row[HEIGHT])

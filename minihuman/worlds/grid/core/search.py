@@ -81,8 +81,7 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
     Args:
         row: the state.
         sources: the numbers of the source poses, (x * height + y) * 4 + direction.
-        through: whether the agent may walk through doors and objects, which gives a lower bound; otherwise they block
-            the way.
+        through: whether doors and objects can be walked through, which gives a lower bound, or block the way.
     """
     width = np.int64(row[WIDTH])
     height = np.int64(row[HEIGHT])
@@ -208,9 +207,7 @@ def pop(frontier: Frontier) -> int:
 def push(
     frontier: Frontier, row: Row, node: int, action: int, carried_before: int, heuristic: int, weight: int
 ) -> bool:
-    """Add the state after an action, unless it is known at the same or a lower cost.
-
-    Return False if there is no space.
+    """Add the state after an action, unless it is known at no higher cost; return False if there is no space.
 
     Args:
         frontier: the nodes that the search has reached.

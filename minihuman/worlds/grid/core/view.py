@@ -123,8 +123,7 @@ def show_usual(ops: Any, image: NDArray[np.uint8], boards: NDArray[np.int64], at
 def look_ahead(ops: Any, row: Row) -> tuple[list[Any], Any]:
     """Return the columns `PAIRS` of a view, and its transparent cells as a number with a byte for each row of the view.
 
-    The cells are loaded column by column of the grid, in the view's order. If the agent faces left or right, they are
-    transposed.
+    The cells are loaded column by column of the grid, transposed where the agent faces left or right.
     """
     x, y, direction, width, height = (ops.number(row, at) for at in (X, Y, DIRECTION, WIDTH, HEIGHT))
     # the columns run leftwards where it faces right or down
