@@ -66,13 +66,7 @@ def draw_participants(
     """
     from minihuman.figures.learning_curves import mean_and_band
 
-    most = max((len(values) for values in groups.values()), default=1)
-    if most <= 30:
-        size = 4.2
-    elif most <= 100:
-        size = 3.0
-    else:
-        size = 1.8
+    size = _choose_dot_size(max((len(values) for values in groups.values()), default=1))
     for place, (group, values) in enumerate(groups.items()):
         colour = SERIES[place % len(SERIES)]
         known = values[~np.isnan(values)]
@@ -92,6 +86,15 @@ def draw_participants(
     ax.set_xticks(range(len(groups)), [f"{group}\nn = {int((~np.isnan(v)).sum())}" for group, v in groups.items()])
     ax.set(xlim=(-0.55, len(groups) - 0.4), ylabel=measure)
     return ax
+
+
+def _choose_dot_size(n: int) -> float:
+    """Return the size of the dots in points, which is smaller for more participants."""
+    if n <= 30:
+        return 4.2
+    if n <= 100:
+        return 3.0
+    return 1.8
 
 
 def draw_differences(ax: Axes, differences: Sequence[Difference], *, level: str = "difference of means") -> Axes:
@@ -203,17 +206,20 @@ ScoreBar = tuple[str, PlayerScore, tuple[float, ...]]  # player, score, and shar
 
 def score_figure(bars: Sequence[ScoreBar], *, reference: str) -> Figure:
     """Draw the scores of several players. The reference player has a score of 1."""
-    learns = any(len(shares) > 1 for _, _, shares in bars)
+    width_ratios = [1.0, 1.0, 1.0]
+    has_curves = any(len(shares) > 1 for _, _, shares in bars)
+    if has_curves:
+        width_ratios.append(1.1)
     with figure_style():
         figure = new_figure(width_cm=PAGE_CM, height_cm=max(5.0, 2.2 + 0.62 * len(bars)))
         figure.suptitle(f"reference: {reference}", fontsize=7.0, x=0.01, ha="left")
-        axes = figure.subplots(1, 3 + learns, width_ratios=[1, 1, 1, 1.1][: 3 + learns])
+        axes = figure.subplots(1, len(width_ratios), width_ratios=width_ratios)
         draw_scores(axes[0], bars, "success", label="success", limits=(0, 1))
         draw_scores(axes[1], bars, "normalised", label="normalised score", mark=1.0)
         draw_scores(axes[2], bars, "relative_efficiency", label="relative efficiency", mark=1.0)
         for axis in axes[1:3]:
             axis.set_yticklabels([])
-        if learns:
+        if has_curves:
             draw_curves(axes[3], bars)
     return figure
 

@@ -133,7 +133,7 @@ def learning_figure(
 ) -> Figure:
     """Draw the learning curves of one measure in a figure one column wide."""
     with figure_style():
-        figure = new_figure(height_cm=6.2 + 0.4 * (title.count("\n") + bool(title)))
+        figure = new_figure(height_cm=6.2 + 0.4 * len(title.splitlines()))
         figure.suptitle(title)
         draw_learning(figure.subplots(), curves, measure=measure, limits=limits, xlabel=xlabel, numbers=numbers)
     return figure

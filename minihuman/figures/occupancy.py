@@ -122,7 +122,8 @@ def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeL
         axes = figure.subplots(1, len(groups), squeeze=False)[0]
         for place, (ax, (group, participants)) in enumerate(zip(axes, groups.items(), strict=True)):
             draw_occupancy(ax, participants, limits=limits)
-            n = f"{len(participants)} participant{'s' * (len(participants) != 1)}"
+            noun = "participant" if len(participants) == 1 else "participants"
+            n = f"{len(participants)} {noun}"
             ax.set_title(f"{title}, {n}" if len(groups) == 1 else f"{group}, {n}", loc="left")
             if len(groups) > 1:
                 label_panel(ax, place)

@@ -15,6 +15,7 @@ from minihuman.figures.style import SERIES, figure_style, new_figure
 from minihuman.statistics.survival import SurvivalCurve, SurvivalTimes, kaplan_meier
 
 _DASHES = ("-", "--", ":", "-.")
+_Z_95 = 1.959964  # the quantile of the normal distribution for a 95 % interval
 
 
 def survival_band(survival: SurvivalCurve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -29,7 +30,7 @@ def survival_band(survival: SurvivalCurve) -> tuple[NDArray[np.float64], NDArray
     with np.errstate(divide="ignore", invalid="ignore"):
         events = np.round(at_risk * (1 - share / before))
         variance = np.cumsum(events / (at_risk * (at_risk - events)))
-        spread = 1.959964 * np.sqrt(variance) / np.abs(np.log(share))
+        spread = _Z_95 * np.sqrt(variance) / np.abs(np.log(share))
         return share ** np.exp(spread), share ** np.exp(-spread)
 
 
@@ -70,7 +71,7 @@ def survival_figure(
 ) -> Figure:
     """Draw the survival curves of one event in a figure one column wide, with the number at risk under the axis."""
     with figure_style():
-        figure = new_figure(height_cm=6.2 + 0.45 * len(groups) + 0.4 * (title.count("\n") + bool(title)))
+        figure = new_figure(height_cm=6.2 + 0.45 * len(groups) + 0.4 * len(title.splitlines()))
         axes, below = figure.subplots(2, height_ratios=(6, len(groups) + 0.6))
         figure.suptitle(title)
         draw_survival(axes, groups, label=label, independent=independent)

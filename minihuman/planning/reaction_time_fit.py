@@ -71,14 +71,15 @@ def log_density(times: ReactionTimes, values: Mapping[str, float], *, floor_ms: 
 
     For a time at the floor, the value is the log probability of a time at or below the floor.
     """
-    gone = values["practice"] * -np.expm1(-times.presses / values["practice_presses"])
-    share = np.where(times.again, values["repeat_factor"], 1.0) * (1 - gone) * (1 + _FATIGUE * times.presses / 1000)
+    practice_effect = values["practice"] * -np.expm1(-times.presses / values["practice_presses"])
+    repeat_factor = np.where(times.again, values["repeat_factor"], 1.0)
+    time_factor = repeat_factor * (1 - practice_effect) * (1 + _FATIGUE * times.presses / 1000)
     at_floor = times.ms <= floor_ms + 0.5
-    z = (np.where(at_floor, floor_ms, times.ms) / share - values["mu_ms"]) / values["sigma_ms"]
+    z = (np.where(at_floor, floor_ms, times.ms) / time_factor - values["mu_ms"]) / values["sigma_ms"]
     ratio = values["sigma_ms"] / values["tau_ms"]
     tail = ratio**2 / 2 - ratio * z + scipy.special.log_ndtr(z - ratio)  # SciPy's exponnorm, ten times as fast
     below = np.log(np.maximum(scipy.special.ndtr(z) - np.exp(tail), 0.0) + 1e-12)
-    log_response = np.where(at_floor, below, tail - np.log(values["tau_ms"] * share))
+    log_response = np.where(at_floor, below, tail - np.log(values["tau_ms"] * time_factor))
     pauses = np.where(at_floor, 0.0, values["pause"] * np.exp(-times.ms / _PAUSE_MS) / _PAUSE_MS)
     return np.maximum(np.log((1 - values["pause"]) * np.exp(log_response) + pauses + 1e-300), -50.0)
 
@@ -88,51 +89,50 @@ def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTime
     if len(times.ms) < MIN_TIMES:
         return None
 
-    def unlikely(point: NDArray[np.float64]) -> float:
+    def cost(point: NDArray[np.float64]) -> float:  # the negative log posterior density
         prior = float((((point - start) / _PRIOR_SDS) ** 2).sum()) / 2
-        return prior - float(log_density(times, _values(point), floor_ms=floor_ms).sum())
+        return prior - float(log_density(times, _read_parameters(point), floor_ms=floor_ms).sum())
 
     named = zip(PARAMETER_NAMES, _START, strict=True)
-    start = np.array([_to_line(name, start_value) for name, start_value in named])
+    start = np.array([_to_unbounded(name, start_value) for name, start_value in named])
     options: Any = {"maxiter": 4000, "maxfev": 4000, "xatol": 1e-3, "fatol": 1e-2, "adaptive": True}
-    optimum = scipy.optimize.minimize(unlikely, start, method="Nelder-Mead", options=options)
+    optimum = scipy.optimize.minimize(cost, start, method="Nelder-Mead", options=options)
     point = optimum.x
     steps = np.eye(len(PARAMETER_NAMES)) * _STEP
     curvature = np.array(
         [
             [
-                (unlikely(point + a + b) - unlikely(point + a - b) - unlikely(point - a + b) + unlikely(point - a - b))
-                / (4 * _STEP**2)
+                (cost(point + a + b) - cost(point + a - b) - cost(point - a + b) + cost(point - a - b)) / (4 * _STEP**2)
                 for b in steps
             ]
             for a in steps
         ]
     )
-    ranks = scipy.stats.rankdata(times.ms / np.where(times.again, _values(point)["repeat_factor"], 1.0))
+    ranks = scipy.stats.rankdata(times.ms / np.where(times.again, _read_parameters(point)["repeat_factor"], 1.0))
     lag = min(max(float(np.corrcoef(ranks[:-1], ranks[1:])[0, 1]), 0.0), 0.9)
     variances = np.diag(np.linalg.pinv(curvature)) * (1 + lag) / (1 - lag)  # as of a mean of autocorrelated times
     errors = np.where(variances > 0, np.sqrt(np.maximum(variances, 0)), math.inf)
     z = float(scipy.special.ndtri(0.975))
     intervals = {
-        name: (_from_line(name, at - z * error), _from_line(name, at + z * error))
+        name: (_from_unbounded(name, at - z * error), _from_unbounded(name, at + z * error))
         for name, at, error in zip(PARAMETER_NAMES, point, errors, strict=True)
         if len(times.ms) >= _MIN_TIMES_OF.get(name, MIN_TIMES) and math.isfinite(error)
     }
-    return ReactionTimeFit(_values(point), intervals, len(times.ms))
+    return ReactionTimeFit(_read_parameters(point), intervals, len(times.ms))
 
 
-def _values(point: NDArray[np.float64]) -> dict[str, float]:
-    return {name: _from_line(name, float(at)) for name, at in zip(PARAMETER_NAMES, point, strict=True)}
+def _read_parameters(point: NDArray[np.float64]) -> dict[str, float]:
+    return {name: _from_unbounded(name, float(at)) for name, at in zip(PARAMETER_NAMES, point, strict=True)}
 
 
-def _to_line(name: str, parameter: float) -> float:
+def _to_unbounded(name: str, parameter: float) -> float:
     """Return the log odds of a probability, or the logarithm of any other parameter."""
     if name in _CHANCES:
         return math.log(parameter / (1 - parameter))
     return math.log(parameter)
 
 
-def _from_line(name: str, at: float) -> float:
+def _from_unbounded(name: str, at: float) -> float:
     """Return a parameter from its log odds or logarithm."""
     at = min(max(at, -30.0), 30.0)
     if name in _CHANCES:

@@ -319,10 +319,11 @@ def describe_report_power(
     pool: ReportPool, design: StudyDesign, estimates: Sequence[PowerEstimate], *, player: str
 ) -> str:
     """Return the power analysis as text, for the terminal and a preregistration."""
+    first_condition = next(iter(pool.analysis.conditions), "")
     location = {
         "groups": f"in group {next(iter(pool.groups))}, block {pool.target}",
-        "conditions": f"in block {(*pool.analysis.conditions, '')[0]}, within participants",
-        "interaction": f"in block {(*pool.analysis.conditions, '')[0]} of group {next(iter(pool.groups))} alone",
+        "conditions": f"in block {first_condition}, within participants",
+        "interaction": f"in block {first_condition} of group {next(iter(pool.groups))} alone",
         "change": f"in the later sessions of group {next(iter(pool.groups))}, block {pool.target}",
     }[design.on]
     if pool.analysis.primary_measure:
