@@ -41,7 +41,7 @@ def draw_steps(ax: Axes, log: SessionLog) -> Axes:
 
 
 def draw_time(ax: Axes, log: SessionLog) -> Axes:
-    """Draw how long each episode was played, in seconds from the reset to the last step, without pauses."""
+    """Draw the playing time of each episode in seconds, from the reset to the last step, without pauses."""
     seconds = [playing_s(episode) for episode in log.episodes]
     ax.bar(_numbers(log), seconds, width=0.7, color=SERIES[4])
     ax.set_ylabel("playing time (s)")
@@ -124,7 +124,7 @@ def _name_blocks(ax: Axes, log: SessionLog) -> None:
 
 
 def _bands(ax: Axes, log: SessionLog) -> None:
-    """Shade every other block."""
+    """Shade the episodes of every other block."""
     blocks = dict.fromkeys(episode.plan.block for episode in log.episodes)
     for place, block in enumerate(blocks):
         numbers = [episode.number for episode in log.episodes if episode.plan.block == block]

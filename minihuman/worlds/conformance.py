@@ -209,7 +209,7 @@ def _take(
 
 
 class _ValueWatch:
-    """Checks the observations, rewards and pictures of a play, and reports each kind of problem once."""
+    """A checker of the observations, rewards and pictures of a play. It reports each kind of problem once."""
 
     def __init__(self, world: World, report: ConformanceReport) -> None:
         self._world = world

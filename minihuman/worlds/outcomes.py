@@ -110,7 +110,7 @@ class OutcomeRule:
 
 
 class OutcomeJudge:
-    """Applies an outcome rule to the steps of an episode, one after another.
+    """A judge that applies an outcome rule to the steps of an episode, one after another.
 
     Args:
         rule: the rule's text, as `parse_outcome_rule` takes it.

@@ -28,7 +28,7 @@ def _register() -> None:
 
 
 class _GymnasiumFinder:
-    """Import finder that finds Gymnasium through the other finders, and registers our worlds after it is loaded."""
+    """An import finder that finds Gymnasium through the other finders, and then has our worlds registered."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
@@ -44,7 +44,7 @@ class _GymnasiumFinder:
 
 
 class _RegisteringLoader:
-    """Loads Gymnasium with its own loader, registers our worlds, and then removes itself and its finder."""
+    """An import loader that loads Gymnasium with its own loader, registers our worlds, and then removes itself."""
 
     def __init__(self, its_own: "Loader", waiting: _GymnasiumFinder) -> None:
         self._its_own = its_own

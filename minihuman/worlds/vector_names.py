@@ -26,7 +26,7 @@ class VectorNames(abc.ABC):
 
     @abc.abstractmethod
     def save(self) -> Any:
-        """Return an exact, picklable copy of every world's state, random streams included."""
+        """Return an exact copy of every world's state, including its random stream. The copy can be pickled."""
 
     @abc.abstractmethod
     def restore(self, saved: Any) -> None:

@@ -306,7 +306,7 @@ class Kitchen(TeamWorld):
         observe(self.row, self._flat_images)
 
     def step(self, actions: Sequence[int]) -> TeamStep:
-        """Make one joint step."""
+        """Make one joint step, with one action per cook."""
         if len(actions) != self.bodies:
             self.check_actions(actions)
         own = self._actions

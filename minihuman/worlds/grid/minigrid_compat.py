@@ -128,7 +128,7 @@ class MinigridCompat(abc.ABC):
 
     @set_instead("put a Goal into a cell with put_obj()")
     def goal_position(self) -> Place | None:
-        """Return `goal_pos`."""
+        """Return the same cell as `goal_pos`."""
         return self.goal_pos
 
     @UpstreamName

@@ -53,7 +53,7 @@ class Item:
 
     @property
     def is_carried(self) -> bool:
-        """Return whether the agent can pick it up."""
+        """Return whether the agent can pick up an object made from the item."""
         if self.own is None:
             return self.kind in ("key", "ball", "box")
         return self.own.carried

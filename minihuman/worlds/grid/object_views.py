@@ -243,13 +243,13 @@ class ObjectView:
         raise WorldAttributeError("cur_pos cannot be set; move it with env.unwrapped.put_obj(thing, column, row)")
 
     def can_pickup(self) -> bool:
-        """Return whether the agent can carry it."""
+        """Return whether the agent can carry the object."""
         if self.own:
             return self.own.carried
         return self.type in ("key", "ball", "box")
 
     def can_overlap(self) -> bool:
-        """Return whether the agent can stand on it."""
+        """Return whether the agent can stand on the object."""
         return self.is_open or (self.own.stepped_on if self.own else self.type in ("floor", "goal", "lava"))
 
     def can_contain(self) -> bool:
@@ -257,7 +257,7 @@ class ObjectView:
         return False
 
     def see_behind(self) -> bool:
-        """Return whether the agent sees what is behind it."""
+        """Return whether the agent sees what is behind the object."""
         return self.is_open or not (self.own.hides if self.own else self.type in ("wall", "door"))
 
     def encode(self) -> tuple[int, int, int]:

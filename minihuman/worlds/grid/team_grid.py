@@ -169,7 +169,7 @@ class TeamGrid(TeamWorld, abc.ABC):
         return None if code == EMPTY else code
 
     def step(self, actions: Sequence[int]) -> TeamStep:
-        """Make one joint step."""
+        """Make one joint step, with one action per body."""
         if len(actions) != self.bodies:
             self.check_actions(actions)
         self._actions[:] = actions

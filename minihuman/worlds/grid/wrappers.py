@@ -63,7 +63,7 @@ class ImageWrapper(gymnasium.ObservationWrapper[Observation, int, Observation], 
 
 
 class PictureObservation(ImageWrapper):
-    """Replaces the image by a picture of the agent's view or of the whole world, uint8[H, W, 3].
+    """A wrapper that replaces the image by a picture of the agent's view or of the whole world, uint8[H, W, 3].
 
     A cell is ``tile_px`` pixels wide and high.
     """
@@ -93,7 +93,7 @@ class PictureObservation(ImageWrapper):
 
 
 class OneHot(ImageWrapper):
-    """Replaces the image by a one-hot encoding of its kinds, colours and states, uint8[size, size, 11 + 6 + 3].
+    """A wrapper that encodes the image's kinds, colours and states as one-hot vectors, uint8[size, size, 11 + 6 + 3].
 
     Each kind of the world's own adds one more number per cell.
     """
@@ -112,7 +112,7 @@ class OneHot(ImageWrapper):
 
 
 class FullyObserved(ImageWrapper):
-    """Replaces the image by the whole grid, uint8[width, height, 3]: kind, colour, state.
+    """A wrapper that replaces the image by the whole grid, uint8[width, height, 3]: kind, colour, state.
 
     The state of the agent is its direction.
     """
@@ -130,7 +130,10 @@ class FullyObserved(ImageWrapper):
 
 
 class Symbolic(ImageWrapper):
-    """Replaces the image by the whole grid as symbols, int64[width, height, 3]: column, row, kind (-1 if empty)."""
+    """A wrapper that replaces the image by the grid as symbols, int64[width, height, 3]: column, row, kind.
+
+    The kind of an empty cell is -1.
+    """
 
     def __init__(self, env: Env) -> None:
         state = grid_of(env).state
@@ -151,7 +154,7 @@ class Symbolic(ImageWrapper):
 
 
 class ViewSize(ImageWrapper):
-    """Replaces the agent's view by one with another number of cells on a side, odd, 3 to 61."""
+    """A wrapper that replaces the agent's view by one with another number of cells on a side, odd, 3 to 61."""
 
     def __init__(self, env: Env, size: int = 7) -> None:
         self.size = size
@@ -164,7 +167,7 @@ class ViewSize(ImageWrapper):
 
 
 class Flat(gymnasium.ObservationWrapper[NDArray[np.uint8], int, Observation]):
-    """Turns an observation into one array: the image's numbers, then the mission letter by letter.
+    """A wrapper that turns an observation into one array: the image's numbers, then the mission letter by letter.
 
     Letters are a to z, space and comma; each of up to ``letters`` letters is encoded as 28 numbers, one of which is 1.
     """
@@ -244,7 +247,10 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
 
 
 class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
-    """Takes the given action with probability ``prob``, otherwise ``random_action``, or a random one if it is None."""
+    """A wrapper that takes the given action with probability ``prob``, otherwise ``random_action``.
+
+    If ``random_action`` is None, it takes a random action instead.
+    """
 
     def __init__(self, env: Env, prob: float = 0.9, random_action: int | None = None) -> None:
         super().__init__(env)
@@ -290,7 +296,7 @@ class ExplorationBonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
 
 
 class PositionBonus(ExplorationBonus):
-    """Adds a bonus for cells that were visited rarely."""
+    """A wrapper that adds a bonus for cells that were visited rarely."""
 
     def happened(self, action: int) -> tuple[Any, ...]:
         """Return the agent's cell."""
@@ -298,7 +304,7 @@ class PositionBonus(ExplorationBonus):
 
 
 class ActionBonus(ExplorationBonus):
-    """Adds a bonus for rare combinations of an action with the cell and direction in which it ended."""
+    """A wrapper that adds a bonus for rare combinations of an action with the cell and direction in which it ended."""
 
     def happened(self, action: int) -> tuple[Any, ...]:
         """Return the agent's cell and direction, and the action."""
@@ -315,7 +321,7 @@ def _parts(env: Env) -> dict[str, spaces.Space[Any]]:
 
 
 class FixedSeeds(gymnasium.Wrapper[Any, int, Any, int]):
-    """Resets an environment with the given seeds in turn, over and over, so that the layouts are fixed.
+    """A wrapper that resets an environment with the given seeds in turn, over and over, so that layouts are fixed.
 
     Args:
         env: any environment.
@@ -346,7 +352,9 @@ class FixedSeeds(gymnasium.Wrapper[Any, int, Any, int]):
 
 
 class NoDeath(gymnasium.Wrapper[Any, int, Any, int]):
-    """Lets an episode continue at a cost where it would end without success; the agent stays where it was.
+    """A wrapper that lets an episode continue, at a cost, where it would end without success.
+
+    The agent then stays where it was.
 
     Args:
         env: a grid world.

@@ -128,7 +128,7 @@ class WfcRecipe(Recipe):
         dig(row, rng_state, np.array(self._free(rng_state, int(row[WIDTH]) - 2), np.int64))
 
     def _free(self, rng_state: RngState, size: int) -> list[tuple[int, int]]:
-        """Return the free cells of a layout in which a goal can be reached."""
+        """Return the free cells of a layout, at least two, of which one can be the goal."""
         for _ in range(LAYOUTS):
             patterns = collapse(
                 rng_state, self.overlaps.weights, self.overlaps.adjacency, size, self.periodic, ATTEMPTS
