@@ -1,1 +1,1 @@
-"""Figures: functions of data and an axes that return the axes. Nothing here opens a log or shows a window."""
+"""Figures: functions that draw data on an axes and return the axes. Nothing here opens a log or shows a window."""

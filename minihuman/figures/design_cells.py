@@ -1,5 +1,6 @@
-"""The figure of a mixed design: every participant in every cell of groups and conditions, and the groups' differences
-in each contrast between conditions.
+"""The figure of a mixed design: every participant's value in each condition, and the differences between groups.
+
+The differences are drawn for each contrast between conditions.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,16 +29,16 @@ def draw_cells(
     measure: str,
     limits: tuple[float, float] | None = None,
 ) -> Axes:
-    """Draw a dot per participant and cell, a thin line through a participant's dots, and each cell's mean.
+    """Draw a dot per participant and condition, a thin line through a participant's dots, and each cell's mean.
 
-    Means have their 95 % interval (Student's), cut at ``limits``, and a line of the group's through them.
+    Each mean has its 95 % interval (Student's t), clipped to ``limits``; a line joins the means of a group.
 
     Args:
-        ax: where.
-        groups: of each, (participants, conditions); NaN where a participant has no value.
-        conditions: their names.
-        measure: what the values are.
-        limits: which the measure cannot leave.
+        ax: the axes to draw on.
+        groups: per group, an array of shape (participants, conditions); NaN where a participant has no value.
+        conditions: the names of the conditions.
+        measure: the name of the measure.
+        limits: the lowest and the highest possible value of the measure; None if it has no bounds.
     """
     width = _WIDTH / len(groups)
     size = _choose_dot_size(max(len(values) for values in groups.values()))
@@ -59,7 +60,7 @@ def draw_cells(
 
 
 def _choose_dot_size(n: int) -> float:
-    """Choose the size of dots in points, the smaller the more participants there are."""
+    """Return the size of the dots in points, which is smaller for more participants."""
     if n <= 30:
         return 3.2
     if n <= 100:
@@ -68,7 +69,7 @@ def _choose_dot_size(n: int) -> float:
 
 
 def _place_dots(values: Values, places: Values, *, width: float) -> Values:
-    """Return where each dot stands on the axis of conditions, (participants, conditions), equal ones side by side."""
+    """Return the x coordinate of each dot, (participants, conditions); dots of equal values lie side by side."""
     at = np.full(values.shape, np.nan)
     for column, place in enumerate(places):
         known = ~np.isnan(values[:, column])
@@ -103,18 +104,18 @@ def cells_figure(
     level: str = "difference of contrast scores",
     limits: tuple[float, float] | None = None,
 ) -> Figure:
-    """Draw every cell with every participant, and beside them the groups' differences in each contrast.
+    """Draw the values of every participant in every condition, and beside them the differences between groups.
 
-    The figure fits a page's width.
+    The figure has the width of a page.
 
     Args:
-        groups: of each, (participants, conditions).
-        conditions: their names.
-        differences: ``first`` names the contrast, ``second`` the groups.
-        measure: what the values are.
-        title: of the figure.
-        level: what the differences are of.
-        limits: which the measure cannot leave.
+        groups: per group, an array of shape (participants, conditions).
+        conditions: the names of the conditions.
+        differences: the differences to draw; ``first`` names the contrast, ``second`` the groups.
+        measure: the name of the measure.
+        title: the title of the figure.
+        level: the label of the axis of differences.
+        limits: the lowest and the highest possible value of the measure; None if it has no bounds.
     """
     with figure_style():
         figure = new_figure(width_cm=PAGE_CM, height_cm=max(7.4, 3.0 + 0.9 * len(differences)))

@@ -1,6 +1,8 @@
-"""Estimation plots: every participant's value with each group's mean, beside the differences of groups with their
-intervals; distributions of reaction times, a line per participant; and the scorecard's figure, each player's success,
-human-normalised score and relative efficiency with their intervals.
+"""Estimation plots, distributions of reaction times, and the figure of the scorecard.
+
+An estimation plot shows every participant's value with each group's mean, and beside them the differences between
+groups with their intervals. Reaction times have one line per participant. The scorecard's figure shows each player's
+success, human-normalised score and relative efficiency with their intervals.
 
 Sources: Gardner and Altman (1986), Confidence intervals rather than P values; Ho et al. (2019), Moving beyond P values.
 """
@@ -27,7 +29,7 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
 def compare_every_pair(groups: Mapping[str, Values]) -> list[Difference]:
-    """Compare every two groups, with the interval that the report has; no group without a value."""
+    """Return the difference of every two groups that have values, with the interval that the report uses."""
     rows = pd.concat([pd.DataFrame({"group": name, "value": values}) for name, values in groups.items()])
     compared = compare_groups(rows, ["value"], order=list(groups))
     return [
@@ -38,7 +40,7 @@ def compare_every_pair(groups: Mapping[str, Values]) -> list[Difference]:
 
 
 def spread_dots(values: Values, *, rows: int = 40, width: float = 0.36) -> Values:
-    """Spread dots to the side, so that equal ones lie beside each other: offsets (n,) of at most ``width``."""
+    """Return sideways offsets (n,) of at most ``width`` that place the dots of equal values side by side."""
     if not len(values):
         return np.zeros(0)
     extent = float(np.ptp(values))
@@ -58,19 +60,13 @@ def spread_dots(values: Values, *, rows: int = 40, width: float = 0.36) -> Value
 def draw_participants(
     ax: Axes, groups: Mapping[str, Values], *, measure: str, limits: tuple[float, float] | None = None
 ) -> Axes:
-    """Draw one dot per participant, and beside each group's dots its mean and the mean's 95 % interval (Student's).
+    """Draw one dot per participant, and beside each group's dots its mean with a 95 % interval (Student's t).
 
-    The interval is cut at ``limits``, which the measure cannot leave.
+    The interval is clipped to ``limits``, the lowest and the highest possible value of the measure.
     """
     from minihuman.figures.learning_curves import mean_and_band
 
-    most = max((len(values) for values in groups.values()), default=1)
-    if most <= 30:
-        size = 4.2
-    elif most <= 100:
-        size = 3.0
-    else:
-        size = 1.8
+    size = _choose_dot_size(max((len(values) for values in groups.values()), default=1))
     for place, (group, values) in enumerate(groups.items()):
         colour = SERIES[place % len(SERIES)]
         known = values[~np.isnan(values)]
@@ -92,8 +88,17 @@ def draw_participants(
     return ax
 
 
+def _choose_dot_size(n: int) -> float:
+    """Return the size of the dots in points, which is smaller for more participants."""
+    if n <= 30:
+        return 4.2
+    if n <= 100:
+        return 3.0
+    return 1.8
+
+
 def draw_differences(ax: Axes, differences: Sequence[Difference], *, level: str = "difference of means") -> Axes:
-    """Draw each difference of two groups with its interval, one below the other, and a line where there is none."""
+    """Draw the differences of pairs of groups with their intervals, one below the other, and a line at zero."""
     ax.axvline(0, color=MUTED, lw=0.8, ls="--")
     for row, difference in enumerate(differences):
         if np.isfinite(difference.interval[0]):
@@ -129,14 +134,16 @@ def estimation_figure(
     title: str = "",
     limits: tuple[float, float] | None = None,
 ) -> Figure:
-    """Draw every participant by group, and the groups' differences beside them, for the width of a page.
+    """Draw every participant's value by group, and beside them the differences between groups.
+
+    The figure has the width of a page.
 
     Args:
-        groups: one value per participant; NaN where there is none.
-        differences: of groups, with 95 % intervals.
-        measure: what the values are.
-        title: the block and the measure.
-        limits: which the measure cannot leave.
+        groups: per group, one value per participant; NaN where a participant has no value.
+        differences: the differences between groups, with 95 % intervals.
+        measure: the name of the measure.
+        title: the title of the figure, which names the block and the measure.
+        limits: the lowest and the highest possible value of the measure; None if it has no bounds.
     """
     with figure_style():
         figure = new_figure(width_cm=PAGE_CM, height_cm=7.4)
@@ -153,14 +160,15 @@ def estimation_figure(
 
 
 def draw_reaction_times(ax: Axes, groups: Mapping[str, NDArray[np.float64]], edges_ms: Values) -> Axes:
-    """Draw each participant's distribution of reaction times as a thin line, each group's mean of them as a thick one.
+    """Draw each participant's distribution of reaction times as a thin line, and each group's mean as a thick one.
 
-    Where a group has more than 12, the lines would hide each other: a band from their 10th to their 90th percentile.
+    If a group has more than 12 participants, a band from their 10th to their 90th percentile replaces the thin lines,
+    which would hide each other.
 
     Args:
-        ax: where.
-        groups: (participants, bins) shares of each participant's reaction times.
-        edges_ms: (bins + 1,) the bins' edges.
+        ax: the axes to draw on.
+        groups: per group, the share of each participant's reaction times in each bin, (participants, bins).
+        edges_ms: the edges of the bins, (bins + 1,).
     """
     middles = np.sqrt(edges_ms[:-1] * edges_ms[1:])
     are_few = max(map(len, groups.values())) <= _FEW
@@ -185,7 +193,7 @@ def draw_reaction_times(ax: Axes, groups: Mapping[str, NDArray[np.float64]], edg
 
 
 def reaction_time_figure(groups: Mapping[str, NDArray[np.float64]], edges_ms: Values, *, title: str) -> Figure:
-    """Draw distributions of reaction times for one column of a page."""
+    """Draw the distributions of reaction times in a figure one column wide."""
     with figure_style():
         figure = new_figure(height_cm=6.6)
         figure.suptitle(title)
@@ -197,18 +205,21 @@ ScoreBar = tuple[str, PlayerScore, tuple[float, ...]]  # player, score, and shar
 
 
 def score_figure(bars: Sequence[ScoreBar], *, reference: str) -> Figure:
-    """Draw the scores of some players; the reference scores 1."""
-    learns = any(len(shares) > 1 for _, _, shares in bars)
+    """Draw the scores of several players. The reference player has a score of 1."""
+    width_ratios = [1.0, 1.0, 1.0]
+    has_curves = any(len(shares) > 1 for _, _, shares in bars)
+    if has_curves:
+        width_ratios.append(1.1)
     with figure_style():
         figure = new_figure(width_cm=PAGE_CM, height_cm=max(5.0, 2.2 + 0.62 * len(bars)))
         figure.suptitle(f"reference: {reference}", fontsize=7.0, x=0.01, ha="left")
-        axes = figure.subplots(1, 3 + learns, width_ratios=[1, 1, 1, 1.1][: 3 + learns])
+        axes = figure.subplots(1, len(width_ratios), width_ratios=width_ratios)
         draw_scores(axes[0], bars, "success", label="success", limits=(0, 1))
         draw_scores(axes[1], bars, "normalised", label="normalised score", mark=1.0)
         draw_scores(axes[2], bars, "relative_efficiency", label="relative efficiency", mark=1.0)
         for axis in axes[1:3]:
             axis.set_yticklabels([])
-        if learns:
+        if has_curves:
             draw_curves(axes[3], bars)
     return figure
 
@@ -222,7 +233,16 @@ def draw_scores(
     mark: float | None = None,
     limits: tuple[float, float] | None = None,
 ) -> None:
-    """Draw one score of each player, the first on top; ``mark`` is the reference's."""
+    """Draw one score of each player with its interval, the first player on top.
+
+    Args:
+        ax: the axes to draw on.
+        bars: the players and their scores.
+        name: the field of `PlayerScore` to draw.
+        label: the label of the axis.
+        mark: the reference player's score, drawn as a line; None for no line.
+        limits: the lowest and the highest possible score; None if it has no bounds.
+    """
     if mark is not None:
         ax.axvline(mark, color=MUTED, lw=0.8, ls="--")
     for place, (_, score, _) in enumerate(bars):

@@ -1,8 +1,8 @@
-"""The data that figures are drawn from (a measure by group and episode, a session's episodes by block), and figures as
-files, drawn again only where these data have changed: each file's own metadata holds a digest of them.
+"""The data that figures are drawn from, and figures as files.
 
-Loads neither Matplotlib nor pandas unless a figure is drawn: drawing one takes half a second, of which its import is a
-part.
+The data are a measure by group and episode, or a session's episodes by block. A file is drawn again only if its data
+have changed: its metadata contains a digest of them. Importing this module loads neither Matplotlib nor pandas; they
+are imported only when a figure is drawn, which takes half a second with the import.
 """
 
 import importlib
@@ -33,7 +33,7 @@ _PANELS = 10  # episodes of one block in a session's figure
 
 
 class Difference(NamedTuple):
-    """The mean of the first group minus that of the second, with its 95 % interval; NaN where there is none."""
+    """The first group's mean minus the second's, with its 95 % interval, which is NaN if there is none."""
 
     first: str
     second: str
@@ -42,7 +42,7 @@ class Difference(NamedTuple):
 
 
 def name_measure(measure: str, block: str = "", *, width: int = 52) -> str:
-    """Write a figure's title: the block and the measure, in lines that fit a column."""
+    """Return a figure's title: the block and the measure, in lines that fit a column."""
     title = measure[:1].upper() + measure[1:]
     if block:
         title = f"Block {block}: {measure}"
@@ -52,11 +52,16 @@ def name_measure(measure: str, block: str = "", *, width: int = 52) -> str:
 def collect_learning_curves(
     episodes: "pd.DataFrame", measure: str = "reward", *, order: Sequence[str] = ()
 ) -> dict[str, NDArray[np.float64]]:
-    """Collect a measure by group, (participants, episodes in the block); NaN where no episode is included.
+    """Return a measure per group as arrays (participants, episodes in the block).
 
-    ``episodes`` are one block's rows of the table "episodes" that are included. The first column is the block's first
-    episode for every group; of several attempts at one the last is taken. A block of several sessions has a curve for
-    each ("a, session 2"). Groups come in ``order``, or in that of the alphabet.
+    A value is NaN if the episode is not included. For every group the first column is the first episode of the block.
+    If an episode was attempted several times, the last attempt counts. A block of several sessions has a curve for each
+    ("a, session 2").
+
+    Args:
+        episodes: the included rows of one block in the table "episodes".
+        measure: the column of the measure.
+        order: the order of the groups; by default, the alphabetical order.
     """
     if episodes.empty:
         return {}
@@ -78,7 +83,7 @@ def collect_learning_curves(
 
 
 def group_by_block(log: SessionLog) -> list[tuple[str, Sequence[EpisodeLog]]]:
-    """Group a session's episodes by block, in order of play: the first ten of each, as its path figure shows them."""
+    """Return a session's episodes by block, in the order of play: the first ten of each, for its path figure."""
     blocks: dict[str, list[EpisodeLog]] = defaultdict(list)
     for episode in log.episodes:
         blocks[episode.plan.block_name].append(episode)
@@ -86,14 +91,14 @@ def group_by_block(log: SessionLog) -> list[tuple[str, Sequence[EpisodeLog]]]:
 
 
 def strip_events(episode: EpisodeLog) -> EpisodeLog:
-    """Remove an episode's key presses and pictures, so that those of a thousand sessions fit into memory."""
+    """Return an episode without its key presses and pictures, so that a thousand sessions fit into memory."""
     keys = EventColumns.of(KeyPressed, ())
     frames = EventColumns.of(FrameShown, ())
     return replace(episode, keys=keys, frames=frames, observations=None)
 
 
 def find_reward_limits(episodes: "pd.DataFrame") -> tuple[float, float] | None:
-    """Return the bounds of a block's rewards, 0 and 1, that a band must not leave; None where a reward leaves them."""
+    """Return the limits of a block's rewards, (0, 1), to which a band is clipped; None if a reward exceeds them."""
     if episodes["reward"].dropna().between(0, 1).all():
         return (0.0, 1.0)
     return None
@@ -104,16 +109,20 @@ _ENDS = {".png": b"IEND\xaeB`\x82", ".pdf": b"%%EOF\n"}  # a file that was cut o
 
 
 def draw_figure_files(stem: Path, name: str, *values: object, **options: object) -> tuple[Path, Path]:
-    """Write a figure as ``stem``.png and ``stem``.pdf unless both are there and show the same; the PNG comes first.
+    """Write a figure as ``stem``.png and ``stem``.pdf, unless both files exist and show the same data.
 
     Args:
-        stem: the files' path without a suffix; the folder is made.
-        name: the module below ``minihuman.figures`` and the function that draws, as ``estimation.estimation_figure``.
-        values: the function's arguments: texts, numbers, arrays, dataclasses and collections of them.
-        options: its keyword arguments.
+        stem: the path of the files without suffix; the folder is created if necessary.
+        name: the module below ``minihuman.figures`` and the function that draws the figure, such as
+            ``estimation.estimation_figure``.
+        values: the positional arguments of the function: texts, numbers, arrays, dataclasses and collections of them.
+        options: the keyword arguments of the function.
+
+    Returns:
+        The paths of the PNG and the PDF file.
 
     Raises:
-        TypeError: if a value cannot be encoded, as no digest could tell it from others.
+        TypeError: if an argument cannot be encoded, so that no digest could distinguish it from others.
     """
     digest = digest_figure(name, values, options)
     png, pdf = (stem.with_name(f"{stem.name}{suffix}") for suffix in _ENDS)
@@ -127,7 +136,7 @@ def draw_figure_files(stem: Path, name: str, *values: object, **options: object)
 
 
 def digest_figure(name: str, values: Sequence[object], options: dict[str, Any]) -> str:
-    """Digest all that a figure follows from: its data and options, our code, and the libraries that draw it."""
+    """Return the digest of everything that determines a figure: its data and options, our code, and the libraries."""
     encoded = msgspec.msgpack.encode((_describe_software(), name, values, options), enc_hook=_encode)
     return blake2b(encoded, digest_size=16).hexdigest()
 
@@ -138,7 +147,7 @@ def _describe_software() -> tuple[str, ...]:
 
 
 def _holds(path: Path, digest: str) -> bool:
-    """Say whether a file is whole and has that digest in its metadata."""
+    """Return whether a file is complete and has the given digest in its metadata."""
     if not path.is_file():
         return False
     content = path.read_bytes()

@@ -1,4 +1,4 @@
-"""Draw all figures of a session or a study to files."""
+"""Files with all figures of a session or a study."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 
 def draw_all_figures(tables: Tables, out: Path, *, each_session: bool = False) -> Iterator[Path]:
-    """Draw a session's paths and overview, or what many sessions show together; yield the files.
+    """Draw the paths and overview of one session, or the common figures of many; yield the paths of the files.
 
-    ``each_session`` draws every one of many sessions too, which takes some seconds a session.
+    With ``each_session``, every one of many sessions is drawn too, which takes some seconds per session.
 
     Raises:
-        LogError: if there is no such file or folder.
+        LogError: if the file or folder does not exist.
     """
     first: SessionLog | None = None
     everyone: list[SessionLog] = []
@@ -44,13 +44,13 @@ def draw_all_figures(tables: Tables, out: Path, *, each_session: bool = False) -
 
 
 def draw_session(log: SessionLog, out: Path) -> Iterator[Path]:
-    """Draw one session: its overview, and its paths with a group of columns for each block."""
+    """Draw the overview of a session, and its paths with a group of columns per block; yield the paths of the files."""
     yield from save_figure(overview_figure(log), out / "overview")
     yield from save_figure(session_paths(log), out / "paths")
 
 
 def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
-    """Draw where everybody was in each world, and each block's rewards by group over its episodes."""
+    """Draw the occupancy of each world, and the rewards by group in each block; yield the paths of the files."""
     for world in dict.fromkeys(episode.plan.world for log in logs for episode in log.episodes):
         groups = group_participants_by_group(logs, world)
         if groups:
@@ -72,14 +72,17 @@ def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
 
 
 def _strip_session(log: SessionLog) -> SessionLog:
-    """Remove a session's key presses and pictures, so that a thousand sessions fit into memory."""
+    """Return a session without its key presses and pictures, so that a thousand sessions fit into memory."""
     keys = EventColumns.of(KeyPressed, ())
     segments = tuple(replace(segment, keys=keys) for segment in log.segments)
     return replace(log, episodes=tuple(map(strip_events, log.episodes)), segments=segments)
 
 
 def collect_rewards(logs: Iterable[SessionLog]) -> "pd.DataFrame":
-    """Collect every episode's reward, with its participant and its place in the block, as in the table "episodes"."""
+    """Return a table with the reward of every episode, its participant and its place in the block.
+
+    The columns are named as in the table "episodes".
+    """
     import pandas as pd  # half a second: no figure of one session needs it
 
     columns = ["participant", "session", "group", "block", "episode_in_block", "reward"]
@@ -98,5 +101,5 @@ def _name(log: SessionLog) -> str:
 
 
 def _file_name(text: str) -> str:
-    """Make a file's name from what follows the last slash, with hyphens for unusual characters."""
+    """Return a file name made of the text after the last slash, with hyphens for unusual characters."""
     return "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in text.rpartition("/")[2])

@@ -1,5 +1,6 @@
-"""Learning curves: a measure over the episodes, one line per group, with the confidence band of its mean. Loads scipy
-only when a band is computed, and no pandas: the gallery imports it.
+"""Learning curves: a measure over the episodes, one line per group, with the confidence band of its mean.
+
+The module imports SciPy only to compute a band, and never imports pandas, because the gallery imports this module.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,9 +22,13 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 def mean_and_band(
     values: NDArray[np.float64], *, level: float = 0.95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the mean over participants and its t interval, each (episodes,), from (participants, episodes).
+    """Return the mean over participants and the limits of its t interval, each (episodes,).
 
-    NaN stands for a missing episode. With fewer than two participants in an episode the interval there is NaN.
+    With fewer than two participants in an episode, its interval is NaN.
+
+    Args:
+        values: an array of shape (participants, episodes); NaN for a missing episode.
+        level: the confidence level.
     """
     from scipy.special import stdtrit  # no figure of one session needs it
 
@@ -38,10 +43,10 @@ def mean_and_band(
 def share_and_band(
     values: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the share of ones and its 95 % interval (Wilson), each (episodes,).
+    """Return the share of ones and the limits of its 95 % interval (Wilson), each (episodes,).
 
     Args:
-        values: (participants, episodes) of 0, 1 and NaN.
+        values: an array of 0, 1 and NaN, of shape (participants, episodes).
     """
     counts = (~np.isnan(values)).sum(axis=0)
     ones = np.nansum(values, axis=0)
@@ -64,26 +69,26 @@ def draw_learning(
 ) -> Axes:
     """Draw each group's mean over its participants against the episode in the block, or against ``numbers``.
 
-    ``curves`` maps a group to (participants, episodes); episodes are counted from 1. Where every value is 0 or 1 of a
-    measure that has no others beyond, means are shares and bands Wilson's, of 95 %. Others are Student's, cut at
-    ``limits``, which the measure cannot leave.
+    Means have bands at the confidence level ``level`` (Student's t), clipped to ``limits``. If all values are 0 or 1,
+    and the measure has no other limits, the means are shares with Wilson's 95 % intervals.
+
+    Args:
+        ax: the axes to draw on.
+        curves: per group, an array of shape (participants, episodes); NaN for a missing episode.
+        measure: the name of the measure.
+        level: the confidence level of the bands.
+        limits: the lowest and the highest possible value of the measure; None if it has no bounds.
+        xlabel: the label of the horizontal axis.
+        numbers: the places of the episodes on the horizontal axis; by default 1, 2 and so on.
     """
-    are_shares = limits in (None, (0, 1)) and all(
-        np.isin(values[~np.isnan(values)], (0, 1)).all() for values in curves.values()
-    )
+    are_shares = limits in (None, (0, 1)) and _are_all_zero_or_one(curves)
     for place, (group, values) in enumerate(curves.items()):
         colour = SERIES[place % len(SERIES)]
-        if are_shares:
-            mean, low, high = share_and_band(values)
-        else:
-            mean, low, high = mean_and_band(values, level=level)
-        if limits is not None:
-            low = np.clip(low, *limits)
-            high = np.clip(high, *limits)
+        mean, low, high = share_and_band(values) if are_shares else mean_and_band(values, level=level)
+        low, high = _clip_band(low, high, limits)
         at = np.arange(1, values.shape[1] + 1) if numbers is None else np.asarray(numbers)
         if len(values) <= _FEW and not are_shares:
-            for participant_values in values:
-                ax.plot(at, participant_values, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")
+            ax.plot(at, values.T, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")
         ax.plot(
             at, mean, _DASHES[place % len(_DASHES)], marker=_MARKERS[place % len(_MARKERS)], ms=3.2, color=colour,
             label=f"{group} (n = {len(values)})",
@@ -96,8 +101,22 @@ def draw_learning(
     return ax
 
 
+def _are_all_zero_or_one(curves: Mapping[str, NDArray[np.float64]]) -> bool:
+    """Return whether every value of every group that is not missing is 0 or 1."""
+    return all(np.isin(values[~np.isnan(values)], (0, 1)).all() for values in curves.values())
+
+
+def _clip_band(
+    low: NDArray[np.float64], high: NDArray[np.float64], limits: tuple[float, float] | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lower and the upper edge of a band, clipped to the limits of the measure if it has any."""
+    if limits is None:
+        return low, high
+    return np.clip(low, *limits), np.clip(high, *limits)
+
+
 def _set_limits(ax: Axes, limits: tuple[float, float] | None) -> None:
-    """Let the axis end just beyond the limits of the measure, where it has any on both sides."""
+    """Set the range of the vertical axis just beyond the limits of the measure, if it has finite limits."""
     if limits is not None and np.isfinite(limits).all():
         margin = 0.03 * (limits[1] - limits[0])
         ax.set_ylim(limits[0] - margin, limits[1] + margin)
@@ -112,9 +131,9 @@ def learning_figure(
     numbers: Sequence[int] | None = None,
     title: str = "",
 ) -> Figure:
-    """Draw one measure's learning curves for one column of a page."""
+    """Draw the learning curves of one measure in a figure one column wide."""
     with figure_style():
-        figure = new_figure(height_cm=6.2 + 0.4 * (title.count("\n") + bool(title)))
+        figure = new_figure(height_cm=6.2 + 0.4 * len(title.splitlines()))
         figure.suptitle(title)
         draw_learning(figure.subplots(), curves, measure=measure, limits=limits, xlabel=xlabel, numbers=numbers)
     return figure

@@ -21,14 +21,14 @@ _MAX_SQUARES = 4_000_000
 def compute_occupancy(
     participants: Sequence[Sequence[EpisodeLog]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the share of steps in each square of the floor: (columns, rows), with the edges along x and along z.
+    """Return the share of steps in each square of the floor, (columns, rows), and the squares' edges along x and z.
 
-    Squares are cells in the grid and half metres in 3D. Every participant weighs the same, however long they took;
-    episodes without a map or poses do not count.
+    Squares are cells in the grid and half metres in first-person worlds. Every participant has the same weight, however
+    many steps they took. Episodes without a map or poses are left out.
 
     Raises:
-        ValueError: if no episode tells map and poses, or cells and metres are mixed.
-        LogError: if a map's bounds are none, or too far from each other.
+        ValueError: if no episode has a map and poses, or cells and metres are mixed.
+        LogError: if a map's bounds are invalid, or too far apart.
     """
     placed = [[episode for episode in episodes if has_positions(episode)] for episodes in participants]
     placed = [episodes for episodes in placed if episodes]
@@ -61,14 +61,14 @@ def compute_occupancy(
 def draw_occupancy(
     ax: Axes, participants: Sequence[Sequence[EpisodeLog]], *, limits: tuple[float, float] | None = None
 ) -> Axes:
-    """Draw the share of steps in each place, the darker the more, a never visited place white, with every map's walls.
+    """Draw the share of steps in each place, darker for more, with the walls of every map.
 
-    Walls that differ between episodes show as pale as they are rare.
+    Places that were never visited are white. Walls that differ between episodes are the paler, the rarer they are.
 
     Args:
-        ax: where.
-        participants: the episodes of each.
-        limits: the percentages that are drawn palest and darkest; by default those found.
+        ax: the axes to draw on.
+        participants: per participant, the episodes.
+        limits: the percentages that are drawn palest and darkest; by default, those of the data.
     """
     share, x_edges, z_edges = compute_occupancy(participants)
     shades = mpl.colormaps[OCCUPANCY_COLOURS](np.linspace(0.14, 1, 256))  # the palest differs from white
@@ -97,18 +97,23 @@ def draw_occupancy(
 
 
 def find_occupancy_limits(*shares: NDArray[np.float64]) -> tuple[float, float]:
-    """Find the percentages that a colour scale shows: up to the largest, down to the smallest or a 300th of that."""
+    """Return the lowest and the highest percentage of the colour scale.
+
+    The highest is the largest share; the lowest is the smallest share above 0, but at least a 300th of the highest.
+    """
     highest = max(100 * float(share.max()) for share in shares)
     lowest = min(100 * float(share[share > 0].min()) for share in shares)
     return max(lowest, highest / 300), highest
 
 
 def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeLog]]]) -> Figure:
-    """Draw the floor plan of each group, with one colour scale: a column wide, or of several groups a page.
+    """Draw the occupancy of each group with one colour scale.
+
+    The figure is a column wide for one group, and a page wide for several.
 
     Args:
-        title: what they played.
-        groups: each group's participants, and the episodes of each.
+        title: the title of the figure, such as the world's name.
+        groups: per group, the participants; per participant, the episodes.
     """
     limits = find_occupancy_limits(*(compute_occupancy(participants)[0] for participants in groups.values()))
     with figure_style():
@@ -117,7 +122,8 @@ def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeL
         axes = figure.subplots(1, len(groups), squeeze=False)[0]
         for place, (ax, (group, participants)) in enumerate(zip(axes, groups.items(), strict=True)):
             draw_occupancy(ax, participants, limits=limits)
-            n = f"{len(participants)} participant{'s' * (len(participants) != 1)}"
+            noun = "participant" if len(participants) == 1 else "participants"
+            n = f"{len(participants)} {noun}"
             ax.set_title(f"{title}, {n}" if len(groups) == 1 else f"{group}, {n}", loc="left")
             if len(groups) > 1:
                 label_panel(ax, place)
@@ -130,7 +136,7 @@ def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeL
 
 
 def group_by_participant(logs: Iterable[SessionLog], world: str) -> list[list[EpisodeLog]]:
-    """Group the episodes of a world that have positions by participant, over all of their sessions."""
+    """Return the episodes of a world that have positions, by participant, over all of their sessions."""
     participants: dict[tuple[str, str], list[EpisodeLog]] = {}
     for log in logs:
         episodes = [episode for episode in log.episodes if episode.plan.world == world and has_positions(episode)]
@@ -140,7 +146,7 @@ def group_by_participant(logs: Iterable[SessionLog], world: str) -> list[list[Ep
 
 
 def group_participants_by_group(logs: Iterable[SessionLog], world: str) -> dict[str, list[list[EpisodeLog]]]:
-    """Group the participants' episodes of a world by group, in order of the alphabet."""
+    """Return the participants' episodes of a world by group, in alphabetical order."""
     logs = list(logs)
     groups = sorted({log.plan.participant.group for log in logs})
     by_group = {
@@ -151,5 +157,5 @@ def group_participants_by_group(logs: Iterable[SessionLog], world: str) -> dict[
 
 
 def has_positions(episode: EpisodeLog) -> bool:
-    """Say whether an episode has a map, and a pose at every step."""
+    """Return whether an episode has a map, and a pose at every step."""
     return episode.start.map is not None and not bool(np.isnan(episode.poses[:, [0, 2]]).any())

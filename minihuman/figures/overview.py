@@ -1,4 +1,4 @@
-"""Overview of one session: steps, time, outcome and keys tried, episode by episode."""
+"""Overview of one session: the steps, playing time, outcome and keys of each episode."""
 
 from collections import Counter
 from typing import Any
@@ -20,7 +20,7 @@ _KEY_KINDS = (("steps", SERIES[0]), ("no action", SERIES[1]), ("not playing", MU
 
 
 def draw_steps(ax: Axes, log: SessionLog) -> Axes:
-    """Draw the steps of each episode, its outcome as colour and shape, the step limit as a bar above."""
+    """Draw the number of steps of each episode, with its outcome as colour and shape, and its step limit as a bar."""
     numbers = _numbers(log)
     for episode, number in zip(log.episodes, numbers, strict=True):
         name = episode.outcome_word
@@ -41,7 +41,7 @@ def draw_steps(ax: Axes, log: SessionLog) -> Axes:
 
 
 def draw_time(ax: Axes, log: SessionLog) -> Axes:
-    """Draw how long each episode was played, in seconds from reset to its last step, pauses excluded."""
+    """Draw the playing time of each episode in seconds, from the reset to the last step, without pauses."""
     seconds = [playing_s(episode) for episode in log.episodes]
     ax.bar(_numbers(log), seconds, width=0.7, color=SERIES[4])
     ax.set_ylabel("playing time (s)")
@@ -49,7 +49,7 @@ def draw_time(ax: Axes, log: SessionLog) -> Axes:
 
 
 def draw_keys(ax: Axes, log: SessionLog) -> Axes:
-    """Draw the presses of each episode: those that made a step, those without an action, those outside play."""
+    """Draw the key presses of each episode by kind: those that made a step, had no action, or fell outside play."""
     counts = [_presses(episode) for episode in log.episodes]
     bottom = np.zeros(len(counts))
     for kind, colour in _KEY_KINDS:
@@ -62,7 +62,7 @@ def draw_keys(ax: Axes, log: SessionLog) -> Axes:
 
 
 def draw_different_keys(ax: Axes, log: SessionLog) -> Axes:
-    """Draw how many different keys were pressed in each episode; a bar marks how many of them have an action."""
+    """Draw the number of different keys pressed in each episode; a bar marks the number of keys with an action."""
     tried = [len({press.key for press in episode.keys if press.down}) for episode in log.episodes]
     ax.bar(_numbers(log), tried, width=0.7, color=SERIES[3])
     for number, episode in zip(_numbers(log), log.episodes, strict=True):
@@ -76,10 +76,10 @@ def draw_different_keys(ax: Axes, log: SessionLog) -> Axes:
 
 
 def overview_figure(log: SessionLog) -> Figure:
-    """Draw four panels over the session's episodes, blocks told apart by bands, for one column of a page.
+    """Draw four panels over the episodes of a session, with every other block shaded, in a figure one column wide.
 
     Raises:
-        LogError: if it has no episode.
+        LogError: if the session has no episode.
     """
     if not log.episodes:
         raise LogError(f"{log.path} has no included episode to draw; include others with --with")
@@ -115,7 +115,7 @@ def _presses(episode: EpisodeLog) -> Counter[str]:
 
 
 def _name_blocks(ax: Axes, log: SessionLog) -> None:
-    """Write each block's name over its episodes, in room made for it."""
+    """Write the name of each block above its episodes, and extend the axis to make room for it."""
     ax.set_ylim(top=1.2 * max(episode.plan.max_steps for episode in log.episodes))
     for name in dict.fromkeys(episode.plan.block_name for episode in log.episodes):
         numbers = [episode.number for episode in log.episodes if episode.plan.block_name == name]
@@ -124,7 +124,7 @@ def _name_blocks(ax: Axes, log: SessionLog) -> None:
 
 
 def _bands(ax: Axes, log: SessionLog) -> None:
-    """Shade every other block."""
+    """Shade the episodes of every other block."""
     blocks = dict.fromkeys(episode.plan.block for episode in log.episodes)
     for place, block in enumerate(blocks):
         numbers = [episode.number for episode in log.episodes if episode.plan.block == block]

@@ -1,6 +1,4 @@
-"""Paths over the floor plan, with the objects on it: one numbered panel per episode, time running along the line's
-colour.
-"""
+"""Paths on the floor plan with its objects: one numbered panel per episode, with time as the colour of the line."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -44,13 +42,13 @@ _OTHER = "h"
 
 
 def get_marker(thing: Thing) -> str:
-    """Return the marker of a thing's kind; doors say in a further word whether they are locked or open."""
+    """Return the marker for an object's kind. The last known word of its name counts, as in "door locked"."""
     words = thing.name.replace("_", " ").lower().split()
     return next((_SHAPES[word] for word in reversed(words) if word in _SHAPES), _OTHER)
 
 
 def draw_object(ax: Axes, thing: Thing) -> None:
-    """Draw one thing in its size on the map, whose z runs down the page."""
+    """Draw an object in its size on a map, whose z axis points down the page."""
     style = MarkerStyle(get_marker(thing))
     path = style.get_path().transformed(style.get_transform())
     reach = max(abs(path.get_extents().get_points()).max(), 1e-9)
@@ -64,7 +62,7 @@ def draw_object(ax: Axes, thing: Thing) -> None:
 
 
 def build_object_legend(maps: Iterable[Map | None]) -> list[Line2D]:
-    """Build the legend: every kind of thing on these maps once, but goals, which have a mark of their own."""
+    """Return legend entries for the objects on some maps, one per kind, without goals, which have their own entry."""
     handles: dict[tuple[str, str], Line2D] = {}
     for thing in (thing for floor in maps if floor is not None for thing in floor.things):
         key = thing.name, get_marker(thing)
@@ -84,10 +82,10 @@ _NAMES_CM = 0.35  # and of each row of things named in it
 
 
 def check_map_bounds(floor: Map) -> Map:
-    """Refuse a map whose bounds are none.
+    """Check that the bounds of a map are valid, and return the map.
 
     Raises:
-        LogError: if they are not finite, or do not rise.
+        LogError: if the bounds are not finite, or do not increase.
     """
     x0, z0, x1, z1 = floor.bounds
     if not (np.isfinite(floor.bounds).all() and x0 < x1 and z0 < z1):
@@ -99,10 +97,10 @@ def check_map_bounds(floor: Map) -> Map:
 
 
 def draw_map(ax: Axes, floor: Map) -> Axes:
-    """Draw floor, walls and things, x to the right and z down the page, as seen from above.
+    """Draw the floor, walls and objects as seen from above, x to the right and z down the page.
 
     Raises:
-        LogError: if the map's bounds are none.
+        LogError: if the map's bounds are invalid.
     """
     x0, z0, x1, z1 = check_map_bounds(floor).bounds
     ax.add_patch(Rectangle((x0, z0), x1 - x0, z1 - z0, facecolor=FLOOR, edgecolor="none", zorder=0))
@@ -117,10 +115,10 @@ def draw_map(ax: Axes, floor: Map) -> Axes:
 
 
 def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
-    """Draw one episode's path over what is there: colour is the time since its start, from dark to light.
+    """Draw the path of an episode; the colour shows the time since its start, from dark to light.
 
-    Rings mark turns in place of 45 degrees and more, the larger the more was turned. In the grid, where ways overlap
-    exactly, every visit to a cell is drawn a little aside of the one before. An episode without poses draws nothing.
+    Rings mark turns in place of 45 degrees and more; larger turns have larger rings. In the grid, where paths overlap
+    exactly, each further visit to a cell is drawn slightly offset. An episode without poses draws nothing.
     """
     has_pose = ~np.isnan(episode.poses[:, 0])
     if not has_pose.any():
@@ -152,7 +150,7 @@ def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
 
 
 def _draw_turns(ax: Axes, episode: EpisodeLog, points: NDArray[np.float64], has_pose: NDArray[np.bool_]) -> None:
-    """Draw a ring where the body turned in place; ``points`` are of the steps that have a pose."""
+    """Draw a ring at each turn in place; ``points`` has a row for each step that has a pose."""
     turns = turns_in_place(episode)
     turns = turns[turns["turned_rad"] > _RING_FROM_RAD - 1e-6]
     if not turns.size:
@@ -166,7 +164,7 @@ def _draw_turns(ax: Axes, episode: EpisodeLog, points: NDArray[np.float64], has_
 
 
 def _draw_partners(ax: Axes, episode: EpisodeLog) -> None:
-    """Draw the paths of a team's other bodies: a plain line each, from a dot to a cross."""
+    """Draw the paths of the other bodies of a team, each as a plain line from a dot to a cross."""
     for number, seat in enumerate(list_partner_seats(episode)):
         assert episode.team is not None
         points = episode.team.poses[:, seat][:, [0, 2]]
@@ -178,7 +176,7 @@ def _draw_partners(ax: Axes, episode: EpisodeLog) -> None:
 
 
 def draw_goal(ax: Axes, episode: EpisodeLog) -> Axes:
-    """Mark the goal: the thing whose name says goal, or else the one the mission names, or else a single thing."""
+    """Draw a star at the episode's goal, if `find_goal` finds one."""
     goal = find_goal(episode)
     if goal is not None:
         ax.plot(*goal, "*", ms=9.0, mfc=GOAL, mec="black", mew=0.4, zorder=6, gid="goal")
@@ -186,7 +184,10 @@ def draw_goal(ax: Axes, episode: EpisodeLog) -> Axes:
 
 
 def find_goal(episode: EpisodeLog) -> tuple[float, float] | None:
-    """Find where the episode's goal stands (x, z); None where the map does not tell."""
+    """Return the position (x, z) of the episode's goal, or None if the map does not show it.
+
+    The goal is the object that is called a goal, or else the one that the mission names, or else the only object.
+    """
     if episode.start.map is None:
         return None
     things = episode.start.map.things
@@ -200,7 +201,7 @@ def find_goal(episode: EpisodeLog) -> tuple[float, float] | None:
 
 
 def episode_panel(ax: Axes, episode: EpisodeLog) -> Axes:
-    """Draw one numbered episode: map, goal, path, and how it ended."""
+    """Draw the panel of one episode: its number, map, goal and path, and how it ended."""
     if episode.start.map is not None:
         draw_map(ax, episode.start.map)
         draw_goal(ax, episode)
@@ -223,9 +224,12 @@ def episode_panel(ax: Axes, episode: EpisodeLog) -> Axes:
 def paths_figure(
     columns: Sequence[tuple[str, Sequence[EpisodeLog]]], *, across: int = 2, width_cm: float = COLUMN_CM
 ) -> Figure:
-    """Draw episodes in panels, a titled group of columns for each kind of world, side by side.
+    """Draw episodes in panels, with a titled group of columns for each sequence of episodes, side by side.
 
-    ``across`` panels stand beside each other in each group; 4 in all fill a journal's column.
+    Args:
+        columns: the title and the episodes of each group of columns.
+        across: the number of panels side by side in each group; 4 in all fill a journal's column.
+        width_cm: the width of the figure in centimetres.
     """
     groups = [(title, list(episodes)) for title, episodes in columns if episodes]
     rows = max((math.ceil(len(episodes) / across) for _, episodes in groups), default=1)
@@ -260,17 +264,17 @@ def paths_figure(
 
 
 def session_paths(log: SessionLog) -> Figure:
-    """Draw one session's paths: a titled group of columns for each block, with its first ten episodes."""
+    """Draw the paths of a session, with a titled group of columns for the first ten episodes of each block."""
     return blocks_figure(group_by_block(log))
 
 
 def blocks_figure(blocks: Sequence[tuple[str, Sequence[EpisodeLog]]]) -> Figure:
-    """Draw blocks beside each other, as many panels across as stay readable in a column."""
+    """Draw the paths of several blocks side by side, with as many panels across as stay readable in a column."""
     return paths_figure(blocks, across=max(1, _ACROSS // max(1, len(blocks))))
 
 
 def _draw_key(part: SubFigure, partners: Sequence[Line2D], things: Sequence[Line2D], key_cm: float) -> None:
-    """Explain the colours, marks and things, in the strip under the panels."""
+    """Draw the key to colours, marks and objects in the strip below the panels."""
     from_top = 0.25 / key_cm  # the colour bar keeps its size whatever is named below it
     bar = part.colorbar(
         ScalarMappable(cmap=TIME_COLOURS),
@@ -301,7 +305,7 @@ def _legend() -> list[Line2D]:
 
 
 def _spread(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Move every later visit to a cell aside, one small step along the diagonal a visit, going round after five."""
+    """Return the points, with each later visit to a cell shifted along the diagonal, to five places in turn."""
     moved = points.copy()
     visits: dict[tuple[float, float], int] = {}
     for row in range(len(points)):

@@ -1,7 +1,7 @@
-"""The style of our figures and how they are saved: the same data gives the same bytes, without dates or versions.
+"""The style of our figures, and how they are saved: equal data give equal bytes, without dates or versions.
 
 Sizes and text fit a journal's column. Colours are Okabe and Ito's eight, distinguishable with every common kind of
-colour blindness; time runs along cividis, which reads the same with and without colour vision and in grey print.
+colour blindness. Time is drawn in cividis, which reads the same with and without colour vision and in grey print.
 PNG files have 300 dots per inch.
 """
 
@@ -78,7 +78,7 @@ _SETTINGS: dict[Any, Any] = {
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Set Matplotlib for the figures drawn inside, whatever the user's own settings are; put them back at the end."""
+    """Apply our Matplotlib settings to the figures drawn in this context, then restore the user's settings."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_SETTINGS)
@@ -86,12 +86,12 @@ def figure_style() -> Iterator[None]:
 
 
 def new_figure(*, width_cm: float = COLUMN_CM, height_cm: float) -> Figure:
-    """Make an empty figure of that size, its layout worked out when it is saved."""
+    """Return an empty figure of the given size, whose layout is computed when it is saved."""
     return Figure(figsize=(width_cm / 2.54, height_cm / 2.54), layout="constrained")
 
 
 def label_panel(ax: Axes, place: int) -> None:
-    """Write a panel's letter outside its upper left corner: A for the first."""
+    """Write the letter of a panel outside its upper left corner, A for the first panel."""
     letter = chr(ord("A") + place)
     ax.annotate(
         letter, (0, 1), (-10, 5), "axes fraction", textcoords="offset points", ha="right", weight="bold", size=9
@@ -105,7 +105,7 @@ _METADATA: dict[str, dict[str, Any]] = {
 
 
 def save_png(figure: Figure, path: Path, *, dpi: int = 150) -> Path:
-    """Write a picture to be looked at, making the folder."""
+    """Write a figure as a PNG file for the screen, creating the folder if necessary; return its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with figure_style():
         _lay_out(figure, dpi=dpi)
@@ -114,9 +114,12 @@ def save_png(figure: Figure, path: Path, *, dpi: int = 150) -> Path:
 
 
 def save_figure(figure: Figure, stem: Path, *, digest: str = "") -> tuple[Path, Path]:
-    """Write ``stem``.png at 300 dots an inch and ``stem``.pdf, making the folder; the PNG comes first.
+    """Write ``stem``.png at 300 dots per inch and ``stem``.pdf, creating the folder if necessary.
 
-    A ``digest`` of what they show is in their metadata, under "Keywords".
+    The metadata of both files contain the ``digest`` of the figure's data under "Keywords".
+
+    Returns:
+        The paths of the PNG and the PDF file.
     """
     stem.parent.mkdir(parents=True, exist_ok=True)
     png = stem.with_name(stem.name + ".png")
@@ -135,11 +138,11 @@ _SHAPING_TABLES = ("GDEF", "GPOS", "GSUB", "MATH", "kern")  # a PDF says itself 
 
 @contextmanager
 def _slim_fonts() -> Iterator[None]:
-    """Embed fonts without the tables that no PDF reader uses: reading them took half the time of writing a PDF.
+    """Embed fonts without tables that no PDF reader uses; reading them took half the time of writing a PDF.
 
-    They are gone before a font is made smaller, which reads them before it asks what to drop. Matplotlib loads fonts by
-    this function of fontTools. If it should not any more, files are larger and written more slowly, and nothing else
-    changes.
+    The tables are removed before the font is subset, because subsetting reads them before it asks what to drop.
+    Matplotlib loads fonts with this function of fontTools. If that ever changes, files become larger and are written
+    more slowly, but nothing else changes.
     """
     load_font = subset.load_font
 
@@ -158,10 +161,10 @@ def _slim_fonts() -> Iterator[None]:
 
 
 def _lay_out(figure: Figure, *, dpi: int) -> None:
-    """Work out once where everything is; a figure that still has a layout engine is drawn twice for each file.
+    """Compute the layout of a figure once; a figure that keeps its layout engine is drawn twice for each file.
 
-    "fi" and the like stay two letters, as Matplotlib before 3.11 drew them: a PDF can be searched for them, and does
-    not need a second subset of the face for a sign that stands for two.
+    Ligatures such as "fi" stay two letters, as Matplotlib before 3.11 drew them: the text of a PDF can then be
+    searched, and the PDF needs no second subset of the font for ligatures.
     """
     for text in figure.findobj(Text):
         if hasattr(text, "set_fontfeatures"):

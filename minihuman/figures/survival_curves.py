@@ -1,5 +1,7 @@
-"""Kaplan-Meier curves by group, with the number still at risk under the axis. Kept apart from the learning curves
-because survival analysis imports pandas (and so pyarrow), which drawing from logs must not.
+"""Kaplan-Meier curves by group, with the number of participants at risk under the axis.
+
+They are separate from the learning curves because survival analysis imports pandas (and so pyarrow), which code that
+draws from logs must not import.
 """
 
 from collections.abc import Mapping
@@ -13,12 +15,14 @@ from minihuman.figures.style import SERIES, figure_style, new_figure
 from minihuman.statistics.survival import SurvivalCurve, SurvivalTimes, kaplan_meier
 
 _DASHES = ("-", "--", ":", "-.")
+_Z_95 = 1.959964  # the quantile of the normal distribution for a 95 % interval
 
 
 def survival_band(survival: SurvivalCurve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the 95 % interval of a curve's share after each event, of independent observations.
+    """Return the limits of the 95 % interval of a curve's share after each event, for independent observations.
 
-    Greenwood's variance on the log-log scale (Kalbfleisch and Prentice, 2002, section 1.4); NaN at a share of 0.
+    The variance is Greenwood's on the log-log scale (Kalbfleisch and Prentice, 2002, section 1.4). The limits are NaN
+    where the share is 0.
     """
     share = survival.share
     at_risk = survival.at_risk
@@ -26,18 +30,18 @@ def survival_band(survival: SurvivalCurve) -> tuple[NDArray[np.float64], NDArray
     with np.errstate(divide="ignore", invalid="ignore"):
         events = np.round(at_risk * (1 - share / before))
         variance = np.cumsum(events / (at_risk * (at_risk - events)))
-        spread = 1.959964 * np.sqrt(variance) / np.abs(np.log(share))
+        spread = _Z_95 * np.sqrt(variance) / np.abs(np.log(share))
         return share ** np.exp(spread), share ** np.exp(-spread)
 
 
 def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str, independent: bool = False) -> Axes:
-    """Draw each group's Kaplan-Meier curve as a stair, with a tick where an observation is censored.
+    """Draw each group's Kaplan-Meier curve as a step function, with a tick at each censored observation.
 
     Args:
-        ax: where.
-        groups: the times of each.
-        label: of the axis of times.
-        independent: whether each observation is another participant's; only then there is an interval to draw.
+        ax: the axes to draw on.
+        groups: per group, the survival times.
+        label: the label of the time axis.
+        independent: whether each observation is from another participant; intervals are drawn only then.
     """
     last = max(float(survival_times.times.max()) for survival_times in groups.values())
     for place, (group, survival_times) in enumerate(groups.items()):
@@ -65,9 +69,9 @@ def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str, 
 def survival_figure(
     groups: Mapping[str, SurvivalTimes], *, label: str, title: str = "", independent: bool = False
 ) -> Figure:
-    """Draw one event's curves for one column of a page, with the number at risk per group under the axis."""
+    """Draw the survival curves of one event in a figure one column wide, with the number at risk under the axis."""
     with figure_style():
-        figure = new_figure(height_cm=6.2 + 0.45 * len(groups) + 0.4 * (title.count("\n") + bool(title)))
+        figure = new_figure(height_cm=6.2 + 0.45 * len(groups) + 0.4 * len(title.splitlines()))
         axes, below = figure.subplots(2, height_ratios=(6, len(groups) + 0.6))
         figure.suptitle(title)
         draw_survival(axes, groups, label=label, independent=independent)

@@ -1,4 +1,4 @@
-"""Figures of teaching sessions: who steered when, and how the agent was rated over time."""
+"""Figures of teaching sessions: when the person or the agent steered, and how the agent was rated over time."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -19,11 +19,11 @@ _RATED = {1.0: ("^", SERIES[2], "good"), -1.0: ("v", SERIES[5], "bad")}
 
 
 def draw_steering(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
-    """Draw episodes that an agent had a part in, the first on top; a thin line is drawn where another policy plays.
+    """Draw who steered at each step, the first episode on top, with a thin line at each change of the policy.
 
     Args:
-        ax: where.
-        episodes: each with ``taught``.
+        ax: the axes to draw on.
+        episodes: the episodes, each with ``taught``.
     """
     rated: set[float] = set()
     before: str | None = None
@@ -49,7 +49,7 @@ def draw_steering(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
 
 
 def steering_figure(episodes: Sequence[EpisodeLog]) -> Figure:
-    """Draw one session's episodes of one block, for one column of a page."""
+    """Draw who steered in a session's episodes of one block, in a figure one column wide."""
     with figure_style():
         figure = new_figure(height_cm=2.6 + 0.36 * min(40, len(episodes)))
         draw_steering(figure.subplots(), episodes)
@@ -57,7 +57,7 @@ def steering_figure(episodes: Sequence[EpisodeLog]) -> Figure:
 
 
 def _split_runs(by_person: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
-    """Split steps into runs of one actor: begin, end, and whether it was the person."""
+    """Split steps into runs of one actor; return the begin and end of each, and whether the actor was the person."""
     edges = [0, *(np.flatnonzero(np.diff(by_person)) + 1).tolist(), len(by_person)]
     return [(begin, end, bool(by_person[begin])) for begin, end in pairwise(edges) if end > begin]
 
@@ -67,11 +67,11 @@ NS_PER_MIN = 60e9
 
 
 def compute_shares_of_good(values: NDArray[np.float64], *, latest: int = WINDOW_PRESSES) -> NDArray[np.float64]:
-    """Compute, for each press, the share of good ones among the latest, itself included; of fewer at the beginning.
+    """Return, for each press, the share of good presses among the latest ones, including itself.
 
     Args:
-        values: (n,) 1 good, -1 bad, in order of time.
-        latest: how many are looked at.
+        values: 1 for good and -1 for bad, in order of time, (n,).
+        latest: the number of presses of which the share is computed; the first presses have fewer.
     """
     good = np.concatenate(([0], np.cumsum(values > 0)))
     last = np.arange(1, len(values) + 1)
@@ -81,11 +81,11 @@ def compute_shares_of_good(values: NDArray[np.float64], *, latest: int = WINDOW_
 
 
 def draw_ratings(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
-    """Draw the presses of a block's episodes over minutes since its first; a dotted line where another policy plays.
+    """Draw the rating presses of a block over the minutes since its start, with a dotted line where the policy changes.
 
     Args:
-        ax: where.
-        episodes: each with ``taught``, in order; some press in one of them.
+        ax: the axes to draw on.
+        episodes: the block's episodes in order, each with ``taught``; at least one must have a press.
     """
     begins_ns = episodes[0].t_ns[0]
     presses = sorted(
@@ -115,7 +115,7 @@ def draw_ratings(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
 
 
 def ratings_figure(episodes: Sequence[EpisodeLog]) -> Figure:
-    """Draw one session's presses in one block, for one column of a page."""
+    """Draw a session's rating presses in one block, in a figure one column wide."""
     with figure_style():
         figure = new_figure(height_cm=5.0)
         draw_ratings(figure.subplots(), episodes)

@@ -1,4 +1,4 @@
-"""Figures of trials: every participant in every condition, joined by lines, with each condition's mean."""
+"""Figures of trials: every participant's value in every condition, joined by lines, with each condition's mean."""
 
 from collections.abc import Sequence
 
@@ -22,14 +22,14 @@ def draw_conditions(
     measure: str,
     limits: tuple[float, float] | None = None,
 ) -> Axes:
-    """Draw every participant as a thin line over the conditions, and each group's mean with its 95 % interval.
+    """Draw every participant as a thin line over the conditions, and each group's means with 95 % intervals.
 
     Args:
-        ax: where.
-        groups: each one's name and values, (participants, conditions); NaN where there is none.
-        conditions: their names.
-        measure: what the values are.
-        limits: which the measure cannot leave.
+        ax: the axes to draw on.
+        groups: the name and the values of each group, (participants, conditions); NaN where there is no value.
+        conditions: the names of the conditions.
+        measure: the name of the measure.
+        limits: the lowest and the highest possible value of the measure; None if it has no bounds.
     """
     from minihuman.figures.learning_curves import mean_and_band
 
@@ -61,13 +61,13 @@ def condition_figure(
     label: str,
     title: str,
 ) -> Figure:
-    """Draw a panel per measure, for the width of a page.
+    """Draw one panel per measure in a figure of the width of a page.
 
     Args:
-        panels: the measure's name, the groups' values and the limits of each.
-        conditions: the levels.
-        label: of the trials, whose levels the conditions are.
-        title: the block's and the label's.
+        panels: per measure, its name, the values of the groups, and its limits.
+        conditions: the names of the conditions.
+        label: the name of the label that distinguishes the conditions, for the horizontal axis.
+        title: the title of the figure, which names the block and the label.
     """
     with figure_style():
         figure = new_figure(width_cm=PAGE_CM, height_cm=7.4)

@@ -1,3 +1,4 @@
-"""Planning: how many participants a study needs. Simulated people from a pool, drawn into studies, tested by the
-report's own test.
+"""Planning: how many participants a study needs.
+
+Studies are drawn from a pool of simulated participants, and tested with the report's own test.
 """

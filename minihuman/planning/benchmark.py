@@ -1,7 +1,7 @@
-"""The baseline set: levels of several families, with fresh seeds for each set, run by players that are not people.
+"""The baseline set: levels of several families, with fresh seeds for each set, played by automatic players.
 
 A set is an ordinary protocol: people, models and policies play it with the same commands, and `minihuman score` scores
-them. Levels that a model may have seen in training are replaced by another seed.
+them. Levels that a model may have seen in training are replaced by choosing another seed.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ COOK = ("up", "down", "left", "right", "interact", "stay")
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """Levels of one kind of world."""
+    """A family of levels in one world, with the settings of its block."""
 
     name: str
     world: str
@@ -101,12 +101,12 @@ instructions = "{instructions}"
 
 
 def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -> str:
-    """Compose the protocol of a set of levels, as TOML.
+    """Return the protocol of a set of levels, as TOML.
 
     Args:
         kind: "grid", "first-person" or "kitchen".
-        seed: that the levels' own seeds are drawn from; a new one gives unseen levels.
-        levels: of each family.
+        seed: the seed from which the seeds of the levels are drawn; a new one gives unseen levels.
+        levels: the number of levels per family.
     """
     families = FAMILIES[kind]
     flat_seeds = np.random.SeedSequence([seed, list(FAMILIES).index(kind)]).generate_state(len(families) * levels)
@@ -137,10 +137,10 @@ def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -
 
 
 def parse_players(text: str) -> dict[str, int]:
-    """Read "human-like=12,random=3": players and their numbers of runs.
+    """Parse players and their numbers of runs, as in "human-like=12,random=3".
 
     Raises:
-        SimulationError: if a number is none.
+        SimulationError: if a player or a number of runs is missing or invalid.
     """
     runs_by_player = {}
     for part in filter(None, text.split(",")):
@@ -161,17 +161,17 @@ def run_baseline(
     seed: int = 1,
     on_progress: Callable[[str], None] = lambda _: None,
 ) -> Scorecard:
-    """Have players play sets of levels, each in a folder of its own, and score them; what was played is not repeated.
+    """Simulate players on sets of levels and score them. Runs that are already complete are not repeated.
 
     Args:
-        protocols: the sets.
-        data: the folder that gets a folder for each player.
-        players: their names, and how many runs each is to have.
-        seed: of the players.
-        on_progress: is told who plays.
+        protocols: the protocols of the sets.
+        data: the folder in which each player gets a folder.
+        players: the number of runs of each player, by the player's name.
+        seed: the seed of the players and of the scores.
+        on_progress: a function that is called with a message before each player begins.
 
     Raises:
-        MinihumanError: if a set is no valid protocol, or a player cannot play it.
+        MinihumanError: if a set is not a valid protocol, or a player cannot play it.
     """
     studies: list[Path] = []
     notes: list[str] = []
@@ -196,7 +196,7 @@ def run_baseline(
 
 
 def _count_complete_sessions(study: Path) -> int:
-    """Count the sessions of a study's folder that were played to their end; none where there is no folder yet."""
+    """Return the number of complete sessions in a study's folder, or 0 if the folder does not exist yet."""
     if not study.is_dir():
         return 0
     with select(study) as tables:
@@ -212,7 +212,7 @@ def _count_complete_sessions(study: Path) -> int:
 
 
 def _is_finished(log: Path) -> bool:
-    """Say whether a log was written to its end, all segments of it where it is a folder."""
+    """Return whether a log was written to its end; if it is a folder, all segments must be."""
     files = [log]
     if log.is_dir():
         files = list(log.iterdir())

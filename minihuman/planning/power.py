@@ -1,9 +1,11 @@
-"""Power by simulation: draw studies from a pool with a known effect, count how often the report's own test finds it,
-and write the result as text, CSV and figure.
+"""Statistical power by simulation.
 
-In the pool each simulated participant plays the protocol once. Where nothing but the player acts on the world they play
-headless, without session and log, which is about ten times faster and gives the same keys; elsewhere through the same
-sessions and logs as everybody.
+Studies with a known effect are drawn from a pool, and the share in which the report's own test finds the effect is
+written as text, CSV and figure.
+
+In the pool, each simulated participant plays the protocol once. If only the player acts on the world, participants play
+headless, without session and log, which is about ten times faster and gives the same keys; otherwise they play through
+ordinary sessions and logs.
 """
 
 import math
@@ -42,7 +44,7 @@ from minihuman.worlds.outcomes import OutcomeJudge
 
 @dataclass(frozen=True, slots=True)
 class HeadlessEpisode:
-    """How one episode ended."""
+    """The outcome, reward and length of an episode that was played headless."""
 
     outcome: str
     reward: float
@@ -55,7 +57,7 @@ _PRESSES_PER_STEP = 20  # of the limit: who needs more will never find the keys
 
 
 def can_run_headless(protocol: Protocol) -> bool:
-    """Say whether a study can be played headless: one session, self-paced, without an agent."""
+    """Return whether a study can be played headless: one session, self-paced, without an agent."""
     return len(protocol.sessions) <= 1 and all(
         find_kind(block.kind).is_plain_play
         and block.pace == "on_key"
@@ -67,7 +69,13 @@ def can_run_headless(protocol: Protocol) -> bool:
 def play_headless(
     plan: SessionPlan, player: SimulatedParticipant, worlds: dict[int, World]
 ) -> tuple[HeadlessEpisode, ...]:
-    """Play the episodes of a plan; ``worlds``, one per block, serve the next plan too."""
+    """Play the episodes of a plan, and return how they ended.
+
+    Args:
+        plan: the plan of the session.
+        player: the simulated participant.
+        worlds: one world per block, which later plans use again; missing ones are added.
+    """
     played = []
     for episode in plan.episodes:
         if episode.block not in worlds:
@@ -77,7 +85,7 @@ def play_headless(
 
 
 def _play(plan: EpisodePlan, pool: tuple[str, ...], player: SimulatedParticipant, world: World) -> HeadlessEpisode:
-    """Play one episode, until it ends or more keys are pressed than any patient player needs."""
+    """Play one episode until it ends, or until more keys are pressed than any patient player needs."""
     world.reset(plan.seed)
     shortest = world.path_length_bounds().feasible
     player.begin(plan, pool, world)
@@ -112,7 +120,7 @@ _COLUMNS = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParticipantPool:
-    """The simulated participants' episodes in the block that groups are compared on, one row each."""
+    """The episodes of simulated participants in the block in which groups are compared, one row per episode."""
 
     block: str
     group: str  # both arms of a study are drawn from its participants
@@ -120,21 +128,27 @@ class ParticipantPool:
 
     @property
     def people(self) -> int:
-        """Count the participants."""
+        """Return the number of participants."""
         return int(self.episodes["participant"].nunique())
 
 
 def simulate_pool(
     toml: bytes, *, people: int, player: str, seed: int, block: str | None = None, processes: int | None = None
 ) -> ParticipantPool:
-    """Simulate participants of the protocol's last group, on all cores; nothing stays on disk.
+    """Simulate participants of the protocol's last group on all processor cores. Nothing stays on disk.
 
-    ``block`` is the block to analyse; by default the last one.
+    Args:
+        toml: the protocol.
+        people: the number of participants.
+        player: the simulated participant's name and settings.
+        seed: the seed of the simulation.
+        block: the block to analyse; by default the last one.
+        processes: the number of processes; by default one per core.
 
     Raises:
-        ProtocolError: if the protocol cannot be understood.
+        ProtocolError: if the protocol is invalid.
         SimulationError: if there is no such player, or it cannot play a block's world.
-        ReportError: if they play no such block.
+        ReportError: if the group does not play the block.
     """
     group = decode_protocol(toml, "protocol").groups[-1].name
     workers = min(processes or count_processes(), people)
@@ -198,10 +212,10 @@ def _play_bare_share(protocol: Protocol, player: str, seed: int) -> pd.DataFrame
 
 
 def parse_group_sizes(text: str) -> tuple[int, ...]:
-    """Read numbers of participants per group, as in ``10,20``.
+    """Parse numbers of participants per group, as in ``10,20``.
 
     Raises:
-        ReportError: if they are none, or one is below two.
+        ReportError: if the text has no such numbers, or one is below two.
     """
     try:
         sizes = tuple(int(part) for part in text.split(","))
@@ -220,16 +234,16 @@ TWO_PARTS = "reward_two_parts"  # how often there is any, and how much where the
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """The effect in the first group: its steps in excess of the shortest path, times ``excess``."""
+    """The effect in the first group: its steps in excess of the shortest path are multiplied by ``excess``."""
 
     excess: float = 1.0
 
     @classmethod
     def parse(cls, text: str) -> "Effect":
-        """Read ``excess=0.7``, or ``none``.
+        """Parse an effect, ``excess=0.7`` or ``none``.
 
         Raises:
-            ReportError: if it says anything else.
+            ReportError: if the text is anything else.
         """
         if text == "none":
             return cls()
@@ -243,10 +257,11 @@ class Effect:
         return cls(excess)
 
     def of(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Return the episodes as they would have gone with the effect.
+        """Return the episodes as they would have been played with the effect.
 
-        An episode that timed out stays so, since its remaining steps are unknown; power is understated a little.
-        Reward is taken to fall in a straight line from the best way's, as Minigrid's and Miniworld's does.
+        An episode that timed out is not changed, because its remaining steps are unknown; power is therefore slightly
+        underestimated. Reward is assumed to fall linearly from that of the shortest path, as Minigrid's and Miniworld's
+        does.
         """
         if self.excess == 1.0:
             return rows
@@ -259,21 +274,21 @@ class Effect:
 
 
 def _measure_episodes(rows: pd.DataFrame, measure: Callable[..., float | None]) -> list[float]:
-    """Compute a measure of each episode; NaN where it has none."""
+    """Return a measure of each episode, NaN where the episode has none."""
     episodes = rows[["steps", "feasible_steps", "max_steps", "outcome"]].itertuples(index=False)
     measured = (measure(*episode) for episode in episodes)
     return [math.nan if number is None else number for number in measured]
 
 
 def _best(steps: float) -> int | None:
-    """Return the fewest steps as a whole number; None where they are not known."""
+    """Return the fewest steps as a whole number, or None if they are unknown."""
     if pd.isna(steps):
         return None
     return int(steps)
 
 
 def _known(rows: pd.DataFrame, values: "pd.Series[float]") -> list[float]:
-    """Leave out episodes whose outcome no rule tells."""
+    """Return the values, NaN for episodes whose outcome is unknown."""
     known: list[float] = values.where(rows["outcome"] != "ended").tolist()
     return known
 
@@ -294,7 +309,7 @@ MEASURES: Mapping[str, Callable[[pd.DataFrame], Sequence[float]]] = {
 
 @dataclass(frozen=True, slots=True)
 class PowerEstimate:
-    """The share of studies that find the effect on a measure."""
+    """The share of studies that find the effect on a measure, with its interval."""
 
     measure: str
     participants: int  # per group
@@ -305,7 +320,7 @@ class PowerEstimate:
 
 
 def compute_values(rows: pd.DataFrame, measure: str) -> Values:
-    """Compute one value per person, the mean over episodes; of the reward in two parts two values, (n, 2).
+    """Return the mean over episodes of each participant, (n,); for the reward in two parts, two values each, (n, 2).
 
     Raises:
         ReportError: if the measure is unknown, or too few participants have a value.
@@ -331,16 +346,24 @@ def compute_values(rows: pd.DataFrame, measure: str) -> Values:
 def power_curve(
     measure: str, treated: Values, untreated: Values, sizes: Sequence[int], *, studies: int, seed: int
 ) -> tuple[PowerEstimate, ...]:
-    """Draw people, with replacement, into two groups of each size, and test them as the report does.
+    """Return the power at each group size: the share of simulated studies in which the report's test finds the effect.
 
-    ``treated`` and ``untreated`` are the same people with and without the effect. They are drawn anew some twenty times
-    on the way: by how much power then changes tells how far it hangs on who happens to be in the pool.
+    Each study draws participants with replacement into two groups. The pool itself is resampled up to twenty times on
+    the way; the variation of power between the resamples shows how much it depends on who happens to be in the pool.
+
+    Args:
+        measure: the name of the measure.
+        treated: the values of the pool's participants with the effect.
+        untreated: the values of the same participants without the effect.
+        sizes: the numbers of participants per group.
+        studies: the number of studies per size.
+        seed: the seed of the draws.
     """
     return tuple(_power_at(measure, treated, untreated, size, studies=studies, seed=seed) for size in sizes)
 
 
 def _power_at(measure: str, treated: Values, untreated: Values, size: int, *, studies: int, seed: int) -> PowerEstimate:
-    """Estimate the power at one size of groups; see ``power_curve``."""
+    """Estimate the power at one group size; see ``power_curve``."""
     test = _group_p if untreated.ndim == 1 else two_parts_p
     rng = np.random.default_rng([seed, size])
     hits = list[int]()
@@ -377,7 +400,7 @@ _CM = 1 / 2.54
 
 
 def describe_power(pool: ParticipantPool, effect: Effect, estimates: Sequence[PowerEstimate], *, player: str) -> str:
-    """Describe the result, for the terminal and a preregistration."""
+    """Return the power analysis as text, for the terminal and a preregistration."""
     if effect.excess == 1:
         effect_text = "no effect"
     else:
@@ -405,7 +428,7 @@ def tabulate_power(estimates: Sequence[PowerEstimate]) -> Iterator[str]:
 
 
 def write_power(estimates: Sequence[PowerEstimate], out: Path) -> tuple[Path, ...]:
-    """Write ``power.csv`` and the figure ``power``."""
+    """Write ``power.csv`` and the figure ``power``; return the paths of the files."""
     out.mkdir(parents=True, exist_ok=True)
     table = pd.DataFrame(estimates).rename(columns={"participants": "participants_a_group"})
     table.to_csv(out / "power.csv", index=False)
@@ -413,7 +436,7 @@ def write_power(estimates: Sequence[PowerEstimate], out: Path) -> tuple[Path, ..
 
 
 def power_figure(estimates: Sequence[PowerEstimate]) -> Figure:
-    """Draw power over participants per group, one line per measure, with its Monte Carlo interval."""
+    """Draw power against the number of participants per group, one line per measure, with Monte Carlo intervals."""
     with figure_style():
         figure = Figure(figsize=(COLUMN_CM * _CM, 7.2 * _CM), layout="constrained")
         axes = figure.subplots()

@@ -1,4 +1,4 @@
-"""A preregistration's text from a protocol: what registries ask for, as far as the protocol fixes it.
+"""The text of a preregistration from a protocol: what registries ask for, as far as the protocol determines it.
 
 The order follows the OSF's and AsPredicted's forms. What only the researchers know is left as a line to fill in.
 """
@@ -34,7 +34,13 @@ _KEYS = {
 
 
 def build_preregistration(protocol: Protocol, plan: SessionPlan, power: str = "") -> str:
-    """Write the text in Markdown; ``plan`` is any participant's, for the hashes, ``power`` the power analysis."""
+    """Return the text of a preregistration in Markdown.
+
+    Args:
+        protocol: the protocol of the study.
+        plan: the plan of any participant, for the hashes.
+        power: the text of the power analysis; "" for none.
+    """
     slots = build_allocation_list(protocol)
     named = protocol.analysis
     environment = Environment(
@@ -65,11 +71,11 @@ def build_preregistration(protocol: Protocol, plan: SessionPlan, power: str = ""
 
 
 def write_preregistration(protocol: Protocol, plan: SessionPlan, path: Path, power: str = "") -> Path:
-    """Write the preregistration to a new file.
+    """Write the preregistration to a new file; return its path.
 
     Raises:
-        ReportError: if there is such a file.
-        OSError: if it cannot be written.
+        ReportError: if the file exists.
+        OSError: if the file cannot be written.
     """
     if path.exists():
         raise ReportError(f"{path} already exists and is not overwritten; choose another file")
@@ -78,10 +84,10 @@ def write_preregistration(protocol: Protocol, plan: SessionPlan, path: Path, pow
 
 
 def describe_planned_power(toml: bytes, effect: str, *, people: int = 60, studies: int = 500) -> str:
-    """Describe the study's power at its number of places per group, and at half and twice that.
+    """Return the text of a power analysis at the planned number of participants per group, and at half and twice that.
 
     Raises:
-        ReportError: if the effect is none.
+        ReportError: if the effect is not valid.
     """
     from minihuman.planning.power import Effect, compute_values, describe_power, power_curve, simulate_pool
 
@@ -98,7 +104,7 @@ def describe_planned_power(toml: bytes, effect: str, *, people: int = 60, studie
 
 
 def _find_target_block(protocol: Protocol) -> str:
-    """Find the block that groups are compared on: the one that is named, or the last that all of them play."""
+    """Return the block in which groups are compared: the named one, or the last one that all groups play."""
     if protocol.analysis.block:
         return protocol.analysis.block
     common = [
@@ -112,7 +118,7 @@ def _find_target_block(protocol: Protocol) -> str:
 
 
 def _describe_direction(protocol: Protocol) -> str:
-    """Say which group is subtracted from which, as the report does it."""
+    """Return a sentence that says which group is subtracted from which, in the order of the report."""
     if len(protocol.groups) < 2:
         return "There is one group, so nothing is compared."
     blocks = {block.name for block in protocol.blocks}

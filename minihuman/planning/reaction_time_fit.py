@@ -1,8 +1,8 @@
-"""Fit a simulated participant's reaction times to logged people, and measure how well the fit predicts held-out
-episodes.
+"""Fits of a simulated participant's reaction times to logged participants.
 
-The model of one person: an ex-Gaussian, shorter for a repeated key and with practice, and a share of pauses, longer
-presses after looking away. From times alone.
+The model of one participant is an ex-Gaussian distribution, faster for a repeated key and with practice, with a share
+of pauses, longer presses after looking away. It is fitted to times alone. The module also measures how well a fit
+predicts held-out episodes.
 """
 
 import csv
@@ -43,7 +43,7 @@ _STEP = 2e-2  # of a parameter on that line, for the curvature
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReactionTimes:
-    """Reaction times with what they depend on, each (n,)."""
+    """Reaction times with the predictors that they depend on, each (n,)."""
 
     ms: NDArray[np.float64]
     again: NDArray[np.bool_]  # the key was that of the press before
@@ -55,9 +55,10 @@ class ReactionTimes:
 
 @dataclass(frozen=True, slots=True)
 class ReactionTimeFit:
-    """Most likely parameters, and 95 % intervals by the curvature there (Wald, on logarithms and log odds).
+    """The most likely parameters, with 95 % intervals from the curvature (Wald, on logarithms and log odds).
 
-    Intervals are widened for the lag-1 correlation of times. A parameter that so few times do not tell has none.
+    Intervals are widened for the lag-1 correlation of times. A parameter has no interval if there are too few times to
+    determine it.
     """
 
     values: Mapping[str, float]
@@ -66,69 +67,72 @@ class ReactionTimeFit:
 
 
 def log_density(times: ReactionTimes, values: Mapping[str, float], *, floor_ms: float) -> NDArray[np.float64]:
-    """Compute the log density of each time per ms; of a time at the floor, the log chance to be there or below."""
-    gone = values["practice"] * -np.expm1(-times.presses / values["practice_presses"])
-    share = np.where(times.again, values["repeat_factor"], 1.0) * (1 - gone) * (1 + _FATIGUE * times.presses / 1000)
+    """Return the log density of each time per millisecond.
+
+    For a time at the floor, the value is the log probability of a time at or below the floor.
+    """
+    practice_effect = values["practice"] * -np.expm1(-times.presses / values["practice_presses"])
+    repeat_factor = np.where(times.again, values["repeat_factor"], 1.0)
+    time_factor = repeat_factor * (1 - practice_effect) * (1 + _FATIGUE * times.presses / 1000)
     at_floor = times.ms <= floor_ms + 0.5
-    z = (np.where(at_floor, floor_ms, times.ms) / share - values["mu_ms"]) / values["sigma_ms"]
+    z = (np.where(at_floor, floor_ms, times.ms) / time_factor - values["mu_ms"]) / values["sigma_ms"]
     ratio = values["sigma_ms"] / values["tau_ms"]
     tail = ratio**2 / 2 - ratio * z + scipy.special.log_ndtr(z - ratio)  # SciPy's exponnorm, ten times as fast
     below = np.log(np.maximum(scipy.special.ndtr(z) - np.exp(tail), 0.0) + 1e-12)
-    log_response = np.where(at_floor, below, tail - np.log(values["tau_ms"] * share))
+    log_response = np.where(at_floor, below, tail - np.log(values["tau_ms"] * time_factor))
     pauses = np.where(at_floor, 0.0, values["pause"] * np.exp(-times.ms / _PAUSE_MS) / _PAUSE_MS)
     return np.maximum(np.log((1 - values["pause"]) * np.exp(log_response) + pauses + 1e-300), -50.0)
 
 
 def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTimeFit | None:
-    """Fit the most likely parameters; None where there are too few times."""
+    """Return the maximum-a-posteriori fit of the parameters, or None if there are too few times."""
     if len(times.ms) < MIN_TIMES:
         return None
 
-    def unlikely(point: NDArray[np.float64]) -> float:
+    def cost(point: NDArray[np.float64]) -> float:  # the negative log posterior density
         prior = float((((point - start) / _PRIOR_SDS) ** 2).sum()) / 2
-        return prior - float(log_density(times, _values(point), floor_ms=floor_ms).sum())
+        return prior - float(log_density(times, _read_parameters(point), floor_ms=floor_ms).sum())
 
     named = zip(PARAMETER_NAMES, _START, strict=True)
-    start = np.array([_to_line(name, start_value) for name, start_value in named])
+    start = np.array([_to_unbounded(name, start_value) for name, start_value in named])
     options: Any = {"maxiter": 4000, "maxfev": 4000, "xatol": 1e-3, "fatol": 1e-2, "adaptive": True}
-    optimum = scipy.optimize.minimize(unlikely, start, method="Nelder-Mead", options=options)
+    optimum = scipy.optimize.minimize(cost, start, method="Nelder-Mead", options=options)
     point = optimum.x
     steps = np.eye(len(PARAMETER_NAMES)) * _STEP
     curvature = np.array(
         [
             [
-                (unlikely(point + a + b) - unlikely(point + a - b) - unlikely(point - a + b) + unlikely(point - a - b))
-                / (4 * _STEP**2)
+                (cost(point + a + b) - cost(point + a - b) - cost(point - a + b) + cost(point - a - b)) / (4 * _STEP**2)
                 for b in steps
             ]
             for a in steps
         ]
     )
-    ranks = scipy.stats.rankdata(times.ms / np.where(times.again, _values(point)["repeat_factor"], 1.0))
+    ranks = scipy.stats.rankdata(times.ms / np.where(times.again, _read_parameters(point)["repeat_factor"], 1.0))
     lag = min(max(float(np.corrcoef(ranks[:-1], ranks[1:])[0, 1]), 0.0), 0.9)
     variances = np.diag(np.linalg.pinv(curvature)) * (1 + lag) / (1 - lag)  # as of a mean of autocorrelated times
     errors = np.where(variances > 0, np.sqrt(np.maximum(variances, 0)), math.inf)
     z = float(scipy.special.ndtri(0.975))
     intervals = {
-        name: (_from_line(name, at - z * error), _from_line(name, at + z * error))
+        name: (_from_unbounded(name, at - z * error), _from_unbounded(name, at + z * error))
         for name, at, error in zip(PARAMETER_NAMES, point, errors, strict=True)
         if len(times.ms) >= _MIN_TIMES_OF.get(name, MIN_TIMES) and math.isfinite(error)
     }
-    return ReactionTimeFit(_values(point), intervals, len(times.ms))
+    return ReactionTimeFit(_read_parameters(point), intervals, len(times.ms))
 
 
-def _values(point: NDArray[np.float64]) -> dict[str, float]:
-    return {name: _from_line(name, float(at)) for name, at in zip(PARAMETER_NAMES, point, strict=True)}
+def _read_parameters(point: NDArray[np.float64]) -> dict[str, float]:
+    return {name: _from_unbounded(name, float(at)) for name, at in zip(PARAMETER_NAMES, point, strict=True)}
 
 
-def _to_line(name: str, parameter: float) -> float:
-    """Return the log odds of a chance, the logarithm of any other parameter."""
+def _to_unbounded(name: str, parameter: float) -> float:
+    """Return the log odds of a probability, or the logarithm of any other parameter."""
     if name in _CHANCES:
         return math.log(parameter / (1 - parameter))
     return math.log(parameter)
 
 
-def _from_line(name: str, at: float) -> float:
+def _from_unbounded(name: str, at: float) -> float:
     """Return a parameter from its log odds or logarithm."""
     at = min(max(at, -30.0), 30.0)
     if name in _CHANCES:
@@ -138,7 +142,7 @@ def _from_line(name: str, at: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class FittedParticipant:
-    """One participant's fit, and its gain on every second episode, which it has not seen."""
+    """The fit to one participant, and its predictive gain on every second episode, held out from a second fit."""
 
     participant: str
     fitted: ReactionTimeFit
@@ -147,11 +151,11 @@ class FittedParticipant:
 
 
 def fit_participants(tables: Tables) -> Iterator[FittedParticipant]:
-    """Fit every participant with enough presses in included episodes; the floor is the population's median.
+    """Fit every participant with enough presses in included episodes, session by session; yield the fits.
 
     Raises:
-        LogError: if there is no such folder.
-        ReportError: if no participant has enough.
+        LogError: if the folder does not exist.
+        ReportError: if no participant has enough presses.
     """
     tables.require(("steps",))
     included = tables.frame("episodes", [*_EPISODE, "exclusion_reason"])
@@ -170,7 +174,7 @@ def fit_participants(tables: Tables) -> Iterator[FittedParticipant]:
 
 
 def _fit_participant(steps: pd.DataFrame) -> FittedParticipant | None:
-    """Fit one session's participant; None with too few presses."""
+    """Fit the participant of one session; return None if there are too few presses."""
     times, episodes = select_reaction_times(steps)
     is_odd = episodes % 2 == 1
     floor_ms = ParticipantParameters().floor_ms
@@ -183,9 +187,9 @@ def _fit_participant(steps: pd.DataFrame) -> FittedParticipant | None:
 
 
 def select_reaction_times(steps: pd.DataFrame) -> tuple[ReactionTimes, NDArray[np.int64]]:
-    """Select the reaction times to fit, with their episodes.
+    """Return the reaction times to fit, with the number of each one's episode.
 
-    Excluded are an episode's first press and a press after an ineffective one.
+    An episode's first press and a press after an ineffective one are excluded.
     """
     before = steps.shift(1)
     is_usable = (steps["episode"] == before["episode"]) & (steps["attempt"] == before["attempt"])
@@ -200,9 +204,10 @@ def select_reaction_times(steps: pd.DataFrame) -> tuple[ReactionTimes, NDArray[n
 
 
 def measure_gain(fitted: ReactionTimeFit, training: ReactionTimes, held_out: ReactionTimes) -> float:
-    """Measure by how many bits per held-out press a fit predicts better than a log-normal given key and practice.
+    """Return how many bits per held-out press a fit predicts better than a log-normal with the same predictors.
 
-    Both are conditional on being above the floor, where a chance and a density cannot be compared.
+    Both distributions are conditional on times above the floor, because the probability at the floor cannot be compared
+    with a density.
     """
     floor_ms = ParticipantParameters().floor_ms
     above = held_out[held_out.ms > floor_ms + 0.5]
@@ -221,7 +226,7 @@ def measure_gain(fitted: ReactionTimeFit, training: ReactionTimes, held_out: Rea
 
 
 def describe_fits(participants: list[FittedParticipant]) -> Iterator[str]:
-    """Describe each participant's fit, the median participant, and the gain on held-out episodes."""
+    """Yield lines that describe each participant's fit, the median participant, and the gain on held-out episodes."""
     for participant in participants:
         parameters = ", ".join(f"{name} {participant.fitted.values[name]:.3g}" for name in PARAMETER_NAMES)
         bits = f"{participant.gain:+.2f} bits per press"
@@ -236,7 +241,7 @@ def describe_fits(participants: list[FittedParticipant]) -> Iterator[str]:
 
 
 def write_fits(participants: list[FittedParticipant], path: Path) -> Path:
-    """Write all parameters and intervals as CSV."""
+    """Write all parameters and intervals as a CSV file; return its path."""
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(("participant", "parameter", "value", "low", "high", "presses", "held_out_bits"))

@@ -1,8 +1,8 @@
-"""Power of what the report will say: studies drawn from simulated participants go through the report's own functions.
+"""Power of the report's comparisons: studies drawn from simulated participants go through the report's own functions.
 
-From the table of blocks on: logarithms, roles, Holm's correction, conditions within participants and changes between
-sessions are the report's, as are the sizes of groups by their allocation ratio. Participants who drop out are missing
-from a session on.
+From the table of blocks on, everything is the report's: logarithms, roles, Holm's correction, conditions within
+participants, changes between sessions, and group sizes by their allocation ratio. Participants who drop out are missing
+from some session on.
 """
 
 import math
@@ -39,14 +39,14 @@ _TABLES = ("blocks", "episodes", "participants", "answers", "parts", "points", "
 
 @dataclass(frozen=True, slots=True)
 class StudyDesign:
-    """What is varied: the effect, where it lies, and how many leave."""
+    """The assumptions of a simulated study: the effect, the comparison that has it, and the rate of drop-out."""
 
     shift: float = 0.0  # of the primary measure, in standard deviations between participants
     on: str = "groups"  # which comparison has it: of the first group, condition, cell of both, or group's change
     drop_out: float = 0.0  # the chance to be missing from a session, and from all later ones
 
     def __post_init__(self) -> None:
-        """Refuse an unknown comparison, or a drop-out that is no chance."""
+        """Check that the comparison exists, and that the drop-out is a probability."""
         if self.on not in COMPARISONS:
             raise ReportError(f"--on {self.on!r} is unknown; use one of {', '.join(COMPARISONS)}")
         if not 0 <= self.drop_out < 1:
@@ -57,10 +57,11 @@ class StudyDesign:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportPool:
-    """Simulated participants as the report reads them: the table of blocks, practice left out.
+    """Simulated participants as the report reads them: the table of blocks, without practice blocks.
 
-    ``person`` is who played; ``participant``, the unit of the statistics, is their team where people played together;
-    ``drawn`` is who takes part at the same time: whoever a chain of teams connects.
+    The column ``person`` is the participant who played. The column ``participant`` is the unit of the statistics, which
+    is the team where participants played together. The column ``drawn`` is the unit of sampling: all who are connected
+    by a chain of teams.
     """
 
     rows: pd.DataFrame  # those of excluded participants, too
@@ -71,10 +72,10 @@ class ReportPool:
 
 
 def simulate_report_pool(toml: bytes, *, people: int, player: str, seed: int) -> ReportPool:
-    """Simulate participants of every group through whole sessions; nothing stays on disk.
+    """Simulate participants of every group through whole sessions. Nothing stays on disk.
 
     Raises:
-        ProtocolError: if the protocol cannot be understood.
+        ProtocolError: if the protocol is invalid.
         SimulationError: if there is no such player, or it cannot play a block's world.
         ReportError: if the protocol names a measure that the sessions do not give.
     """
@@ -89,7 +90,7 @@ def simulate_report_pool(toml: bytes, *, people: int, player: str, seed: int) ->
 
 
 def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> ReportPool:
-    """Make a pool from a study's tables."""
+    """Return the pool made from the tables of a study."""
     analysis = protocol.analysis
     rows = add_measures(tables["blocks"], tables, analysis.find_plugin_measures())
     analysed = {block.name for block in protocol.blocks if block.analysed}
@@ -109,21 +110,21 @@ def estimate_report_power(
 ) -> tuple[PowerEstimate, ...]:
     """Estimate the share of studies in which the report's corrected p of each comparison is below 5 %.
 
-    ``sizes`` are participants per group, times the group's allocation ratio. Of each size, an estimate per comparison
-    of the primary measure (of the first that has values where none is named), and one of any of them.
+    Per size, there is an estimate for each comparison of the primary measure, and one for any of them. If the protocol
+    names no primary measure, the first one that has values is used.
+
+    Args:
+        pool: the simulated participants.
+        design: the effect and the drop-out.
+        sizes: the numbers of participants per group, before they are multiplied by the group's allocation ratio.
+        studies: the number of studies per size.
+        seed: the seed of the draws.
 
     Raises:
-        ReportError: if the protocol has no such comparison.
+        ReportError: if the protocol does not have the comparison of the design.
     """
     estimates = []
-    has_several_groups = len(pool.groups) > 1
-    possible = {
-        "groups": has_several_groups,
-        "conditions": bool(pool.analysis.conditions),
-        "interaction": pool.design.is_mixed,
-        "change": has_several_groups and pool.rows["session"].nunique() > 1,
-    }
-    if not possible[design.on]:
+    if not _has_comparison(pool, design.on):
         raise ReportError(
             f"the protocol has no comparison of {design.on}; add one to [analysis], or choose another with --on"
         )
@@ -142,8 +143,23 @@ def estimate_report_power(
     return tuple(estimates)
 
 
+def _has_comparison(pool: ReportPool, comparison: str) -> bool:
+    """Return whether the protocol has a comparison, which is one of `COMPARISONS`."""
+    has_several_groups = len(pool.groups) > 1
+    possible = {
+        "groups": has_several_groups,
+        "conditions": bool(pool.analysis.conditions),
+        "interaction": pool.design.is_mixed,
+        "change": has_several_groups and pool.rows["session"].nunique() > 1,
+    }
+    return possible[comparison]
+
+
 def draw_study(pool: ReportPool, design: StudyDesign, size: int, rng: np.random.Generator) -> pd.DataFrame:
-    """Draw the included rows of one study's table of blocks: participants, or whole teams, with replacement."""
+    """Return the included rows of one study's table of blocks, with the effect added.
+
+    Participants, or whole teams, are drawn with replacement.
+    """
     measure, is_log, effect = _find_effect(pool, design)
     rows = _draw_participants(pool, effect, size, rng)
     if design.drop_out:
@@ -159,7 +175,7 @@ def draw_study(pool: ReportPool, design: StudyDesign, size: int, rng: np.random.
 
 
 def _draw_participants(pool: ReportPool, effect: pd.DataFrame, size: int, rng: np.random.Generator) -> pd.DataFrame:
-    """Draw each group's participants, or whole teams, with replacement, and number them."""
+    """Draw the participants of each group, or whole teams, with replacement, and number them."""
     samples = []
     for group, ratio in pool.groups.items():
         group_rows = effect[effect["group"] == group]
@@ -175,7 +191,7 @@ def _draw_participants(pool: ReportPool, effect: pd.DataFrame, size: int, rng: n
 
 
 def _drop_out(rows: pd.DataFrame, chance: float, rng: np.random.Generator) -> pd.DataFrame:
-    """Leave out each person's sessions from the one on that the person is missing from, if any."""
+    """Return the rows without those of each person's sessions after the person dropped out."""
     sessions = sorted({*rows["session"]})
     left = {
         person: next((session for session in sessions if rng.random() < chance), math.inf)
@@ -185,7 +201,7 @@ def _drop_out(rows: pd.DataFrame, chance: float, rng: np.random.Generator) -> pd
 
 
 def _move_success(rows: pd.DataFrame, values: "pd.Series[float]", rng: np.random.Generator) -> "pd.Series[float]":
-    """Turn failures into successes, or successes into failures, so that no share leaves 0 to 1."""
+    """Return shares of successes changed by the effect, within 0 to 1, by turning episodes' failures or successes."""
     move = rows["move"]
     other_share = values.where(move < 0, 1 - values)
     chance = (move.abs() / rows["middle"].where(move < 0, 1 - rows["middle"])).fillna(0).clip(0, 1)
@@ -199,7 +215,7 @@ def _primary(pool: ReportPool, rows: pd.DataFrame) -> str:
 
 
 def _list_first_blocks(pool: ReportPool) -> list[str]:
-    """List the blocks of the first condition."""
+    """Return the names of the blocks of the first condition."""
     named = dict(pool.design.condition_of_block) or {block: block for block in pool.analysis.conditions}
     first = next(iter(named.values()), "")
     return [block for block, condition in named.items() if condition == first]
@@ -207,10 +223,10 @@ def _list_first_blocks(pool: ReportPool) -> list[str]:
 
 @lru_cache(maxsize=1)
 def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.DataFrame]:
-    """Find the primary measure, whether it is compared as logarithms, and how far each of the pool's rows is moved.
+    """Return the primary measure, whether it is compared as logarithms, and the pool with the shift of each row.
 
-    What is compared is moved to a common mean first: the difference is the design's, whatever the one by which the
-    simulated groups or conditions differ. ``middle`` is the mean before.
+    The cells that are compared are first shifted to a common mean, so that the difference is the design's, whatever the
+    difference of the simulated groups or conditions. The column ``middle`` is a cell's mean before the shift.
     """
     within = design.on in ("conditions", "interaction")
     rows = pool.rows
@@ -239,7 +255,7 @@ def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.D
 
 
 def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tuple[str, float]]:
-    """Yield the corrected p of each comparison of the primary measure, as the report's page has it."""
+    """Yield the name and the corrected p of each comparison of the primary measure, as on the report's page."""
     analysis = pool.analysis
     order = list(pool.groups)
     if on == "interaction":
@@ -254,7 +270,7 @@ def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tup
 
 
 def _list_condition_ps(rows: pd.DataFrame, pool: ReportPool) -> Iterator[tuple[str, float]]:
-    """Yield the corrected p of each two conditions."""
+    """Yield the name and the corrected p of each pair of conditions."""
     within = compare_within(*name_conditions(rows, pool.analysis, pool.design))
     if within is None:
         return
@@ -267,7 +283,7 @@ def _list_condition_ps(rows: pd.DataFrame, pool: ReportPool) -> Iterator[tuple[s
 def _list_group_ps(
     rows: pd.DataFrame, pool: ReportPool, order: Sequence[str], *, is_change: bool
 ) -> Iterator[tuple[str, float]]:
-    """Yield the corrected p of each two groups in the target block, or of their changes between sessions."""
+    """Yield the name and corrected p of each pair of groups in the target block, or of their changes over sessions."""
     analysis = pool.analysis
     target_rows = rows[rows["block"] == pool.target]
     primary = _primary(pool, target_rows)
@@ -289,7 +305,7 @@ def _list_group_ps(
 
 
 def _list_interaction_ps(interaction: InteractionResults) -> Iterator[tuple[str, float]]:
-    """Yield the p of all of the interaction, or of its contrasts where they answer the question."""
+    """Yield the name and p of the omnibus test of the interaction, or of its contrasts if there is no such test."""
     omnibus = next((test for test in interaction.omnibus if test.measure == interaction.measure), None)
     if omnibus is not None:
         yield f"{interaction.measure}: interaction", omnibus.p_holm
@@ -302,11 +318,12 @@ def _list_interaction_ps(interaction: InteractionResults) -> Iterator[tuple[str,
 def describe_report_power(
     pool: ReportPool, design: StudyDesign, estimates: Sequence[PowerEstimate], *, player: str
 ) -> str:
-    """Describe the result, for the terminal and a preregistration."""
+    """Return the power analysis as text, for the terminal and a preregistration."""
+    first_condition = next(iter(pool.analysis.conditions), "")
     location = {
         "groups": f"in group {next(iter(pool.groups))}, block {pool.target}",
-        "conditions": f"in block {(*pool.analysis.conditions, '')[0]}, within participants",
-        "interaction": f"in block {(*pool.analysis.conditions, '')[0]} of group {next(iter(pool.groups))} alone",
+        "conditions": f"in block {first_condition}, within participants",
+        "interaction": f"in block {first_condition} of group {next(iter(pool.groups))} alone",
         "change": f"in the later sessions of group {next(iter(pool.groups))}, block {pool.target}",
     }[design.on]
     if pool.analysis.primary_measure:
@@ -337,10 +354,10 @@ def plan_report_power(
     player: str,
     seed: int,
 ) -> tuple[tuple[PowerEstimate, ...], str]:
-    """Simulate a pool and estimate the power of an effect such as ``shift=0.5``; return it with its description.
+    """Simulate a pool and estimate the power of an effect such as ``shift=0.5``; return the estimates and their text.
 
     Raises:
-        ReportError: if the effect is none, or the protocol has no such comparison.
+        ReportError: if the effect is not valid, or the protocol does not have the comparison.
     """
     try:
         shift = float(effect.removeprefix("shift="))

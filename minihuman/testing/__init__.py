@@ -5,7 +5,7 @@
     def test_my_world():
         check_world("my_lab.envs:lab/Maze-v0")
 
-Each check raises `ContractError`, which names the broken guarantee. All built-in ones pass.
+Each check raises `ContractError`, which names the broken guarantee. All built-in plug-ins pass.
 """
 
 from minihuman.testing.checks import ContractError

@@ -1,4 +1,4 @@
-"""Contract errors, and the short study in which participants and exporters are tested."""
+"""The error for a broken contract, and the short study in which participants and exporters are tested."""
 
 from contextlib import closing
 from typing import Any
@@ -12,19 +12,19 @@ from minihuman.worlds.adapters.world import World
 
 
 class ContractError(MinihumanError, AssertionError):
-    """A plug-in breaks a promise of its kind."""
+    """A plug-in breaks a guarantee of its kind."""
 
     exit_code = 1  # a check failed
 
 
 def require(is_kept: bool, broken: str) -> None:
-    """Raise `ContractError`, saying what is broken, unless the promise is kept."""
+    """Raise a `ContractError` with the message ``broken`` unless the guarantee is kept."""
     if not is_kept:
         raise ContractError(broken)
 
 
 def build_short_study(world_id: str, options: dict[str, Any], *, episodes: int, max_steps: int) -> Protocol:
-    """Build a protocol of one block, with every action of the world on a digit key."""
+    """Return a protocol of one block, with every action of the world on a digit key."""
     with closing(World(world_id, options, trusted=True)) as world:
         actions = world.action_names
     require(len(actions) <= len(DIGITS), f"{world_id}: {len(actions)} actions; a check has {len(DIGITS)} keys to give")
@@ -48,17 +48,17 @@ def build_short_study(world_id: str, options: dict[str, Any], *, episodes: int, 
 
 
 def build_study(tables: dict[str, Any]) -> Protocol:
-    """Build a protocol from the tables of its TOML file, lists for arrays of tables.
+    """Return the protocol that has the given tables of its TOML file; lists stand for arrays of tables.
 
     Raises:
-        ProtocolError: if the protocol is wrong.
+        ProtocolError: if the protocol is invalid.
     """
     text = "".join(f"{name} = {_format_value(table)}\n" for name, table in tables.items())
     return decode_protocol(text.encode(), "the study of a check")
 
 
 def _format_value(value: Any) -> str:
-    """Format a value as TOML, on one line."""
+    """Return a value as TOML, on one line."""
     match value:
         case dict():
             return "{ " + ", ".join(f"{name} = {_format_value(field)}" for name, field in value.items()) + " }"

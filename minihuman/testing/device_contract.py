@@ -1,7 +1,7 @@
 """Contract tests of devices and windows.
 
-A device gives samples on the session's clock, in order, of the declared shape; reads never wait. A window flips
-screens; keys arrive in order and none is lost, and waiting ends on time.
+A device gives samples on the session's clock, in order, of the declared shape, and reading it never waits. A window
+shows screens; keys arrive in order, none is lost, and waiting ends on time.
 """
 
 import abc
@@ -36,17 +36,17 @@ def check_device(
     timeout_s: float = 10.0,
     now_s: Callable[[], float] = time.monotonic,
 ) -> None:
-    """Open a device, read it as a session does, close it, and do so again: a study has more than one session.
+    """Open a device, read it as a session does, and close it, twice, because a study has more than one session.
 
     Args:
-        device: the device as a protocol names it ("lsl:EyeTracker"), or what makes one.
-        n_channels: how many numbers a sample has; 0 for a device that gives only text.
-        n_samples: how many samples to read each time.
-        timeout_s: how long to wait for them.
-        now_s: the clock that this and each read are timed by, seconds.
+        device: the device as a protocol names it ("lsl:EyeTracker"), or a function that makes one.
+        n_channels: the number of values per sample; 0 for a device that gives only text.
+        n_samples: the number of samples to read each time.
+        timeout_s: how long to wait for the samples, in seconds.
+        now_s: the clock that times this check and each read, in seconds.
 
     Raises:
-        ContractError: if a guarantee is broken; it says which.
+        ContractError: if a guarantee is broken; the message says which.
         DeviceError: if the device is not there or cannot be used.
     """
     for _ in range(2):
@@ -69,7 +69,7 @@ def check_device(
 def _read_samples(
     device: Device, clock: SessionClock, n_samples: int, timeout_s: float, now_s: Callable[[], float]
 ) -> list[DeviceSample]:
-    """Read from another thread than the one that opened the device, as a session does."""
+    """Read samples in a thread other than the one that opened the device, as a session does."""
     samples: list[DeviceSample] = []
     until_s = now_s() + timeout_s
     with ThreadPoolExecutor(1) as thread:
@@ -130,20 +130,20 @@ KeyStrokes = Sequence[tuple[str, bool]]  # keys, and whether they go down
 
 
 class TypedWindow(abc.ABC):
-    """A window, and something that types into it: a robot before a real one, a script for one that has none."""
+    """A window, and the means to type into it: a robot for a real window, a script for a virtual one."""
 
     window: Window
 
     @abc.abstractmethod
     def type(self, strokes: KeyStrokes) -> None:
-        """Press (True) and release (False) keys in this order, at once."""
+        """Press (True) and release (False) keys in the given order, without delay."""
 
     @abc.abstractmethod
     def now_ns(self) -> int:
-        """Return the time of the window's clock, ns."""
+        """Return the time on the window's clock, in nanoseconds."""
 
     def hear(self, count: int) -> list[Input]:
-        """Wait for the next ``count`` inputs; return fewer if they do not come within ten seconds."""
+        """Wait for the next ``count`` inputs and return them; return fewer if they do not come within ten seconds."""
         heard: list[Input] = []
         until_ns = self.now_ns() + 10 * SECOND
         while len(heard) < count and self.now_ns() < until_ns:
@@ -152,10 +152,10 @@ class TypedWindow(abc.ABC):
 
 
 def check_window(typed: TypedWindow) -> None:
-    """Run every check on a window.
+    """Run every check on a window, and close it.
 
     Raises:
-        ContractError: if a promise is not kept; it says which.
+        ContractError: if a guarantee is broken; the message says which.
     """
     for check in CHECKS.values():
         check(typed)
@@ -164,12 +164,12 @@ def check_window(typed: TypedWindow) -> None:
 
 
 def list_strokes(inputs: Iterable[Input]) -> list[tuple[str, bool]]:
-    """List which keys went down and up."""
+    """Return the keys that went down or up, each with whether it went down."""
     return [(event.key, isinstance(event, KeyDown)) for event in inputs if isinstance(event, KeyDown | KeyUp)]
 
 
 def a_screen_is_submitted_then_flipped(typed: TypedWindow) -> None:
-    """Show every kind of screen."""
+    """Show every kind of screen, and check the order of its times."""
     for screen in SCREENS:
         before_ns = typed.now_ns()
         flip = typed.window.show(screen)
@@ -178,7 +178,7 @@ def a_screen_is_submitted_then_flipped(typed: TypedWindow) -> None:
 
 
 def waiting_ends_at_the_deadline_and_not_before(typed: TypedWindow) -> None:
-    """Wait while nothing is typed."""
+    """Wait while nothing is typed, and check when the wait ends."""
     until_ns = typed.now_ns() + 30 * MS
     heard = typed.window.wait(until_ns)
     require(heard == [], f"nobody typed, and wait() heard {heard}")
@@ -186,7 +186,7 @@ def waiting_ends_at_the_deadline_and_not_before(typed: TypedWindow) -> None:
 
 
 def a_deadline_that_has_passed_still_hands_over_what_has_arrived(typed: TypedWindow) -> None:
-    """Type, then wait until a time that has passed, twice."""
+    """Type two strokes, then wait twice with a deadline in the past; only the first wait returns them."""
     typed.type([("1", True), ("1", False)])
     time.sleep(0.1)  # the display server's delivery, not the window's
     _require_heard([("1", True), ("1", False)], typed.window.wait(0))
@@ -194,17 +194,17 @@ def a_deadline_that_has_passed_still_hands_over_what_has_arrived(typed: TypedWin
 
 
 def two_taps_within_a_frame_are_two_taps(typed: TypedWindow) -> None:
-    """Press a key down, up, down, up."""
+    """Press and release a key twice without delay."""
     _type_and_hear(typed, [("3", True), ("3", False)] * 2)
 
 
 def rolling_from_key_to_key_keeps_the_order(typed: TypedWindow) -> None:
-    """Press the next key before the last one is up."""
+    """Press each key before the previous one is released."""
     _type_and_hear(typed, [("1", True), ("2", True), ("1", False), ("3", True), ("2", False), ("3", False)])
 
 
 def of_hundreds_of_strokes_none_is_lost_or_doubled(typed: TypedWindow) -> None:
-    """Type 400 strokes at once."""
+    """Type 400 random strokes without delay."""
     chance = random.Random(7)
     keys_down: set[str] = set()
     strokes = []
@@ -216,7 +216,7 @@ def of_hundreds_of_strokes_none_is_lost_or_doubled(typed: TypedWindow) -> None:
 
 
 def strokes_during_a_flip_are_kept(typed: TypedWindow) -> None:
-    """Type before a screen is shown, and listen after it."""
+    """Type before a screen is shown, and read the inputs after it."""
     strokes = [("4", True), ("5", True), ("4", False), ("5", False)]
     typed.type(strokes)
     typed.window.show(SCREENS[0])
@@ -224,7 +224,7 @@ def strokes_during_a_flip_are_kept(typed: TypedWindow) -> None:
 
 
 def stamps_never_go_back_and_lie_between_stroke_and_receipt(typed: TypedWindow) -> None:
-    """Compare the stamps with the window's clock."""
+    """Compare the times of inputs with the window's clock."""
     before_ns = typed.now_ns()
     typed.type([("6", True), ("6", False)] * 5)
     stamps = [event.t_ns for event in typed.hear(10)]
@@ -234,7 +234,7 @@ def stamps_never_go_back_and_lie_between_stroke_and_receipt(typed: TypedWindow) 
 
 
 def facts_are_words_without_names_of_people_or_machines(typed: TypedWindow) -> None:
-    """Read the facts, which go into the log."""
+    """Check the window's facts, which are written to the log."""
     facts = typed.window.facts()
     require(bool(facts.get("window")), "facts() does not say which window it is, under 'window'")
     require(all(isinstance(fact, str) for fact in facts.values()), f"facts() holds a value that is not text: {facts}")

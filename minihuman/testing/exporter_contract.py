@@ -1,5 +1,6 @@
-"""Contract test of exporters: export exactly the given episodes, write only to the output folder, and report the files
-written.
+"""Contract test of exporters.
+
+An exporter exports exactly the given episodes, writes only to the output folder, and reports the files that it wrote.
 """
 
 import hashlib
@@ -21,16 +22,16 @@ EPISODES = 2
 
 
 def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[str, Any] | None = None) -> None:
-    """Record a small study and export it.
+    """Record a small study, export it, and check the export.
 
     Args:
-        exporter: its name in ``minihuman export``, or the function itself.
-        world: what is played, an id.
-        options: of the world.
+        exporter: the exporter's name in ``minihuman export``, or the function itself.
+        world: the id of the world that is played.
+        options: the options of the world.
 
     Raises:
-        ContractError: if a promise is not kept; it says which.
-        ExportError: if it cannot export this world.
+        ContractError: if a guarantee is broken; the message says which.
+        ExportError: if the exporter cannot export this world.
     """
     write = find_exporter(exporter) if isinstance(exporter, str) else exporter
     with TemporaryDirectory() as name:
@@ -54,7 +55,7 @@ def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[s
 
 
 def _check_export(export: ExportResult, out: Path, episodes: int, steps: int) -> None:
-    require(isinstance(export, ExportResult), f"the exporter gave a {type(export).__name__}, not a Written")
+    require(isinstance(export, ExportResult), f"the exporter gave a {type(export).__name__}, not an ExportResult")
     require(bool(export.paths), "the exporter says that it wrote no file")
     for path in export.paths:
         require(path.exists(), f"the exporter says that it wrote {path}, which does not exist")
@@ -67,7 +68,7 @@ def _check_export(export: ExportResult, out: Path, episodes: int, steps: int) ->
 
 
 def _files(folder: Path) -> dict[str, str]:
-    """Hash every file but the caches."""
+    """Return the SHA-256 digest of every file in a folder except the caches, by its relative path."""
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.rglob("*"))

@@ -1,5 +1,7 @@
-"""Contract test of learners: the same data and seed give the same policy, the inputs stay as they are, and the
-settings returned reproduce what a time limit ended.
+"""Contract test of learners.
+
+The same data and seed give the same policy, the inputs are not changed, and the returned settings reproduce a run that
+a time limit ended.
 """
 
 import json
@@ -28,16 +30,16 @@ SHORT_S = 0.05  # so short that a learner of many updates does not finish
 
 
 def check_learner(make: "str | Callable[[str], Learner]", settings: str = "", dataset: "Dataset | None" = None) -> None:
-    """Let a learner learn several times, and compare the policies.
+    """Run a learner several times on the same data, and compare the policies.
 
     Args:
-        make: The learner's registered name, or its class.
-        settings: The text after the colon, such as ``updates=20``: few updates make a quick check.
-        dataset: What to learn from; by default a small one that has demonstrations, a takeover, ratings and
+        make: the learner's registered name, or its class.
+        settings: the text after the colon, such as ``updates=20``; few updates make a quick check.
+        dataset: the data to learn from; by default, a small dataset that has demonstrations, a takeover, ratings and
             comparisons.
 
     Raises:
-        ContractError: if a promise is not kept; it says which.
+        ContractError: if a guarantee is broken; the message says which.
         LearnError: if the learner cannot learn from the dataset.
     """
     from minihuman.learn.teaching.learner import make_fresh_policy
@@ -65,7 +67,7 @@ def check_learner(make: "str | Callable[[str], Learner]", settings: str = "", da
 
 
 def build_teaching_dataset() -> "Dataset":
-    """Build demonstrations, a takeover, ratings and comparisons in a small grid, from its planner."""
+    """Return a small dataset with demonstrations, a takeover, ratings and comparisons in a grid world."""
     from minihuman.learn.policy.observation import ObservationEncoder
     from minihuman.learn.teaching.dataset import Comparison, Dataset, LessonFragment, LessonRating
 
@@ -86,7 +88,10 @@ def build_teaching_dataset() -> "Dataset":
 
 
 def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
-    """Play an episode: where its number is odd a policy turns on the spot first, then the planner steers."""
+    """Play an episode with the planner.
+
+    In odd-numbered episodes a policy turns on the spot for the first four steps.
+    """
     from minihuman.learn.teaching.dataset import NO_QUERY, Lesson
 
     world.reset(number)
@@ -140,7 +145,7 @@ def _learn(
     noise: int,
     budget_s: float = float("inf"),
 ) -> "LearningResult":
-    """Learn once; the global random streams begin with ``noise``, and nothing may depend on it."""
+    """Run the learner once. The global random streams start from ``noise``, and nothing may depend on it."""
     import torch
 
     from minihuman.learn.policy.network import Policy

@@ -1,5 +1,7 @@
-"""Contract tests of what an experiment consists of: for activities and kinds of questions a short session is simulated,
-drawn, logged and verified; an adaptive design makes the same decision from the same history, in JSON values.
+"""Contract tests of the parts of an experiment: activities, kinds of questions and adaptive designs.
+
+For an activity or a kind of question, a short session is simulated, drawn, logged and verified. An adaptive design must
+make the same decision from the same history, in values that JSON can represent.
 """
 
 import json
@@ -62,15 +64,16 @@ _STUDY: dict[str, Any] = {
 
 
 def check_question(kind: str, **fields: Any) -> None:
-    """Ask two questions of an installed kind in a short session.
+    """Ask two questions of an installed kind in a short session, and check the answers.
 
     Args:
         kind: the name of its entry point in the group ``minihuman.questions``.
-        fields: the fields of ``[[questions.items]]`` that it needs: ``options=["a", "b"]``, ``settings={"size": 5}``.
+        fields: the fields of ``[[questions.items]]`` that the kind needs, such as ``options=["a", "b"]`` or
+            ``settings={"size": 5}``.
 
     Raises:
-        ContractError: if a promise is not kept; it says which.
-        ProtocolError: if no such kind is installed, or the fields are wrong.
+        ContractError: if a guarantee is broken; the message says which.
+        ProtocolError: if no such kind is installed, or the fields are invalid.
     """
     question_kind = find_question_kind(kind)
     require(question_kind.name == kind, f"the entry point {kind!r} is a kind that calls itself {question_kind.name!r}")
@@ -83,17 +86,17 @@ def check_question(kind: str, **fields: Any) -> None:
 
 
 def check_activity(kind: str, *, block: dict[str, Any] | None = None, **settings: Any) -> None:
-    """Run an installed kind of activity in a short session.
+    """Run an installed kind of activity in a short session, and check it.
 
     Args:
         kind: the name of its entry point in the group ``minihuman.activities``.
-        block: the fields of ``[[blocks]]`` beside its name: of the block itself, for a kind of block; else of a block
-            that is played before the activity.
+        block: the fields of ``[[blocks]]`` except its name; for a kind of block, those of the block itself, otherwise
+            those of a block that is played before the activity.
         settings: the ``settings`` in ``[[activities]]``.
 
     Raises:
-        ContractError: if a promise is not kept; it says which.
-        ProtocolError: if no such kind is installed, or its settings are wrong.
+        ContractError: if a guarantee is broken; the message says which.
+        ProtocolError: if no such kind is installed, or its settings are invalid.
     """
     activity_kind = find_kind(kind)
     require(activity_kind.name == kind, f"the entry point {kind!r} is a kind that calls itself {activity_kind.name!r}")
@@ -112,7 +115,7 @@ def check_activity(kind: str, *, block: dict[str, Any] | None = None, **settings
 
 
 def _check_part(protocol: Protocol) -> Iterator[Event]:
-    """Check a session in memory, and one of a log; yield the first one's events."""
+    """Check a session in memory and one that is logged; yield the events of the session in memory."""
     first = _run(protocol)
     again = _run(protocol)
     require(repr(first) == repr(again), "the same inputs gave other events; it reads a clock, or draws by itself")
@@ -140,19 +143,19 @@ def _run(protocol: Protocol) -> list[Event]:
 
 
 class _DrawingWindow(SimulatedWindow):
-    """A window that draws every screen, and converts it as the page needs it."""
+    """A window that draws every screen, and converts it for the web page."""
 
     _n_inputs = 0
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Count what is pressed: an activity that never ends would go on for ever."""
+        """Return the next inputs, and fail after too many, because an activity that never ends would go on forever."""
         self._n_inputs += 1
         problem = f"the session did not come to its end in {_MAX_INPUTS} inputs; see what simulate() gives"
         require(self._n_inputs < _MAX_INPUTS, problem)
         return super().wait(until_ns)
 
     def show(self, screen: Screen) -> ScreenShown:
-        """Draw it; worlds draw no pictures for simulated participants."""
+        """Draw and convert a screen, except a play screen: worlds draw no pictures for simulated participants."""
         if isinstance(screen, PlayScreen):
             return super().show(screen)
         height, width, _ = compose_screen(screen, _SIZE_PX).shape
@@ -165,7 +168,7 @@ class _DrawingWindow(SimulatedWindow):
 
 
 def _check_targets(draft: AnswerDraft, screen: QuestionScreen) -> None:
-    """Require that what a simulated participant clicks on is drawn."""
+    """Require that the target on which a simulated participant clicks is drawn."""
     targets = {spot.name for spot in draw_question(screen, _SIZE_PX).spots}
     simulated = draft.simulate(lambda count: 0, lambda: True)
     if isinstance(simulated, Click):
@@ -174,7 +177,7 @@ def _check_targets(draft: AnswerDraft, screen: QuestionScreen) -> None:
 
 
 def _check_copies(protocol: Protocol) -> None:
-    """Require that a copied session, which a browser's host makes to look ahead, leaves its original alone."""
+    """Require that a copied session, which a browser's host uses to look ahead, does not change the original."""
     session = SessionMachine(expand_protocol(protocol, enrol_participant(protocol, 0)), World, {}, picture_px=None)
     session.receive(ScreenShown(0, 0, 0))
     copied = copy_session(session, lambda *_: None)
@@ -216,16 +219,16 @@ def check_design(
     n: int = 12,
     seed: int = 0,
 ) -> None:
-    """Ask a design about random histories, twice and in another order, and compare its decisions.
+    """Ask a design for decisions on random histories, twice and in another order, and compare the decisions.
 
     Args:
-        make: The design's registered name, or its class.
-        settings: As a protocol has them.
-        n: How many episodes or participants there are in the longest history.
-        seed: Of the histories.
+        make: the design's registered name, or its class.
+        settings: the design's settings in a protocol.
+        n: the number of episodes or participants in the longest history.
+        seed: the seed of the histories.
 
     Raises:
-        ContractError: if a promise is not kept; it says which.
+        ContractError: if a guarantee is broken; the message says which.
         ProtocolError: if the design refuses the settings.
     """
     designs = [_make(make, settings or {}) for _ in range(2)]

@@ -1,6 +1,7 @@
-"""Contract tests of those who choose: simulated participants (valid keys, increasing times, and the same keys from the
-same random stream) and agents (probabilities of the world's actions, a world that stays as it is, and the same
-advice again).
+"""Contract tests of simulated participants and agents.
+
+A simulated participant presses valid keys at increasing times, and the same keys from the same random stream. An agent
+gives probabilities of the world's actions, does not change the world, and gives the same advice again.
 """
 
 import math
@@ -40,20 +41,20 @@ def check_participant(
     max_steps: int = 40,
     seed: int = 0,
 ) -> None:
-    """Seat a player in a short session, twice from the same chance, and watch what it does.
+    """Run a simulated participant in a short session twice, from the same random stream, and compare the keys.
 
     Args:
-        make: the player as `minihuman simulate` is given it ("human-like:lapse=0.1"), or what makes one from a stream
-            of chance.
-        world: the world it plays, an id.
-        options: of the world.
-        episodes: that it plays.
-        max_steps: of each.
-        seed: of its chance.
+        make: the player as `minihuman simulate` names it ("human-like:lapse=0.1"), or a function that makes one from a
+            random generator.
+        world: the id of the world that is played.
+        options: the options of the world.
+        episodes: the number of episodes.
+        max_steps: the step limit of an episode.
+        seed: the seed of the player's random generator.
 
     Raises:
-        ContractError: if a promise is not kept; it says which.
-        SimulationError: if it cannot play this world.
+        ContractError: if a guarantee is broken; the message says which.
+        SimulationError: if the player cannot play this world.
     """
     first, again = (_record_keys(_make(make, seed), world, options or {}, episodes, max_steps) for _ in range(2))
     require(bool(first), "the player pressed no key")
@@ -91,19 +92,19 @@ def _record_keys(
 
 
 class _WatchedParticipant(SimulatedParticipant):
-    """A player that is watched: it looks at the world and changes nothing in it."""
+    """A simulated participant whose key presses are checked, and which must not change the world."""
 
     def __init__(self, player: SimulatedParticipant) -> None:
         self._player = player
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
-        """Let it begin."""
+        """Let the player begin an episode, and check that the world is unchanged."""
         before = world.state_hash()
         self._player.begin(plan, pool, world)
         require(world.state_hash() == before, "begin() changed the world; a player only looks at it")
 
     def press(self, world: World) -> KeyPress | NoPress:
-        """Let it press, and look at the key."""
+        """Return the player's next key press, after checking it and the world."""
         before = world.state_hash()
         press = self._player.press(world)
         require(press is not None, "press() gave no answer; in a study its session would end as player_failed")
@@ -134,19 +135,19 @@ def check_agent(
     episodes: int = 2,
     max_steps: int = 40,
 ) -> None:
-    """Let an agent play episodes twice, each action drawn from its probabilities, and compare.
+    """Let an agent play episodes several times, drawing each action from its probabilities, and compare them.
 
     Args:
-        make: The agent's registered name, or its class.
-        argument: The text after the colon of its name.
-        world: The world it plays, an id.
-        options: Keyword arguments of the world.
-        episodes: The number of episodes.
-        max_steps: The step limit of each.
+        make: the agent's registered name, or its class.
+        argument: the text after the colon of its name.
+        world: the id of the world that is played.
+        options: the options of the world.
+        episodes: the number of episodes.
+        max_steps: the step limit of an episode.
 
     Raises:
-        ContractError: if a promise is not kept; it says which.
-        MinihumanError: if it cannot play this world.
+        ContractError: if a guarantee is broken; the message says which.
+        MinihumanError: if the agent cannot play this world.
     """
     protocol = build_short_study(world, options or {}, episodes=episodes, max_steps=max_steps)
     plans = expand_protocol(protocol, enrol_participant(protocol, 0)).episodes
@@ -171,7 +172,7 @@ def _make_agent(make: str | Callable[[str], BaseAgent], argument: str) -> BaseAg
 
 
 def _play(agent: BaseAgent, plan: EpisodePlan, world: World) -> NDArray[np.float32]:
-    """Play one episode; return the probabilities of every step, (steps, actions)."""
+    """Play one episode; return the action probabilities at every step, (steps, actions)."""
     rng = np.random.default_rng(plan.seed)
     rows = list[NDArray[np.float32]]()
     world.reset(plan.seed)

@@ -1,4 +1,4 @@
-"""Contract test of worlds: equal seeds give equal episodes, saved states are restored, and states are drawn."""
+"""Contract test of worlds: equal seeds give equal episodes, saved states can be restored, and states can be drawn."""
 
 import pickle
 from collections import Counter, deque
@@ -28,7 +28,7 @@ Step = tuple[float, bool, bool, int, int]  # reward, terminated, truncated, hash
 
 @dataclass(slots=True)
 class WorldSearch:
-    """The coverage of the search for rare changes."""
+    """The coverage of the search for rare state changes."""
 
     steps: int = 0
     situations: int = 0  # a place and what is seen there
@@ -39,7 +39,7 @@ class WorldSearch:
 
 @dataclass(frozen=True, slots=True)
 class WorldReport:
-    """The coverage of a world's check; print it."""
+    """The coverage of a world's contract test, as a printable report."""
 
     world: str
     steps: int  # of the episodes that were played twice
@@ -76,24 +76,24 @@ def check_world(
     steps: int = 30,
     search_steps: int = 2_000,
 ) -> WorldReport:
-    """Play a world, wrappers included, as a session would, and check what a log of it stands on.
+    """Play a world, including its wrappers, as a session would, and check what its logs rely on.
 
-    A search of its own, by save and restore, tries every action in every situation that it comes to, nearest first: so
-    it steps on what random actions seldom reach.
+    The check also searches the world by save and restore: it tries every action in every situation that it reaches,
+    nearest first, so it reaches states that random actions seldom reach.
 
     Args:
-        make: a Gymnasium id, with the module that registers it before a colon where needed; or what makes the world,
-            a class or a function that takes Gymnasium's ``render_mode``.
-        options: further arguments of its making.
-        seeds: of the two episodes that are played.
-        steps: of each, at most.
-        search_steps: of the search, at most; a large world may need more.
+        make: a Gymnasium id, with the module that registers it before a colon where needed; or a class or function that
+            makes the world and takes Gymnasium's ``render_mode``.
+        options: further arguments for making the world.
+        seeds: the seeds of the two episodes that are played.
+        steps: the maximum number of steps of each episode.
+        search_steps: the maximum number of steps of the search; a large world may need more.
 
     Returns:
-        What was checked, and what the world offers simulated participants; print it.
+        A printable report of what was checked, and of what the world offers simulated participants.
 
     Raises:
-        ContractError: if a promise is not kept; it says which.
+        ContractError: if a guarantee is broken; the message says which.
         WorldError: if the world cannot be made or drawn.
     """
     with _registered(make) as world_id:
@@ -137,13 +137,13 @@ def _check_description(world: World) -> None:
 
 
 def _require_inside(world: World, call: str) -> None:
-    """Require that the observation is in its space; the error names the line that makes it."""
+    """Require that the observation is in its space; the error names the line of code that makes it."""
     outside = find_outside(world.observation, world.observation_space)
     require(not outside, f"{world.id}: after a {call}, {outside}{_locate_observation(world, call)}")
 
 
 def _locate_observation(world: World, call: str) -> str:
-    """Find where the author's code makes observations: "; Patrol.observation (patrol.py:31) makes it"."""
+    """Return a clause that names the code that makes observations: "; Patrol.observation (patrol.py:31) makes it"."""
     env = world.env
     layers: list[Any] = [env]
     while isinstance(env, gymnasium.Wrapper):
@@ -162,7 +162,7 @@ def _locate_observation(world: World, call: str) -> str:
 
 
 def _play(world: World, seed: int, actions: list[int]) -> list[Step]:
-    """Play an episode's first steps; return them after the reset, which is a step that earns nothing."""
+    """Play the first steps of an episode and return them, with the reset as a first step without reward."""
     observed = world.reset(seed)
     _require_inside(world, "reset")
     steps: list[Step] = [(0.0, False, False, observed.observation_hash, world.state_hash())]
@@ -179,7 +179,7 @@ def _step_through(world: World, actions: list[int]) -> Iterator[Step]:
 
 
 def _check_determinism(world: World, other: World, seeds: tuple[int, int], actions: list[int]) -> int:
-    """Play two episodes; how many steps they took."""
+    """Check that equal seeds give equal episodes; return the number of steps of the two episodes that were played."""
     first = _play(world, seeds[0], actions)
     hashes = [step[-1] for step in first]
     require(
@@ -195,7 +195,7 @@ def _check_determinism(world: World, other: World, seeds: tuple[int, int], actio
 
 
 def _check_restore(world: World, seed: int, actions: list[int]) -> None:
-    """Check that save and restore cover all that an episode changes: that the logged state is the whole state."""
+    """Check that save and restore cover everything that an episode changes: the logged state is the whole state."""
     lasts = len(_play(world, seed, actions)) - 1
     for at in sorted({max(1, lasts * quarter // 4) for quarter in (1, 2, 3)}):
         _check_restore_from(world, seed, actions[:at], actions[at:])
@@ -226,7 +226,7 @@ def _require_restored(world: World, own: dict[str, bytes]) -> None:
 
 
 def _search(world: World, seed: int, most_steps: int) -> WorldSearch:
-    """Try every action in every situation, nearest first; what it changes comes back, and happens again."""
+    """Try every action in every situation, nearest first; check that each change can be restored and repeated."""
     search = WorldSearch()
     if not isinstance(world.unwrapped, NativeWorld):
         return search
@@ -260,7 +260,7 @@ def _search(world: World, seed: int, most_steps: int) -> WorldSearch:
 
 
 def _situation(world: World, observation_hash: int) -> Hashable:
-    """Return where the agent is, coarsely, and what it sees; in a drawn world, where things stand."""
+    """Return the agent's rough pose and its observation's hash; in a drawn world, the objects' places instead of it."""
     pose = world.pose()
     assert pose is not None
     place = round(2 * pose.x), round(2 * pose.z), round(4 * pose.yaw_rad / np.pi) % 8
@@ -272,7 +272,7 @@ def _situation(world: World, observation_hash: int) -> Hashable:
 
 
 def _own_attributes(world: World) -> dict[str, bytes]:
-    """Return the attributes that a world's own class adds to ours, as bytes."""
+    """Return the pickled values of the attributes that a world's class adds to ours, by name."""
     env = getattr(world.unwrapped, "team", world.unwrapped)
     if not isinstance(env, NativeWorld | TeamWorld):
         return {}
@@ -293,7 +293,7 @@ def _own_attributes(world: World) -> dict[str, bytes]:
 
 
 def _check_drawing(world: World, seed: int, actions: list[int]) -> None:
-    """Check that drawing changes nothing, and that a participant sees what the wrappers show."""
+    """Check that drawing does not change the world, and that participants see what the wrappers draw."""
     _play(world, seed, actions[:3])
     before = world.state_hash()
     for view in ("partial", "full"):
@@ -318,7 +318,7 @@ def _check_drawing(world: World, seed: int, actions: list[int]) -> None:
 
 
 def _check_end(world: World, seed: int) -> bool:
-    """Check that our worlds refuse a step after the end, unchanged; return whether there was an end."""
+    """Check that our worlds refuse a step after the end and stay unchanged; return whether an end was reached."""
     if not isinstance(world.unwrapped, NativeWorld):
         return False
     chance = np.random.default_rng(seed)
@@ -339,7 +339,7 @@ def _check_end(world: World, seed: int) -> bool:
 
 
 def _describe_plan(world: World, seed: int) -> str:
-    """Describe what the world offers simulated participants, which take the shortest path with mistakes."""
+    """Return a description of the path that the world offers to simulated participants."""
     world.reset(seed)
     try:
         path = world.shortest_path()

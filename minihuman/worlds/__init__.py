@@ -1,1 +1,1 @@
-"""Worlds: what exists and what an action does. Knows no keys, windows or files."""
+"""Worlds: the environments, their states and the effects of actions. This package knows no keys, windows or files."""

@@ -1,8 +1,8 @@
-"""The catalogue: every world of ours by name, and its registration with Gymnasium.
+"""The catalogue: the name of every built-in world, and the registration of these worlds with Gymnasium.
 
-Minigrid's, BabyAI's and Miniworld's worlds under their names. `-v0` keeps what decides results, even where it is odd;
-where an accident of Minigrid's changes results, `-v1` does what the instruction says (`docs/grid-worlds.md` lists
-both). Importing it imports no world.
+The catalogue has Minigrid's, BabyAI's and Miniworld's worlds under their original names. Version `-v0` keeps all
+behaviour that affects results, even where it is odd; where a bug in Minigrid affects results, `-v1` does what the
+instruction says (`docs/grid-worlds.md` lists both). Importing this module imports no world.
 """
 
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class CatalogueEntry:
-    """A world's familiar name, where its class is, and what it is about."""
+    """A world of the catalogue: its name, the entry points and arguments that make it, and a summary."""
 
     name: str  # "MiniGrid-FourRooms-v0"; the id is "minihuman/" + name
     entry_point: str  # "minihuman.worlds.grid.env:GridEnv"
@@ -172,7 +172,7 @@ def _level(name: str, level: str, summary: str, **options: Any) -> CatalogueEntr
 def _repaired(
     name: str, level: str, summary: str, *, repair: dict[str, Any], **options: Any
 ) -> tuple[CatalogueEntry, CatalogueEntry]:
-    """Return the world as it is in Minigrid, and repaired."""
+    """Return two catalogue entries: the world as Minigrid has it (`-v0`), and a repaired version (`-v1`)."""
     return (
         _level(f"{name}-v0", level, summary, **options),
         _level(f"{name}-v1", level, f"{summary}, repaired", **options, **repair),
@@ -415,7 +415,7 @@ TRIAL_WORLDS = {  # ids of what one trial is; not listed, as their options make 
 
 
 def register() -> None:
-    """Register every world; registering again changes nothing."""
+    """Register every world with Gymnasium. Calling this again changes nothing."""
     import gymnasium
 
     for world_id, entry_point in TRIAL_WORLDS.items():
@@ -434,12 +434,18 @@ def register() -> None:
 
 
 def is_compiled_grid(world_id: str, options: Mapping[str, Any]) -> bool:
-    """Return whether kernels alone step and draw a grid world of ours, so that a page can. Makes no world."""
+    """Return whether an id names a built-in grid world that compiled kernels alone step and draw.
+
+    A web page can compute such a world. The function does not make the world.
+    """
     return world_id in _COMPILED_GRIDS and options.get("view", "grid") == "grid"
 
 
 def is_first_person(world_id: str) -> bool:
-    """Return whether a world of ours is first-person: with our own sine, a page can compute it."""
+    """Return whether an id names a built-in first-person world.
+
+    A web page can compute such a world, because the sine function is our own and gives the same bits everywhere.
+    """
     return world_id in _FIRST_PERSON
 
 

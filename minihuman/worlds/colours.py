@@ -1,6 +1,6 @@
-"""The six colours that objects have in every world: Minigrid's names and numbers.
+"""The six colours that objects have in every world, with Minigrid's names and numbers.
 
-Also their RGB values for each palette, as a first-person world draws them and as plots show them.
+The module also has their RGB values for each palette, as first-person worlds and plots draw them.
 """
 
 from typing import Literal, get_args
@@ -35,10 +35,10 @@ _COLOUR_SAFE: dict[str, Rgb] = {
 
 
 def check_colour(name: str) -> str:
-    """Give the name back.
+    """Check that a colour exists, and return its name.
 
     Raises:
-        WorldError: if no colour is called so.
+        WorldError: if there is no colour of this name.
     """
     if name not in RGB_BY_COLOUR:
         raise WorldError(f"unknown colour {name!r}; use one of {', '.join(RGB_BY_COLOUR)}")
@@ -46,7 +46,7 @@ def check_colour(name: str) -> str:
 
 
 def rgb_of(name: str, palette: Palette = "classic") -> Rgb:
-    """Return a colour's red, green and blue."""
+    """Return the red, green and blue components of a colour, each from 0 to 1."""
     return (RGB_BY_COLOUR if palette == "classic" else _COLOUR_SAFE)[name]
 
 

@@ -1,8 +1,8 @@
-"""Conformance of a world: it is played as a participant will, and every value that comes back is checked.
+"""Conformance check of a world: play it as a participant would, and check every value that it returns.
 
-Played without drawing, with a picture after each step, again in a second process, and on from a saved state: all from
-the same seeds with the same actions. Says in sentences what would break a session, what would make its log unprovable,
-and what is only odd. Knows no protocol.
+The world is played without drawing, with a picture after each step, in a second process, and again from a saved state,
+always from the same seeds with the same actions. The report says what would break a session, what would make its log
+impossible to verify, and what is only unusual. This module knows no protocol.
 """
 
 import math
@@ -32,11 +32,12 @@ N_STEPS_AFTER_SAVE = 20
 
 @dataclass(frozen=True, slots=True)
 class Rehearsal:
-    """What is played: a world, and as what a block shows it.
+    """The settings of a conformance check: the world to play, and how a block of a protocol shows it.
 
     Attributes:
-        actions: numbers of the actions that a participant can do.
-        steps: how many are played, over several episodes.
+        actions: the numbers of the actions that a participant can take.
+        max_steps: the step limit of an episode.
+        steps: the number of steps to play, over several episodes.
     """
 
     world: str
@@ -51,7 +52,7 @@ class Rehearsal:
 
 
 class Moment(NamedTuple):
-    """What a reset or a step gave; the picture's hash is 0 where none was drawn."""
+    """The values that a reset or a step returned. The picture's hash is 0 if no picture was drawn."""
 
     seed: int
     step: int  # 0 for the reset
@@ -65,13 +66,13 @@ class Moment(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Name the moment: "step 3 of seed 0"."""
+        """Return a description of the moment, such as "step 3 of seed 0"."""
         if self.step:
             return f"step {self.step} of seed {self.seed}"
         return f"the reset with seed {self.seed}"
 
     def find_difference(self, other: "Moment") -> str:
-        """Name the first part that differs, "" if none does; NaN equals NaN."""
+        """Return the name of the first field that differs from another moment, or "" if none does. NaN equals NaN."""
         names = ("mission", "observation", "state", "reward", "terminated", "truncated", "picture")
         differing = (name for name in names if not _is_same(getattr(self, name), getattr(other, name)))
         return next(differing, "")
@@ -79,8 +80,13 @@ class Moment(NamedTuple):
 
 @dataclass(slots=True)
 class ConformanceReport:
-    """Sentences on a world: of what breaks a session, of what is wrong in its log, of what its log cannot prove, and
-    of what is only odd.
+    """The sentences of a conformance report.
+
+    Attributes:
+        broken: what would break a session.
+        unsound: what would be wrong in a session's log.
+        unprovable: what would keep a log from being verified.
+        notices: what is unusual but does no harm.
     """
 
     broken: list[str] = field(default_factory=list)
@@ -90,9 +96,13 @@ class ConformanceReport:
 
 
 def examine_world(rehearsal: Rehearsal, replay_elsewhere: "SecondProcess | None" = None) -> ConformanceReport:
-    """Play a world and report on it; ``replay_elsewhere`` plays the same in a second process.
+    """Play a world and report on its conformance.
 
-    What is broken ends the play at its first sentence.
+    The first error that would break a session ends the check.
+
+    Args:
+        rehearsal: the world to play, and how to play it.
+        replay_elsewhere: a function that plays the same rehearsal in a second process; None to skip this comparison.
     """
     report = ConformanceReport()
     try:
@@ -137,10 +147,12 @@ def _examine(rehearsal: Rehearsal, replay_elsewhere: SecondProcess | None, repor
 
 
 def play(world: World, rehearsal: Rehearsal, *, draws: bool, watch: "_ValueWatch | None" = None) -> list[Moment]:
-    """Play episodes of a rehearsal's seeds in turn until its steps are done, with actions drawn from its first seed.
+    """Play episodes with the rehearsal's seeds in turn until its number of steps is reached.
+
+    The actions are drawn at random from the rehearsal's first seed.
 
     Raises:
-        WorldError: at the first thing that a session could not go on after; it says where.
+        WorldError: at the first error after which a session could not continue; the message says where it occurred.
     """
     actions = np.random.default_rng(rehearsal.seeds[0])
     moments: list[Moment] = []
@@ -168,7 +180,7 @@ def _take(
     draws: bool,
     watch: "_ValueWatch | None",
 ) -> Moment:
-    """Make a reset or a step, and see what it gave."""
+    """Make a reset or a step, draw a picture if asked to, and return the values as a moment."""
     moment = Moment(*at, "", 0, 0, 0.0, terminated=False, truncated=False)
     try:
         transition = act()
@@ -197,7 +209,7 @@ def _take(
 
 
 class _ValueWatch:
-    """Holds observations, rewards and pictures of a play against what they should be; says each thing once."""
+    """A checker of the observations, rewards and pictures of a play. It reports each kind of problem once."""
 
     def __init__(self, world: World, report: ConformanceReport) -> None:
         self._world = world
@@ -207,7 +219,7 @@ class _ValueWatch:
         self._shapes: dict[tuple[int, ...], str] = {}  # of pictures, with the place of the first
 
     def look(self, moment: Moment, shape: tuple[int, ...] | None) -> None:
-        """Check what the world has given just now."""
+        """Check the values that the world has just returned."""
         if not self._outside and (outside := self._find_outside()):
             self._outside = outside
             self._report.notices.append(
@@ -225,7 +237,7 @@ class _ValueWatch:
             return find_outside(world.observation, world.observation_space)
 
     def _find_type(self, moment: Moment) -> str:
-        """Return the type of the picture at the reset, where it is not uint8."""
+        """Return the type of the reset's picture if it is not uint8, else ""."""
         if moment.step or not self._world.draws_itself:
             return ""
         with contain_errors(self._world.id, "render()"):
@@ -235,7 +247,7 @@ class _ValueWatch:
         return str(picture.dtype)
 
     def report_pictures(self) -> None:
-        """Report pictures of several sizes, and those of another type than uint8."""
+        """Report pictures that change size, and pictures of a type other than uint8."""
         shapes = list(self._shapes.items())
         if len(shapes) > 1:
             (first, _), (other, place) = shapes[:2]
@@ -248,7 +260,10 @@ class _ValueWatch:
 
 
 def _describe_difference(moments: Sequence[Moment], other_moments: Sequence[Moment]) -> str:
-    """Say where two plays first differ, "the observation at step 3 of seed 0"; pictures count if both were drawn."""
+    """Describe where two plays first differ, such as "the observation at step 3 of seed 0"; "" if they are equal.
+
+    Pictures are compared only where both plays drew them.
+    """
     for moment, other in zip(moments, other_moments, strict=False):
         if not (moment.picture and other.picture):
             moment = moment._replace(picture=0)
@@ -261,7 +276,7 @@ def _describe_difference(moments: Sequence[Moment], other_moments: Sequence[Mome
 
 
 def _explain_replay(rehearsal: Rehearsal, difference: str, plain: Sequence[Moment]) -> str:
-    """Say why a play with pictures differs from one without: by chance that the seed does not govern, or by drawing."""
+    """Explain why plays with and without pictures differ: unseeded random numbers, or side effects of drawing."""
     with closing(World(rehearsal.world, rehearsal.options)) as world:
         again = play(world, rehearsal, draws=False)
     repeat_difference = _describe_difference(plain, again)
@@ -282,7 +297,7 @@ def _explain_replay(rehearsal: Rehearsal, difference: str, plain: Sequence[Momen
 
 
 def _examine_copy(world: World, rehearsal: Rehearsal, report: ConformanceReport) -> None:
-    """Save in mid-episode, go on, go back and go on again."""
+    """Save the world in mid-episode, play on, restore it, play on again, and compare the two plays."""
     seed = rehearsal.seeds[0]
     for before in (N_STEPS_BEFORE_SAVE, 1):
         world.reset(seed)

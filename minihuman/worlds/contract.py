@@ -1,7 +1,7 @@
-"""What every native world offers on `env.unwrapped`, beside Gymnasium's five-tuple API.
+"""The interface that every native world offers on `env.unwrapped`, in addition to Gymnasium's API.
 
-Pose, map, picture, state hashes, the shortest path and bounds on its length, save and restore. Also a search for the
-first success in any such world by save and restore; the world is left as it was.
+It covers the pose, the map, the picture, state hashes, the shortest path and bounds on its length, and save and
+restore. The module also has a search for the first success in any such world, which leaves the world as it was.
 """
 
 import abc
@@ -23,9 +23,9 @@ Palette = Literal["classic", "colour-safe"]
 
 @dataclass(frozen=True, slots=True)
 class PathLengthBounds:
-    """How many steps success takes from here; None where that is unknown.
+    """Bounds on the number of steps to success from the current state; None where a bound is unknown.
 
-    No path is shorter than ``at_least``; a path of ``feasible`` steps is known. In the grid they are equal.
+    No path is shorter than ``at_least``, and a path of ``feasible`` steps is known. In the grid the two are equal.
     """
 
     at_least: int | None = None
@@ -49,7 +49,7 @@ OLD_NAMES = {
 
 
 def answer_to_old_names(cls: type) -> None:
-    """Give the methods that a class defines their names of the last release too, which warn."""
+    """Add old names from the last release to the methods that a class defines; calling them by these names warns."""
     for old, new in OLD_NAMES.items():
         if new in vars(cls) and old not in vars(cls):
             setattr(cls, old, _deprecated(old, new, vars(cls)[new]))
@@ -65,7 +65,7 @@ def _deprecated(old: str, new: str, method: Callable[..., Any]) -> Callable[...,
 
 
 class ReadOnlyName:
-    """A name to read, computed each time; a subclass or an instance may define its own under the same name."""
+    """A read-only attribute that is computed on each access. A subclass or an instance may override it."""
 
     def __init__(self, read: Callable[[Any], Any]) -> None:
         self._read = read
@@ -78,17 +78,17 @@ class ReadOnlyName:
 
 
 class NativeWorld(abc.ABC):
-    """A world that knows its pose, its map and its exact state. Mixed into a ``gymnasium.Env``."""
+    """A world that knows its pose, its map and its exact state. It is mixed into a ``gymnasium.Env``."""
 
     drawn: ClassVar[bool] = False  # whether observations are pictures that a later version may draw otherwise
 
     action_names: tuple[str, ...]  # one per discrete action, snake case: "left", "move_forward"
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Withdraw the inherited shortest path from a class with rules of its own, and accept methods' old names.
+        """Withdraw the inherited shortest path from a class with its own rules, and accept methods' old names.
 
-        A class that overrides `reward_and_done`, `step` or `advance` and not `shortest_path` or `path_length_bounds`
-        has none: those of its parent hold for the parent's rules.
+        A class that overrides `reward_and_done`, `step` or `advance` but not `shortest_path` or `path_length_bounds`
+        has no planner, because the inherited one holds only for the parent's rules.
         """
         super().__init_subclass__(**kwargs)
         for old, new in OLD_NAMES.items():
@@ -106,39 +106,41 @@ class NativeWorld(abc.ABC):
 
     @property
     def is_compiled(self) -> bool:
-        """Return whether compiled kernels alone step and draw it, on flat arrays."""
+        """Return whether compiled kernels alone step and draw the world, on flat arrays."""
         return False
 
     @abc.abstractmethod
     def pose(self) -> Pose:
-        """Return the agent's pose now."""
+        """Return the agent's current pose."""
 
     @abc.abstractmethod
     def map(self) -> Map:
-        """Return the floor plan with the things where they stand now."""
+        """Return the floor plan with the objects at their current places."""
 
     @abc.abstractmethod
     def state_hash(self) -> int:
-        """Hash everything that decides the future to a uint64: equal states, equal hashes, on every machine."""
+        """Hash everything that decides the future to a uint64. Equal states have equal hashes on every machine."""
 
     @abc.abstractmethod
     def scene_hash(self) -> int:
-        """Hash the same except the number of steps taken to a uint64: equal where two paths meet."""
+        """Hash the state without its number of steps to a uint64, so that paths to one scene have equal hashes."""
 
     @abc.abstractmethod
     def advance(self, action: int) -> tuple[float, bool, bool]:
-        """Make a step without its observation: reward, terminated, truncated.
+        """Make a step without computing the observation; return the reward, terminated and truncated.
 
         Raises:
-            WorldError: as ``step``.
+            WorldError: in the cases in which ``step`` raises it.
         """
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
-        """Return the clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
+        """Return the subgoals of the episode's instruction, each with the step that completed it, or 0."""
         return ()
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Plan actions that lead to success from here, turns counted; empty if none, None without a planner.
+        """Return the shortest list of actions that leads to success from the current state. Turns count as actions.
+
+        The list is empty if there is no such path. None means that the world has no planner.
 
         Raises:
             WorldError: if planning would take too long.
@@ -146,25 +148,25 @@ class NativeWorld(abc.ABC):
         return None
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return bounds on the steps that success takes from here."""
+        """Return bounds on the number of steps to success from the current state."""
         return PathLengthBounds(feasible=len(self.shortest_path() or ()) or None)
 
     @abc.abstractmethod
     def save(self) -> Any:
-        """Copy the state exactly in mid-episode, random streams included; the copy can be pickled."""
+        """Return an exact copy of the state in mid-episode, including the random streams. The copy can be pickled."""
 
     @abc.abstractmethod
     def restore(self, saved: Any) -> None:
-        """Go back to a saved state; the copy is not consumed and may be restored again."""
+        """Restore a saved state. The copy is not consumed and may be restored again."""
 
     @abc.abstractmethod
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Draw the picture a person sees, uint8[H, W, 3], natively at most ``size_px`` (width, height) large.
+        """Draw the picture that a person sees, uint8[H, W, 3], at most ``size_px`` (width, height) large.
 
-        ``partial`` is what the agent sees, ``full`` the whole world from above. The grid answers with the largest
-        whole-numbered tile size that fits; 3D fills the size. Drawing changes no state.
+        The view ``partial`` shows what the agent sees, ``full`` the whole world from above. The grid uses the largest
+        whole-numbered tile size that fits; first-person worlds fill the size. Drawing does not change the state.
         """
 
 
@@ -172,9 +174,10 @@ answer_to_old_names(NativeWorld)
 
 
 def search_first_success(world: NativeWorld, actions: Sequence[int], *, most_scenes: int = 2_000) -> list[int] | None:
-    """Find the shortest list of these actions that earns a reward, by trying them all; None if there is none.
+    """Return the shortest sequence of the given actions that earns a reward, or None if there is none.
 
-    A scene that two paths lead to is tried once. The world is left as it was. Its step limit counts.
+    The search tries all actions in every scene, breadth first, and visits a scene that several paths reach only once.
+    The world's step limit applies. The world is left as it was.
 
     Raises:
         WorldError: if there are more scenes than ``most_scenes``.
@@ -207,7 +210,13 @@ def search_first_success(world: NativeWorld, actions: Sequence[int], *, most_sce
 
 
 def actions_from_start(parents: list[tuple[int, int]], at: int, last: int) -> list[int]:
-    """Return the actions to a state, and one more; ``parents`` has each state's predecessor and the action between."""
+    """Return the actions that lead from the start to a state, followed by one more action.
+
+    Args:
+        parents: per state, the index of its predecessor and the action that leads from there.
+        at: the index of the state.
+        last: the action to append.
+    """
     actions = [last]
     while at > 0:
         at, action = parents[at]

@@ -1,7 +1,8 @@
-"""GoToObj, what its grid and its 3D world share: four objects at the middles of the walls, one of them the target.
+"""The part of GoToObj that its grid and first-person versions share: four objects, of which one is the target.
 
-The pair is the transfer experiment of "Minigrid & Miniworld" (Chevalier-Boisvert et al., 2023). The same seed lays out
-the same objects at the same walls, with the same mission, in both worlds.
+The objects are at the middles of the four walls. The pair of worlds is the transfer experiment of "Minigrid &
+Miniworld" (Chevalier-Boisvert et al., 2023). The same seed gives the same objects at the same walls, and the same
+mission, in both worlds.
 """
 
 from dataclasses import dataclass
@@ -16,28 +17,28 @@ WALLS = ("left", "bottom", "right", "top")  # the order in which objects are lis
 
 @dataclass(frozen=True, slots=True)
 class Arrangement:
-    """Four (colour, kind), one per wall in the order of ``WALLS``, and which of them is the target."""
+    """Four objects as (colour, kind), one per wall in the order of ``WALLS``, and the index of the target."""
 
     objects: tuple[tuple[str, str], ...]
     target: int
 
     @property
     def mission(self) -> str:
-        """Return what to do, in words."""
+        """Return the instruction, such as "go to the red ball"."""
         colour, kind = self.objects[self.target]
         return f"go to the {colour} {kind}"
 
     @property
     def matches(self) -> int:
-        """Return how many of the objects the mission fits: 1 unless it is ambiguous."""
+        """Return the number of objects that the mission describes: 1 unless the mission is ambiguous."""
         return self.objects.count(self.objects[self.target])
 
 
 def draw_arrangement(rng: np.random.Generator, *, ambiguous: bool = False) -> Arrangement:
-    """Draw an arrangement: four different colours, so that a mission fits one object only.
+    """Draw an arrangement of four objects in four different colours, so that the mission describes only one of them.
 
-    ``ambiguous`` draws each colour and kind on its own, as the published grid did: 15.8 % of missions then fit a
-    second object.
+    With ``ambiguous``, each colour and kind is drawn independently, as in the published grid; 15.8 % of missions then
+    describe a second object too.
     """
     if ambiguous:
         colour_numbers = rng.integers(len(COLOURS), size=4)

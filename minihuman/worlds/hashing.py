@@ -1,4 +1,4 @@
-"""One 64-bit hash for states and observations, the same on every machine; and files that options name by their hash."""
+"""A 64-bit hash for states and observations, the same on every machine; and references to files by their hash."""
 
 import base64
 import hashlib
@@ -15,24 +15,24 @@ _FILES: dict[str, str] = {}  # URL-safe Base64 by its reference, of every plan t
 
 
 def refer_to_file(content: bytes) -> str:
-    """Return the value that stands for a file in a world's options."""
+    """Return the reference to a file that stands in a world's options: "sha256:" and the digest of its content."""
     return f"sha256:{hashlib.sha256(content).hexdigest()}"
 
 
 def keep_files(contents: Iterable[bytes]) -> None:
-    """Remember the files of a plan: its worlds' options only refer to them."""
+    """Remember the files of a plan by their references, to which the options of its worlds refer."""
     _FILES.update((refer_to_file(content), base64.urlsafe_b64encode(content).decode()) for content in contents)
 
 
 def resolve_files(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a world's options with the files that they refer to, in URL-safe Base64."""
+    """Return a world's options with each file reference replaced by the file's content in URL-safe Base64."""
     return {name: _FILES.get(value, value) if isinstance(value, str) else value for name, value in options.items()}
 
 
 def hash64(value: Any) -> int:
-    """Hash arrays, numbers, strings, and (nested) dicts, tuples and lists of them to a uint64.
+    """Return a uint64 hash of arrays, numbers, strings, and (nested) dicts, tuples and lists of them.
 
-    BLAKE2b over a canonical form: dicts by sorted key, arrays by dtype (little-endian), shape and bytes.
+    The hash is BLAKE2b over a canonical form: dicts by sorted key, arrays by dtype (little-endian), shape and bytes.
 
     Raises:
         TypeError: if a value has no canonical form.
@@ -43,7 +43,10 @@ def hash64(value: Any) -> int:
 
 
 def _canonical(value: Any, add: Callable[[bytes], None]) -> None:
-    """Hand over a value's canonical form; the commonest kinds first, since a state has hundreds of them."""
+    """Pass the canonical form of a value to ``add``, in pieces.
+
+    The commonest types are tested first, because a state has hundreds of values.
+    """
     kind = type(value)
     if kind is float:
         add(_FLOAT.pack(b"f", value))

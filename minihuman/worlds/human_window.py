@@ -1,4 +1,4 @@
-"""The window that ``render_mode="human"`` opens, by Gymnasium's own wrapper; worlds draw, the wrapper shows."""
+"""The window that ``render_mode="human"`` opens, made by Gymnasium's own wrapper. Worlds only draw the picture."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +11,7 @@ ImageArray = NDArray[np.uint8]
 
 
 class _Pictures(gymnasium.Env[None, int]):
-    """What the wrapper shows: an environment that has nothing but pictures."""
+    """An environment that only draws pictures, for Gymnasium's rendering wrapper to show."""
 
     render_mode = "rgb_array"
     observation_space: Any = gymnasium.spaces.Discrete(1)  # never sampled
@@ -22,20 +22,20 @@ class _Pictures(gymnasium.Env[None, int]):
         self._draw = draw
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[None, dict[str, Any]]:
-        """Do nothing: the wrapper shows a picture after each reset."""
+        """Do nothing; the wrapper shows a picture after each reset."""
         return None, {}
 
     def render(self) -> Any:
-        """Draw."""
+        """Return the current picture."""
         return self._draw()
 
 
 class HumanWindow:
-    """A window with a world's picture; it opens when a picture is first shown.
+    """A window that shows a world's picture. It opens when a picture is first shown.
 
     Args:
-        draw: draws the picture, uint8[H, W, 3].
-        fps: no more pictures than so many are shown in a second.
+        draw: a function that draws the picture, uint8[H, W, 3].
+        fps: the maximum number of pictures per second.
     """
 
     def __init__(self, draw: Callable[[], ImageArray], fps: int) -> None:
@@ -43,7 +43,7 @@ class HumanWindow:
         self._window: Any = None
 
     def show(self) -> None:
-        """Draw and show."""
+        """Draw the current picture and show it, opening the window if necessary."""
         if self._window is None:
             from gymnasium.wrappers import HumanRendering  # here: it loads a second's worth of wrappers
 
@@ -58,7 +58,7 @@ class HumanWindow:
 
 
 class ShowsItself:
-    """Mixed into a world that draws: the window of ``render_mode="human"``."""
+    """Mixin that gives a world the window of ``render_mode="human"``."""
 
     metadata: dict[str, Any]
     render_mode: str | None
@@ -71,7 +71,7 @@ class ShowsItself:
             self._window = None
 
     def show_in_window(self, draw: Callable[[], ImageArray]) -> None:
-        """Show what is drawn now in the world's window, which opens when it is first needed."""
+        """Draw the current picture and show it in the world's window, which opens when it is first needed."""
         if self._window is None:
             self._window = HumanWindow(draw, self.metadata["render_fps"])
         self._window.show()

@@ -1,4 +1,4 @@
-"""Kernels as they are written, for what loads them from a library and for what compiles them."""
+"""The Python sources of kernels, for the code that loads kernels from a library and the code that compiles them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KernelSource:
-    """A function as it is written, and how it is to be compiled.
+    """A kernel's Python function, and how to compile it.
 
     Args:
-        function: in Python.
-        options: for Numba.
-        variables: types of variables whose first value says too little.
-        signatures: Numba's words for arguments and result, of what Python calls it with.
-        only: it is compiled for these signatures alone, for other kernels too.
+        function: the function in Python.
+        options: the options for Numba's compiler.
+        variables: the types of variables whose first value does not determine them.
+        signatures: the argument and return types with which Python calls the function, in Numba's notation.
+        only: whether the function is compiled for these signatures alone, even where other kernels call it.
     """
 
     function: Callable[..., Any]
@@ -25,7 +25,7 @@ class KernelSource:
 
     @property
     def name(self) -> str:
-        """Return the name with its module."""
+        """Return the function's qualified name, including its module."""
         return f"{self.function.__module__}.{self.function.__qualname__}"
 
 
@@ -34,7 +34,7 @@ COMPILERS: dict[int, tuple[Any, Callable[[], Any]]] = {}
 
 
 class ArrayStart(NamedTuple):
-    """An array in a kernel that is being compiled: where it starts, in LLVM's words, and of what it is."""
+    """An array in a kernel that is being compiled: LLVM's pointer to its start, and the type of its elements."""
 
     start: Any
     kind: str  # NumPy's name

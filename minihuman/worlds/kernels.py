@@ -1,12 +1,14 @@
 """Kernels: functions that run as machine code from a library that was compiled when minihuman was built.
 
-In a checkout, ``python -m kernel_build --native`` makes the library, in the folder ``compiled`` beside this module; so
-does an installation. A kernel is taken from it only where all sources that its module is made of are as they were then;
-after an edit, Numba compiles it when it is called, in each process anew. Nothing is fused or reordered, so a kernel
-computes the same on every machine and either way. With NUMBA_DISABLE_JIT=1 kernels run as the plain Python in which
-they are written, and with MINIHUMAN_KERNELS=jit Numba compiles them even where there is a library.
+In a checkout, ``python -m kernel_build --native`` builds the library in the folder ``compiled`` beside this module;
+installing the package builds it too. A kernel is loaded from the library only if all sources that its module depends
+on are unchanged since the build; otherwise Numba compiles it on its first call in each process. Operations are neither
+fused nor reordered, so a kernel gives the same results on every machine and either way. With NUMBA_DISABLE_JIT=1
+kernels run as the plain Python in which they are written; with MINIHUMAN_KERNELS=jit Numba compiles them even where
+there is a library.
 
-In the package, only ``minihuman.worlds.build`` imports Numba and llvmlite; this module imports that only to compile.
+In the package, only ``minihuman.worlds.build`` imports Numba and llvmlite, and this module imports
+``minihuman.worlds.build`` only to compile.
 """
 
 import ctypes
@@ -56,15 +58,16 @@ KERNELS: dict[str, tuple[Any, KernelSource]] = {}  # what Python calls, by name
 def kernel(
     *signatures: str, only: bool = False, nogil: bool = False, hold_gil: bool = False, **variables: Any
 ) -> Callable[[F], F]:
-    """Compile what Python calls.
+    """Return a decorator that compiles a function for calls from Python.
 
     Args:
-        signatures: Numba's words for result and arguments, of what Python calls it with. Without any it is in no
-            library: Numba compiles it for what it is called with.
-        only: Kernels that call it give what one of the signatures says, too.
-        nogil: It makes no arrays, so it counts no references to those it is given; other threads run meanwhile.
-        hold_gil: The same for a call so short that releasing the lock would take longer.
-        variables: NumPy's types of variables whose first value says too little.
+        signatures: the return and argument types with which Python calls it, in Numba's notation. A function without
+            signatures is in no library: Numba compiles it for the arguments of each call.
+        only: whether kernels that call the function convert their arguments to one of the signatures, too.
+        nogil: whether to release the interpreter lock while the function runs. It must make no arrays; references to
+            its arguments are not counted.
+        hold_gil: like ``nogil``, but for a call so short that releasing the lock would take longer than the call.
+        variables: NumPy types of variables whose first value does not determine their type.
     """
     if nogil:
         options = _NOGIL
@@ -91,10 +94,11 @@ def kernel(
 def device_function(
     signature: str | None = None, *, nogil: bool = False, force_inline: bool = False, **variables: Any
 ) -> Callable[[F], F]:
-    """Compile what only kernels call, without a way in from Python, which would have to be compiled too.
+    """Return a decorator that compiles a function for calls from kernels only, without an entry point for Python.
 
-    Python must not call it: it has no entry, and the process ends. What a layout written in Python may call is a
-    kernel. ``force_inline`` always copies the machine code into the caller.
+    An entry point would have to be compiled too. Python must not call the function: the process would crash. A function
+    that a layout written in Python may call is a kernel. With ``force_inline`` the machine code is always copied into
+    the caller.
     """
     options = {"no_cpython_wrapper": True, "forceinline": force_inline} | (_NOGIL if nogil else {})
     signatures = (signature,) if signature else ()
@@ -104,26 +108,28 @@ def device_function(
 
 
 def inline(function: F) -> F:
-    """Compile what is a line or two, as if it were written out in each kernel that calls it."""
+    """Decorate a function of a line or two, whose code is inserted into each kernel that calls it."""
     return cast(F, _or_plain(function, partial(_compiled, KernelSource(function, {"inline": "always"}))))
 
 
 def llvm_function(write: Callable[..., Any], plain: F, *, counts: bool) -> F:
-    """Make a function for kernels whose LLVM instructions ``write`` adds; uncompiled, it is ``plain``.
+    """Make a function for kernels whose LLVM instructions ``write`` emits. Without compilation, ``plain`` runs instead.
 
     Args:
-        write: takes LLVM's builder and, for each argument, its kind and value: "array" and an `ArrayStart`, or "int64"
-            or "float64" and LLVM's value. It returns LLVM's value of an int64 if it ``counts``.
-        plain: does the same, uncompiled.
-        counts: whether a whole number is returned; otherwise it is nothing.
+        write: a function that takes LLVM's builder and, for each argument, its kind and value: "array" and an
+            `ArrayStart`, or "int64" or "float64" and LLVM's value. If ``counts`` is true, it returns LLVM's value of
+            an int64.
+        plain: the Python function that does the same without compilation.
+        counts: whether the function returns a whole number; otherwise it returns nothing.
     """
     return cast(F, _or_plain(plain, lambda: _compiler(plain).llvm_function(write, plain, counts=counts)))
 
 
 def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:
-    """Make a function for kernels: from an address and a count to the array of so many numbers that begins there.
+    """Make a function for kernels that returns the array of a given length that begins at a memory address.
 
-    So one table of whole numbers can say where any number of arrays are; its writer keeps them alive.
+    With it, one table of whole numbers can hold the addresses of any number of arrays. The writer of the table must
+    keep the arrays alive.
     """
 
     def plain(address: int, count: int) -> NDArray[Any]:
@@ -134,7 +140,7 @@ def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:
 
 
 def _or_plain(plain: Any, compile_it: Callable[[], Any]) -> Any:
-    """Return the function itself where a library has the kernels; otherwise what Numba makes of it."""
+    """Return the function itself if a library has the kernels or compilation is off, else what Numba compiles."""
     if _library() is None:
         if _is_compiling():
             return compile_it()
@@ -166,13 +172,13 @@ _announce = cache(lambda: LOG.warning(COMPILE_NOTICE))  # once; Python shows it 
 
 
 class LateKernel:
-    """A kernel of others, which no library has: Numba compiles it when it is first called."""
+    """A kernel that is not in the library, such as a user's: Numba compiles it on its first call."""
 
     def __init__(self, source: KernelSource) -> None:
         self.source = source
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call it, from Python."""
+        """Compile the kernel if necessary, and call it from Python."""
         return _compiled(self.source)(*arguments)
 
 
@@ -191,17 +197,22 @@ class _Method(ctypes.Structure):
 
 
 class KernelLibrary:
-    """A shared library of kernels, made by ``kernel_build``.
+    """A shared library of kernels, built by ``kernel_build``.
 
-    Each kernel is a C function that Python calls as it calls functions of its own; the library imports nothing of
-    Python's or NumPy's but finds in a table where that is.
+    Each kernel is a C function that Python calls like a built-in function. The library does not link to Python or
+    NumPy; it finds their functions in a table of addresses.
     """
 
     def __init__(self, path: Path, numbers: Mapping[str, int], count: int) -> None:
-        """Load it, for some kernels by their numbers, of so many that it has.
+        """Load the library.
+
+        Args:
+            path: the library's file.
+            numbers: the number of each kernel to be used, by its name.
+            count: the number of kernels in the library.
 
         Raises:
-            OSError: if it is not for this machine, or cannot be read.
+            OSError: if the library was built for another machine, or cannot be read.
         """
         self._code = ctypes.PyDLL(str(path))
         if not self._code.runs_here():
@@ -218,7 +229,7 @@ class KernelLibrary:
         self._new.restype = ctypes.py_object
 
     def entry(self, source: KernelSource) -> Callable[..., Any] | None:
-        """Return the function that Python calls for a kernel; None where it is not in the library."""
+        """Return the function that Python calls for a kernel, or None if the library does not have the kernel."""
         number = self.numbers.get(source.name)
         if number is None:
             return None
@@ -233,10 +244,10 @@ class KernelLibrary:
 
 
 def _refuse(source: KernelSource, entry: Callable[..., Any], *arguments: Any) -> Any:
-    """Call it again with what the library takes in place of its like, such as NumPy's numbers for Python's.
+    """Call a kernel again with arguments converted to the types it takes, such as NumPy's numbers to Python's.
 
     Raises:
-        TypeError: if all was as it should be and yet not what the kernel takes.
+        TypeError: if no argument needed a conversion, so that the call cannot succeed.
     """
     fitting = [_fitting(argument) for argument in arguments]
     if all(argument is other for argument, other in zip(arguments, fitting, strict=True)):
@@ -261,14 +272,17 @@ def _fitting(value: Any) -> Any:
 
 @cache
 def _library() -> KernelLibrary | None:
-    """Load the library beside this module; None where none fits these kernels and this machine, or none is wanted."""
+    """Load the library beside this module.
+
+    Return None if none fits the sources and this machine, or if the environment turns the library off.
+    """
     if not _is_compiling() or os.environ.get("MINIHUMAN_KERNELS") == "jit":
         return None
     return load_library(LIBRARY_FOLDER)
 
 
 def load_library(folder: Path) -> KernelLibrary | None:
-    """Return the library in a folder, with the kernels whose sources are as they were; None without any for here."""
+    """Return a folder's library with the kernels whose sources are unchanged; None if none fits this machine."""
     manifest = read_manifest(folder)
     if manifest is None:
         numbers = {}

@@ -1,7 +1,7 @@
-"""Where the library of compiled kernels is, and which of its kernels are of the sources as they are now.
+"""The place of the library of compiled kernels, and which of its kernels match the present sources.
 
-A manifest beside compiled kernels names the digests of their sources. This module imports the standard library alone:
-an installation reads it as a file, where neither NumPy nor Gymnasium is there to import the package.
+A manifest beside the library has the digests of the sources. This module imports only the standard library, because an
+installer reads it as a file, before NumPy and Gymnasium are there to import the package.
 """
 
 import hashlib
@@ -29,7 +29,7 @@ API = [*API_FUNCTIONS, *KINDS]  # what a library has to agree on
 
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """Return a folder's manifest; None where there is none, or none that can be read."""
+    """Return a folder's manifest, or None if there is none that can be read."""
     try:
         manifest = json.loads((folder / MANIFEST).read_bytes())
     except (OSError, ValueError):
@@ -40,7 +40,7 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
 
 
 def number_fitting_kernels(manifest: Mapping[str, Any]) -> dict[str, int]:
-    """Return the numbers of the kernels, by name, whose module's sources are all as the manifest has them."""
+    """Return, by name, the numbers of the kernels whose module's sources all match the manifest."""
     if manifest["api"] != API:
         return {}
     changed = {number for number, (path, digest) in enumerate(manifest["sources"]) if source_digest(path) != digest}
@@ -52,12 +52,16 @@ def number_fitting_kernels(manifest: Mapping[str, Any]) -> dict[str, int]:
 
 
 def has_all_kernels(manifest: Mapping[str, Any]) -> bool:
-    """Say whether every kernel of a manifest is of the sources as they are."""
+    """Return whether every kernel of a manifest matches the present sources."""
     return len(number_fitting_kernels(manifest)) == len(manifest["kernels"]) > 0
 
 
 def source_digest(path: str) -> str:
-    """Return the digest of a source, by its path in the package: 16 hexadecimal digits, "" where there is none."""
+    """Return a source file's digest, 16 hexadecimal digits, or "" if there is no such file.
+
+    Args:
+        path: the file's path in the package.
+    """
     try:
         return hashlib.sha256((PACKAGE / path).read_bytes().replace(b"\r\n", b"\n")).hexdigest()[:16]
     except OSError:

@@ -1,4 +1,4 @@
-"""Observations held against their spaces: which part is outside, and why, in words."""
+"""Comparison of observations with their spaces: which part lies outside, and why, in words."""
 
 import warnings
 from typing import Any
@@ -12,7 +12,7 @@ from minihuman.worlds.adapters.returned_values import describe_value
 
 
 def find_outside(observation: Any, space: gymnasium.Space[Any], name: str = "the observation") -> str:
-    """Return how an observation is outside its space, "" if it is inside."""
+    """Describe how an observation lies outside its space; return "" if it is inside."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Gymnasium warns of lists and casts, and answers as well
         if space.contains(observation):
@@ -25,9 +25,10 @@ def find_outside(observation: Any, space: gymnasium.Space[Any], name: str = "the
 
 
 def find_mismatch(observation: Any, space: gymnasium.Space[Any], name: str = "the observation") -> str:
-    """Return how an observation is built otherwise than its space, "" if it is not; bounds and precision do not count.
+    """Describe how an observation's structure differs from its space; return "" if it matches.
 
-    What fits can be stacked with other observations of the space, part by part.
+    Bounds and precision are not compared. An observation that matches can be stacked with others of the space, part by
+    part.
     """
     match space:
         case spaces.Dict():
@@ -86,7 +87,7 @@ def _find_array_mismatch(observation: Any, space: gymnasium.Space[Any], name: st
 
 
 def _find_bad_part(observation: Any, space: gymnasium.Space[Any], name: str) -> str:
-    """Return which number is out of bounds, or of another type, of an observation that fits."""
+    """Describe the first number out of bounds, or of another type, in an observation whose structure matches."""
     match space:
         case spaces.Dict():
             parts = [(observation[key], part, f"{name}[{key!r}]") for key, part in space.spaces.items()]

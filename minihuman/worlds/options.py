@@ -1,6 +1,6 @@
-"""Validation of the options that people give to worlds, and of a batch's seeds.
+"""Validation of the options that users give to worlds, and of a batch's seeds.
 
-Each value is checked before anything is built from it, and refused with its name and its value.
+Each value is checked before anything is built from it; the error names the option and its value.
 """
 
 from collections.abc import Collection, Sequence
@@ -20,7 +20,7 @@ MAX_PIXELS = 4096  # along a side of an observation or a rendered picture
 
 
 def whole_number(value: Any) -> int | None:
-    """Return the value if it is a whole number by its type; None for a bool, a float and everything else."""
+    """Return a value that is a whole number by its type; return None for a bool, a float and everything else."""
     try:
         if isinstance(value, bool):
             return None
@@ -30,7 +30,7 @@ def whole_number(value: Any) -> int | None:
 
 
 def check_whole(name: str, value: Any, low: int, high: int, *, odd: bool = False) -> int:
-    """Check a whole number from ``low`` to ``high``. A float is refused, even where it is whole."""
+    """Check that a value is a whole number from ``low`` to ``high``, and return it. A float is always refused."""
     number = whole_number(value)
     if number is None or not low <= number <= high or (odd and number % 2 == 0):
         kind = "an odd number" if odd else "a whole number"
@@ -39,41 +39,41 @@ def check_whole(name: str, value: Any, low: int, high: int, *, odd: bool = False
 
 
 def check_number(name: str, value: Any, low: float, high: float) -> float:
-    """Check a number from ``low`` to ``high``, and return it as it was given."""
+    """Check that a value is a number from ``low`` to ``high``, and return it unchanged."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise WorldError(f"{name} is {value!r}; it must be a number, {low:g} to {high:g}")
     return value
 
 
 def check_bool(name: str, value: Any) -> bool:
-    """Check that it is true or false."""
+    """Check that a value is true or false, and return it."""
     if not isinstance(value, bool):
         raise WorldError(f"{name} is {value!r}; it must be true or false")
     return value
 
 
 def check_one_of(name: str, value: T, known: Collection[T]) -> T:
-    """Check that it is one of those that there are."""
+    """Check that a value is one of the known values, and return it."""
     if not any(type(value) is type(option) and value == option for option in known):
         raise WorldError(f"{name} is {value!r}; use one of {', '.join(map(repr, known))}")
     return value
 
 
 def check_cell(name: str, value: Any, width: int, height: int, *, wall: int = 0) -> tuple[int, int]:
-    """Check a column and a row of a grid, ``wall`` cells or more from its edge."""
+    """Check a column and a row of a grid, at least ``wall`` cells from its edge, and return them."""
     column, row = _as_many(name, value, 2, "a column and a row")
     check_whole(f"{name}[0]", column, wall, width - 1 - wall)
     return column, check_whole(f"{name}[1]", row, wall, height - 1 - wall)
 
 
 def check_pair(name: str, value: Any, low: int, high: int) -> tuple[int, int]:
-    """Check two whole numbers."""
+    """Check two whole numbers from ``low`` to ``high``, and return them."""
     first, second = _as_many(name, value, 2, "two whole numbers")
     return check_whole(f"{name}[0]", first, low, high), check_whole(f"{name}[1]", second, low, high)
 
 
 def check_point(name: str, value: Any) -> tuple[float, float, float]:
-    """Check a place in metres: x, y, z."""
+    """Check a position in metres, x, y and z, and return it."""
     x, y, z = _as_many(name, value, 3, "x, y and z in metres")
     low = -MAX_METRES
     high = MAX_METRES
@@ -94,10 +94,10 @@ BatchSeeds = int | Sequence[int | None] | NDArray[np.integer] | None  # one for 
 
 
 def seeds_per_world(seed: BatchSeeds, count: int) -> list[int | None]:
-    """Return one seed per world: ``seed`` + i for a number, or those given; None goes on drawing.
+    """Return one seed per world: ``seed`` + i if it is a number, else the given seeds. None continues a random stream.
 
     Raises:
-        WorldError: if there are not as many as worlds, or one is not a whole number.
+        WorldError: if there is not one seed per world, or a seed is not a whole number.
     """
     try:
         if seed is None:

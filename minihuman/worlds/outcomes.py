@@ -1,8 +1,9 @@
-"""Outcome rules: what the end of an episode means. This is the one place that says so.
+"""Outcome rules: the meaning of an episode's end. No other module defines it.
 
-A rule is a text of conditions, all of which success needs: ``info:is_success``, ``return >= 195``, ``reward > 0``,
-``terminated``, joined by "and"; or one word, ``world`` (what the world says) or ``none`` (unknown). It is read at
-the last step, or at every step where it ends in "at any step". What a rule cannot tell is unknown, never guessed.
+A rule is a text of conditions that are all necessary for success: ``info:is_success``, ``return >= 195``,
+``reward > 0``, ``terminated``, joined by "and"; or a single word, ``world`` (the world decides) or ``none`` (unknown).
+A rule applies to the last step, or to every step if it ends in "at any step". An outcome that the rule cannot determine
+is unknown, never guessed.
 """
 
 import operator
@@ -37,7 +38,7 @@ _EXAMPLES = '"info:is_success", "return >= 195", "terminated and reward > 0", "t
 
 
 class JudgedStep(Protocol):
-    """What a rule may look at of a step."""
+    """The properties of a step that an outcome rule may read."""
 
     @property
     def reward(self) -> float:
@@ -45,7 +46,7 @@ class JudgedStep(Protocol):
 
     @property
     def return_(self) -> float:
-        """Return the sum of rewards so far."""
+        """Return the sum of the episode's rewards so far."""
 
     @property
     def terminated(self) -> bool:
@@ -57,12 +58,12 @@ class JudgedStep(Protocol):
 
     @property
     def success(self) -> bool | None:
-        """Return what the world says of success; None where it says nothing, or was not asked."""
+        """Return whether the world reports success; None if it reports nothing, or was not asked."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepFacts:
-    """What a rule looks at, where a step is made without a session."""
+    """The properties of a step that an outcome rule reads, for steps outside a session."""
 
     reward: float
     return_: float
@@ -76,13 +77,13 @@ Condition = Callable[[JudgedStep], bool | None]
 
 @dataclass(frozen=True, slots=True)
 class OutcomeRule:
-    """A rule, parsed.
+    """A parsed outcome rule.
 
     Args:
-        conditions: whose conjunction is success; none where success is never known.
-        info_key: the key of ``info`` that it asks for, with dots where dictionaries are nested; "" for none.
-        asks_world: whether it asks for what the world says, by that key or by those that are usual.
-        at_any_step: whether one step is enough.
+        conditions: the conditions that must all hold for success; empty if success is never known.
+        info_key: the key of ``info`` that the rule reads, with dots between nested keys; "" for none.
+        asks_world: whether the rule reads what the world reports, under ``info_key`` or one of the usual keys.
+        at_any_step: whether success at one step is enough.
     """
 
     conditions: tuple[Condition, ...]
@@ -96,7 +97,10 @@ class OutcomeRule:
         return self.asks_world or not self.conditions
 
     def find_success(self, step: JudgedStep) -> bool | None:
-        """Return whether a step is success; None if that is not known. A condition that fails settles it."""
+        """Return whether a step is a success, or None if that is unknown.
+
+        One condition that fails makes the answer False, even if another is unknown.
+        """
         if not self.conditions:
             return None
         answers = [condition(step) for condition in self.conditions]
@@ -106,10 +110,10 @@ class OutcomeRule:
 
 
 class OutcomeJudge:
-    """Judges an episode's steps as they come.
+    """A judge that applies an outcome rule to the steps of an episode, one after another.
 
     Args:
-        rule: as `parse_outcome_rule` takes it.
+        rule: the rule's text, as `parse_outcome_rule` takes it.
     """
 
     def __init__(self, rule: str) -> None:
@@ -118,7 +122,7 @@ class OutcomeJudge:
         self._success: bool | None = None if self.rule.may_be_unknown else False  # before any step
 
     def judge_step(self, step: JudgedStep) -> EpisodeOutcome | None:
-        """Return the outcome if the step ended the episode, else None."""
+        """Judge the next step; return the episode's outcome if the step ended it, else None."""
         self._success = self.rule.find_success(step)
         if self.rule.at_any_step:
             self._was_reached |= self._success is True
@@ -140,10 +144,10 @@ class OutcomeJudge:
 
 @cache
 def parse_outcome_rule(text: str) -> OutcomeRule:
-    """Parse a rule as a plan has it.
+    """Parse the text of a rule in the form in which plans store it.
 
     Raises:
-        ProtocolError: if it is none.
+        ProtocolError: if the text is not a rule.
     """
     at_any_step = text.endswith(_AT_ANY_STEP)
     words = text.removesuffix(_AT_ANY_STEP) or _LAST_REWARD_TEXT
@@ -164,10 +168,10 @@ def parse_outcome_rule(text: str) -> OutcomeRule:
 
 
 def normalize_outcome_rule(success: str, *, at_any_step: bool) -> str:
-    """Return a protocol's rule as plans have it: one text for one meaning.
+    """Return a protocol's rule in the form in which plans store it: rules of one meaning have one text.
 
     Raises:
-        ProtocolError: if it is no rule.
+        ProtocolError: if the text is not a rule.
     """
     words = " ".join(success.split())
     parts = [_normalize_condition(part.strip()) for part in words.split(" and ")]
@@ -177,15 +181,13 @@ def normalize_outcome_rule(success: str, *, at_any_step: bool) -> str:
     parse_outcome_rule(text)
     if {*parts} == {*_LAST_REWARD_TEXT.split(" and ")}:
         text = LAST_REWARD
-    else:
-        text = text
     if at_any_step:
         return add_any_step(text)
     return text
 
 
 def add_any_step(rule: str) -> str:
-    """Return a rule that is read at every step."""
+    """Return the text of a rule extended so that it applies to every step."""
     return (rule or _LAST_REWARD_TEXT) + _AT_ANY_STEP
 
 

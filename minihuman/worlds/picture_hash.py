@@ -1,4 +1,7 @@
-"""Hashes of pictures that were shown. Apart from the hashes of states, which the kernels' build imports."""
+"""Hashes of the pictures that were shown.
+
+They are in a module of their own because the kernels' build imports the module of the state hashes.
+"""
 
 import numpy as np
 import xxhash
@@ -6,6 +9,10 @@ from numpy.typing import NDArray
 
 
 def hash_picture(picture: NDArray[np.uint8]) -> int:
-    """Hash a picture uint8[H, W, 3] by its bytes and size: XXH3, from 1 to 2**64 - 1; 0 stands for no picture."""
+    """Return the XXH3 hash of a picture's bytes and size, from 1 to 2**64 - 1. The value 0 stands for no picture.
+
+    Args:
+        picture: the picture, uint8[H, W, 3].
+    """
     height, width = picture.shape[:2]
     return xxhash.xxh3_64_intdigest(np.ascontiguousarray(picture).data, seed=height << 32 | width) or 1

@@ -1,7 +1,7 @@
-"""Pose and Map: one ground plane (x, z) for grid and first-person worlds, and the outlines of walls on it.
+"""Poses and maps on the ground plane (x, z) that grid and first-person worlds share, and the outlines of walls on it.
 
-x points right, z down the page (the grid's rows), y up. Units are cells in the grid, metres in 3D. A grid cell (column,
-row) is the unit square centred on (x=column, z=row).
+x points right, z down the page (along the grid's rows) and y up. The unit is a cell in the grid and a metre in
+first-person worlds. A grid cell (column, row) is the unit square centred on (x=column, z=row).
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where someone stands and looks.
+    """A position in the world, and the direction of view.
 
     ``yaw_rad`` is 0 along +x and grows counter-clockwise seen from above, so +pi/2 looks along -z (up the page).
     In the grid it is one of 0, -pi/2 (down), pi (left), pi/2 (up).
@@ -27,7 +27,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """Something standing in the world: its name ("green goal"), place, radius and colour as "#rrggbb"."""
+    """An object in the world: its name ("green goal"), position, radius and colour as "#rrggbb"."""
 
     name: str
     x: float
@@ -38,7 +38,7 @@ class Thing:
 
 @dataclass(frozen=True, slots=True)
 class Map:
-    """The floor plan seen from above, enough to draw paths without the world."""
+    """The floor plan seen from above, sufficient to draw paths without the world."""
 
     unit: Literal["cell", "m"]
     bounds: tuple[float, float, float, float]  # x0, z0, x1, z1
@@ -47,10 +47,10 @@ class Map:
 
 
 def wall_outlines(is_wall: NDArray[np.bool_]) -> tuple[tuple[float, float, float, float], ...]:
-    """Outline where wall meets no wall, as the longest straight segments x0, z0, x1, z1.
+    """Return the outlines of the walls as the longest possible straight segments x0, z0, x1, z1.
 
     Args:
-        is_wall: bool[width, height], indexed column, row; cell (c, r) is the unit square centred on (c, r).
+        is_wall: bool[width, height], indexed by column and row; cell (c, r) is the unit square centred on (c, r).
     """
     solid = np.pad(is_wall, 1)
     upright = _runs(solid[1:, 1:-1] != solid[:-1, 1:-1])
@@ -61,7 +61,7 @@ def wall_outlines(is_wall: NDArray[np.bool_]) -> tuple[tuple[float, float, float
 
 
 def _runs(edges: NDArray[np.bool_]) -> list[tuple[float, float, float]]:
-    """Join a wall's faces into longest runs: line, start, end, in cells."""
+    """Join adjacent faces of a wall into the longest possible runs (line, start, end), in cells."""
     padded = np.pad(edges, ((0, 0), (1, 1))).astype(np.int8)
     turns = np.diff(padded, axis=1)
     starts = np.argwhere(turns == 1)

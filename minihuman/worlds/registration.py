@@ -1,6 +1,6 @@
-"""Registration with Gymnasium on import: at once if Gymnasium is loaded, otherwise as soon as it is.
+"""Registration of the worlds with Gymnasium, at once if Gymnasium is loaded, otherwise as soon as it is.
 
-So importing minihuman stays cheap for commands that make no world, and `gymnasium.make` knows ours even so.
+Importing minihuman therefore stays cheap for commands that make no world, and `gymnasium.make` still knows our worlds.
 """
 
 import sys
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def register_with_gymnasium() -> None:
-    """Register every world before one can be asked of Gymnasium."""
+    """Register every world with Gymnasium now, or have it registered when Gymnasium is imported."""
     if "gymnasium" in sys.modules:
         _register()
     elif not any(isinstance(finder, _GymnasiumFinder) for finder in sys.meta_path):
@@ -28,7 +28,7 @@ def _register() -> None:
 
 
 class _GymnasiumFinder:
-    """Finds Gymnasium as the other finders do, and has our worlds registered behind it."""
+    """An import finder that finds Gymnasium through the other finders, and then has our worlds registered."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
@@ -44,7 +44,7 @@ class _GymnasiumFinder:
 
 
 class _RegisteringLoader:
-    """Loads Gymnasium as its own loader does, and leaves no trace but our worlds."""
+    """An import loader that loads Gymnasium with its own loader, registers our worlds, and then removes itself."""
 
     def __init__(self, its_own: "Loader", waiting: _GymnasiumFinder) -> None:
         self._its_own = its_own

@@ -1,8 +1,8 @@
-"""The random stream inside kernels: NumPy's PCG64, number for number. A layout's seed enters here.
+"""The random number generator inside kernels: NumPy's PCG64, number for number. A layout's seed enters here.
 
-Layouts draw what `Generator.integers` would draw, from compiled code and for many worlds at once, so the generator is
-six uint64 words: state (high, low), increment (high, low), and the buffered half of the last draw (present or not,
-value). The algorithms are M. O'Neill's PCG XSL-RR 128/64 and D. Lemire's bounded integers
+Layouts draw the numbers that `Generator.integers` would draw, from compiled code and for many worlds at once, so the
+generator is six uint64 words: state (high, low), increment (high, low), and the buffered half of the last draw (whether
+present, value). The algorithms are M. O'Neill's PCG XSL-RR 128/64 and D. Lemire's bounded integers
 (https://arxiv.org/abs/1805.10941), as NumPy's documentation names them. No product here overflows 64 bits, so this file
 is exact as plain Python too.
 """
@@ -53,7 +53,7 @@ def read_rng_state(generator: np.random.Generator, rng_state: RngState) -> None:
 
 
 def write_rng_state(rng_state: RngState, generator: np.random.Generator) -> None:
-    """Bring a NumPy generator to where these words are."""
+    """Set a NumPy generator to the state in six words."""
     high, low, increment_high, increment_low, has_half, half = rng_state.tolist()
     generator.bit_generator.state = {
         "bit_generator": "PCG64",
@@ -65,7 +65,7 @@ def write_rng_state(rng_state: RngState, generator: np.random.Generator) -> None
 
 @device_function()
 def next64(rng_state: RngState) -> np.uint64:
-    """Draw the stream's next 64 bits."""
+    """Draw the next 64 bits of the random stream."""
     a0 = rng_state[1] & _LOW
     a1 = rng_state[1] >> _32
     a2 = rng_state[0] & _LOW
@@ -97,7 +97,7 @@ def next64(rng_state: RngState) -> np.uint64:
 
 @inline
 def next32(rng_state: RngState) -> np.uint64:
-    """Draw the stream's next 32 bits; keep the other half of the 64 for the next call."""
+    """Draw the next 32 bits of the random stream; the other 32 bits of a draw are kept for the next call."""
     if rng_state[4] != _0:
         rng_state[4] = _0
         return rng_state[5]
@@ -109,7 +109,10 @@ def next32(rng_state: RngState) -> np.uint64:
 
 @kernel("int64(uint64[::1], int64, int64)", only=True)
 def integer(rng_state: RngState, low: int, high: int) -> int:
-    """Draw a whole number in [low, high), as ``Generator.integers(low, high)`` does. At most 2**32 - 1 apart."""
+    """Draw a whole number in [low, high), as ``Generator.integers(low, high)`` does.
+
+    The difference of the bounds is at most 2**32 - 1.
+    """
     if high - low <= 1:
         return low
     span = np.uint64(high - low)
@@ -122,13 +125,16 @@ def integer(rng_state: RngState, low: int, high: int) -> int:
 
 @device_function()
 def unit(rng_state: RngState) -> int:
-    """Draw the numerator of a ``Generator.random``, in 2**-53: 0 to 2**53 - 1. It leaves a kept half alone."""
+    """Draw the number that ``Generator.random`` would return, times 2**53: a whole number from 0 to 2**53 - 1.
+
+    The buffered half of an earlier draw is not used.
+    """
     return int(next64(rng_state) >> _11)
 
 
 @kernel("(uint64[::1], int64[::1])")
 def shuffle(rng_state: RngState, values: NDArray[np.int64]) -> None:
-    """Shuffle in place, as ``Generator.shuffle`` shuffles a list: masked draws, drawn again while too large."""
+    """Shuffle an array in place, as ``Generator.shuffle`` shuffles a list: masked draws, repeated while too large."""
     for i in range(len(values) - 1, 0, -1):
         mask = np.uint64(1)
         while mask < np.uint64(i):

@@ -1,5 +1,7 @@
-"""A rehearsal of a world in a second process: ``python -m minihuman.worlds.second_process FILE`` plays what comes in on
-the standard input as MessagePack, and writes what it gave to FILE. Only what the user trusts is named there.
+"""Plays a rehearsal of a world in a second process.
+
+``python -m minihuman.worlds.second_process FILE`` reads a rehearsal as MessagePack from standard input, plays it, and
+writes the resulting moments to FILE. A rehearsal must name only worlds that the user trusts.
 """
 
 import os
@@ -22,7 +24,7 @@ TIMEOUT_S = 300.0
 
 
 def play_in_second_process(rehearsal: Rehearsal) -> Sequence[Moment] | str:
-    """Play a rehearsal with pictures in another process; the moments that it gave, or why there is none."""
+    """Play a rehearsal with pictures in another process; return its moments, or the reason why there are none."""
     resolved = replace(rehearsal, options=resolve_files(rehearsal.options))
     with TemporaryDirectory() as folder:
         out = Path(folder, "moments.msgpack")
@@ -47,7 +49,7 @@ def play_in_second_process(rehearsal: Rehearsal) -> Sequence[Moment] | str:
 
 
 def main(out: Path) -> int:
-    """Play what comes in; the exit status: 0, or 2 where the world cannot be made here."""
+    """Play the rehearsal on standard input; return the exit status, 0, or 2 if the world cannot be made here."""
     rehearsal = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=Rehearsal)
     try:
         with closing(World(rehearsal.world, rehearsal.options, trusted=True)) as world:

@@ -1,7 +1,7 @@
-"""Threads that share a kernel's work: each takes the next part of it, all in one call, without Python between.
+"""Threads that share the work of a kernel: each takes the next part, all within one call, without Python in between.
 
-Atomic counters, which threads read and raise from inside kernels, hand out the parts. Whoever asks works too, so that a
-thread that is late finds less to do.
+Atomic counters, which the threads read and increment inside kernels, hand out the parts. The calling thread works too,
+so a thread that starts late finds less to do.
 """
 
 import os
@@ -42,13 +42,13 @@ add_to_counter = llvm_function(_add, _add_plain, counts=True)
 
 @kernel("(int64[::1], int64, int64)", hold_gil=True)
 def count(counters: Counters, at: int, number: int) -> None:
-    """Add to a counter."""
+    """Add a number to a counter."""
     add_to_counter(counters, at, number)
 
 
 @kernel("(int64[::1], int64)", nogil=True, polls=int64)
 def finished(counters: Counters, parts: int) -> bool:
-    """Return whether all parts are done, or will be soon."""
+    """Wait a short time until all parts are done; return whether they are."""
     polls = 0
     while add_to_counter(counters, DONE, 0) < parts and polls < _PATIENCE:
         polls += 1
@@ -57,14 +57,14 @@ def finished(counters: Counters, parts: int) -> bool:
 
 @cache
 def helper_threads(process: int) -> ThreadPoolExecutor:
-    """Return the threads of this process that help; a forked one needs its own."""
+    """Return the pool of helper threads of a process. A forked process needs a pool of its own."""
     return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix=f"worlds-{process}")
 
 
 def share_work(work: Callable[..., Any], arguments: tuple[Any, ...], parts: int, helpers: int) -> None:
-    """Do ``work`` in this thread and in so many others, until all parts are done.
+    """Run ``work`` in this thread and in ``helpers`` other threads until all parts are done.
 
-    It is called with counters, the ``arguments``, and which of the threads it is in: 0 is this one.
+    ``work`` is called with the counters, the ``arguments`` and the number of its thread; 0 is this thread.
     """
     counters = np.zeros(TAKEN + APART * (1 + helpers), np.int64)
     threads = helper_threads(os.getpid())

@@ -1,7 +1,7 @@
-"""Digests of the sources that compiled functions, or all worlds together, were made of.
+"""Digests of the sources from which compiled functions, or all worlds together, were made.
 
-What a function computes is decided by its own module, by the modules that this one imports, and so on. Does not import
-Numba, so that a log can be verified without it.
+The result of a function depends on its own module, on the modules that this one imports, and so on. This module does
+not import Numba, so that a log can be verified without it.
 """
 
 import hashlib
@@ -19,28 +19,34 @@ _IMPORT = re.compile(r"(?:^|[;:])[ \t]*(?:from\s+([\w.]+)\s+import\s*(\([^)]*\)|
 
 @cache
 def rules_digest() -> str:
-    """Digest every source of the worlds that minihuman brings: 16 hexadecimal digits, the same on every machine."""
+    """Return the digest of all sources of the built-in worlds: 16 hexadecimal digits, the same on every machine."""
     return _digest(sorted(_below(files(f"{_OURS}.worlds"), "")))
 
 
 @cache
 def kernels_digest() -> str:
-    """Digest all sources that the page's modules are built from: a page with modules of others does not compute."""
+    """Return the digest of all sources from which the page's modules are built.
+
+    A page whose modules were built from other sources does not compute worlds.
+    """
     names = _reached(f"{_OURS}.worlds.build.exports", f"{_OURS}.worlds.build.compilation")
     return _digest([(name, _source(name) or "") for name in sorted(names)])
 
 
 def import_closure(*modules: str) -> list[str]:
-    """Return the files of our modules and of all they import from us, by their paths in the package, in order."""
+    """Return the files of some of our modules and of all of ours that they import, directly or indirectly.
+
+    The files are sorted and given by their paths in the package.
+    """
     named = [name.removeprefix(f"{_OURS}.").replace(".", "/") for name in _reached(*modules) - {_OURS}]
     packages = {way for way in named if files(_OURS).joinpath(way).is_dir()}
     return sorted(f"{way}/__init__.py" if way in packages else f"{way}.py" for way in named)
 
 
 def _reached(*modules: str) -> set[str]:
-    """Return modules and all they import from us, except what only loads compiled code.
+    """Return the given modules and all of ours that they import, except the module that loads compiled code.
 
-    Each source is read once a process, when it first counts: an edit made later is not part of what runs now.
+    Each source is read once per process, when it is first needed: an edit made later is not part of the running code.
     """
     reached = set(modules)
     new = list(modules)
@@ -68,7 +74,7 @@ def _below(folder: Traversable, path: str) -> Iterator[tuple[str, str]]:
 
 @cache
 def _source(module: str) -> str | None:
-    """Read the source of a module of ours; None where there is none of that name."""
+    """Return the source of one of our modules, or None if there is no module of that name."""
     for path in (_path(module, "/__init__.py"), _path(module)):
         if path.is_file():
             return path.read_text(encoding="utf-8")
@@ -81,7 +87,7 @@ def _path(module: str, suffix: str = ".py") -> Traversable:
 
 @cache
 def _imports(module: str) -> frozenset[str]:
-    """Return the modules of ours that a module's source imports; one too many does no harm."""
+    """Return our modules that a module's source imports. A module too many does no harm."""
     if _path(module, "/__init__.py").is_file():
         package = module
     else:

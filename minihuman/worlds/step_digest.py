@@ -1,7 +1,7 @@
-"""The digest of a step: 64 bits by which a page and the server see whether they computed the same.
+"""The digest of a step: 64 bits by which a page and the server detect whether they computed the same state.
 
-It is over flat arrays alone, so it is the same compiled function on both sides. The log's `state_hash` is another one.
-No product here overflows 64 bits, so this file is exact as plain Python too.
+It depends on flat arrays alone, so both sides run the same compiled function. The log's `state_hash` is a different
+hash. No product here overflows 64 bits, so this file is exact as plain Python too.
 """
 
 import numpy as np
@@ -22,19 +22,20 @@ _B = np.uint64(0x85EBCA77)
 
 @inline
 def stir(half: np.uint64, value: np.uint64, factor: np.uint64, shift: np.uint64) -> np.uint64:
-    """Stir 32 bits into one half of the digest."""
+    """Mix 32 bits into one half of the digest, and return the new half."""
     mixed = (half ^ value) * factor & _LOW
     return mixed ^ mixed >> shift
 
 
 @kernel("uint64(int32[::1], uint8[:, :, ::1], uint64[::1])", only=True, hold_gil=True)
 def digest_step(row: NDArray[np.int32], image: NDArray[np.uint8], outcome: NDArray[np.uint64]) -> np.uint64:
-    """Digest what a step led to.
+    """Return the digest of the state, observation and outcome after a step.
 
     Args:
-        row: The state after it.
-        image: What the agent sees then, uint8[size, size, 3].
-        outcome: The reward's bits as a float64, and how the episode ended: 0 not at all, 1 terminated, 2 truncated.
+        row: the state after the step.
+        image: what the agent sees after the step, uint8[size, size, 3].
+        outcome: the bits of the reward as a float64, and how the episode ended: 0 not at all, 1 terminated,
+            2 truncated.
     """
     high_half = _A
     low_half = _B

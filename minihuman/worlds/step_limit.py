@@ -1,10 +1,10 @@
-"""Step limits and action numbers: whole numbers in range, or an error.
+"""Validation of step limits and action numbers.
 
-A limit that is a float is refused even where it is whole. An action may be one, or an array of one number, as a
-policy's ``predict`` returns it and Minigrid takes it.
+A limit that is a float is refused even if it is whole. An action may be a whole float, or an array of one number, as a
+policy's ``predict`` returns it and Minigrid accepts it.
 
-A family's recipe has the default limit and the option `max_steps` replaces it; Gymnasium's `TimeLimit` may set a lower
-one, and so may a protocol.
+The recipe of a world family has the default limit, and the option `max_steps` replaces it. Gymnasium's `TimeLimit` may
+set a lower limit, and so may a protocol.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,10 +22,10 @@ LARGEST_STEP_LIMIT = 2**31 - 1  # what a grid's state holds
 
 
 def check_max_steps(max_steps: Any) -> int:
-    """Check an episode's step limit: a whole number from 1 to `LARGEST_STEP_LIMIT`.
+    """Check an episode's step limit, a whole number from 1 to `LARGEST_STEP_LIMIT`, and return it.
 
     Raises:
-        WorldError: if it is not.
+        WorldError: if the limit is not such a number.
     """
     steps = whole_number(max_steps)
     if steps is None or not 1 <= steps <= LARGEST_STEP_LIMIT:
@@ -34,7 +34,7 @@ def check_max_steps(max_steps: Any) -> int:
 
 
 def action_number(action: Any) -> int | None:
-    """Return the number of an action: a whole number of any type, or an array of one; None for everything else."""
+    """Return the number of an action, a whole number of any type or an array of one; None for anything else."""
     if isinstance(action, np.ndarray) and action.size == 1:
         scalar = action.item()
     else:
@@ -45,10 +45,10 @@ def action_number(action: Any) -> int | None:
 
 
 def check_action(action: Any, count: int) -> int:
-    """Check an action's number: a whole number from 0 to ``count`` - 1.
+    """Check an action, a whole number from 0 to ``count`` - 1, and return its number.
 
     Raises:
-        WorldError: if it is not.
+        WorldError: if the action is not such a number.
     """
     number = action_number(action)
     if number is None or not 0 <= number < count:
@@ -57,18 +57,18 @@ def check_action(action: Any, count: int) -> int:
 
 
 def step_limit_of(env: "gymnasium.Env[Any, Any]") -> int | None:
-    """Return the limit that a world or Gymnasium's registry sets, the lower of both; None where there is none."""
+    """Return a world's step limit: the lower of its own and that of Gymnasium's registry; None without either."""
     limits = (getattr(env.unwrapped, "max_steps", None), env.spec.max_episode_steps if env.spec else None)
     return min((int(limit) for limit in limits if limit is not None), default=None)
 
 
 def elapsed_steps(env: "gymnasium.Env[Any, Any]") -> list[int]:
-    """Return the steps that each of Gymnasium's `TimeLimit` wrappers has counted, from outside in."""
+    """Return the step count of each of Gymnasium's `TimeLimit` wrappers, from the outermost inwards."""
     return [wrapper._elapsed_steps for wrapper in _time_limits(env)]
 
 
 def set_elapsed_steps(env: "gymnasium.Env[Any, Any]", steps: Sequence[int]) -> None:
-    """Bring the `TimeLimit` wrappers back to what `elapsed_steps` returned."""
+    """Set the step counters of the `TimeLimit` wrappers to the numbers that `elapsed_steps` returned."""
     for wrapper, elapsed in zip(_time_limits(env), steps, strict=True):
         wrapper._elapsed_steps = elapsed
 

@@ -1,7 +1,7 @@
-"""Worlds with several bodies: what every team world offers, and how one is made from its id.
+"""Team worlds, in which several bodies act: the interface that each offers, and how to make one from its id.
 
-All bodies act at once: a joint action is one action per body. A team world is no Gymnasium environment;
-`worlds.adapters.pettingzoo` shows one as PettingZoo's parallel API. It knows no seats, people or time.
+All bodies act at once: a joint action has one action per body. A team world is not a Gymnasium environment;
+`worlds.adapters.pettingzoo` adapts it to PettingZoo's parallel API. This module knows no seats, people or time.
 """
 
 import abc
@@ -26,7 +26,7 @@ NO_INFO: Mapping[str, Any] = MappingProxyType({})
 
 
 class TeamStep(NamedTuple):  # three times as quick to make as a frozen dataclass
-    """What a joint step gave."""
+    """The values that a joint step returned."""
 
     rewards: tuple[float, ...]  # by body; all the same where the world shares its reward
     terminated: bool  # the task is over, for all bodies at once
@@ -36,7 +36,7 @@ class TeamStep(NamedTuple):  # three times as quick to make as a frozen dataclas
 
 
 class PictureTiles(NamedTuple):
-    """A picture made of square tiles, most of which are in other pictures as well."""
+    """A picture made of square tiles, most of which occur in other pictures as well."""
 
     keys: Sequence[tuple[Hashable, ...]]  # one per tile, row by row; equal keys look the same
     columns: int
@@ -53,7 +53,7 @@ class PictureTiles(NamedTuple):
 
 
 class TeamWorld(abc.ABC):
-    """A world in which 1 to 8 bodies act at once. ``reset`` comes before anything else."""
+    """A world in which 1 to 8 bodies act at once. ``reset`` must be called before any other method."""
 
     bodies: int
     action_names: tuple[str, ...]  # the same for each body, snake case
@@ -65,10 +65,10 @@ class TeamWorld(abc.ABC):
 
     @abc.abstractmethod
     def reset(self, seed: int | None = None) -> None:
-        """Begin a new episode; the same seed begins the same one. Without one, the next of the last seed's is taken."""
+        """Begin a new episode. Equal seeds begin equal episodes; without a seed, one is derived from the last seed."""
 
     def choose_seed(self, seed: int | None) -> int:
-        """Return the seed of a new episode: the given one, or one drawn from the last, at first from chance."""
+        """Return the seed of a new episode: the given one, or one derived from the last, which is random at first."""
         if seed is None:
             chosen = int(np.random.default_rng(self._last_seed).integers(2**63))
         else:
@@ -78,54 +78,57 @@ class TeamWorld(abc.ABC):
 
     @abc.abstractmethod
     def step(self, actions: Sequence[int]) -> TeamStep:
-        """Make one joint step: an action per body, by body.
+        """Make one joint step.
+
+        Args:
+            actions: one action per body, in the order of the bodies.
 
         Raises:
-            WorldError: before `reset`, after an end, for a wrong number of actions, and for an action there is not;
-                nothing has changed then.
+            WorldError: before `reset`, after an episode's end, for a wrong number of actions, and for an action that
+                does not exist. The state is then unchanged.
         """
 
     @abc.abstractmethod
     def observation(self, body: int) -> NDArray[Any]:
-        """Return what a body observes now: an array of `observation_space`, the caller's own."""
+        """Return a body's current observation, a new array that belongs to `observation_space`."""
 
     @abc.abstractmethod
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
-        """Draw the picture that a person in this body sees, uint8[H, W, 3], at most so many pixels large."""
+        """Draw the picture that a body's player sees, uint8[H, W, 3], at most ``width`` by ``height`` pixels."""
 
     def picture_tiles(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> PictureTiles | None:
-        """Return the picture of `frame` as tiles, each sent to a page only once; None where there are none."""
+        """Return the picture of `frame` as tiles, each sent to a page only once; None if it has no tiles."""
         return None
 
     @abc.abstractmethod
     def pose(self, body: int) -> Pose:
-        """Return where a body stands and looks; NaN throughout where that is unknown, and `map` does not count then."""
+        """Return a body's current pose. All fields are NaN if it is unknown; `map` is then not used."""
 
     @abc.abstractmethod
     def map(self) -> Map:
-        """Return the floor plan with the things where they are now, without bodies."""
+        """Return the floor plan with the objects at their current places, without the bodies."""
 
     @abc.abstractmethod
     def state_hash(self) -> int:
-        """Hash everything that decides the future to a uint64: equal states, equal hashes, on every machine."""
+        """Hash everything that decides the future to a uint64. Equal states have equal hashes on every machine."""
 
     def scene_hash(self) -> int:
-        """Return the same hash, without the number of steps taken where no rule goes by it."""
+        """Return the state's hash, without the number of steps taken if no rule depends on it."""
         return self.state_hash()
 
     @abc.abstractmethod
     def save(self) -> Any:
-        """Copy the state exactly, in mid-episode; the copy can be pickled."""
+        """Return an exact copy of the state in mid-episode. The copy can be pickled."""
 
     @abc.abstractmethod
     def restore(self, saved: Any) -> None:
-        """Go back to a saved state; the copy is not consumed and may be restored again."""
+        """Restore a saved state. The copy is not consumed and may be restored again."""
 
     def check_actions(self, actions: Sequence[int]) -> None:
         """Check a joint action.
 
         Raises:
-            WorldError: if it has not one action per body, or one does not exist.
+            WorldError: if there is not one action per body, or an action does not exist.
         """
         if len(actions) != self.bodies:
             raise WorldError(
@@ -138,22 +141,23 @@ class TeamWorld(abc.ABC):
                 )
 
     def batch(self, num_worlds: int) -> "TeamBatch":
-        """Make a batch of so many worlds like this one, for training."""
+        """Return a batch of ``num_worlds`` worlds like this one, for training."""
         return TeamBatch(self, num_worlds)
 
 
 class TeamBatch:
-    """Many team worlds like one, all alike but for their seeds, stepped together.
+    """A batch of team worlds that are alike but for their seeds, stepped together.
 
-    An episode that ends is followed by the next one's beginning in the same step; `observations` then show that.
+    When an episode ends, the next one begins in the same step, and `observations` show its beginning.
 
     Args:
-        world: The world that they are like; it is not used itself.
-        num_worlds: How many.
+        world: the world that is copied; it is not used itself.
+        num_worlds: the number of worlds in the batch.
 
     Attributes:
-        observations: Of every body in every world: an array [worlds, bodies, ...], overwritten by each step.
-        ends: bool[worlds]: whether the last step ended an episode.
+        observations: the observations of every body in every world, an array of shape (worlds, bodies, ...) that each
+            step overwrites.
+        ends: per world, whether the last step ended an episode, bool[worlds].
     """
 
     def __init__(self, world: TeamWorld, num_worlds: int) -> None:
@@ -166,7 +170,7 @@ class TeamBatch:
         self._seeds = np.random.default_rng(0)
 
     def reset(self, seed: int) -> NDArray[Any]:
-        """Begin all episodes with seeds drawn from this one; what all bodies observe."""
+        """Begin an episode in every world, with seeds drawn from ``seed``; return the observations."""
         self._worlds = self._worlds or [copy.deepcopy(self.world) for _ in range(self.num_worlds)]
         self._seeds = np.random.default_rng(seed)
         for number, world in enumerate(self._worlds):
@@ -178,10 +182,10 @@ class TeamBatch:
         """Make one joint step in each world.
 
         Args:
-            actions: int64[worlds, bodies].
+            actions: one action per world and body, int64[worlds, bodies].
 
         Returns:
-            observations, rewards float64[worlds, bodies], and which episodes ended.
+            The observations, the rewards as float64[worlds, bodies], and per world whether its episode ended.
         """
         self.check_actions(actions)
         rewards = np.zeros(actions.shape)
@@ -195,10 +199,10 @@ class TeamBatch:
         return self.observations, rewards, self.ends
 
     def check_actions(self, actions: NDArray[np.int64]) -> None:
-        """Check the shape of all actions.
+        """Check the shape and type of the actions.
 
         Raises:
-            WorldError: if there is not one per body and world.
+            WorldError: if the actions are not int64[worlds, bodies].
         """
         if actions.shape != (self.num_worlds, self.world.bodies) or actions.dtype != np.int64:
             raise WorldError(
@@ -212,7 +216,7 @@ class TeamBatch:
 
 
 def find_team(world_id: str) -> Callable[..., TeamWorld] | None:
-    """Return what makes a team world from its options; None where the id is of a world of one body, or of none."""
+    """Return the function that makes a team world from its options; None if the id names no team world."""
     module, _, name = world_id.rpartition(":")
     if module:
         importlib.import_module(module)
@@ -229,10 +233,11 @@ def find_team(world_id: str) -> Callable[..., TeamWorld] | None:
 def make_team(world_id: str, **options: Any) -> TeamWorld:
     """Make a team world from its id: ``make_team("minihuman/Team-FourRooms-v0")``.
 
-    A world of your own is registered with Gymnasium like any other, and named with its module before a colon.
+    A user's own team world is registered with Gymnasium like any other world. Its id has the module that registers it
+    before a colon.
 
     Raises:
-        WorldError: if there is no such world, it has one body only, or it does not take an option.
+        WorldError: if there is no such world, it is not a team world, or it does not take an option.
     """
     try:
         make = find_team(world_id)

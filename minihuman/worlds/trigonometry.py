@@ -1,9 +1,9 @@
-"""Sine and cosine for kernels, correctly rounded: the same bits on every machine, in the page, and uncompiled.
+"""Sine and cosine for kernels, correctly rounded: the same bits on every machine, in the page, and without compilation.
 
-The host's library differs from that, and from other hosts', in about one call of a thousand. Here an angle is reduced
-by multiples of a quarter turn, and the Taylor series summed, in numbers of two doubles (T. J. Dekker, Numerische
-Mathematik 18, 1971): some 100 bits, of which the first 53 are returned. A result would be wrong only if it lay within
-2**-100 of the middle between two doubles.
+The C library of a machine differs from the correct result, and from those of other machines, in about one call of a
+thousand. Here an angle is reduced by multiples of a quarter turn, and the Taylor series is summed in double-double
+numbers (T. J. Dekker, Numerische Mathematik 18, 1971): some 100 bits, of which the first 53 are returned. A result
+would be wrong only if it lay within 2**-100 of the middle between two doubles.
 """
 
 from fractions import Fraction
@@ -19,7 +19,7 @@ _HALF_PI = Fraction(0xC90FDAA22168C234C4C6628B80DC1CD129024E088A67CC74020BBEA63B
 
 
 def _parts(number: Fraction, bits: int, count: int) -> tuple[float, ...]:
-    """Split a number between 1 and 2 into doubles of so many bits, and the rest into one."""
+    """Split a number between 1 and 2 into ``count`` doubles of ``bits`` bits each, and one more for the remainder."""
     parts = []
     for nth in range(1, count + 1):
         unit = Fraction(1, 1 << bits * nth - 1)
@@ -33,7 +33,7 @@ _QUARTERS_PER_RAD = float(1 / _HALF_PI)
 
 
 def _series(first: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the coefficients of a series in squares, last first, and what each double leaves out."""
+    """Return Taylor coefficients in powers of the squared angle, highest first, and their rounding errors."""
     exact = [Fraction((-1) ** k, factorial(2 * k + first)) for k in range(_TERMS)][::-1]
     return tuple(map(float, exact)), tuple(float(number - Fraction(float(number))) for number in exact)
 
@@ -44,7 +44,7 @@ _COSINE, _COSINE_REST = _series(0)
 
 @device_function()
 def add_exactly(a: float, b: float) -> tuple[float, float]:
-    """Return a sum and its rounding error."""
+    """Return the sum of two doubles and its rounding error."""
     total = a + b
     part = total - a
     return total, (a - (total - part)) + (b - part)
@@ -52,7 +52,7 @@ def add_exactly(a: float, b: float) -> tuple[float, float]:
 
 @device_function()
 def multiply_exactly(a: float, b: float) -> tuple[float, float]:
-    """Return a product and its rounding error."""
+    """Return the product of two doubles and its rounding error."""
     product = a * b
     wide = _SPLITTER * a
     a_high = wide - (wide - a)
@@ -65,14 +65,14 @@ def multiply_exactly(a: float, b: float) -> tuple[float, float]:
 
 @device_function()
 def multiply(a: float, a_rest: float, b: float, b_rest: float) -> tuple[float, float]:
-    """Multiply two numbers of two doubles."""
+    """Return the product of two double-double numbers."""
     product, error = multiply_exactly(a, b)
     return add_exactly(product, error + (a * b_rest + a_rest * b))
 
 
 @device_function()
 def add(a: float, a_rest: float, b: float, b_rest: float) -> tuple[float, float]:
-    """Add two numbers of two doubles."""
+    """Return the sum of two double-double numbers."""
     total, error = add_exactly(a, b)
     low_sum, low_error = add_exactly(a_rest, b_rest)
     total, error = add_exactly(total, error + low_sum)
@@ -81,7 +81,7 @@ def add(a: float, a_rest: float, b: float, b_rest: float) -> tuple[float, float]
 
 @device_function()
 def wave(angle_rad: float, quarters: int) -> float:
-    """Return the sine of an angle and so many quarter turns more."""
+    """Return the sine of an angle plus ``quarters`` quarter turns."""
     if not -LARGEST_RAD <= angle_rad <= LARGEST_RAD:
         return angle_rad * 0.0 + float("nan")
     if angle_rad == 0.0 and quarters == 0:
@@ -112,11 +112,11 @@ def wave(angle_rad: float, quarters: int) -> float:
 
 @kernel("float64(float64)", only=True, hold_gil=True)
 def sine(angle_rad: float) -> float:
-    """Return the sine, correctly rounded; not a number beyond `LARGEST_RAD`."""
+    """Return the correctly rounded sine, or NaN for an angle beyond `LARGEST_RAD`."""
     return wave(angle_rad, 0)
 
 
 @kernel("float64(float64)", only=True, hold_gil=True)
 def cosine(angle_rad: float) -> float:
-    """Return the cosine, correctly rounded; not a number beyond `LARGEST_RAD`."""
+    """Return the correctly rounded cosine, or NaN for an angle beyond `LARGEST_RAD`."""
     return wave(angle_rad, 1)

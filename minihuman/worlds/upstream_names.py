@@ -1,7 +1,8 @@
-"""Names that Minigrid and Miniworld give a world: how a world of ours answers to them.
+"""Attributes that Minigrid's and Miniworld's worlds have, and how our worlds support them.
 
-A name that can be read, set or called works as upstream's, or the error names what to use. An attribute that a world of
-the catalogue does not know is refused, as setting it would change nothing; a world of somebody's own may set any.
+An attribute either can be read, set or called as upstream, or raises an error that names what to use instead. Setting
+an unknown attribute of a world of the catalogue is refused, because it would change nothing; a user's own world class
+may set any attribute.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -14,18 +15,18 @@ _CATALOGUE = "minihuman.worlds."
 
 
 class WorldAttributeError(WorldError, AttributeError):
-    """A world has no such attribute, or does not let it be set; the message names what to use."""
+    """A world has no such attribute, or the attribute cannot be set. The message names what to use instead."""
 
 
 def is_catalogue_class(kind: type) -> bool:
-    """Return whether a class is one of ours, whose attributes are known, and not a subclass elsewhere."""
+    """Return whether a class is one of our own, whose attributes are known, and not a subclass defined elsewhere."""
     return kind.__module__.startswith(_CATALOGUE)
 
 
 class _UpstreamName(ReadOnlyName):
-    """A name of upstream's, read from the present state; setting it writes the state, or is refused with advice.
+    """An attribute of upstream's, read from the current state. Setting it changes the state, or is refused with advice.
 
-    A world of somebody's own may define it for itself, in its class or on an instance.
+    A user's own world may define the attribute itself, in its class or on an instance.
     """
 
     def __init__(
@@ -40,7 +41,7 @@ class _UpstreamName(ReadOnlyName):
         self._name = read.__name__
 
     def setter(self, write: Callable[[Any, Any], None]) -> "_UpstreamName":
-        """Return the same name with a function that sets it, as `property` does."""
+        """Return the same attribute with a function that sets it, as `property` does."""
         return _UpstreamName(self._read, write)
 
     def __get__(self, world: Any, owner: Any = None) -> Any:
@@ -73,12 +74,12 @@ else:
 
 
 def set_instead(advice: str) -> Callable[[Callable[[Any], Any]], Any]:
-    """Return a decorator for a name that is read only; the advice says what to use instead of setting it."""
+    """Return a decorator for a read-only attribute. The advice says what to use instead of setting it."""
     return lambda read: _UpstreamName(read, advice=advice)
 
 
 class _ReadName:
-    """A name that is read by a function, or refused by it; `__getattr__` would slow every other attribute down."""
+    """An attribute whose value, or error, a function provides. `__getattr__` would slow down every other attribute."""
 
     def __init__(self, name: str, read: Callable[[Any, str], Any]) -> None:
         self._name = name
@@ -111,7 +112,14 @@ class _ReadName:
 def define_names(
     kind: type, names: Iterable[str], read: Callable[[Any, str], Any], *, over: Iterable[str] = ()
 ) -> None:
-    """Give a class names that a function reads, or refuses; those that it has stay, but for ``over``."""
+    """Define attributes of a class whose values, or errors, a function provides.
+
+    Args:
+        kind: the class.
+        names: the names of the attributes; a name that the class has already is left alone.
+        read: a function that takes the world and the name, and returns the value or raises an error.
+        over: the names to define even if the class has them already.
+    """
     replaced = frozenset(over)
     for name in names:
         if name in replaced or not hasattr(kind, name):
@@ -122,7 +130,8 @@ def refuse_unknown_attribute(world: Any, name: str, instead: Mapping[str, str]) 
     """Refuse to set an attribute that a world of the catalogue does not have.
 
     Raises:
-        WorldAttributeError: if it has none of this name; the message says what to use where upstream has one.
+        WorldAttributeError: if the world does not have the attribute, or it is read-only; the message says what to use
+            instead of an attribute of upstream's.
     """
     attribute = getattr(type(world), name, None)
     if isinstance(attribute, property) and attribute.fset is None:
@@ -134,7 +143,7 @@ def refuse_unknown_attribute(world: Any, name: str, instead: Mapping[str, str]) 
 
 
 def refuse_replaced_method(world: Any, name: str, methods: Mapping[str, Any]) -> None:
-    """Refuse to put another function in the place of an upstream method: no step of ours would call it.
+    """Refuse to replace an upstream method by another function, because our steps would not call it.
 
     Raises:
         WorldAttributeError: if the name is one of these methods.
@@ -146,6 +155,6 @@ def refuse_replaced_method(world: Any, name: str, methods: Mapping[str, Any]) ->
 
 
 def missing_name(world: Any, name: str, instead: Mapping[str, str]) -> WorldAttributeError:
-    """Return the error for a name that a world does not have, with what to use where upstream has one."""
+    """Return the error for an attribute that a world does not have; it names the replacement of upstream's."""
     advice = f"; {instead[name]}" if name in instead else ""
     return WorldAttributeError(f"{type(world).__name__!r} object has no attribute {name!r}{advice}")

@@ -1,6 +1,7 @@
-"""Values of worlds as MessagePack: arrays and NumPy scalars come back with their types, sequences as tuples.
+"""Encoding of the values of worlds as MessagePack.
 
-Tuples are the only sequence type of Gymnasium's spaces.
+Decoded arrays and NumPy scalars keep their types, and sequences become tuples, the only sequence type of Gymnasium's
+spaces.
 """
 
 import io
@@ -15,20 +16,20 @@ _SCALAR = 2
 
 
 def encode_value(value: Any) -> bytes:
-    """Encode an observation, or another value of numbers, text, arrays, and dicts, tuples and lists of them.
+    """Encode an observation, or another value made of numbers, text, arrays, and dicts, tuples and lists of them.
 
     Raises:
-        TypeError: if a part of it is of another type.
+        TypeError: if a part of the value is of another type.
         OverflowError: if an integer has more than 64 bits.
     """
     return msgspec.msgpack.encode(value, enc_hook=_encode_array)
 
 
 def decode_value(encoded: bytes) -> Any:
-    """Return what was encoded.
+    """Return the value that `encode_value` encoded.
 
     Raises:
-        Exception: whatever msgspec or NumPy say of bytes that `encode_value` did not make.
+        Exception: the error of msgspec or NumPy, if `encode_value` did not make the bytes.
     """
     return _with_tuples(msgspec.msgpack.decode(encoded, ext_hook=_decode_array))
 

@@ -1,6 +1,7 @@
-"""`get_attr`, `call` and `set_attr` of a batch: the names of its worlds that it answers to, as SyncVectorEnv does.
+"""`get_attr`, `call` and `set_attr` of a batch, as SyncVectorEnv offers them, for some attributes of its worlds.
 
-The rest is refused, as a batch keeps no environment for each world, or one whose other attributes it goes by.
+Other attributes are refused, because a batch either has no separate environment for each world, or does not use the
+other attributes of those it has.
 """
 
 import abc
@@ -12,7 +13,7 @@ from minihuman.worlds.upstream_names import WorldAttributeError
 
 
 class VectorNames(abc.ABC):
-    """Mixed into a batch of worlds."""
+    """Mixin that gives a batch of worlds `get_attr`, `call` and `set_attr`."""
 
     readable: ClassVar[frozenset[str]]  # attributes that `get_attr` gives
     methods: ClassVar[frozenset[str]]  # methods that `call` calls
@@ -21,33 +22,33 @@ class VectorNames(abc.ABC):
 
     @abc.abstractmethod
     def worlds_in_turn(self) -> Iterator[Any]:
-        """Give each world in turn; what is changed in it until the next is asked for is changed in the batch."""
+        """Yield each world in turn. A change made to it before the next one is requested changes the batch."""
 
     @abc.abstractmethod
     def save(self) -> Any:
-        """Return an exact, picklable copy of every world's state, random streams included."""
+        """Return an exact copy of every world's state, including its random stream. The copy can be pickled."""
 
     @abc.abstractmethod
     def restore(self, saved: Any) -> None:
-        """Go back to a saved state; the copy is not consumed and may be restored again."""
+        """Restore a saved state. The copy is not consumed and may be restored again."""
 
     def is_readable(self, name: str) -> bool:
-        """Return whether `get_attr` gives an attribute."""
+        """Return whether `get_attr` supports an attribute."""
         return name in self.readable
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Return an attribute of each world.
 
         Raises:
-            WorldAttributeError: if it is none of those that a batch gives.
+            WorldAttributeError: if the batch does not support reading this attribute.
         """
         return self.call(name)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of each world, with the same arguments, or return an attribute of each.
+        """Call a method of each world with the same arguments, or return an attribute of each world.
 
         Raises:
-            WorldAttributeError: if it is none of those that a batch calls or gives.
+            WorldAttributeError: if the batch does not support this method or attribute.
         """
         if name in self.methods:
             return tuple([getattr(world, name)(*args, **kwargs) for world in self.worlds_in_turn()])
@@ -56,11 +57,11 @@ class VectorNames(abc.ABC):
         return tuple([getattr(world, name) for world in self.worlds_in_turn()])
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every world, to one value for all, or to those of a list or tuple, one per world.
+        """Set an attribute of every world to one value for all, or to the values of a list or tuple, one per world.
 
         Raises:
-            WorldAttributeError: if it is none of those that a batch sets.
-            WorldError: if there is not one value per world, or a world refuses its own. No world is changed then.
+            WorldAttributeError: if the batch does not support setting this attribute.
+            WorldError: if there is not one value per world, or a world refuses its value. No world is changed then.
         """
         if name not in self.settable:
             raise self._unknown_name(name, self.settable)

@@ -59,7 +59,7 @@ def test_a_labs_exporter_keeps_them():
     [
         (elsewhere, "outside the folder it was given"),
         (miscounting, "4 episodes count, and it says that it wrote 5"),
-        (silent, "gave a NoneType, not a Written"),
+        (silent, "gave a NoneType, not an ExportResult"),
         (beside, r"wrote beside its folder: notes\.txt"),
         (meddling, "changed what is beside the logs"),
     ],

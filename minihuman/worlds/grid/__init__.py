@@ -1,1 +1,1 @@
-"""Grid worlds: state as plain arrays, rules and view as pure functions."""
+"""Grid worlds: their state is plain arrays, their rules and views are pure functions."""

@@ -1,8 +1,8 @@
-"""GridBatch: many worlds of one kind in one call, as a Gymnasium vector environment.
+"""GridBatch: many grid worlds of one family, stepped in one call, as a Gymnasium vector environment.
 
-Its states are a matrix, one row per world, stepped in one kernel. Each world of a batch is the world it would be alone:
-same layouts, draws, observations, rewards and ends. The rows are of int16 while all that they hold fits, so that more
-of them are in the nearest caches; what has no room there makes them int32, as a world alone has it.
+The states are the rows of a matrix, one per world, and one kernel steps them all. Each world of a batch behaves as it
+would alone: same layouts, random draws, observations, rewards and ends. The rows are int16 while all their values fit,
+so that more rows fit into the nearest caches; otherwise they are int32, as for a single world.
 """
 
 import os
@@ -77,14 +77,14 @@ Observation = dict[str, Any]  # image uint8[n, size, size, 3], direction int64[n
 
 
 class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]], GridBatchNames):
-    """A batch of ``num_envs`` worlds of a family, all alike but for their seeds.
+    """A batch of ``num_envs`` worlds of a family that are alike but for their seeds.
 
     Args:
-        family: One of ``env.FAMILIES``.
-        num_envs: How many worlds.
-        autoreset_mode: What happens after an episode's end, in Gymnasium's words: "NextStep", "SameStep" or "Disabled".
-        threads: How many step a share of the worlds each, of two thousand or more; None for one per core.
-        options: What `GridEnv` takes.
+        family: one of ``env.FAMILIES``.
+        num_envs: the number of worlds.
+        autoreset_mode: Gymnasium's name for the behaviour after an episode's end: "NextStep", "SameStep" or "Disabled".
+        threads: the maximum number of threads, each of which steps two thousand worlds or more; None for one per core.
+        options: the options of `GridEnv`.
     """
 
     def __init__(
@@ -124,12 +124,12 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
     @property
     def states(self) -> list[State]:
-        """Copy the state of each world, readable by name."""
+        """Return a copy of each world's state, with named fields."""
         return [State(row.astype(np.int32)) for row in self._rows]
 
     @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one per world too
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """Return each world's random stream as it is now, to look at; drawing from it draws nothing from the world."""
+        """Return a copy of each world's random generator. Drawing from it does not affect the world."""
         generators = tuple(np.random.default_rng(0) for _ in self._rng_states)
         for rng_state, generator in zip(self._rng_states, generators, strict=True):
             if rng_state.any():
@@ -138,17 +138,17 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """Return the seed each world was last given, or drew; -1 before its first reset."""
+        """Return the seed that each world was last given or drew; -1 before its first reset."""
         return tuple(self._seeds)
 
     def reset(
         self, *, seed: BatchSeeds = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Lay out new episodes, of all worlds or of those in ``options["reset_mask"]`` (bool[n]).
+        """Begin a new episode in all worlds, or in those selected by ``options["reset_mask"]`` (bool[n]).
 
-        World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without one it goes on drawing. ``options["mission"]``
-        is what is to be done in all of them, as in `GridEnv.reset`, in the episodes that autoreset begins too, until
-        they are reset without it.
+        World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without a seed its random stream continues. The option
+        ``"mission"`` sets the mission of all these worlds, as in `GridEnv.reset`. It also applies to episodes that
+        autoreset begins, until the worlds are reset without it.
         """
         seeds = seeds_per_world(seed, self.num_envs)
         mission = (options or {}).get("mission")
@@ -178,11 +178,11 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Act in every world.
+        """Take one action in every world.
 
         Raises:
-            WorldError: if the actions are not one number per world in range, before `reset`, and, where autoreset is
-                disabled, after an episode's end. No world has been changed then.
+            WorldError: if there is not one valid action per world, before `reset`, and, with autoreset disabled, after
+                an episode's end. No world is changed then.
         """
         action_array = np.asarray(actions)
         if action_array.shape != (self.num_envs,) or action_array.dtype.kind not in "iu":
@@ -215,7 +215,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         )
 
     def render(self) -> tuple[NDArray[np.uint8] | str | None, ...] | None:  # type: ignore[override]
-        """Render each world; None without a render mode."""
+        """Return the rendering of each world, or None without a render mode."""
         if self.render_mode is None:
             return None
         return self.call("render")
@@ -228,7 +228,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         return WorldError(f"action {int(actions[world])} does not exist in world {world}; actions are 0 to {count - 1}")
 
     def _step_together(self, *arguments: Any) -> int:
-        """Run `step_many`, in parts that threads take in turn."""
+        """Run `step_many` in several threads, each of which takes parts of the worlds in turn."""
         if (refusing := first_refusal(arguments[0], arguments[1], self._mode, 0, self.num_envs)) < 0:
             return refusing
         counts = np.zeros(-(-self.num_envs // PART), np.int64)
@@ -238,7 +238,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         return int(counts.sum())
 
     def _lay_out(self, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> None:
-        """Lay out new episodes of some worlds and observe them."""
+        """Lay out new episodes of the given worlds, and write their observations."""
         layout = self._layout
         space = self._world.mission_space
         missions = list(self._missions) if space.varies else []
@@ -293,14 +293,14 @@ def step_many(
     last: int,
     instructed: bool,
 ) -> int:
-    """Step the worlds from ``first`` to before ``last`` that are in an episode.
+    """Step the worlds from ``first`` to before ``last``.
 
-    Those that autoreset is to lay out anew are listed in ``over``, from ``first`` on. A world that is over when its
-    turn comes earns nothing in this step. Rows with ``instructed`` have room for an instruction.
+    The worlds that autoreset must lay out anew are written to ``over``, starting at ``first``. A world whose episode
+    has already ended is not stepped and earns nothing. With ``instructed``, the rows have space for an instruction.
 
     Returns:
-        How many worlds are over; or, when one refuses its action or is not to be stepped now, the complement
-        (~) of the first such world. Then none was stepped.
+        The number of worlds to lay out anew; or, if a world refuses its action or must not be stepped now, the
+            complement (~) of the index of the first such world. No world is stepped then.
     """
     count = first_refusal(rows, actions, mode, first, last)
     for start in range(first, last if count == 0 else first, TOGETHER):
@@ -358,9 +358,9 @@ def step_parts(
     instructed: bool,
     nth: int,
 ) -> None:
-    """Run `step_many` for parts of the worlds, taken in turn with other threads; ``counts`` is its result for each.
+    """Run `step_many` for parts of the worlds, sharing them with other threads; write its results to ``counts``.
 
-    A thread begins with its own share, the ``nth``: step after step, the same worlds are in its core's nearest caches.
+    A thread begins with its own share, number ``nth``, so that the same worlds stay in its core's nearest caches.
     """
     threads = len(counters) // APART - 1
     for turn in range(nth, nth + threads):
@@ -392,7 +392,7 @@ def step_parts(
 
 @inline
 def fetch(rows: RowMatrix, i: int) -> None:
-    """Prefetch what worlds further on will be asked for, where all of them are more than the nearest caches hold."""
+    """Prefetch the state of later worlds if the batch is too large for the nearest caches."""
     if len(rows) >= MANY:
         fetch_header(rows[min(i + 2 * LEAD, len(rows) - 1)])
         fetch_usual(rows[min(i + LEAD, len(rows) - 1)])
@@ -400,7 +400,7 @@ def fetch(rows: RowMatrix, i: int) -> None:
 
 @inline
 def fetch_instruction(rows: RowMatrix, i: int) -> None:
-    """Prefetch what judges a step of a world further on."""
+    """Prefetch the part of a later world's state that the verifier of its instruction reads."""
     if len(rows) >= MANY:
         soon = rows[min(i + LEAD, len(rows) - 1)]
         block = block_of(soon)
@@ -409,7 +409,7 @@ def fetch_instruction(rows: RowMatrix, i: int) -> None:
 
 @simd_function()
 def fetch_numbers(ops: Any, row: Row, first: Any, second: Any, third: Any) -> None:
-    """Prefetch three places of a row."""
+    """Prefetch three elements of a row."""
     for at in (first, second, third):
         ops.prefetch(row, at)
 
@@ -420,7 +420,10 @@ def fetch_numbers(ops: Any, row: Row, first: Any, second: Any, third: Any) -> No
     hold_gil=True,
 )
 def first_refusal(rows: RowMatrix, actions: NDArray[np.int64], mode: int, first: int, last: int) -> int:
-    """Return the complement (~) of the first world that refuses its action or may not be stepped now; 0 for none."""
+    """Return the complement (~) of the index of the first world that cannot be stepped, or 0 if there is none.
+
+    A world cannot be stepped if its action does not exist, or if it is not in an episode.
+    """
     for i in range(first, last):
         phase = rows[i, PHASE]
         ready = phase == PLAYING or (mode == NEXT_STEP and phase == OVER)
@@ -435,7 +438,10 @@ def first_refusal(rows: RowMatrix, actions: NDArray[np.int64], mode: int, first:
     hold_gil=True,
 )
 def begin(layout: Row, rows: RowMatrix, i: int, images: NDArray[np.uint8], directions: NDArray[np.int64]) -> bool:
-    """Start a world's episode as it was laid out, unless that failed, and observe it; False if it does not fit."""
+    """Begin the episode of a world from a laid-out row, unless the layout failed, and write its observation.
+
+    Return False, without beginning, if the row does not fit into the matrix of rows.
+    """
     if rows.itemsize < layout.itemsize and (layout[OBJECTS] > MOST_OBJECTS or layout[MAX_STEPS] > NARROW):
         return False
     row = rows[i]
@@ -458,7 +464,7 @@ def begin(layout: Row, rows: RowMatrix, i: int, images: NDArray[np.uint8], direc
 def observe_many(
     rows: RowMatrix, selected: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]
 ) -> None:
-    """Observe the worlds that are to be seen."""
+    """Write the observations of the selected worlds."""
     for i in range(len(rows)):
         if selected[i]:
             see(rows[i], images[i])

@@ -1,4 +1,4 @@
-"""What a batch of grid worlds answers about each of them: attributes, methods, settings; and its copies."""
+"""The attributes and methods of a batch's grid worlds that the batch supports, and copies of its state."""
 
 from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple
@@ -20,7 +20,7 @@ RowMatrix = NDArray[np.int16] | NDArray[np.int32]
 
 
 class GridBatchSnapshot(NamedTuple):
-    """An exact copy of a batch's worlds in mid-episode; made by ``save`` and read by ``restore`` only."""
+    """An exact copy of a batch's worlds in mid-episode. Only ``save`` makes it, and only ``restore`` reads it."""
 
     rows: RowMatrix
     rng_states: RngState
@@ -34,7 +34,7 @@ _SETTINGS = {"max_steps": MAX_STEPS, "see_through_walls": SEE_THROUGH}  # that a
 
 
 class GridBatchNames(VectorNames):
-    """Mixed into a batch of grid worlds; one environment stands for each world in turn."""
+    """Mixin for a batch of grid worlds, in which one environment represents each world in turn."""
 
     readable: ClassVar[frozenset[str]] = frozenset(
         {"action_names", "actions", "agent_dir", "agent_pos", "agent_view_size", "carrying", "dir_vec", "front_pos"}
@@ -59,7 +59,7 @@ class GridBatchNames(VectorNames):
     _settings: dict[int, NDArray[np.int32]]
 
     def worlds_in_turn(self) -> Iterator[GridEnv]:
-        """Give each world in turn, as one environment; what is changed in it is changed in the batch."""
+        """Yield each world in turn, as one environment. Changes made to it are written back to the batch."""
         for i in range(self.num_envs):
             self._world.restore(
                 GridSnapshot(self._rows[i].astype(np.int32), self._rng_states[i], self._missions[i], {})
@@ -68,17 +68,20 @@ class GridBatchNames(VectorNames):
             self._take_back(i)
 
     def save(self) -> GridBatchSnapshot:
-        """Copy every world exactly, in mid-episode; the copy may be pickled, and restored into a batch as large."""
+        """Return an exact copy of every world in mid-episode.
+
+        The copy can be pickled, and restored into a batch of the same size.
+        """
         settings = {field: numbers.copy() for field, numbers in self._settings.items()}
         return GridBatchSnapshot(
             self._rows.copy(), self._rng_states.copy(), self._missions, [*self._seeds], [*self._recipes], settings
         )
 
     def restore(self, saved: GridBatchSnapshot) -> None:
-        """Go back to a saved state; the copy is not consumed.
+        """Restore a saved state. The copy is not consumed.
 
         Raises:
-            WorldError: if it was saved by a batch of another size.
+            WorldError: if a batch of another size saved it.
         """
         if not isinstance(saved, GridBatchSnapshot) or saved.rows.shape != self._rows.shape:
             raise WorldError(f"this was not saved by a batch of {self.num_envs} such worlds; pass what save() returned")
@@ -90,13 +93,13 @@ class GridBatchNames(VectorNames):
         self._settings = {field: numbers.copy() for field, numbers in saved.settings.items()}
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every world, as `VectorNames.set_attr`; a setting counts in later episodes too."""
+        """Set an attribute of every world, as `VectorNames.set_attr` does. A setting also applies to later episodes."""
         super().set_attr(name, values)
         if name in _SETTINGS:
             self._settings[_SETTINGS[name]] = self._rows[:, _SETTINGS[name]].astype(np.int32)
 
     def _take_back(self, i: int) -> None:
-        """Write what the one environment holds now into the row of a world."""
+        """Write the state of the environment that represents a world back to the world's row."""
         saved = self._world.save()
         if self._rows.itemsize < saved.row.itemsize and (
             saved.row[OBJECTS] > MOST_OBJECTS or max(saved.row[MAX_STEPS], saved.row[STEP]) > NARROW

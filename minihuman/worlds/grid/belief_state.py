@@ -1,7 +1,7 @@
-"""Belief state: a grid as far as an agent has seen it, and where it would look next.
+"""Belief state: a grid as far as an agent has seen it, and where the agent would look next.
 
-What has not been seen is wall and holds nothing. Only the agent moves things, so what was seen once stays known; what
-boxes contain is not known. Never looks at more than the agent was shown.
+Cells that have not been seen are treated as walls that hold nothing. Only the agent moves objects, so cells that were
+seen once stay known; the contents of boxes are unknown. The code never uses more than the agent was shown.
 """
 
 import math
@@ -57,7 +57,7 @@ BACK = 0.4  # cells that the eye stands behind the middle of its own
 
 @device_function()
 def look_into(row: Row, image: NDArray[np.uint8], explored: SeenCells) -> int:
-    """Mark the cells that the image shows; how many of them are new."""
+    """Mark the cells that the image shows as explored; return how many of them are new."""
     size = image.shape[0]
     width = row[WIDTH]
     height = row[HEIGHT]
@@ -79,7 +79,10 @@ def look_into(row: Row, image: NDArray[np.uint8], explored: SeenCells) -> int:
 
 @device_function()
 def as_from_inside(image: NDArray[np.uint8]) -> None:
-    """Leave in an image what is seen from inside the grid: cells within the angle of view that nothing hides."""
+    """Remove from an image the cells that are not visible from inside the grid.
+
+    The cells that stay are within the angle of view, and nothing hides them.
+    """
     size = image.shape[0]
     half = size // 2
     for i in range(size):
@@ -114,9 +117,9 @@ def as_from_inside(image: NDArray[np.uint8]) -> None:
 
 @kernel("(int32[::1], uint8[:, :, ::1], boolean[::1], boolean)")
 def remember(row: Row, image: NDArray[np.uint8], explored: SeenCells, inside: bool) -> int:
-    """Add what the agent sees now to what it has seen; how many cells are new. ``image`` is filled.
+    """Mark the cells that the agent sees now as explored; return how many are new.
 
-    From ``inside`` it sees less than Minigrid's view shows.
+    ``image`` is filled with the agent's view. With ``inside``, the agent sees less than Minigrid's view shows.
     """
     see(row, image)
     if inside:
@@ -126,7 +129,7 @@ def remember(row: Row, image: NDArray[np.uint8], explored: SeenCells, inside: bo
 
 @kernel("(int32[::1], boolean[::1], int64)")
 def believe(row: Row, explored: SeenCells, hidden: int) -> Row:
-    """Return the state as far as it was seen; cells not seen hold the code ``hidden``."""
+    """Return the state as far as it was explored; the other cells hold the code ``hidden``."""
     known = row.copy()
     cells = row[WIDTH] * row[HEIGHT]
     for identity in range(1, row[OBJECTS] + 1):
@@ -142,7 +145,10 @@ def believe(row: Row, explored: SeenCells, hidden: int) -> Row:
 
 @device_function()
 def value_of_new_cells(row: Row, explored: SeenCells, image: NDArray[np.uint8], floor: float, wall: float) -> float:
-    """Sum up what the image shows for the first time: ``floor`` for a cell, ``wall`` where one is expected."""
+    """Return the total value of the cells that the image would show for the first time.
+
+    A cell is worth ``floor``, or ``wall`` if a wall is expected there.
+    """
     size = image.shape[0]
     width = row[WIDTH]
     height = row[HEIGHT]
@@ -171,10 +177,10 @@ def prospects(
     floor: float,
     wall: float,
 ) -> NDArray[np.float64]:
-    """Measure for each reachable pose how much would be seen for the first time, (width, height, 4).
+    """Return for each reachable pose the value of the cells that it would show for the first time, (width, height, 4).
 
-    What is not known hides nothing; a closed door ahead is opened first. After ``straight`` cells of wall in a line
-    the wall is expected to go on; with 0 none is. A cell counts ``floor``, and ``wall`` where one is expected.
+    Unknown cells hide nothing, and a closed door ahead is opened first. After ``straight`` cells of wall in a line, the
+    wall is expected to continue (0: never). A cell is worth ``floor``, or ``wall`` if a wall is expected there.
     """
     world = believe(row, explored, EMPTY)
     if straight > 0:
@@ -211,7 +217,7 @@ def prospects(
 
 @device_function()
 def expect_walls(row: Row, explored: SeenCells, straight: int) -> None:
-    """Put walls where they are expected and nothing was seen: around the grid, and where a line of them would go on."""
+    """Put walls where they are expected in unexplored cells: around the grid, and in line with known walls."""
     width = row[WIDTH]
     height = row[HEIGHT]
     for line in range(2 * (width + height)):  # each column and each line, there and back
@@ -239,9 +245,9 @@ def expect_walls(row: Row, explored: SeenCells, straight: int) -> None:
 
 @kernel("(int32[::1], int64)")
 def walk(row: Row, passing: int) -> NDArray[np.int32]:
-    """Count the actions from the agent's pose to every other, (width, height, 4), closed doors opened on the way.
+    """Return the number of actions from the agent's pose to every other, (width, height, 4).
 
-    Objects cost ``passing`` more actions to pass; with 0 they block.
+    Closed doors are opened on the way. Passing an object costs ``passing`` more actions; with 0, objects block the way.
     """
     width = np.int64(row[WIDTH])
     height = np.int64(row[HEIGHT])
@@ -315,18 +321,18 @@ Noise = Callable[[int], NDArray[np.float64]]  # for so many judgements
 
 @dataclass(frozen=True, slots=True)
 class FrontierWeights:
-    """The weights by which a place to look from is chosen.
+    """The weights by which the next pose to look from is chosen.
 
     Attributes:
-        worth: How many actions one more seen cell is worth.
-        enough: Up to how many cells; None: by the size of the grid.
-        share: Up to which share of the grid's cells.
-        beyond: Actions that each further cell is worth.
-        opening: Actions that opening a door costs.
-        straight: Cells of wall in a line after which the wall is expected to go on, and so it is around the grid; 0:
-            no wall is expected where none was seen.
-        floor: What a cell counts.
-        wall: What a cell counts where a wall is expected.
+        worth: the number of actions that one more seen cell is worth.
+        enough: the number of cells up to which ``worth`` applies; None for a number that depends on the grid's size.
+        share: the share of the grid's cells up to which ``worth`` applies.
+        beyond: the number of actions that each seen cell is worth without an upper limit.
+        opening: the number of actions that opening a door costs.
+        straight: the number of wall cells in a line after which the wall is expected to continue; walls are then also
+            expected around the grid. With 0, no wall is expected where none was seen.
+        floor: the value of a cell.
+        wall: the value of a cell in which a wall is expected.
     """
 
     worth: float
@@ -346,17 +352,17 @@ PEOPLE_WEIGHTS = FrontierWeights(0.3)
 
 
 def no_noise(count: int) -> NDArray[np.float64]:
-    """Add no noise: everything is judged as it is."""
+    """Return noise of 0 for each judgement."""
     return np.zeros(count)
 
 
 class ExploredGrid:
-    """What has been seen in one episode.
+    """The part of a grid that an agent has seen in one episode.
 
     Args:
-        row: The world's state at its beginning.
-        view_size: Cells on a side of the agent's view.
-        inside: The view is first-person, not from above.
+        row: the world's state at the beginning of the episode.
+        view_size: the number of cells on a side of the agent's view.
+        inside: whether the view is first-person instead of from above.
     """
 
     def __init__(self, row: Row, view_size: int = 7, *, inside: bool = False) -> None:
@@ -372,34 +378,34 @@ class ExploredGrid:
         self.look(row)
 
     def look(self, row: Row) -> int:
-        """Remember what is seen now; how many cells are new."""
+        """Remember the cells that are visible now; return how many are new."""
         return int(remember(row, self._image, self.seen, self._inside))
 
     def in_view(self, row: Row) -> NDArray[np.bool_]:
-        """Return the cells that are seen now, by cell."""
+        """Return which cells are visible now, bool[width * height]."""
         now = np.zeros_like(self.seen)
         remember(row, self._image, now, self._inside)
         return now
 
     def forget(self, chance: float, rng: np.random.Generator) -> None:
-        """Forget each cell with this chance; what is in view is remembered at the next look."""
+        """Forget each cell with probability ``chance``; visible cells are remembered again at the next look."""
         self.seen &= rng.random(len(self.seen)) >= chance
 
     def known(self, row: Row) -> Row:
-        """Return the state as far as it was seen; the rest is wall, and boxes hold nothing."""
+        """Return the state as far as it was seen; the other cells are walls, and boxes are empty."""
         known: Row = believe(row, self.seen, GREY_WALL)
         return known
 
     def frontier(
         self, known: Row, *, passing: int = 0, judgement: FrontierWeights = EXPERT_WEIGHTS, noise: Noise = no_noise
     ) -> tuple[list[int], list[int], float] | None:
-        """Plan how to see more: the actions, the cells on the path, its cost; None if nothing more can be seen.
+        """Plan how to see more; return the actions, the cells on the path and its cost, or None if no more can be seen.
 
         Args:
-            known: What `known` gave.
-            passing: What passing an object costs; 0: it blocks.
-            judgement: What seeing more is worth.
-            noise: How far off each judgement of a pose is, in actions.
+            known: the state that `known` returned.
+            passing: the cost of passing an object in actions; 0 if objects block the way.
+            judgement: the weights of seeing more.
+            noise: a function that returns the errors of so many judgements of poses, in actions.
         """
         steps = walk(known, passing)
         gains = prospects(
@@ -427,7 +433,7 @@ class ExploredGrid:
 
 
 def _faces_closed(state: State) -> NDArray[np.bool_]:
-    """Return the poses with a closed door ahead."""
+    """Return which poses face a closed door, bool[width, height, 4]."""
     closed = (state.kinds == DOOR) & (state.states == CLOSED)
     faces = np.zeros((*closed.shape, 4), bool)
     for direction, (dx, dy) in enumerate(STEPS):
@@ -440,7 +446,7 @@ def _faces_closed(state: State) -> NDArray[np.bool_]:
 def _path(
     known: Row, steps: NDArray[np.int32], pose: tuple[int, int, int], passing: int
 ) -> tuple[list[int], list[int]]:
-    """Return the actions to a pose and the cells entered, walked back from it."""
+    """Return the actions to a pose and the cells that they enter, traced back from the pose."""
     state = State(known)
     actions: list[int] = []
     way: list[int] = []

@@ -1,4 +1,4 @@
-"""Read a list of actions off a table of distances."""
+"""Reads a list of actions from a table of distances."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from minihuman.worlds.grid.core.cells import STEPS
 
 
 def descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[int]:
-    """Walk down the distances to where they are 0."""
+    """Return the actions from a pose to the nearest pose with distance 0."""
     actions = []
     while steps[x, y, direction] > 0:
         dx, dy = STEPS[direction]

@@ -1,7 +1,7 @@
-"""GridEngine: the Gymnasium environment that every grid world is.
+"""GridEngine: the Gymnasium environment that is the base of every grid world.
 
-Holds one row of state and its random stream; `core.rules` says what an action does, subclasses how an episode is laid
-out. Also the map of a state.
+It holds one row of state and its random stream. `core.rules` defines what an action does; subclasses lay out the
+episodes. The module also makes the map of a state.
 """
 
 import abc
@@ -48,7 +48,7 @@ set_attribute = object.__setattr__
 
 
 def floor_plan(state: State, palette: GridPalette = "classic", kinds: Sequence[ObjectKind] = ()) -> Map:
-    """Map a state: wall outlines, and every thing that lies in a cell now."""
+    """Return the map of a state: the outlines of walls, and every object that lies in a cell now."""
     lying = state.kinds
     walls = wall_outlines(lying == WALL)
     things = []
@@ -71,7 +71,7 @@ YAWS_RAD = (0.0, -np.pi / 2, np.pi, np.pi / 2)  # by direction
 
 
 class GridSnapshot(NamedTuple):
-    """An exact copy of a grid world in mid-episode, its random stream included."""
+    """An exact copy of a grid world in mid-episode, including its random stream."""
 
     row: Row
     rng_state: RngState
@@ -87,24 +87,28 @@ def _hashed(saved: GridSnapshot) -> int:
 
 
 class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld, abc.ABC):
-    """A grid world without a layout: `GridEnv` has those of the catalogue, `GridWorld` is for your own.
+    """A grid world without a layout.
+
+    `GridEnv` has the layouts of the catalogue; `GridWorld` is for layouts of your own.
 
     Args:
-        width: Columns, 3 or more, outer walls included.
-        height: Rows, likewise.
-        max_steps: Steps after which an episode is truncated; success earns ``1 - 0.9 * step / max_steps``.
-        mission: What to do, in words, or the space of all missions an episode may have.
-        see_through_walls: Walls hide nothing.
-        agent_view_size: Cells on a side of the agent's view, odd, 3 to 61.
-        actions: How many of the seven actions there are.
-        render_mode: What `render` gives: None, the whole world as `text` ("ansi"), nothing but a window that shows it
-            ("human"), or, for any other word as in Minigrid, the whole world as a picture ("rgb_array").
-        tile_size: Pixels on a side of a cell that `render` draws.
-        palette: The colours of pictures: "classic", "colour-safe" for colour-blind eyes, or "minigrid": Minigrid's
-            own tiles to the pixel, for participants too.
-        highlight: Make the cells lighter that the agent sees, in what `render` draws.
-        agent_pov: `render` draws what the agent sees instead of the whole world.
-        screen_size: Taken as Minigrid takes it; the window is as large as what `render` draws.
+        width: the number of columns, 3 or more, including the outer walls.
+        height: the number of rows, 3 or more, including the outer walls.
+        max_steps: the number of steps after which an episode is truncated; success earns ``1 - 0.9 * step /
+            max_steps``.
+        mission: the mission in words, or the space of all missions that an episode may have.
+        see_through_walls: whether the agent sees through walls.
+        agent_view_size: the number of cells on a side of the agent's view, odd, 3 to 61.
+        actions: how many of the seven actions the world has.
+        render_mode: what `render` returns: nothing (None), the whole world as text ("ansi"), nothing but a window that
+            shows the world ("human"), or, for any other word as in Minigrid, a picture of the whole world
+            ("rgb_array").
+        tile_size: the number of pixels on a side of a cell that `render` draws.
+        palette: the colours of pictures: "classic", "colour-safe" for colour-blind people, or "minigrid" for exactly
+            Minigrid's tiles, also in what participants see.
+        highlight: whether `render` lightens the cells that the agent sees.
+        agent_pov: whether `render` draws what the agent sees instead of the whole world.
+        screen_size: accepted as in Minigrid, but ignored: the window has the size of the picture that `render` draws.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
@@ -173,10 +177,10 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         clear(self._row)
 
     def _name_actions(self, actions: int) -> tuple[str, ...]:
-        """Return the grid's own names, and one with its number for each further action.
+        """Return the grid's action names, and a numbered name for each further action.
 
         Raises:
-            WorldError: if there are further actions, and no rules of its own that give them a meaning.
+            WorldError: if there are further actions, but the class has no rules of its own that define them.
         """
         if actions > len(ACTION_NAMES) and not self._has_own_rules():
             raise WorldError(
@@ -186,16 +190,16 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return (*ACTION_NAMES[:actions], *(f"action_{number}" for number in range(len(ACTION_NAMES), actions)))
 
     def _has_own_rules(self) -> bool:
-        """Return whether a step has rules that the grid does not know."""
+        """Return whether the class has rules for a step that the grid's kernels do not know."""
         return any(getattr(type(self), name) is not getattr(GridEngine, name) for name in ("step", "advance"))
 
     @abc.abstractmethod
     def _lay_out(self) -> None:
-        """Fill the cleared row, drawing from ``np_random``, and set the mission."""
+        """Fill the cleared row with a new episode, drawing from ``np_random``, and set the mission."""
 
     @property
     def state(self) -> State:
-        """Return the state, readable by name."""
+        """Return the state, with named fields."""
         return State(self._row)
 
     @property
@@ -209,7 +213,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
 
     @property
     def np_random(self) -> np.random.Generator:
-        """Return the world's random stream. Ask for it each time: a generator kept from before a step may be behind."""
+        """Return the world's random generator. Read it anew each time: one from before a step may be out of date."""
         generator = super().np_random
         if self._stream_is_ahead:
             write_rng_state(self._rng_state, generator)
@@ -222,7 +226,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         self._stream_is_held = self._stream_is_ahead = False
 
     def _stream(self) -> RngState:
-        """Return the random stream, for kernels to draw from."""
+        """Return the state of the random stream, from which kernels may draw."""
         if not self._stream_is_held:
             read_rng_state(self.np_random, self._rng_state)
         if not self._stream_is_ahead:  # asked first, as setting an attribute of a world of the catalogue is checked
@@ -230,7 +234,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return self._rng_state
 
     def _check_agent(self) -> None:
-        """Check that there is an agent, in the grid, looking somewhere."""
+        """Check that the layout placed an agent inside the grid, with a valid direction."""
         width, height, x, y, direction = self._row[: fields.DIRECTION + 1].tolist()  # the first numbers of every row
         if x < 0:
             raise WorldError(f"{self} placed no agent; place one in its layout")
@@ -241,7 +245,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
             )
 
     def _now(self) -> RngState:
-        """Return the random stream, to be read only."""
+        """Return the state of the random stream, for reading only."""
         if not self._stream_is_held:
             read_rng_state(self.np_random, self._rng_state)
             self._stream_is_held = True
@@ -250,7 +254,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Lay out a new episode: observation and an empty info."""
+        """Lay out a new episode; return the observation and an empty info."""
         if seed is not None:
             self._stream_is_held = self._stream_is_ahead = False
         super().reset(seed=seed)
@@ -273,7 +277,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return observation, {}
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
-        """Make a step without its observation: reward, terminated, truncated."""
+        """Make a step without computing the observation; return the reward, terminated and truncated."""
         try:
             number = index(action)
         except TypeError:
@@ -288,7 +292,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return reward, status & TERMINATED != 0, status & TRUNCATED != 0
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
+        """Take an action as Gymnasium defines it; raise a WorldError outside an episode and for an unknown action."""
         try:
             number = index(action)
         except TypeError:
@@ -307,7 +311,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return observation, reward, status & TERMINATED != 0, status & TRUNCATED != 0, {}
 
     def _number_of(self, action: Any) -> int:
-        """Return the number of an action that is no integer by its type, as `action_number` reads it."""
+        """Return the number of an action that is not an integer by its type, as `action_number` reads it."""
         number = action_number(action)
         if number is None:
             raise self._refusal(NO_SUCH_ACTION, action)
@@ -325,7 +329,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         )
 
     def _in_world(self) -> State:
-        """Return the state, once there is one to look at."""
+        """Return the state, or raise a WorldError before the first reset."""
         self._check_laid_out()
         return State(self._row)
 
@@ -334,7 +338,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
             raise WorldError(f"{self} has not been reset; call reset() first")
 
     def observation(self) -> dict[str, Any]:
-        """Return what the agent observes now."""
+        """Return the agent's current observation."""
         image = self.look(self.image_shape[0])
         return {"image": image, "direction": int(self._row[fields.DIRECTION]), "mission": self.mission}
 
@@ -346,7 +350,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return image
 
     def render(self) -> NDArray[np.uint8] | str | None:
-        """Draw the world from above, ``tile_size`` pixels a cell, or in characters; None without a render mode."""
+        """Return the world as a picture from above or as text, according to the render mode; None without one."""
         if self.render_mode is None:
             return None
         if self.render_mode == "ansi":
@@ -361,7 +365,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return self.frame(view=view, tile_px=self.tile_size, lit=self.highlight)
 
     def frame(self, *, view: View = "full", tile_px: int = 32, lit: bool = True) -> NDArray[np.uint8]:
-        """Draw a picture with tiles of this size: of the whole world, or of what the agent sees."""
+        """Draw a picture of the whole world, or of what the agent sees, with tiles of ``tile_px`` pixels."""
         return self._draw(view, tile_px, self.palette, lit=lit)
 
     def _draw(self, view: View, tile_px: int, palette: GridPalette, *, lit: bool = True) -> NDArray[np.uint8]:
@@ -393,40 +397,40 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return Pose(float(x), 0.0, float(y), YAWS_RAD[state.direction])
 
     def map(self) -> Map:
-        """Return the floor plan with doors, objects and goal where they are now."""
+        """Return the floor plan with doors, objects and goal at their current places."""
         return floor_plan(self._in_world(), self.palette, self.kinds)
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
-        """Return the clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
+        """Return the clauses of the episode's instruction, each with the step that completed it, or 0."""
         if self._row[fields.TASK] == INSTRUCTED:
             return clauses_done(self._row)
         return ()
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Plan actions to success, the fewest unless that takes too long to find; empty if there are none."""
+        """Return the actions to success, the fewest unless finding them takes too long; empty if there are none."""
         return shortest_path(self._in_world(), self._now()) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return the length of the shortest plan, twice, or a lower bound and the length of a longer plan."""
+        """Return the length of the shortest plan as both bounds, or a lower bound and the length of a longer plan."""
         return path_length_bounds(self._in_world(), self._now())
 
     def state_hash(self) -> int:
-        """Hash layout, agent, task, mission and random stream to a uint64."""
+        """Hash the layout, agent, task, mission, random stream and kept attributes to a uint64."""
         return _hashed(self._shared())
 
     def scene_hash(self) -> int:
-        """Return the same hash without the number of steps taken."""
+        """Return the hash of the state without the number of steps taken."""
         saved = self.save()
         saved.row[fields.STEP] = 0
         return _hashed(saved)
 
     def save(self) -> GridSnapshot:
-        """Copy the state exactly, in mid-episode."""
+        """Return an exact copy of the state in mid-episode."""
         row, rng_state, mission, attributes = self._shared()
         return GridSnapshot(row.copy(), rng_state.copy(), mission, deepcopy(attributes) if attributes else attributes)
 
     def _shared(self) -> GridSnapshot:
-        """Return what `save` copies."""
+        """Return the state that `save` copies, without copying it."""
         if self.kept:
             attributes = {name: getattr(self, name) for name in self.kept}
         else:
@@ -436,7 +440,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return GridSnapshot(self._row, self._now(), self.mission, attributes)
 
     def restore(self, saved: GridSnapshot) -> None:
-        """Go back to a saved state; it may be restored again, here or in another world of the same size."""
+        """Restore a saved state. It may be restored again, here or in another world of the same size."""
         if saved.row.shape != self._row.shape or not np.array_equal(saved.row[:2], self._row[:2]):
             raise WorldError(
                 f"the saved state is {saved.row[fields.WIDTH]} x {saved.row[fields.HEIGHT]} cells and {self} is "
@@ -455,12 +459,12 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Draw the largest picture with whole-numbered tiles that fits, uint8[H, W, 3]."""
+        """Draw the largest picture with whole-numbered tiles that fits the size, uint8[H, W, 3]."""
         tile_px, palette_ = self.tiles(view, size_px, palette)
         return self._draw(view, tile_px, palette_)
 
     def tiles(self, view: View, size_px: tuple[int, int], palette: Palette) -> tuple[int, GridPalette]:
-        """Return the size of the tiles that `picture` is drawn of, in pixels, and their palette."""
+        """Return the size in pixels and the palette of the tiles of which `picture` is made."""
         size = self.image_shape[0]
         columns, rows = (size, size) if view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
@@ -468,11 +472,11 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
 
     @property
     def is_compiled(self) -> bool:
-        """Return whether kernels alone step and draw it, on its row."""
+        """Return whether compiled kernels alone step and draw the world, on its row."""
         return self._is_plain(GridEngine)
 
     def _is_plain(self, base: type) -> bool:
-        """Return whether it steps, looks and is drawn as a base class is, and keeps nothing beside its row."""
+        """Return whether the world steps, observes and draws as a base class does, and keeps nothing beside its row."""
         return (
             not self.kept
             and not self.cell_marks
@@ -480,14 +484,14 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         )
 
     def is_kind(self, code: int, kind: ObjectKind) -> bool:
-        """Return whether a cell's code, or that of what is carried, is of a kind of this world's own."""
+        """Return whether a code, of a cell or of what the agent carries, is of one of the world's own kinds."""
         return (
             kind_of(int(code)) >= fields.FIRST_OWN_KIND
             and self.kinds[kind_of(int(code)) - fields.FIRST_OWN_KIND] == kind
         )
 
     def text(self) -> str:
-        """Draw a diagram of the grid in characters; see `layout`."""
+        """Return the grid as a diagram of characters; see `layout`."""
         return to_text(self._in_world(), self.kinds)
 
     def __str__(self) -> str:

@@ -1,7 +1,7 @@
-"""GridEnv: a world of the catalogue, laid out by the compiled layout of its family; and GridWorld: the class to
-subclass for a grid world of your own, which `docs/grid-worlds.md` writes in fifteen lines.
+"""GridEnv, the grid worlds of the catalogue, and GridWorld, the base class for a grid world of your own.
 
-Each family is a function from options, named as Minigrid names them, to a recipe.
+The compiled layout of a family lays out a `GridEnv`; each family is a function from options, named as Minigrid names
+them, to a recipe. `docs/grid-worlds.md` writes a `GridWorld` in fifteen lines.
 """
 
 import abc
@@ -46,7 +46,10 @@ _OWN_NAMES = frozenset({"width", "height", "goal_pos", "agent_pos", "mission", "
 
 
 def options_of(family: str | Callable[..., Recipe], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of a family's function, with its defaults, by name; for an obstacle, Minigrid's class."""
+    """Return the options of a family's function by name, with its defaults.
+
+    An obstacle type becomes Minigrid's class of that name, if Minigrid is imported.
+    """
     if not isinstance(family, str):
         return dict(options)
     if family.startswith("level:"):
@@ -69,10 +72,10 @@ class GridEnv(GridEngine):
     """A world of a family: ``GridEnv("four_rooms", max_steps=50)``.
 
     Args:
-        family: One of ``env.FAMILIES`` or of the levels, or a level of your own.
-        max_steps: Instead of the family's own.
-        see_through_walls: Instead of the family's own.
-        options: `GridEngine`'s settings, and what the family's function takes (``size=9``).
+        family: the name of one of ``env.FAMILIES`` or of a level, or a level of your own.
+        max_steps: the step limit; None for the family's own.
+        see_through_walls: whether the agent sees through walls; None for the family's own setting.
+        options: settings of `GridEngine`, and options of the family's function (``size=9``).
     """
 
     def __init__(
@@ -117,12 +120,13 @@ class GridEnv(GridEngine):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Lay out a new episode; in worlds with instructions ``options={"mission": ...}`` says what is to be done.
+        """Lay out a new episode; in worlds with instructions, ``options={"mission": ...}`` sets the mission.
 
-        Houses are drawn until one fits the mission: everything it names is there, as many as its articles say.
+        Layouts are drawn until one fits the mission: it has all objects that the mission names, as many as its articles
+        imply.
 
         Raises:
-            WorldError: if the mission is none of this world's, or no house fits it.
+            WorldError: if this world cannot have the mission, or no layout fits it.
         """
         mission = (options or {}).get("mission")
         episode_recipe = self.recipe if mission is None else self.recipe.about(mission)
@@ -166,20 +170,20 @@ define_names(GridEnv, sorted(_OPTION_NAMES), _read_option, over=(*_LEVEL_OPTIONS
 
 
 class GridEnvOnScreen(GridEnv):
-    """A world of a family that shows itself at every reset and step, as Minigrid's do: ``render_mode="human"``."""
+    """A world of a family with ``render_mode="human"``: it shows itself at every reset and step, as Minigrid's do."""
 
     metadata: dict[str, Any] = {**GridEnv.metadata, "render_modes": ["human", *GridEnv.metadata["render_modes"]]}  # noqa: RUF012  # Gymnasium's name and type
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Lay out a new episode and show it."""
+        """Lay out a new episode and show it in the window."""
         answer = super().reset(seed=seed, options=options)
         self.render()
         return answer
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Act, and show what became of it."""
+        """Take an action and show the new state in the window."""
         answer = super().step(action)
         self.render()
         return answer
@@ -189,9 +193,9 @@ class GridEnvOnScreen(GridEnv):
 
 
 class GridWorld(GridEngine, abc.ABC):
-    """A grid world laid out in plain Python; what an action does and what the agent sees is compiled.
+    """A grid world laid out in plain Python. Actions and the agent's view are compiled.
 
-    A subclass writes `layout`, and `reward_and_done` unless it is about goal, lava or a task of `rewards`.
+    A subclass writes `layout`, and also `reward_and_done` unless its task is a goal, lava or one of `rewards`.
     """
 
     own_steps: ClassVar[bool] = True  # of an instruction: judge each part by its own steps
@@ -200,7 +204,7 @@ class GridWorld(GridEngine, abc.ABC):
     _has_own_step_values: ClassVar[bool] = False  # a reward or an observation that kernels do not make
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Note whether the subclass has a reward and an observation of its own."""
+        """Record whether the subclass has a reward or an observation of its own."""
         super().__init_subclass__(**kwargs)
         cls._has_own_reward = cls.reward_and_done is not GridWorld.reward_and_done
         looks_otherwise = any(getattr(cls, name) is not getattr(GridEngine, name) for name in ("observation", "look"))
@@ -208,18 +212,19 @@ class GridWorld(GridEngine, abc.ABC):
 
     @abc.abstractmethod
     def layout(self, grid: Layout) -> None:
-        """Lay out an episode on an empty grid. It places the agent."""
+        """Lay out an episode on an empty grid. The method must place the agent."""
 
     def reward_and_done(self, action: int, reward: float, terminated: bool) -> tuple[float, bool]:
-        """Return reward and end of a step that was made, given what goal, lava and task say.
+        """Return the reward of a step that was made, and whether it ended the episode.
 
-        It may change the world (through ``self.state``); the observation is taken afterwards.
+        The arguments have what the goal, lava and the task imply. The method may change the world (through
+        ``self.state``); the observation is made afterwards.
         """
         return reward, terminated
 
     @property
     def is_compiled(self) -> bool:
-        """Return whether kernels alone step and draw it: not with a `reward_and_done` of its own."""
+        """Return whether compiled kernels alone step and draw the world; False with a `reward_and_done` of its own."""
         return not self._has_own_reward and self._is_plain(GridWorld)
 
     def _has_own_rules(self) -> bool:
@@ -235,14 +240,18 @@ class GridWorld(GridEngine, abc.ABC):
             self.mission = self.mission_space.of(self._row)
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
+        """Take an action; return the observation, reward, terminated, truncated and an empty info.
+
+        Raises:
+            WorldError: before `reset`, after an episode's end, and for an action that does not exist.
+        """
         if not self._has_own_step_values:
             return super().step(action)
         reward, terminated, truncated = self.advance(action)
         return self.observation(), reward, terminated, truncated, {}
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
-        """Make a step without its observation: reward, terminated, truncated."""
+        """Make a step without computing the observation; return the reward, terminated and truncated."""
         reward, terminated, truncated = super().advance(action)
         if self._has_own_reward:
             reward, terminated = self.reward_and_done(self._number_of(action), reward, terminated)

@@ -1,4 +1,4 @@
-"""The families of Minigrid's worlds: each is a function from options, named as Minigrid names them, to a recipe."""
+"""The families of Minigrid's worlds: functions from options, named as Minigrid names them, to recipes."""
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -23,7 +23,7 @@ OBSTACLES: Mapping[str, int] = MappingProxyType({"lava": RED_LAVA, "wall": GREY_
 
 
 def empty(*, size: int = 8, agent_start_pos: Place = (1, 1), agent_start_dir: int = 0) -> Recipe:
-    """Make the recipe of an empty room."""
+    """Return the recipe of an empty room."""
     check_whole("size", size, 3 if agent_start_pos else 4, MAX_CELLS)
     numbers = _start(agent_start_pos, agent_start_dir, size, size)
     return Recipe(single_rooms.empty, numbers, size, size, 4 * size**2, MissionSpace(TO_THE_GOAL), True)
@@ -32,7 +32,7 @@ def empty(*, size: int = 8, agent_start_pos: Place = (1, 1), agent_start_dir: in
 def dist_shift(
     *, width: int = 9, height: int = 7, agent_start_pos: Place = (1, 1), agent_start_dir: int = 0, strip2_row: int = 2
 ) -> Recipe:
-    """Make the recipe of two strips of lava."""
+    """Return the recipe of a room with two strips of lava."""
     check_whole("width", width, 3 if agent_start_pos else 5, MAX_CELLS)
     check_whole("height", height, 3 if agent_start_pos else 5, MAX_CELLS)
     numbers = (
@@ -44,7 +44,7 @@ def dist_shift(
 
 
 def lava_gap(*, size: int, obstacle_type: Obstacle = "lava") -> Recipe:
-    """Make the recipe of a wall of lava with a gap."""
+    """Return the recipe of a room with a wall of lava that has a gap."""
     check_whole("size", size, 5, MAX_CELLS)
     mission = MissionSpace(PAST_LAVA if obstacle_type == "lava" else THROUGH_OPENING)
     return Recipe(single_rooms.gap, (_obstacle(obstacle_type),), size, size, 4 * size**2, mission)
@@ -53,7 +53,7 @@ def lava_gap(*, size: int, obstacle_type: Obstacle = "lava") -> Recipe:
 def dynamic_obstacles(
     *, size: int = 8, agent_start_pos: Place = (1, 1), agent_start_dir: int = 0, n_obstacles: int = 4
 ) -> Recipe:
-    """Make the recipe of balls that move by themselves."""
+    """Return the recipe of a room with balls that move at random."""
     check_whole("size", size, 4, MAX_CELLS)
     check_whole("n_obstacles", n_obstacles, 0, MAX_CELLS)
     if n_obstacles <= size / 2 + 1:
@@ -66,7 +66,7 @@ def dynamic_obstacles(
 
 
 def crossing(*, size: int = 9, num_crossings: int = 1, obstacle_type: Obstacle = "lava") -> Recipe:
-    """Make the recipe of rivers of lava or walls, each with an opening."""
+    """Return the recipe of a room with rivers of lava or walls, each with an opening."""
     check_whole("size", size, 3, MAX_CELLS - 1, odd=True)
     check_whole("num_crossings", num_crossings, 0, MAX_CELLS)
     mission = MissionSpace(PAST_LAVA if obstacle_type == "lava" else THROUGH_OPENING)
@@ -75,27 +75,27 @@ def crossing(*, size: int = 9, num_crossings: int = 1, obstacle_type: Obstacle =
 
 
 def four_rooms(*, agent_pos: Place = None, goal_pos: Place = None) -> Recipe:
-    """Make the recipe of four rooms and a goal somewhere."""
+    """Return the recipe of four rooms, with the goal in one of them."""
     numbers = (*_place("agent_pos", agent_pos, 19, 19), *_place("goal_pos", goal_pos, 19, 19))
     return Recipe(rooms.four_rooms, numbers, 19, 19, 100, MissionSpace("reach the goal"))
 
 
 def door_key(*, size: int = 8) -> Recipe:
-    """Make the recipe of a locked door, its key on this side, the goal on the other."""
+    """Return the recipe of two rooms with a locked door between them, the key on this side and the goal beyond."""
     check_whole("size", size, 5, MAX_CELLS)
     mission = MissionSpace("use the key to open the door and then get to the goal")
     return Recipe(rooms.door_key, (), size, size, 10 * size**2, mission)
 
 
 def red_blue_doors(*, size: int = 8) -> Recipe:
-    """Make the recipe of a red door to open first, and a blue one."""
+    """Return the recipe of a room with a red door to open first and a blue door to open next."""
     check_whole("size", size, 3, MAX_CELLS // 2)
     mission = MissionSpace("open the red door then the blue door")
     return Recipe(rooms.red_blue_doors, (), 2 * size, size, 20 * size**2, mission)
 
 
 def locked_room(*, size: int = 19) -> Recipe:
-    """Make the recipe of six rooms, one locked, its key in another."""
+    """Return the recipe of six rooms, one of which is locked, with its key in another room."""
     check_whole("size", size, 10, MAX_CELLS)
     template = "get the {} key from the {} room, unlock the {} door and go to the goal"
     mission = MissionSpace(template, COLOUR_WORDS, COLOUR_WORDS, COLOUR_WORDS)
@@ -103,14 +103,14 @@ def locked_room(*, size: int = 19) -> Recipe:
 
 
 def playground() -> Recipe:
-    """Make the recipe of nine rooms, twelve objects, no task."""
+    """Return the recipe of nine rooms with twelve objects and no task."""
     return Recipe(rooms.playground, (), 19, 19, 100, MissionSpace(""))
 
 
 def multi_room(
     *, minNumRooms: int, maxNumRooms: int, maxRoomSize: int = 10, width: int = 25, height: int = 25
 ) -> Recipe:
-    """Make the recipe of a chain of rooms with closed doors between them."""
+    """Return the recipe of a chain of rooms with closed doors between them."""
     check_whole("width", width, 6, MAX_CELLS)
     check_whole("height", height, 6, MAX_CELLS)
     check_whole("minNumRooms", minNumRooms, 1, MOST_ROOMS)
@@ -121,7 +121,7 @@ def multi_room(
 
 
 def fetch(*, size: int = 8, numObjs: int = 3) -> Recipe:
-    """Make the recipe of keys and balls, one to fetch."""
+    """Return the recipe of a room with keys and balls, one of which is to be fetched."""
     _objects(numObjs, 1, 100, size)
     verbs = ("get a", "go get a", "fetch a", "go fetch a", "you must fetch a")
     mission = MissionSpace("{} {} {}", verbs, COLOUR_WORDS, kind_words(KEY, BALL))
@@ -129,14 +129,14 @@ def fetch(*, size: int = 8, numObjs: int = 3) -> Recipe:
 
 
 def go_to_object(*, size: int = 6, numObjs: int = 2) -> Recipe:
-    """Make the recipe of objects, one to go to."""
+    """Return the recipe of a room with objects, one of which is to be reached."""
     _objects(numObjs, 1, DIFFERENT, size)
     mission = MissionSpace("go to the {} {}", COLOUR_WORDS, kind_words(KEY, BALL, BOX))
     return Recipe(single_rooms.go_to_object, (numObjs,), size, size, 5 * size**2, mission, True)
 
 
 def put_near(*, size: int = 6, numObjs: int = 2) -> Recipe:
-    """Make the recipe of objects, one to put near another."""
+    """Return the recipe of a room with objects, one of which is to be put near another."""
     _objects(numObjs, 2, DIFFERENT, size)
     if 9 * (numObjs - 1) >= (size - 2) ** 2:
         raise WorldError(
@@ -148,38 +148,38 @@ def put_near(*, size: int = 6, numObjs: int = 2) -> Recipe:
 
 
 def go_to_door(*, size: int = 5) -> Recipe:
-    """Make the recipe of four doors, one to go to."""
+    """Return the recipe of a room with four doors, one of which is to be reached."""
     check_whole("size", size, 5, MAX_CELLS)
     mission = MissionSpace("go to the {} door", COLOUR_WORDS)
     return Recipe(single_rooms.go_to_door, (), size, size, 4 * size**2, mission, True)
 
 
 def memory(*, size: int = 8, random_length: bool = False) -> Recipe:
-    """Make the recipe of a corridor between an object and its match."""
+    """Return the recipe of a corridor that leads from an object to a choice between its match and another object."""
     check_whole("size", size, 7 if check_bool("random_length", random_length) else 5, MAX_CELLS - 1, odd=True)
     mission = MissionSpace("go to the matching object at the end of the hallway")
     return Recipe(single_rooms.memory, (int(random_length),), size, size, 5 * size**2, mission)
 
 
 def unlock() -> Recipe:
-    """Make the recipe of a locked door to open."""
+    """Return the recipe of two rooms with a locked door that is to be opened."""
     return Recipe(room_grid.unlock, (), 11, 6, 288, MissionSpace("open the door"), room_size=room_grid.SIZE)
 
 
 def unlock_pickup() -> Recipe:
-    """Make the recipe of a box behind a locked door."""
+    """Return the recipe of a box behind a locked door."""
     mission = MissionSpace("pick up the {} box", COLOUR_WORDS)
     return Recipe(room_grid.unlock_pickup, (0,), 11, 6, 288, mission, room_size=room_grid.SIZE)
 
 
 def blocked_unlock_pickup() -> Recipe:
-    """Make the recipe of a box behind a locked door behind a ball."""
+    """Return the recipe of a box behind a locked door that a ball blocks."""
     mission = MissionSpace("pick up the {} {}", COLOUR_WORDS, kind_words(BOX, KEY))
     return Recipe(room_grid.unlock_pickup, (1,), 11, 6, 576, mission, room_size=room_grid.SIZE)
 
 
 def key_corridor(*, num_rows: int = 3, obj_type: Literal["key", "ball", "box"] = "ball", room_size: int = 6) -> Recipe:
-    """Make the recipe of an object behind a locked door off a corridor."""
+    """Return the recipe of an object behind a locked door off a corridor."""
     kind = KINDS.index(check_one_of("obj_type", obj_type, ("key", "ball", "box")))
     check_whole("room_size", room_size, 3, MAX_CELLS // 3)
     check_whole("num_rows", num_rows, 1, min(100, (MAX_CELLS - 1) // (room_size - 1)))
@@ -191,7 +191,7 @@ def key_corridor(*, num_rows: int = 3, obj_type: Literal["key", "ball", "box"] =
 
 
 def obstructed_pair(*, key_in_box: bool = True, blocked: bool = True) -> Recipe:
-    """Make the recipe of a blue ball behind one locked door."""
+    """Return the recipe of a blue ball behind one locked door."""
     numbers = (int(check_bool("key_in_box", key_in_box)), int(check_bool("blocked", blocked)))
     return Recipe(
         room_grid.obstructed_pair, numbers, 11, 6, 288, MissionSpace("pick up the blue ball"), room_size=room_grid.SIZE
@@ -207,7 +207,7 @@ def obstructed_maze(
     num_rooms_visited: int = 25,
     keys_last: bool = False,
 ) -> Recipe:
-    """Make the recipe of a blue ball in a corner of nine rooms."""
+    """Return the recipe of nine rooms with a blue ball in a corner."""
     column, line = check_pair("agent_room", agent_room, 0, 2)
     check_whole("num_quarters", num_quarters, 1, 4)
     check_whole("num_rooms_visited", num_rooms_visited, 1, 1_000_000)
@@ -232,7 +232,7 @@ def recipe(family: str, **options: Any) -> Recipe:
     """Return the recipe of a family's world.
 
     Raises:
-        WorldError: if there is no such family, or it takes no such option.
+        WorldError: if there is no such family, or it does not take one of the options.
     """
     if family.startswith("level:"):
         from minihuman.worlds.grid.babyai.levels import LEVELS  # compiled: only where a level is made
@@ -248,7 +248,7 @@ def recipe(family: str, **options: Any) -> Recipe:
 
 
 def _place(name: str, place: Place, width: int, height: int, *, wall: int = 0) -> tuple[int, int]:
-    """Check a cell's coordinates, none of which may be negative."""
+    """Check the coordinates of a cell, and return them; return (-1, -1) for a cell that is drawn."""
     if place is None:
         return (-1, -1)
     return check_cell(name, place, width, height, wall=wall)
@@ -260,7 +260,7 @@ def _start(place: Place, direction: int, width: int, height: int) -> tuple[int, 
 
 
 def _objects(count: int, fewest: int, most: int, size: int) -> None:
-    """Check that so many objects fit into a room, and the agent too."""
+    """Check that ``count`` objects and the agent fit into a room."""
     check_whole("size", size, 4, MAX_CELLS)
     check_whole("numObjs", count, fewest, max(fewest, min(most, (size - 2) ** 2 - 1)))
 

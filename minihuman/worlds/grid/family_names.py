@@ -1,6 +1,6 @@
-"""Names of Minigrid's that only some of its classes have: what a world's task, rooms and options are about.
+"""Attributes that only some of Minigrid's classes have, which describe a world's task, rooms and options.
 
-Also what to use instead of names that have no meaning here.
+The module also says what to use instead of attributes that have no meaning here.
 """
 
 from collections.abc import Callable, Mapping
@@ -104,7 +104,7 @@ def _word_before_last(world: Any) -> str:
 
 def _update_positions(world: Any) -> Callable[..., None]:
     def update_objs_poss(instr: InstructionView | None = None) -> None:
-        """Do nothing: positions of an instruction's things are up to date whenever they are read."""
+        """Do nothing, because the positions of an instruction's objects are always up to date."""
 
     return update_objs_poss
 
@@ -125,7 +125,7 @@ def _mission(world: Any) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _TaskName:
-    """A name that worlds with some tasks have."""
+    """An attribute that worlds with certain tasks have, and the function that reads it."""
 
     tasks: tuple[int, ...]
     read: Callable[[Any], Any]
@@ -180,10 +180,10 @@ FAMILY_NAMES = frozenset({*_TASK_NAMES, *_ROOM_NAMES, *INSTEAD})
 
 
 def read_family_name(world: Any, name: str) -> Any:
-    """Return what Minigrid's class of this world has under a name.
+    """Return the value of an attribute that Minigrid's class of this world has.
 
     Raises:
-        WorldAttributeError: if it has none; the message says what to use.
+        WorldAttributeError: if the class has no such attribute; the message says what to use instead.
     """
     attributes = vars(world)
     if name in _TASK_NAMES and "_row" in attributes:

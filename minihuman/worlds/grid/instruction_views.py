@@ -1,6 +1,6 @@
-"""A BabyAI instruction as Minigrid's instruction objects look: `instrs`, which Minigrid's bot reads.
+"""A BabyAI instruction in the form of Minigrid's instruction objects: `instrs`, which Minigrid's bot reads.
 
-Where Minigrid's verifier is imported, each view is an instance of its class: ``isinstance(env.instrs, GoToInstr)``.
+If Minigrid's verifier is imported, each view is an instance of its class: ``isinstance(env.instrs, GoToInstr)``.
 """
 
 import builtins
@@ -27,7 +27,10 @@ _INSTEAD = {
 
 
 class _View:
-    """Base of the views: an instance of the class of Minigrid's verifier of the same name, where that is imported."""
+    """Base class of the views.
+
+    A view is an instance of the verifier class of the same name if Minigrid's is imported.
+    """
 
     _class_name = ""
 
@@ -44,7 +47,7 @@ class _View:
 
 
 class DescriptionView(_View):
-    """A description of things: ``type``, ``color``, ``loc``, the things that fit it, and where they lie."""
+    """A description of objects: ``type``, ``color``, ``loc``, the objects that match it, and their positions."""
 
     _class_name = "ObjDesc"
 
@@ -59,7 +62,10 @@ class DescriptionView(_View):
 
     @property
     def obj_poss(self) -> list[Place]:
-        """Return where the things lie, column by column, as they were last put down; what is carried stays listed."""
+        """Return the positions of the objects, column by column, where they were last put down.
+
+        An object that the agent carries stays listed at its last position.
+        """
         now = [thing.cur_pos for thing in self.obj_set]
         if any(place is not None and place != noted for place, noted in zip(now, self._noted, strict=True)):
             self._noted = now
@@ -67,11 +73,11 @@ class DescriptionView(_View):
         return self._places
 
     def find_matching_objs(self, env: Any, use_location: bool = True) -> tuple[list[ObjectView], list[Place]]:
-        """Return the things that fitted when the episode began, and where they lie."""
+        """Return the objects that matched the description when the episode began, and their positions."""
         return self.obj_set, self.obj_poss
 
     def surface(self, env: Any) -> str:
-        """Return the description in words."""
+        """Return the description as text."""
         return self._sentence
 
     def __repr__(self) -> str:
@@ -79,7 +85,7 @@ class DescriptionView(_View):
 
 
 class InstructionView(_View):
-    """A clause with ``desc`` (of putting: ``desc_move``, ``desc_fixed``), or two with ``instr_a`` and ``instr_b``."""
+    """A clause with ``desc`` (or ``desc_move`` and ``desc_fixed``), or two clauses, ``instr_a`` and ``instr_b``."""
 
     def __init__(self, class_name: str, sentence: str, attributes: dict[str, Any]) -> None:
         self._class_name = class_name
@@ -87,12 +93,12 @@ class InstructionView(_View):
         vars(self).update(attributes)
 
     def surface(self, env: Any) -> str:
-        """Return the instruction in words."""
+        """Return the instruction as text."""
         return self._sentence
 
 
 def view_instruction(views: ObjectViews) -> InstructionView:
-    """Return the view of an episode's instruction, the same each time it is asked for."""
+    """Return the view of an episode's instruction, the same view on each call."""
     if views.instructions is None:
         row = views.state.row
         views.instructions = _view(instruction_of(row), _Things(views, described_objects(row).copy()))
@@ -101,7 +107,7 @@ def view_instruction(views: ObjectViews) -> InstructionView:
 
 
 class _Things:
-    """Which things each description of an instruction means, description after description."""
+    """The objects that match each description of an instruction, read clause after clause."""
 
     def __init__(self, views: ObjectViews, bits: Any) -> None:
         self._views = views
@@ -109,7 +115,7 @@ class _Things:
         self._clauses = 0
 
     def clause(self, clause: Clause) -> tuple[list[ObjectView], list[ObjectView]]:
-        """Return the things of the next clause, and those it is put next to."""
+        """Return the objects of the next clause, and the objects next to which they are put."""
         number = 2 * self._clauses
         self._clauses += 1
         return self._meant(number), self._meant(number + 1)

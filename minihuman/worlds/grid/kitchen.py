@@ -1,9 +1,9 @@
-"""Kitchen: cooks put onions and tomatoes into pots and bring soups to the hatch, as in Overcooked-AI.
+"""Kitchen: cooks put onions and tomatoes into pots and bring soups to the serving hatch, as in Overcooked-AI.
 
-`core.kitchen_rules` has the dynamics. `KITCHENS` are Overcooked-AI's layouts as facts, with their orders and what each
-recipe earns and takes: one letter a cell, rows divided by slashes (X counter, P pot, O onions, T tomatoes, D dishes,
-S serving hatch, a space the floor, a digit where that cook begins). Orders are recipes as letters: "oot" is two onions
-and a tomato. `KitchenBatch` steps many at once.
+The dynamics are in `core.kitchen_rules`. `KITCHENS` has Overcooked-AI's layouts, with their orders and the value and
+cooking time of each recipe. A plan has one letter per cell and slashes between rows: X counter, P pot, O onions,
+T tomatoes, D dishes, S serving hatch, a space for the floor, a digit where that cook begins. Orders are recipes as
+letters: "oot" is two onions and a tomato. `KitchenBatch` steps many kitchens at once.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,15 +37,16 @@ RECIPES = ("o", "t", "oo", "ot", "tt", "ooo", "oot", "ott", "ttt")
 
 @dataclass(frozen=True, slots=True)
 class KitchenLayout:
-    """A kitchen's floor plan and orders.
+    """The floor plan and the orders of a kitchen.
 
     Args:
-        plan: The cells, row by row.
-        orders: Recipes that earn something; every recipe if there are none.
-        bonus: Those that earn twice as much.
-        values: What each order earns, in the order of ``orders``; empty for 20 each.
-        times: Steps that each order cooks, likewise; other recipes cook 20 steps.
-        per_ingredient: Instead of both: values of an onion and a tomato, times of an onion and a tomato.
+        plan: the cells, row by row.
+        orders: the recipes that earn a reward; if there are none, every recipe does.
+        bonus: the recipes that earn twice as much.
+        values: the reward of each order, in the sequence of ``orders``; empty for 20 each.
+        times: the cooking time of each order in steps, in the sequence of ``orders``; other recipes cook 20 steps.
+        per_ingredient: the reward of an onion and of a tomato, and the cooking time of an onion and of a tomato; used
+            in place of ``values`` and ``times``.
     """
 
     plan: str
@@ -56,7 +57,7 @@ class KitchenLayout:
     per_ingredient: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def __post_init__(self) -> None:
-        """Refuse a plan that is no kitchen."""
+        """Check that the plan is a valid kitchen."""
         rows = self.plan.split("/")
         cooks = sorted(letter for letter in self.plan if letter.isdigit())
         if cooks != [str(number) for number in range(1, len(cooks) + 1)] or not 1 <= len(cooks) <= 8:
@@ -71,11 +72,11 @@ class KitchenLayout:
 
     @property
     def cooks(self) -> int:
-        """Return how many cooks work in it."""
+        """Return the number of cooks."""
         return sum(map(str.isdigit, self.plan))
 
     def value(self, recipe: str) -> int:
-        """Return what delivering a soup earns, bonus included."""
+        """Return the reward for delivering a soup, including the bonus."""
         if self.orders and recipe not in self.orders:
             return 0
         onion, tomato, _, _ = self.per_ingredient
@@ -83,7 +84,7 @@ class KitchenLayout:
         return (self.values[self.orders.index(recipe)] if self.values else value) * (1 + (recipe in self.bonus))
 
     def time(self, recipe: str) -> int:
-        """Return how many steps a soup cooks."""
+        """Return the cooking time of a soup in steps."""
         _, _, onion, tomato = self.per_ingredient
         if self.times and recipe in self.orders:
             return self.times[self.orders.index(recipe)]
@@ -217,9 +218,9 @@ DRAWN = "drawn"  # the layout that is drawn from an episode's seed
 
 
 def draw_layout(seed: int) -> KitchenLayout:
-    """Draw a kitchen of two rooms with counters between them, in which a soup takes both cooks.
+    """Draw a kitchen of two rooms with counters between them, in which a soup requires both cooks.
 
-    One room has the onions and the plates, the other the pot and the hatch; only the counters are in reach of both.
+    One room has the onions and the plates, the other the pot and the hatch; both cooks reach only the counters.
     """
     *draws, swapped, mirrored = np.random.SeedSequence(seed).generate_state(8).tolist()
     rows = [[*"XXXXXXX"], *([*"X  X  X"] for _ in range(4)), [*"XXXXXXX"]]
@@ -241,22 +242,22 @@ SOUP_2019 = 5  # what a soup earned in the recordings of 2019
 
 
 class Kitchen(TeamWorld):
-    """A kitchen of Overcooked-AI, its dynamics to the number.
+    """A kitchen of Overcooked-AI with exactly its dynamics.
 
-    All cooks earn what a delivery earns. After a step that earned something, ``info`` has each cook's part and
-    Overcooked-AI's shaping rewards, by cook: ``{"delivered": (20.0, 0.0), "shaping": (0.0, 3.0)}``.
+    All cooks earn the reward of a delivery. After a step that earned something, ``info`` has each cook's contribution
+    and Overcooked-AI's shaping rewards, by cook: ``{"delivered": (20.0, 0.0), "shaping": (0.0, 3.0)}``.
 
     Args:
-        layout: A name of `KITCHENS`, a floor plan in its letters ("XXPXX/O  2O/X1  X/XDXSX"), or a
-            `KitchenLayout`; "drawn": another one from each seed, by `draw_layout`.
-        rules: "1.1.0": as that version; "2019": as its human data were recorded.
-        max_steps: Joint steps of an episode.
-        ends_at_soup: The first soup that earns something ends the episode, as a success.
+        layout: a name in `KITCHENS`, a floor plan in the same letters ("XXPXX/O  2O/X1  X/XDXSX"), or a
+            `KitchenLayout`; or "drawn" for a new layout from each seed, by `draw_layout`.
+        rules: "1.1.0" for the rules of that version, "2019" for those under which its human data were recorded.
+        max_steps: the number of joint steps in an episode.
+        ends_at_soup: whether the first soup that earns a reward ends the episode as a success.
 
     Attributes:
-        layout: Floor plan and orders.
-        rules: As given.
-        row: The state, int32; `core.kitchen_rules` names its numbers.
+        layout: the floor plan and the orders.
+        rules: the rules.
+        row: the state, int32; `core.kitchen_rules` names its fields.
     """
 
     action_names = ("up", "down", "right", "left", "stay", "interact")
@@ -297,7 +298,7 @@ class Kitchen(TeamWorld):
         self._nothing = TeamStep((0.0,) * self.bodies, False, False)
 
     def reset(self, seed: int | None = None) -> None:
-        """Begin a new episode. Only a drawn layout depends on the seed."""
+        """Begin a new episode. The seed only affects a drawn layout."""
         if self._draws_layout:
             self.layout = draw_layout(self.choose_seed(seed))
             self._start = _start_row(self.layout, self.rules == "2019", self.max_steps)
@@ -305,7 +306,7 @@ class Kitchen(TeamWorld):
         observe(self.row, self._flat_images)
 
     def step(self, actions: Sequence[int]) -> TeamStep:
-        """Make one joint step."""
+        """Make one joint step, with one action per cook."""
         if len(actions) != self.bodies:
             self.check_actions(actions)
         own = self._actions
@@ -332,11 +333,11 @@ class Kitchen(TeamWorld):
         return TeamStep((sum(delivered),) * cooks, served, ended and not served, info)
 
     def observation(self, body: int) -> NDArray[np.uint8]:
-        """Return the whole kitchen in layers, the observer's own first: uint8[width, height, 5 * cooks + 16]."""
+        """Return the whole kitchen in layers, the observing cook's own first: uint8[width, height, 5 * cooks + 16]."""
         return self._images[body].copy()
 
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
-        """Return the kitchen from above, the same for all cooks but for the ring around one's own."""
+        """Draw the kitchen from above, the same for all cooks except for the ring around the observing cook."""
         return self.picture_tiles(body, width, height, palette=palette).join()
 
     def picture_tiles(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> PictureTiles:
@@ -353,7 +354,7 @@ class Kitchen(TeamWorld):
         return Pose(float(x), 0.0, float(y), YAWS_RAD[direction])
 
     def map(self) -> Map:
-        """Return the floor plan: where cooks cannot stand, and every station by name."""
+        """Return the floor plan: the cells where cooks cannot stand, and every station by name."""
         width, height = self.row[:2].tolist()
         terrain = self.row[fields.COOK + 4 * self.bodies :][: width * height].reshape(width, height)
         things = tuple(
@@ -364,29 +365,29 @@ class Kitchen(TeamWorld):
         return Map("cell", bounds, wall_outlines(terrain != fields.FLOOR), things)
 
     def state_hash(self) -> int:
-        """Return a uint64 over the kitchen, its orders, cooks and everything that lies in it."""
+        """Return a uint64 hash of the kitchen, its orders, its cooks and all objects in it."""
         return hash64(["kitchen", self.row])
 
     def scene_hash(self) -> int:
-        """Return the same without the number of steps taken."""
+        """Return the hash of the state without the number of steps taken."""
         return hash64(["kitchen", self.row[: fields.STEP], self.row[fields.STEP + 1 :]])
 
     def save(self) -> Row:
-        """Copy the row."""
+        """Return a copy of the state."""
         return self.row.copy()
 
     def restore(self, saved: Row) -> None:
-        """Go back to a saved state of a kitchen of the same size."""
+        """Restore a saved state of a kitchen of the same size."""
         if saved.shape != self.row.shape or not np.array_equal(saved[:3], self.row[:3]):
             raise WorldError("the saved state is from another kitchen; restore it into one with the same layout")
         self.row[:] = saved
         observe(self.row, self._flat_images)
 
     def batch(self, num_worlds: int) -> "KitchenBatch":
-        """Make a batch of so many kitchens like this one, stepped by one call.
+        """Return a batch of ``num_worlds`` kitchens like this one, which one call steps.
 
         Raises:
-            WorldError: if they would not all begin alike and end by their time.
+            WorldError: if layouts are drawn, or the first soup ends an episode.
         """
         if self._draws_layout or self._ends_at_soup:
             raise WorldError('kitchens with layout="drawn" or ends_at_soup=True have no batch; step each by itself')
@@ -394,11 +395,13 @@ class Kitchen(TeamWorld):
 
 
 class KitchenBatch(TeamBatch):
-    """Many kitchens like one; after a step, `shaping` has Overcooked-AI's shaping rewards, float64[worlds, cooks].
+    """A batch of kitchens that are alike.
+
+    After a step, the attribute `shaping` has Overcooked-AI's shaping rewards, float64[worlds, cooks].
 
     Args:
-        world: The kitchen.
-        num_worlds: How many.
+        world: the kitchen that is copied.
+        num_worlds: the number of kitchens in the batch.
     """
 
     def __init__(self, world: Kitchen, num_worlds: int) -> None:
@@ -409,14 +412,14 @@ class KitchenBatch(TeamBatch):
         self._images = self.observations.reshape(num_worlds, world.bodies, -1)
 
     def reset(self, seed: int) -> NDArray[np.uint8]:
-        """Begin all episodes; what all bodies observe."""
+        """Begin an episode in every kitchen; return the observations of all cooks."""
         self.rows[:] = self._start
         for row, images in zip(self.rows, self._images, strict=True):
             observe(row, images)
         return self.observations
 
     def step(self, actions: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.bool_]]:
-        """Make one joint step in each kitchen; an end is followed by the next episode's beginning."""
+        """Make one joint step in each kitchen. When an episode ends, the next one begins in the same step."""
         self.check_actions(actions)
         refused = step_kitchens(self.rows, self._start, actions, self._outcomes, self._images, self.ends)
         if refused >= 0:
@@ -453,7 +456,7 @@ _WORDS = {"o": ("onion", "onions"), "t": ("tomato", "tomatoes")}
 
 
 def _mission(layout: KitchenLayout, old: bool) -> str:
-    """Say what to cook, and how: "cook soups of 3 onions and bring them to the serving hatch"."""
+    """Return a sentence that says what to cook and how: "cook soups of 3 onions: fill a pot, ..."."""
     orders = [
         " and ".join(
             f"{recipe.count(letter)} {many if recipe.count(letter) > 1 else singular}"

@@ -1,9 +1,9 @@
-"""Layout: the drawing board on which a world written in Python lays out its episodes; the recipe of a compiled layout.
+"""Layout: the object on which a world written in Python lays out its episodes; and the recipe of a compiled layout.
 
-Also a grid as lines of characters, two per cell, for diagrams and tests, and back. The first character is the kind, the
-second the colour (r g b p y, and - for grey). `WW` is a grey wall, two spaces an empty cell, the agent `>>` `vv` `<<`
-`^^`. A door is `D` closed, `L` locked, `O` open. What the agent stands on or carries and what boxes contain is not
-shown. A world's own kinds have letters of their own.
+The module also converts a grid to lines of characters and back, for diagrams and tests. A cell is two characters: the
+first is the kind, the second the colour (r g b p y, and - for grey). `WW` is a grey wall, two spaces an empty cell, and
+`>>` `vv` `<<` `^^` the agent. A door is `D` closed, `L` locked, `O` open. A diagram does not show what the agent stands
+on or carries, nor what boxes contain. A world's own kinds have letters of their own.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -43,7 +43,7 @@ LayoutFunction = Callable[..., None]  # (row, rng_state, *numbers)
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """A layout with its numbers, the size it fills, its mission and its default settings."""
+    """A layout function with its numeric arguments, the size of the grid, the mission and the default settings."""
 
     layout: LayoutFunction
     numbers: tuple[int, ...]
@@ -56,18 +56,18 @@ class Recipe:
     room_size: int = 0  # cells on a side of each room of a grid of equal rooms, walls included; 0 for other layouts
 
     def lay_out(self, row: Row, rng_state: RngState) -> None:
-        """Lay an episode out into a cleared row."""
+        """Lay out an episode in a cleared row."""
         self.layout(row, rng_state, *self.numbers)
 
     def limited(self, max_steps: int) -> "Recipe":
-        """Return the recipe of the same world with this step limit in every episode."""
+        """Return the recipe of the same world with another step limit for every episode."""
         return replace(self, max_steps=max_steps)
 
     def about(self, mission: str) -> "Recipe":
-        """Return the recipe of the same world with a mission set by hand.
+        """Return the recipe of the same world with a given mission.
 
         Raises:
-            WorldError: because only worlds with instructions can have one set.
+            WorldError: always, because only worlds with instructions accept a mission.
         """
         raise WorldError(
             f"mission {mission!r} cannot be set; only worlds with instructions (BabyAI-...) take a mission"
@@ -80,7 +80,7 @@ Place = tuple[int, int]  # column, row
 
 
 class PlacedItem(NamedTuple):
-    """Something that was put down: its number among the world's objects (0 for scenery), column and row."""
+    """An item that was put into a cell: its number among the world's objects (0 for scenery), column and row."""
 
     identity: int
     x: int
@@ -88,7 +88,7 @@ class PlacedItem(NamedTuple):
 
 
 class Layout:
-    """One episode's layout in the making. Draws come from the world's ``np_random``, one draw order a layout."""
+    """The layout of one episode while it is made. Random numbers come from the world's ``np_random``."""
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class Layout:
         self._rng_state: RngState = np.zeros(6, np.uint64)
 
     def wall_rect(self, x: int = 0, y: int = 0, width: int | None = None, height: int | None = None) -> None:
-        """Put the four walls of a room, walls included in its size; of the whole grid without arguments."""
+        """Put the four walls of a room, or of the whole grid without arguments. The size includes the walls."""
         width = self.width - x if width is None else width
         height = self.height - y if height is None else height
         self._check(x, y)
@@ -117,17 +117,17 @@ class Layout:
         placement.wall_rect(self._row, x, y, width, height)
 
     def across(self, x: int, y: int, length: int | None = None, item: Item | None = None) -> None:
-        """Put a horizontal line of an item (walls) from (x, y), to the right edge without a length."""
+        """Put a horizontal line of an item, by default walls, from (x, y); without a length, to the right edge."""
         for i in range(self.width - x if length is None else length):
             self.put(item or wall(), x + i, y)
 
     def down(self, x: int, y: int, length: int | None = None, item: Item | None = None) -> None:
-        """Put a vertical line of an item (walls) from (x, y), to the bottom edge without a length."""
+        """Put a vertical line of an item, by default walls, from (x, y); without a length, to the bottom edge."""
         for j in range(self.height - y if length is None else length):
             self.put(item or wall(), x, y + j)
 
     def put(self, item: Item, x: int, y: int) -> PlacedItem:
-        """Put an item into a cell, over whatever is there."""
+        """Put an item into a cell, replacing whatever is there."""
         self._check(x, y)
         code = self._make(item)
         put(self._row, x, y, code)
@@ -147,32 +147,32 @@ class Layout:
         reject: Callable[[int, int], bool] | None = None,
         tries: int = MOST_TRIES,
     ) -> PlacedItem:
-        """Put an item into a drawn free cell of a rectangle (the grid), where the agent is not.
+        """Put an item into a random free cell of a rectangle, in which the agent does not stand.
 
         Args:
-            item: What to put.
-            top: The rectangle's top left cell.
-            size: Its columns and rows.
-            reject: Says of a free cell (column, row) whether to draw again.
-            tries: Free cells that are drawn before giving up.
+            item: the item to put.
+            top: the top left cell of the rectangle.
+            size: the columns and rows of the rectangle; by default, those of the grid.
+            reject: a function that says whether to reject a free cell (column, row) and draw again.
+            tries: the maximum number of free cells to draw.
 
         Raises:
-            WorldError: if no cell is free, or all that were drawn were rejected.
+            WorldError: if no cell is free, or all cells that were drawn were rejected.
         """
         x, y = self._draw(item.kind, top, size, reject, tries)
         return self.put(item, x, y)
 
     def put_agent(self, x: int, y: int, direction: int = 0, *, body: int = 0) -> None:
-        """Put the agent, or one body of a team, into a cell: it looks right (0), down (1), left (2) or up (3)."""
+        """Put the agent, or one body of a team, into a cell, looking right (0), down (1), left (2) or up (3)."""
         self._check(x, y)
         self._stand(body, x, y, direction)
 
     def place_agent(
         self, *, top: Place = (0, 0), size: Place | None = None, direction: int | None = None, body: int = 0
     ) -> Place:
-        """Put the agent, or one body of a team, into a drawn free cell of a rectangle.
+        """Put the agent, or one body of a team, into a random free cell of a rectangle; return the cell.
 
-        It looks in a drawn direction unless one is given.
+        It looks in a random direction unless one is given.
         """
         self._stand(body, -1, -1, -1)
         x, y = self._draw("agent", top, size, None, 1 if self.bodies == 1 else MOST_TRIES)
@@ -196,7 +196,7 @@ class Layout:
         return options[self.integer(0, len(options))]
 
     def task(self, task: int, *target: int) -> None:
-        """Set what success is, beside reaching a goal: one of ``rewards`` and the numbers it is about."""
+        """Set what counts as success beside reaching a goal: one of the tasks in ``rewards``, and its numbers."""
         self._row[fields.TASK] = task
         self._row[fields.TARGET : fields.TARGET + len(target)] = target
 
@@ -238,7 +238,7 @@ class Layout:
         return x, y
 
     def _is_taken(self, x: int, y: int) -> bool:
-        """Return whether a body after the first stands in a cell; drawing leaves out the first by itself."""
+        """Return whether a body other than the first stands in a cell; the random draw itself avoids the first body."""
         starts = (body_index(self._row, body) for body in range(1, self.bodies))
         return any(self._row[at] == x and self._row[at + 1] == y for at in starts)
 
@@ -254,7 +254,7 @@ DOOR_LETTERS = {"open": "O", "closed": "D", "locked": "L"}
 
 
 def to_text(state: State, kinds: Sequence[ObjectKind] = ()) -> str:
-    """Draw a diagram of the grid."""
+    """Return the grid as a diagram of characters."""
     lines = []
     for y in range(state.height):
         cells = [_cell(int(state.cells[x, y]), kinds) for x in range(state.width)]
@@ -267,17 +267,19 @@ def to_text(state: State, kinds: Sequence[ObjectKind] = ()) -> str:
 def observation_to_text(
     observation: Mapping[str, Any] | NDArray[np.integer[Any]], kinds: Sequence[ObjectKind] = ()
 ) -> str:
-    """Draw a diagram of what an agent of a grid world observes, in the characters of `to_text`.
+    """Return an observation of a grid world's agent as a diagram, in the characters of `to_text`.
 
-    Two dots are a cell that the agent does not see. It stands at the bottom's middle and looks up (``^^``); what it
-    carries is a last line, "carries Ky". An image of the whole grid (`wrappers.FullyObserved`) has the agent in it.
+    Two dots are a cell that the agent does not see. The agent stands in the middle of the bottom row and looks up
+    (``^^``); the last line shows what it carries, such as "carries Ky". In an image of the whole grid
+    (`wrappers.FullyObserved`), the agent is in its cell.
 
     Args:
-        observation: Of one step: with an "image", or the image, [columns, rows, 3]: kind, colour, state.
-        kinds: The world's own kinds.
+        observation: the observation of one step, with an "image"; or the image, [columns, rows, 3], with kind, colour
+            and state.
+        kinds: the world's own kinds.
 
     Raises:
-        WorldError: if the image has another shape, or kinds that are not known.
+        WorldError: if the image has another shape, or an unknown kind.
     """
     image = np.asarray(observation["image"] if isinstance(observation, Mapping) else observation)
     if image.ndim != 3 or image.shape[2] != 3:
@@ -305,10 +307,11 @@ def _observed(kind: int, colour: int, state: int, kinds: Sequence[ObjectKind]) -
 
 
 def from_text(diagram: str, grid: Layout) -> None:
-    """Lay a diagram out: one line per row, from the top left cell. Call it in a world's ``layout``.
+    """Lay out a diagram, one line per row, from the top left cell. Call this function in a world's ``layout``.
 
     Raises:
-        WorldError: if a cell's two characters mean nothing, naming its column and row, or the diagram is too large.
+        WorldError: if the two characters of a cell are not valid, or the diagram is too large; the message names the
+            cell.
     """
     for y, line in enumerate(diagram.splitlines()):
         for x in range(0, len(line), 2):

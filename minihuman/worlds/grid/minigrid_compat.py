@@ -1,7 +1,7 @@
-"""Minigrid's names for what a grid world is: code written for Minigrid's worlds keeps running.
+"""Minigrid's attributes and methods for grid worlds, so that code written for Minigrid's worlds keeps running.
 
-They are views of the present state, made when they are asked for; there is no second state. What can be set writes into
-it; what cannot is refused, and so is a name of Minigrid's that has no meaning here, with what to use.
+They are views of the current state, made on request; there is no second state. Setting an attribute changes the state,
+or is refused. A name of Minigrid's that has no meaning here is refused too, and the error says what to use.
 """
 
 import abc
@@ -35,14 +35,14 @@ Place = tuple[int, int]  # column, row
 
 
 class MinigridCompat(abc.ABC):
-    """Mixed into every grid world: reads and writes its ``state``."""
+    """Mixin that gives every grid world Minigrid's attributes and methods, based on its ``state``."""
 
     kinds: ClassVar[tuple[ObjectKind, ...]]
     image_shape: tuple[int, int, int]
     if TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """Return what every grid world has beside these names."""
+            """Declare the other attributes of grid worlds for type checkers."""
 
     _is_made = False  # a world of the catalogue is: from then on no attribute is added
     _views: ObjectViews | None = None  # of the episode's things, once one was asked for
@@ -50,7 +50,7 @@ class MinigridCompat(abc.ABC):
     @property
     @abc.abstractmethod
     def state(self) -> State:
-        """Return the state, readable by name: the world's own."""
+        """Return the world's state, with named fields."""
 
     @property
     def agent_pos(self) -> Place:
@@ -68,7 +68,7 @@ class MinigridCompat(abc.ABC):
 
     @property
     def agent_dir(self) -> int:
-        """Return where the agent looks: 0 right, 1 down, 2 left, 3 up."""
+        """Return the direction in which the agent looks: 0 right, 1 down, 2 left, 3 up."""
         return self.state.direction
 
     @agent_dir.setter
@@ -79,7 +79,7 @@ class MinigridCompat(abc.ABC):
 
     @property
     def carrying(self) -> ObjectView | None:
-        """Return what is in the agent's hand; None for nothing."""
+        """Return the object that the agent carries, or None."""
         return self.object_views().of(self.state.carrying, None)
 
     @carrying.setter
@@ -88,12 +88,12 @@ class MinigridCompat(abc.ABC):
 
     @UpstreamName
     def actions(self) -> type[IntEnum]:
-        """Return the seven actions by name; a world may take fewer."""
+        """Return the seven actions by name. A world may accept fewer."""
         return Actions
 
     @set_instead("set agent_pos or agent_dir")
     def dir_vec(self) -> NDArray[np.int64]:
-        """Return one step ahead, as (columns, rows)."""
+        """Return the vector of one step ahead, as (columns, rows)."""
         return np.array(STEPS[self.state.direction])
 
     @set_instead("set agent_pos or agent_dir")
@@ -103,13 +103,13 @@ class MinigridCompat(abc.ABC):
 
     @set_instead("set agent_pos or agent_dir")
     def right_vec(self) -> NDArray[np.int64]:
-        """Return one step to the right, as (columns, rows)."""
+        """Return the vector of one step to the agent's right, as (columns, rows)."""
         right, down = STEPS[self.state.direction]
         return np.array((-down, right))
 
     @UpstreamName
     def see_through_walls(self) -> bool:
-        """Return whether walls hide nothing."""
+        """Return whether the agent sees through walls."""
         return bool(self.state.row[SEE_THROUGH] & 1)
 
     @see_through_walls.setter
@@ -120,7 +120,7 @@ class MinigridCompat(abc.ABC):
 
     @set_instead("put a Goal into a cell with put_obj()")
     def goal_pos(self) -> Place | None:
-        """Return the first goal's column and row, counted row by row; None without one."""
+        """Return the column and row of the first goal in row order, or None if there is no goal."""
         goals = np.argwhere(self.state.kinds.T == GOAL)
         if len(goals):
             return (int(goals[0, 1]), int(goals[0, 0]))
@@ -128,12 +128,12 @@ class MinigridCompat(abc.ABC):
 
     @set_instead("put a Goal into a cell with put_obj()")
     def goal_position(self) -> Place | None:
-        """Return `goal_pos`."""
+        """Return the same cell as `goal_pos`."""
         return self.goal_pos
 
     @UpstreamName
     def step_count(self) -> int:
-        """Return the steps taken in this episode."""
+        """Return the number of steps taken in this episode."""
         return self.state.step
 
     @step_count.setter
@@ -142,12 +142,12 @@ class MinigridCompat(abc.ABC):
 
     @set_instead("set step_count or max_steps")
     def steps_remaining(self) -> int:
-        """Return the steps left before the episode is truncated."""
+        """Return the number of steps left before the episode is truncated."""
         return self.state.max_steps - self.state.step
 
     @UpstreamName
     def reward_range(self) -> tuple[int, int]:
-        """Return the least and the most that an episode earns, as Minigrid says; nothing reads it."""
+        """Return the lowest and the highest reward of an episode, as Minigrid states them. Nothing reads this."""
         return (-1 if self.state.row[TASK] == rewards.DODGE else 0), 1
 
     @set_instead("give the size when the world is made")
@@ -162,7 +162,7 @@ class MinigridCompat(abc.ABC):
 
     @UpstreamName
     def agent_view_size(self) -> int:
-        """Return cells on a side of the agent's view."""
+        """Return the number of cells on a side of the agent's view."""
         return int(self.image_shape[0])
 
     @agent_view_size.setter
@@ -171,48 +171,48 @@ class MinigridCompat(abc.ABC):
 
     @set_instead("set its cells with grid.set(), one by one")
     def grid(self) -> GridView:
-        """Return the cells."""
+        """Return a view of the grid's cells."""
         return GridView(self.object_views())
 
     @set_instead("make the world with render_mode='human'")
     def window(self) -> Any:
-        """Return the window of ``render_mode="human"``; None while there is none."""
+        """Return the window of ``render_mode="human"``, or None if there is none yet."""
         return vars(self).get("_window")
 
     @set_instead("make the world with render_mode='human'")
     def clock(self) -> Any:
-        """Return `window`, which keeps its rate."""
+        """Return `window`, which also limits the frame rate."""
         return self.window
 
     @set_instead("make the world with a tile_size")
     def render_size(self) -> tuple[int, int] | None:
-        """Return the columns and rows of pixels that the window shows; None while there is none."""
+        """Return the width and height of the window's picture in pixels, or None if there is no window yet."""
         tile_px = int(self.tile_size)
         if self.window is None:
             return None
         return (self.width * tile_px, self.height * tile_px)
 
     def object_views(self) -> ObjectViews:
-        """Return the things of this episode."""
+        """Return the views of this episode's objects."""
         if self._views is None:
             self._views = ObjectViews(self.state, self.kinds)
         return self._views
 
     def _close_object_views(self) -> None:
-        """Let the views of the episode that ends here show its last state."""
+        """Freeze the views of the episode that ends here, so that they keep showing its last state."""
         if self._views is not None:
             self._views.freeze()
             self._views = None
 
     def get_view_coords(self, i: int, j: int) -> Place:
-        """Return where a cell is in the agent's view, column and row of the image, inside the image or not."""
+        """Return the column and row of a cell in the agent's view, even if they lie outside the image."""
         right, down = np.subtract((i, j), self.state.position).tolist()
         dx, dy = STEPS[self.state.direction]
         size = int(self.agent_view_size)
         return size // 2 + down * dx - right * dy, size - 1 - (right * dx + down * dy)
 
     def relative_coords(self, x: int, y: int) -> Place | None:
-        """Return where a cell is in the agent's view, column and row of the image; None outside it."""
+        """Return the column and row of a cell in the agent's view, or None if the cell is outside it."""
         size = int(self.agent_view_size)
         place = self.get_view_coords(x, y)
         if min(place) >= 0 and max(place) < size:
@@ -220,7 +220,7 @@ class MinigridCompat(abc.ABC):
         return None
 
     def get_view_exts(self, agent_view_size: int | None = None) -> tuple[int, int, int, int]:
-        """Return the rectangle that the agent sees: left, top, right, bottom; the last two are just outside."""
+        """Return the rectangle that the agent sees: left, top, right and bottom, the last two exclusive."""
         size = agent_view_size or int(self.agent_view_size)
         x, y = self.state.position
         left = (x, x - size // 2, x - size + 1, x - size // 2)[self.state.direction]
@@ -228,13 +228,14 @@ class MinigridCompat(abc.ABC):
         return left, top, left + size, top + size
 
     def in_view(self, x: int, y: int) -> bool:
-        """Return whether a cell is in the rectangle that the agent sees, hidden or not."""
+        """Return whether a cell is in the rectangle that the agent sees, whether or not it is hidden."""
         return self.relative_coords(x, y) is not None
 
     def gen_obs_grid(self, agent_view_size: int | None = None) -> tuple[GridView, NDArray[np.bool_]]:
-        """Return what the agent sees, looking up, as a grid of so many cells on a side, and which of them it sees.
+        """Return the agent's view as a grid, turned so that the agent looks up, and which cells it sees.
 
-        Cells that it does not see are empty; its own has what it carries.
+        The grid has ``agent_view_size`` cells on a side. Cells that the agent does not see are empty; its own cell has
+        what it carries.
         """
         size = see_size(agent_view_size or int(self.agent_view_size))
         left, top, _, _ = self.get_view_exts(size)
@@ -248,11 +249,11 @@ class MinigridCompat(abc.ABC):
         return GridView(self.object_views(), codes, grid.places), visible
 
     def gen_obs(self) -> dict[str, Any]:
-        """Return what the agent observes now."""
+        """Return the agent's current observation."""
         return dict(self.observation())
 
     def agent_sees(self, x: int, y: int) -> bool:
-        """Return whether the agent sees what lies in a cell; an empty one shows nothing."""
+        """Return whether the agent sees an object in a cell; False if the cell is empty."""
         place = self.relative_coords(x, y)
         if place is None:
             return False
@@ -261,9 +262,9 @@ class MinigridCompat(abc.ABC):
         return bool(lies != EMPTY and shown_cell[0] == kind_of(int(lies)))
 
     def get_frame(self, highlight: bool = True, tile_size: int = 32, agent_pov: bool = False) -> NDArray[np.uint8]:
-        """Return a picture from above or of what the agent sees, in Minigrid's own tiles whatever the palette.
+        """Draw the grid from above, or what the agent sees, always in Minigrid's own tiles.
 
-        So Minigrid's wrappers give the pixels that they give around Minigrid's worlds. `frame` has our palettes.
+        Minigrid's wrappers therefore give the same pixels as around Minigrid's worlds. `frame` uses our palettes.
         """
         return draw_grid(
             self.state.row,
@@ -276,20 +277,23 @@ class MinigridCompat(abc.ABC):
         )
 
     def get_pov_render(self, tile_size: int) -> NDArray[np.uint8]:
-        """Call `get_frame` for what the agent sees."""
+        """Draw what the agent sees, with `get_frame`."""
         return self.get_frame(tile_size=tile_size, agent_pov=True)
 
     def get_full_render(self, highlight: bool, tile_size: int) -> NDArray[np.uint8]:
-        """Call `get_frame` for the view from above."""
+        """Draw the grid from above, with `get_frame`."""
         return self.get_frame(highlight, tile_size)
 
     def hash(self, size: int = 16) -> str:
-        """Hash the cells and the agent's place to so many characters; `state_hash` covers all of the state."""
+        """Return a hash of the cells and the agent's pose, ``size`` characters long.
+
+        `state_hash` covers the whole state.
+        """
         parts = self.grid.encode().tolist(), self.state.position, self.state.direction
         return hashlib.sha256("".join(map(str, parts)).encode()).hexdigest()[:size]
 
     def put_obj(self, obj: Any, i: int, j: int) -> None:
-        """Lay a thing into a cell: `GridView.set`."""
+        """Put an object into a cell, as `GridView.set` does."""
         self.grid.set(i, j, obj)
 
     def place_obj(
@@ -300,10 +304,10 @@ class MinigridCompat(abc.ABC):
         reject_fn: Callable[[Any, Place], bool] | None = None,
         max_tries: float = math.inf,
     ) -> Place:
-        """Lay a thing into an empty cell of a rectangle, drawn from ``np_random`` as Minigrid draws it.
+        """Put an object into a random empty cell of a rectangle, drawn from ``np_random`` as Minigrid draws it.
 
         Raises:
-            RecursionError: if none was found in so many tries.
+            RecursionError: if no cell was accepted in ``max_tries`` tries.
         """
         left, upper = (0, 0) if top is None else (max(top[0], 0), max(top[1], 0))
         columns, rows = (self.width, self.height) if size is None else size
@@ -323,10 +327,10 @@ class MinigridCompat(abc.ABC):
         raise RecursionError(f"no cell was free or accepted in {max_tries} tries; give place_obj a larger rectangle")
 
     def place_agent(self, *arguments: Any, **named: Any) -> Place:
-        """Stand the agent into an empty cell, drawn from ``np_random`` as Minigrid draws it.
+        """Put the agent into a random empty cell, drawn from ``np_random`` as Minigrid draws it.
 
-        In a grid of equal rooms the arguments are ``i``, ``j`` and ``rand_dir``: a room's column and row, drawn without
-        them; elsewhere ``top``, ``size``, ``rand_dir`` and ``max_tries``.
+        In a grid of equal rooms the arguments are ``i``, ``j`` and ``rand_dir``: the column and row of a room, which
+        are drawn if not given. Elsewhere they are ``top``, ``size``, ``rand_dir`` and ``max_tries``.
         """
         return (self._place_agent_in_room if self._room_size else self._place_agent)(*arguments, **named)
 
@@ -358,10 +362,10 @@ class MinigridCompat(abc.ABC):
                 return self.agent_pos
 
     def place_in_room(self, i: int, j: int, obj: Any) -> tuple[ObjectView, Place]:
-        """Lay a thing into a room, not beside the agent, drawn from ``np_random`` as Minigrid draws it.
+        """Put an object into a random cell of a room, not next to the agent, drawn as Minigrid draws it.
 
         Raises:
-            RecursionError: if there is no room for it.
+            RecursionError: if no free cell was found.
         """
         room = self.get_room(i, j)
         agent = self.state.position
@@ -373,7 +377,7 @@ class MinigridCompat(abc.ABC):
         return laid, place
 
     def add_object(self, i: int, j: int, kind: str | None = None, color: str | None = None) -> tuple[ObjectView, Place]:
-        """Lay a new key, ball or box into a room; its kind and colour are drawn where they are not given."""
+        """Put a new key, ball or box into a room. Its kind and colour are drawn if they are not given."""
         rng = self.np_random
         if kind is None:
             kind = ("key", "ball", "box")[int(rng.integers(0, 3))]
@@ -389,7 +393,10 @@ class MinigridCompat(abc.ABC):
     def add_distractors(
         self, i: int | None = None, j: int | None = None, num_distractors: int = 10, all_unique: bool = True
     ) -> list[ObjectView]:
-        """Lay new keys, balls and boxes into a room or drawn ones; ``all_unique``: no two alike in the world."""
+        """Put new keys, balls and boxes into a room, or into random rooms.
+
+        With ``all_unique``, no two objects in the world have the same kind and colour.
+        """
         rooms = self._rooms()
         rng = self.np_random
         lying = {(cell.type, cell.color) for cell in self.grid.grid if cell is not None and cell.can_pickup()}
@@ -413,7 +420,7 @@ class MinigridCompat(abc.ABC):
 
     @property
     def _room_size(self) -> int:
-        """Return cells on a side of each room of a grid of equal rooms; 0 elsewhere."""
+        """Return the number of cells on a side of each room in a grid of equal rooms, or 0 for other layouts."""
         return int(getattr(vars(self).get("recipe"), "room_size", 0))
 
     def _rooms(self) -> RoomGridView:
@@ -422,33 +429,33 @@ class MinigridCompat(abc.ABC):
         return RoomGridView(self.grid, self._room_size)
 
     def room_from_pos(self, x: int, y: int) -> RoomView:
-        """Return the room of a cell, where the world is a grid of equal rooms.
+        """Return the room that contains a cell in a grid of equal rooms.
 
         Raises:
-            WorldError: if it is not.
+            WorldError: if the world is not a grid of equal rooms.
         """
         rooms = self._rooms()
         column, row = (min(at, count - 2) // (rooms.size - 1) for at, count in ((x, self.width), (y, self.height)))
         return rooms.room(column, row)
 
     def get_room(self, i: int, j: int) -> RoomView:
-        """Return the room in a column and a row of rooms, where the world is a grid of equal rooms.
+        """Return the room at a column and a row of rooms in a grid of equal rooms.
 
         Raises:
-            WorldError: if it is not, or has no such room.
+            WorldError: if the world is not a grid of equal rooms, or has no such room.
         """
         return self._rooms().room(i, j)
 
     def _reward(self) -> float:
-        """Return what success would earn now."""
+        """Return the reward that success would earn now."""
         return float(rewards.success_reward(self.state.row))
 
     def pprint_grid(self) -> str:
-        """Return the grid in characters: `text`."""
+        """Return the grid as a diagram of characters, as `text` does."""
         return str(self.text())
 
     def full_image(self) -> NDArray[np.uint8]:
-        """Encode the whole grid with the agent in it, uint8[width, height, 3]."""
+        """Return the whole grid with the agent as numbers, uint8[width, height, 3]."""
         image = np.empty((self.state.width, self.state.height, 3), np.uint8)
         see_all(self.state.row, image)
         return image

@@ -1,7 +1,7 @@
-"""Missions: sentences with choices. The choices are numbers in the state; the sentence is written from them.
+"""Missions: sentences with choices. The state holds the choices as numbers, from which the sentence is written.
 
 The Gymnasium spaces of such sentences can be flattened, stacked, batched and shared. Gymnasium reads its own texts from
-shared memory once, before the first reset; ours are read anew at every copy.
+shared memory once, before the first reset; our sentences are read again at every copy.
 """
 
 import re
@@ -22,18 +22,18 @@ NO_LETTER = 0  # in shared memory, where letters are their code points
 
 
 def words_in(sentence: str) -> list[str]:
-    """Split a sentence into its words, in order; a comma is a word."""
+    """Return the words of a sentence in order. A comma counts as a word."""
     return sentence.replace(",", " ,").split()
 
 
 class Sentences(spaces.Text):
-    """A space of sentences made of some words, each at most so many letters long. Base of all mission spaces.
+    """A space of sentences made of given words, up to a maximum length. It is the base of all mission spaces.
 
     Args:
-        words: Every word that a sentence can have, as `words_in` gives them, in any order.
-        max_length: Letters of the longest sentence.
-        most_words: Words of the sentence that has most of them.
-        seed: For drawing sentences.
+        words: all words that sentences can have, as `words_in` returns them, in any order.
+        max_length: the number of letters in the longest sentence.
+        most_words: the number of words in the sentence that has most of them.
+        seed: the seed for drawing sentences.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Sentences(spaces.Text):
 
 
 class _Shared(Sequence[str]):
-    """The sentences in shared memory as they are now. A copy is a tuple: what they were when it was made."""
+    """The current sentences in shared memory. A copy is a tuple of the sentences at the time of copying."""
 
     def __init__(self, letters: NDArray[np.int32]) -> None:
         self._letters = letters  # (worlds, letters of the longest sentence)
@@ -98,12 +98,10 @@ def _write(space: Sentences, index: int, value: str, shared_memory: Any) -> None
 
 
 class MissionSpace(Sentences):
-    """Every sentence a template gives: ``MissionSpace("go to the {} door", COLOUR_WORDS)``.
+    """All sentences that a template can form: ``MissionSpace("go to the {} door", COLOUR_WORDS)``.
 
-    Choices are words by number: a list, or a mapping where the numbers have gaps.
-
-    A template without ``{}`` has one sentence. The space is seeded like any other, and two spaces with the same
-    sentences built the same way are equal.
+    The choices are words by number: a list, or a mapping if the numbers have gaps. A template without ``{}`` has one
+    sentence. The space is seeded like any other, and two spaces with the same template and choices are equal.
     """
 
     def __init__(
@@ -135,25 +133,25 @@ class MissionSpace(Sentences):
         return bool(self.choices)
 
     def of(self, row: Row) -> str:
-        """Return the sentence of a state."""
+        """Return the sentence that belongs to a state."""
         if self.choices:
             return self.sentence(row[MISSION:FAILED].tolist())
         return self.template
 
     def sentence(self, numbers: Sequence[int]) -> str:
-        """Return the sentence with these choices; numbers beyond the template's places are not looked at."""
+        """Return the sentence with the given choices. Numbers beyond the template's placeholders are ignored."""
         if not self.choices:
             return self.template
         return self.template.format(*(words[number] for words, number in zip(self.choices, numbers, strict=False)))
 
     def sample(self, mask: Any = None, probability: Any = None) -> str:
-        """Draw a sentence. Masks and probabilities are not supported."""
+        """Return a random sentence. Masks and probabilities are not supported."""
         if mask is not None or probability is not None:
             raise WorldError("a mission space samples uniformly and takes no mask and no probability; remove them")
         return self.sentence([list(words)[self.np_random.integers(len(words))] for words in self.choices])
 
     def first(self) -> str:
-        """Return the sentence with the first of all choices: the mission of a world not yet reset."""
+        """Return the sentence with the first of all choices, which is the mission before the first reset."""
         return self.sentence([next(iter(words)) for words in self.choices])
 
     def contains(self, x: Any) -> bool:
@@ -173,5 +171,5 @@ COLOUR_WORDS = dict(enumerate(COLOURS))  # choices by colour number
 
 
 def kind_words(*kinds: int) -> dict[int, str]:
-    """Return choices among some kinds."""
+    """Return the names of some kinds by number, as choices."""
     return {kind: KINDS[kind] for kind in kinds}

@@ -1,6 +1,6 @@
 """Object kinds: the items that a layout puts into cells (`goal()`, `door("red", locked=True)`), and kinds of your own.
 
-A world names its own kinds, one row of properties each, and puts items of them where it likes:
+A world declares its own kinds, each with its properties, and its layout puts items of them into cells:
 
     MUD = ObjectKind("mud", "M", stepped_on=True)
 
@@ -23,7 +23,7 @@ from minihuman.worlds.grid.pictures.tiles import Canvas
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A kind of thing in a colour. Putting it into a grid makes the thing; one item can be put many times."""
+    """A kind of object in a colour. Putting it into a grid makes an object; one item can be put many times."""
 
     kind: str
     colour: str
@@ -32,7 +32,7 @@ class Item:
     own: "ObjectKind | None" = None  # what made it, where it is of no kind of ours
 
     def __post_init__(self) -> None:
-        """Refuse what there is not."""
+        """Check that the kind, the colour, the door state and the contents are valid."""
         if self.own is None and self.kind not in KINDS[2:10]:
             raise WorldError(f"unknown kind {self.kind!r} of item; use one of {', '.join(KINDS[2:10])}")
         if self.colour not in COLOURS:
@@ -46,41 +46,41 @@ class Item:
 
     @property
     def has_identity(self) -> bool:
-        """Return whether each one put is an object of its own: doors, keys, balls, boxes, and what is like them."""
+        """Return whether each object made from the item is tracked by itself, as doors, keys, balls and boxes are."""
         if self.own is None:
             return self.kind == "door" or self.is_carried
         return self.own.has_identity
 
     @property
     def is_carried(self) -> bool:
-        """Return whether it can be picked up."""
+        """Return whether the agent can pick up an object made from the item."""
         if self.own is None:
             return self.kind in ("key", "ball", "box")
         return self.own.carried
 
 
 def wall(colour: Colour = "grey") -> Item:
-    """Make a wall: nothing passes, nothing is seen behind it."""
+    """Return a wall, which blocks movement and sight."""
     return Item("wall", colour)
 
 
 def floor(colour: Colour = "blue") -> Item:
-    """Make a coloured floor to walk on."""
+    """Return a coloured floor, on which the agent can walk."""
     return Item("floor", colour)
 
 
 def lava() -> Item:
-    """Make lava: stepping in ends the episode."""
+    """Return lava, which ends the episode when the agent steps into it."""
     return Item("lava", "red")
 
 
 def goal(colour: Colour = "green") -> Item:
-    """Make the goal: stepping on it ends the episode with success."""
+    """Return a goal, which ends the episode with success when the agent steps on it."""
     return Item("goal", colour)
 
 
 def door(colour: Colour, *, locked: bool = False, is_open: bool = False) -> Item:
-    """Make a door; a locked one opens to the key of its colour."""
+    """Return a door. A locked door can be opened with the key of its colour."""
     state = "closed"
     if locked:
         state = "locked"
@@ -90,17 +90,17 @@ def door(colour: Colour, *, locked: bool = False, is_open: bool = False) -> Item
 
 
 def key(colour: Colour = "blue") -> Item:
-    """Make a key to carry."""
+    """Return a key, which the agent can carry."""
     return Item("key", colour)
 
 
 def ball(colour: Colour = "blue") -> Item:
-    """Make a ball to carry."""
+    """Return a ball, which the agent can carry."""
     return Item("ball", colour)
 
 
 def box(colour: Colour, contains: Item | None = None) -> Item:
-    """Make a box to carry, or to open ("toggle"), which leaves what it contains."""
+    """Return a box, which the agent can carry, or open with "toggle" so that its contents remain."""
     return Item("box", colour, contains=contains)
 
 
@@ -112,21 +112,24 @@ TAKEN_LETTERS = frozenset("WFDLOKABGV")  # by what there is already
 
 @dataclass(frozen=True, slots=True)
 class BlockShape:
-    """A plain block seen from inside: its sides in metres (along x, up, along z). A cell is a metre wide."""
+    """A plain block, for the view from inside, with its sides in metres (along x, up, along z).
+
+    A cell is a metre wide.
+    """
 
     size_m: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class MeshShape:
-    """A mesh of our own seen from inside, in the thing's colour: "cone", "potion", "tree", ... so many metres high."""
+    """A built-in mesh, such as "cone", "potion" or "tree", for the view from inside, and its height in metres."""
 
     mesh: str
     height_m: float
 
 
 def plain(canvas: Canvas, colour: RGB, state: str) -> None:
-    """Draw a kind that does not draw itself: a rounded square, hollow while it is open."""
+    """Draw an object of a kind without a drawing of its own as a rounded square, hollow while it is open."""
     canvas.fill(canvas.box(0.12, 0.12, 0.88, 0.88, 0.12), colour)
     if state != "open":
         return
@@ -136,18 +139,19 @@ def plain(canvas: Canvas, colour: RGB, state: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class ObjectKind:
-    """A kind of thing. Calling it makes an item of it: ``MUD("yellow")``, ``GATE("red", locked=True)``.
+    """A kind of object. Calling it makes an item of this kind: ``MUD("yellow")``, ``GATE("red", locked=True)``.
 
     Args:
-        name: A noun, lower case; on maps and in errors.
-        letter: One capital letter for diagrams; a thing that opens has the small one while it is open.
-        stepped_on: The agent can stand on it.
-        carried: It can be picked up, put down and lie in a box.
-        hides: What is behind it is not seen.
-        opens: "toggle" opens and closes it, and a key of its colour unlocks it; while open it lets pass and see.
-        draw: Paints it on a tile seen from above, over the floor; `plain` shows the colour.
-        inside: What it is seen from inside, while it is closed if it opens.
-        inside_open: What it is seen from inside while it is open; None for nothing.
+        name: a noun in lower case, for maps and errors.
+        letter: a capital letter for diagrams; an open object has the small letter.
+        stepped_on: whether the agent can stand on it.
+        carried: whether it can be picked up, put down and lie in a box.
+        hides: whether it hides what is behind it.
+        opens: whether "toggle" opens and closes it, and a key of its colour unlocks it; while it is open, the agent can
+            pass and see through it.
+        draw: a function that paints it on a tile seen from above, over the floor; `plain` shows only the colour.
+        inside: its shape in the view from inside; if it opens, the shape while it is closed.
+        inside_open: its shape in the view from inside while it is open; None for nothing.
     """
 
     name: str
@@ -161,7 +165,7 @@ class ObjectKind:
     inside_open: BlockShape | MeshShape | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what another kind is called already."""
+        """Check that the name and the letter are valid and not taken."""
         if not self.name or self.name in KINDS:
             raise WorldError(f"a kind cannot be called {self.name!r}; {', '.join(KINDS)} are taken")
         if len(self.letter) != 1 or not "A" <= self.letter <= "Z" or self.letter in TAKEN_LETTERS:
@@ -171,10 +175,10 @@ class ObjectKind:
             )
 
     def __call__(self, colour: str, *, locked: bool = False, is_open: bool = False) -> Item:
-        """Make an item of this kind.
+        """Return an item of this kind.
 
         Raises:
-            WorldError: if it is to be locked or open and is of no kind that opens.
+            WorldError: if the item is to be locked or open, but the kind does not open.
         """
         if (locked or is_open) and not self.opens:
             raise WorldError(f"{self.name!r} does not open, so it cannot be locked or open; define it with opens=True")
@@ -183,18 +187,18 @@ class ObjectKind:
 
     @property
     def bits(self) -> int:
-        """Encode what it lets happen, as kernels read it."""
+        """Return the kind's properties as a bit field, which kernels read."""
         flags = (self.stepped_on, STEPPED_ON), (self.carried, CARRIED), (self.hides, HIDES), (self.opens, OPENS)
         return sum(bit for does, bit in flags if does)
 
     @property
     def has_identity(self) -> bool:
-        """Return whether each one put is an object of its own: what is carried or opens."""
+        """Return whether each object of this kind is tracked by itself: those that can be carried or opened are."""
         return self.carried or self.opens
 
 
 def check_kinds(kinds: Sequence[ObjectKind]) -> int:
-    """Check a world's kinds, and encode them as the number that its row holds.
+    """Check a world's own kinds, and return the number that encodes them in its row.
 
     Raises:
         WorldError: if there are too many, or two share a name or a letter.
@@ -209,7 +213,7 @@ def check_kinds(kinds: Sequence[ObjectKind]) -> int:
 
 
 def kind_name(number: int, kinds: Sequence[ObjectKind]) -> str:
-    """Return what the kind of a number is called in a world with these kinds of its own."""
+    """Return the name of a kind by its number in a world that has the given kinds of its own."""
     if number < FIRST_OWN_KIND:
         return KINDS[number]
     return kinds[number - FIRST_OWN_KIND].name

@@ -1,7 +1,7 @@
-"""What lies in a grid, as Minigrid's objects look: cells and things that are views of a world's state.
+"""The objects and cells of a grid in the form of Minigrid's objects: views of a world's state.
 
-A view shows the present until the world is reset or restored, and the last state of its episode afterwards. Setting a
-thing's colour, a door's state or a box's contents writes the world's state.
+A view shows the current state until the world is reset or restored, and the last state of its episode afterwards.
+Setting an object's colour, a door's state or a box's contents changes the world's state.
 """
 
 import builtins
@@ -49,7 +49,7 @@ _INSTEAD = {
 
 
 class ObjectViews:
-    """The things of one episode: the same thing is the same view each time."""
+    """The views of an episode's objects. The same object has the same view each time."""
 
     def __init__(self, state: State, kinds: Sequence[ObjectKind]) -> None:
         self.state = state
@@ -58,11 +58,11 @@ class ObjectViews:
         self._by_identity: dict[int, ObjectView] = {}
 
     def freeze(self) -> None:
-        """Let every view show for good what the state is now."""
+        """Make every view show the current state from now on, whatever happens in the world."""
         self.state = State(self.state.row.copy())
 
     def of(self, code: int, place: Place | None) -> "ObjectView | None":
-        """Return the view of what lies in a cell or in the hand; None for nothing."""
+        """Return the view of the object in a cell or in the agent's hand, or None if there is none."""
         if code == EMPTY:
             return None
         identity = identity_of(code)
@@ -73,10 +73,10 @@ class ObjectViews:
         return view
 
     def of_identity(self, identity: int) -> "ObjectView":
-        """Return the view of a thing by its number in the world.
+        """Return the view of an object by its number in the world.
 
         Raises:
-            WorldError: if it is gone.
+            WorldError: if the object no longer exists.
         """
         view = self._by_identity.get(identity) or self.of(self.code_of(identity), None)
         if view is None:
@@ -84,17 +84,17 @@ class ObjectViews:
         return view
 
     def make(self, kind: int, colour: int) -> "ObjectView":
-        """Return a new thing that lies nowhere yet.
+        """Return the view of a new object that has no place yet.
 
         Raises:
-            WorldError: if too many things were made.
+            WorldError: if the grid has no room for another object.
         """
         view = self.of(_make(self.state, kind, colour, 0), None)
         assert view is not None
         return view
 
     def code_of(self, identity: int) -> int:
-        """Return the code of a thing, wherever it lies; EMPTY if it is gone."""
+        """Return the code of an object, wherever it is; EMPTY if it no longer exists."""
         state = self.state
         place = state.find(identity)
         if place is not None:
@@ -105,7 +105,7 @@ class ObjectViews:
         return int(inside[0]) if len(inside) else EMPTY
 
     def replace(self, old: int, new: int, place: Place | None) -> None:
-        """Write another code for a thing, wherever it lies; scenery lies in ``place``."""
+        """Replace the code of an object, wherever it is. Scenery has no identity and is replaced at ``place``."""
         state = self.state
         identity = identity_of(old)
         cell = state.find(identity) if identity else place
@@ -119,10 +119,10 @@ class ObjectViews:
 
 
 def _make(state: State, kind: int, colour: int, door: int) -> int:
-    """Return the code of a new thing.
+    """Return the code of a new object.
 
     Raises:
-        WorldError: if too many things were made.
+        WorldError: if the grid has no room for another object.
     """
     row = state.row
     code = int(make(row, kind, colour, door))
@@ -136,9 +136,9 @@ def _make(state: State, kind: int, colour: int, door: int) -> int:
 
 
 class ObjectView:
-    """What lies in a cell or in the hand: ``type`` and ``color``, of a door ``is_open`` and ``is_locked``.
+    """The object in a cell or in the agent's hand: ``type`` and ``color``; for a door, ``is_open`` and ``is_locked``.
 
-    Where Minigrid is imported, it is an instance of Minigrid's class of its kind: ``isinstance(cell, Goal)``.
+    If Minigrid is imported, the view is an instance of Minigrid's class of its kind: ``isinstance(cell, Goal)``.
     """
 
     __slots__ = ("_code", "_place", "_views")
@@ -154,12 +154,12 @@ class ObjectView:
 
     @property
     def views(self) -> ObjectViews:
-        """Return the things of the episode that this one is of."""
+        """Return the views of the episode to which this one belongs."""
         return self._views
 
     @property
     def code(self) -> int:
-        """Return the code of its kind, colour, state and identity now, or when it was last there."""
+        """Return the code of the object's kind, colour, state and identity; the last one if it no longer exists."""
         identity = identity_of(self._code)
         if identity:
             present = self._views.code_of(identity)
@@ -171,7 +171,7 @@ class ObjectView:
 
     @property
     def own(self) -> ObjectKind | None:
-        """Return the world's own kind that it is of; None for Minigrid's."""
+        """Return the world's own kind of this object, or None if it is one of Minigrid's."""
         number = kind_of(self._code)
         if number >= FIRST_OWN_KIND:
             return self._views.kinds[number - FIRST_OWN_KIND]
@@ -179,12 +179,12 @@ class ObjectView:
 
     @property
     def type(self) -> str:
-        """Return the name of its kind."""
+        """Return the name of the object's kind."""
         return kind_name(kind_of(self._code), self._views.kinds)
 
     @property
     def color(self) -> str:
-        """Return the name of its colour; set it to repaint it."""
+        """Return the name of the object's colour. Setting it changes the colour."""
         return COLOURS[colour_of(self.code)]
 
     @color.setter
@@ -194,7 +194,7 @@ class ObjectView:
 
     @property
     def is_open(self) -> bool:
-        """Return whether it is a door, or opens as one, and is open; set it to open or close it."""
+        """Return whether this is a door, or an object that opens, and is open. Setting it opens or closes it."""
         return self._opens and state_of(self.code) == OPEN
 
     @is_open.setter
@@ -207,7 +207,7 @@ class ObjectView:
 
     @property
     def is_locked(self) -> bool:
-        """Return whether it is a door, or opens as one, and is locked; set it to lock or unlock it."""
+        """Return whether this is a door, or an object that opens, and is locked. Setting it locks or unlocks it."""
         return self._opens and state_of(self.code) == LOCKED
 
     @is_locked.setter
@@ -220,7 +220,7 @@ class ObjectView:
 
     @property
     def contains(self) -> "ObjectView | None":
-        """Return what a box contains; None for nothing. Set it to put something else into it."""
+        """Return the contents of a box, or None if it is empty. Setting it replaces the contents."""
         return self._views.of(self._inside, None)
 
     @contains.setter
@@ -232,7 +232,7 @@ class ObjectView:
 
     @property
     def cur_pos(self) -> Place | None:
-        """Return its column and row; None in the hand, in a box, and for the wall outside the grid."""
+        """Return the object's column and row; None if it is carried, in a box, or a wall outside the grid."""
         identity = identity_of(self._code)
         if identity:
             return self._views.state.find(identity)
@@ -243,29 +243,29 @@ class ObjectView:
         raise WorldAttributeError("cur_pos cannot be set; move it with env.unwrapped.put_obj(thing, column, row)")
 
     def can_pickup(self) -> bool:
-        """Return whether it can be carried."""
+        """Return whether the agent can carry the object."""
         if self.own:
             return self.own.carried
         return self.type in ("key", "ball", "box")
 
     def can_overlap(self) -> bool:
-        """Return whether the agent can stand on it."""
+        """Return whether the agent can stand on the object."""
         return self.is_open or (self.own.stepped_on if self.own else self.type in ("floor", "goal", "lava"))
 
     def can_contain(self) -> bool:
-        """Return False: no action puts another thing into it."""
+        """Return False, because no action puts an object into another."""
         return False
 
     def see_behind(self) -> bool:
-        """Return whether the agent sees what is behind it."""
+        """Return whether the agent sees what is behind the object."""
         return self.is_open or not (self.own.hides if self.own else self.type in ("wall", "door"))
 
     def encode(self) -> tuple[int, int, int]:
-        """Encode kind, colour and state as numbers."""
+        """Return the numbers of the object's kind, colour and state."""
         return kind_of(self.code), colour_of(self.code), state_of(self.code)
 
     def toggle(self, env: Any, pos: Sequence[int]) -> bool:
-        """Do what the action "toggle" does to it in front of the agent; whether that did anything."""
+        """Apply the action "toggle" to the object; return whether it had an effect."""
         if kind_of(self._code) == BOX:
             env.unwrapped.grid.set(*pos, self.contains)
             return True
@@ -321,12 +321,12 @@ class ObjectView:
 
 
 class GridView:
-    """The cells: ``grid.get(x, y)`` is an `ObjectView`, or None for an empty cell.
+    """A view of a grid's cells: ``grid.get(x, y)`` is an `ObjectView`, or None for an empty cell.
 
     Args:
-        views: The world's things.
-        codes: Other cells than the world's, indexed [x, y].
-        places: Where each of them lies in the world, x * height + y; -1 outside it.
+        views: the views of the world's objects.
+        codes: cells other than the world's, indexed [x, y]; None for the world's.
+        places: the place of each cell in the world, x * height + y; -1 outside it.
     """
 
     def __init__(
@@ -346,19 +346,19 @@ class GridView:
 
     @property
     def codes(self) -> NDArray[np.int32]:
-        """Return the cells' codes, indexed [x, y]; of the world's grid, a view of its state."""
+        """Return the codes of the cells, indexed [x, y]. For the world's own grid, the array is a view of its state."""
         if self._codes is None:
             return self.views.state.cells
         return self._codes
 
     @property
     def grid(self) -> list[ObjectView | None]:
-        """Return every cell, row by row."""
+        """Return all cells, row by row."""
         cells = zip(self.codes.T.ravel().tolist(), self.places.T.ravel().tolist(), strict=True)
         return [None if code == EMPTY else self._view(code, place) for code, place in cells]
 
     def get(self, i: int, j: int) -> ObjectView | None:
-        """Return what lies in a cell, column and row.
+        """Return the object in a cell, given its column and row, or None if the cell is empty.
 
         Raises:
             IndexError: if there is no such cell.
@@ -367,11 +367,11 @@ class GridView:
         return self._view(int(self.codes[i, j]), int(self.places[i, j]))
 
     def set(self, i: int, j: int, v: Any) -> None:
-        """Lay a thing into a cell of the world, one from this world or of Minigrid's classes; None empties it.
+        """Put an object of this world, or of Minigrid's classes, into a cell of the world; None empties the cell.
 
         Raises:
             IndexError: if there is no such cell.
-            WorldError: if this is not a whole grid but a part of one, or too many things were made.
+            WorldError: if this grid is only a part of the world's, or the world has no room for another object.
         """
         self._check(i, j)
         if self._codes is not None:
@@ -379,24 +379,24 @@ class GridView:
         put(self.views.state.row, i, j, self.code_for(v))
 
     def horz_wall(self, x: int, y: int, length: int | None = None, obj_type: Callable[[], Any] | None = None) -> None:
-        """Lay walls, or things of another class, to the right of a cell; to the edge without a length."""
+        """Put a row of walls, or of another class of objects, from a cell to the right; by default, to the edge."""
         for i in range(self.width - x if length is None else length):
             self._lay(x + i, y, obj_type)
 
     def vert_wall(self, x: int, y: int, length: int | None = None, obj_type: Callable[[], Any] | None = None) -> None:
-        """Lay walls, or things of another class, below a cell; to the edge without a length."""
+        """Put a column of walls, or of another class of objects, from a cell down; by default, to the edge."""
         for j in range(self.height - y if length is None else length):
             self._lay(x, y + j, obj_type)
 
     def wall_rect(self, x: int, y: int, w: int, h: int) -> None:
-        """Lay the four walls of a room, walls included in its size."""
+        """Put the four walls of a room. The size includes the walls."""
         for row in (y, y + h - 1):
             self.horz_wall(x, row, w)
         for column in (x, x + w - 1):
             self.vert_wall(column, y, h)
 
     def slice(self, x: int, y: int, width: int, height: int) -> "GridView":
-        """Cut a part out of the grid, from its top left cell; outside the grid is wall."""
+        """Return a rectangular part of the grid, given its top left cell and size. Cells outside the grid are walls."""
         codes = np.full((width, height), GREY_WALL, np.int32)
         places = np.full((width, height), -1, np.int64)
         left = max(x, 0)
@@ -409,16 +409,16 @@ class GridView:
         return GridView(self.views, codes, places)
 
     def rotate_left(self) -> "GridView":
-        """Turn the cells counter-clockwise."""
+        """Return the cells turned counter-clockwise."""
         return GridView(self.views, np.rot90(self.codes, -1).copy(), np.rot90(self.places, -1))
 
     def copy(self) -> "GridView":
-        """Copy the cells as they are now: no step changes the copy, and setting its cells changes no world."""
+        """Return a copy of the current cells. No step changes the copy, and setting its cells changes no world."""
         views = ObjectViews(State(self.views.state.row.copy()), self.views.kinds)
         return GridView(views, None if self._codes is None else self._codes.copy(), self.places)
 
     def encode(self, vis_mask: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
-        """Encode kind, colour and state of every cell, uint8[width, height, 3]; zeros where ``vis_mask`` is False."""
+        """Return kind, colour and state of every cell, uint8[width, height, 3]; zeros where ``vis_mask`` is False."""
         codes = self.codes
         image = np.stack([kinds_of(codes), colours_of(codes), states_of(codes)], axis=-1).astype(np.uint8)
         if vis_mask is None:
@@ -426,10 +426,12 @@ class GridView:
         return image * vis_mask[..., None]
 
     def code_for(self, thing: Any) -> int:
-        """Return the code to lay down for a thing of this world, which leaves its cell, or a new one like it.
+        """Return the code under which to put an object into a cell.
+
+        An object of this world leaves its present cell; of any other object, a new one like it is made.
 
         Raises:
-            WorldError: if too many things were made.
+            WorldError: if the world has no room for another object.
         """
         row = self.views.state.row
         if thing is None:
@@ -451,14 +453,14 @@ class GridView:
         return code
 
     def __contains__(self, key: Any) -> bool:
-        """Return whether a thing of a type, of a (colour, type), or this very thing lies in the grid."""
+        """Return whether the grid has this object, an object of this type, or one of this (colour, type)."""
         if type(key) is ObjectView:
             return bool((self.codes == key.code).any())
         colour, kind = key if isinstance(key, tuple) else (None, key)
         return any(cell is not None and cell.type == kind and colour in (None, cell.color) for cell in self.grid)
 
     def __eq__(self, other: object) -> bool:
-        """Return whether another grid, ours or Minigrid's, looks the same."""
+        """Return whether another grid, ours or Minigrid's, has the same encoding."""
         return hasattr(other, "encode") and np.array_equal(self.encode(), other.encode())
 
     __hash__ = None  # type: ignore[assignment]  # it changes

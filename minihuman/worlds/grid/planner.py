@@ -1,7 +1,7 @@
-"""The planner: shortest lists of actions on the real rules, turns counted, and bounds on their length.
+"""The planner: shortest lists of actions under the real rules, with turns counted, and bounds on their length.
 
-Among obstacles that move, it plans on how they will move by the world's own random stream. No player knows that stream:
-the plan is what could have been done, and nothing shorter could.
+Among moving obstacles, it plans with the moves that they will make by the world's own random stream. No player knows
+that stream: the plan is the shortest one that could have succeeded in hindsight.
 """
 
 import heapq
@@ -26,12 +26,12 @@ MOST_BYTES = 200_000_000  # of states: fewer are looked at in a world that is ve
 
 
 def plan_among_obstacles(start: Row, rng_state: RngState, bound: NDArray[np.int32]) -> list[int] | None:
-    """Plan the fewest turns and steps to the goal; None if there is no way even without obstacles.
+    """Return the fewest actions to the goal among moving obstacles; None if there is no way even without obstacles.
 
     Args:
-        start: The state; it is not changed.
-        rng_state: Where the random stream is; it is not changed.
-        bound: For each pose at least how many actions the goal is away.
+        start: the state; it is not changed.
+        rng_state: the state of the random stream; it is not changed.
+        bound: for each pose, a lower bound on the number of actions to the goal.
 
     Raises:
         WorldError: if the search gave up.
@@ -78,12 +78,12 @@ FAST_PLAN_STATES = 2, 5, 3  # how many times the bound counts then, one after th
 
 
 def shortest_path(state: State, rng_state: RngState) -> list[int] | None:
-    """Plan actions that succeed: the fewest, or a few more where the fewest would take too long to find.
+    """Return the fewest actions that succeed, or a few more if the fewest would take too long to find.
 
-    None if there is none.
+    Return None if no actions succeed.
 
     Raises:
-        WorldError: if no such list was found in some seconds either.
+        WorldError: if no such actions were found within some seconds.
     """
     try:
         return plan(state, rng_state, limit=_most_states(state))
@@ -94,16 +94,16 @@ def shortest_path(state: State, rng_state: RngState) -> list[int] | None:
 
 
 def plan(state: State, rng_state: RngState | None = None, *, limit: int = 1 << 20) -> list[int] | None:
-    """Plan the fewest actions that succeed from this state, which is not changed; None if there are none.
+    """Return the fewest actions that succeed from a state, or None if there are none.
 
-    The step limit is ignored. Doors, keys, boxes and obstacles are handled by search, which is
-    exact and grows with the number of things that can be moved. Instructions are planned clause by clause, which
-    need not be the shortest: ``babyai.expert`` says how short it can be at best.
+    The state is not changed, and its step limit is ignored. Doors, keys, boxes and obstacles are handled by a search,
+    which is exact, and whose time grows with the number of movable objects. Instructions are planned clause by clause,
+    which need not give the shortest plan: ``babyai.expert`` gives a lower bound.
 
     Args:
-        state: Where to start.
-        rng_state: The random stream by which obstacles move; it is not changed. Without it, they are not planned.
-        limit: States to search before giving up; 2**20 take about a second and 200 MB.
+        state: the state from which to start.
+        rng_state: the random stream by which obstacles move; it is not changed. None if no obstacles move.
+        limit: the number of states to search before giving up; 2**20 take about a second and 200 MB.
 
     Raises:
         WorldError: if the search gave up, or obstacles move and no stream is given.
@@ -134,7 +134,7 @@ def plan(state: State, rng_state: RngState | None = None, *, limit: int = 1 << 2
 
 
 def _search_within(row: Row, bound: NDArray[np.int32], extra: int, limit: int) -> list[int] | None:
-    """Search for the fewest actions, at first among few states, then among more and more up to ``limit``."""
+    """Search for the fewest actions, at first among few states, then among more, up to ``limit``."""
     allowed = min(FIRST_LIMIT, limit)
     while True:
         outcome, actions = search(row, bound, extra, allowed, np.zeros(6, np.uint64), 1)
@@ -170,7 +170,7 @@ def _instruction_bounds(state: State) -> PathLengthBounds:
 
 
 def path_length_bounds(state: State, rng_state: RngState) -> PathLengthBounds:
-    """Bound the actions that success takes: the fewest, or a lower bound and the length of a plan found."""
+    """Return the exact number of actions to success as both bounds, or a lower bound and the length of a known plan."""
     if state.row[fields.TASK] == rewards.INSTRUCTED:
         return _instruction_bounds(state)
     table, extra = _relaxed(state)
@@ -207,7 +207,7 @@ def _most_states(state: State) -> int:
 
 
 def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
-    """Plan the fewest turns and steps to one of the poses (n, 3: x, y, direction); None if there are none."""
+    """Return the fewest turns and steps to one of the poses (n, 3: x, y, direction), or None if none can be reached."""
     steps = distances(state.row, _numbers(state, poses), False)
     pose = (*state.position, state.direction)
     if steps[pose] >= FAR:
@@ -216,13 +216,13 @@ def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
 
 
 def _relaxed(state: State) -> tuple[NDArray[np.int32], int]:
-    """Return for each pose a lower bound on the actions to a plan's last ones, and how many those are."""
+    """Return a lower bound on the actions from each pose to the plan's final actions, and how many those are."""
     poses, extra = _nearest(state)
     return distances(state.row, _numbers(state, poses), True), extra
 
 
 def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
-    """Return the poses of which one must be reached, and at least how many actions follow."""
+    """Return the poses of which one must be reached, and the least number of actions that follow."""
     row = state.row
     task = int(row[fields.TASK])
     target = row[fields.TARGET : fields.TARGET + 4].tolist()
@@ -252,7 +252,7 @@ def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
 
 
 def _numbers(state: State, poses: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the pose numbers of the poses that lie in the grid."""
+    """Return the numbers of those poses that lie in the grid."""
     x, y, direction = poses.T
     inside = (x >= 0) & (y >= 0) & (x < state.width) & (y < state.height)
     numbers: NDArray[np.int64] = (x * state.height + y) * 4 + direction
@@ -264,7 +264,7 @@ def _standing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def facing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the poses before cells (n, 2), looking at them."""
+    """Return the poses next to cells (n, 2) that face them."""
     poses = [(x - dx, y - dy, direction) for x, y in cells for direction, (dx, dy) in enumerate(STEPS)]
     return np.array(poses, np.int64).reshape(-1, 3)
 

@@ -1,4 +1,4 @@
-"""Rooms of a grid of equal rooms, as Minigrid's look: views of a world's state."""
+"""Rooms of a grid of equal rooms, in the form of Minigrid's rooms: views of a world's state."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ class RoomView:
         return [self.rooms.room(*place) if self.rooms.has(*place) else None for place in places]
 
     def pos_inside(self, x: int, y: int) -> bool:
-        """Return whether a cell is in the room, its walls included."""
+        """Return whether a cell is in the room, including its walls."""
         left, top = self.top
         width, height = self.size
         return left <= x < left + width and top <= y < top + height
@@ -44,7 +44,7 @@ class RoomView:
 
 
 class RoomGridView:
-    """A grid of equal rooms, by column and row."""
+    """The rooms of a grid of equal rooms, by column and row."""
 
     def __init__(self, grid: GridView, size: int) -> None:
         self._grid = grid
@@ -52,11 +52,11 @@ class RoomGridView:
         self.columns, self.rows = ((cells - 1) // (size - 1) for cells in (grid.width, grid.height))
 
     def has(self, column: int, row: int) -> bool:
-        """Return whether there is such a room."""
+        """Return whether there is a room at a column and a row."""
         return 0 <= column < self.columns and 0 <= row < self.rows
 
     def room(self, column: int, row: int) -> RoomView:
-        """Return a room.
+        """Return the room at a column and a row.
 
         Raises:
             WorldError: if there is no such room.
@@ -75,7 +75,7 @@ class RoomGridView:
         return ([self.room(column, row) for column in range(self.columns)] for row in range(self.rows))
 
     def _door(self, part: GridView, wall: int) -> ObjectView | bool | None:
-        """Return the door in a wall (0 right, 1 down, 2 left, 3 up); True without a wall, None in a solid wall."""
+        """Return the door in a wall (0 right, 1 down, 2 left, 3 up); True without a wall, None if the wall is solid."""
         last = self.size - 1
         along = range(1, self.size - 1)
         right = [(last, k) for k in along]

@@ -1,6 +1,6 @@
-"""TeamGrid: a grid with 2 to 8 bodies, laid out in plain Python; what a joint action does is compiled.
+"""TeamGrid: a grid with 1 to 8 bodies, laid out in plain Python. Joint actions are compiled.
 
-A subclass says `bodies` and writes `layout`, which places each of them. `core.bodies` has the rule of moves.
+A subclass sets `bodies` and writes `layout`, which places each of them. `core.bodies` has the rules for moves.
 """
 
 import abc
@@ -42,7 +42,7 @@ from minihuman.worlds.team import TeamStep, TeamWorld
 
 
 class TeamSnapshot(NamedTuple):
-    """An exact copy of a team's grid in mid-episode, its random stream included."""
+    """An exact copy of a team's grid in mid-episode, including its random stream."""
 
     row: Row
     rng_state: RngState
@@ -51,16 +51,17 @@ class TeamSnapshot(NamedTuple):
 
 
 class TeamGrid(TeamWorld, abc.ABC):
-    """A grid with several bodies, each with a view of its own.
+    """A grid with several bodies, each of which has its own view.
 
     Args:
-        width: Columns, 3 or more, outer walls included.
-        height: Rows, likewise.
-        max_steps: Joint steps after which an episode is truncated; success earns ``1 - 0.9 * step / max_steps``.
-        mission: What to do, in words.
-        see_through_walls: Walls hide nothing.
-        agent_view_size: Cells on a side of each body's view, odd, 3 to 61.
-        view: What a person sees: the body's own view ("partial") or the whole grid ("full").
+        width: the number of columns, 3 or more, including the outer walls.
+        height: the number of rows, 3 or more, including the outer walls.
+        max_steps: the number of joint steps after which an episode is truncated; success earns ``1 - 0.9 * step /
+            max_steps``.
+        mission: the mission in words.
+        see_through_walls: whether bodies see through walls.
+        agent_view_size: the number of cells on a side of each body's view, odd, 3 to 61.
+        view: what a person sees: the body's own view ("partial") or the whole grid ("full").
     """
 
     bodies: int = 2
@@ -105,27 +106,28 @@ class TeamGrid(TeamWorld, abc.ABC):
 
     @abc.abstractmethod
     def layout(self, grid: Layout) -> None:
-        """Lay out an episode on an empty grid. It places every body: ``grid.place_agent(body=1)``."""
+        """Lay out an episode on an empty grid. The method must place every body: ``grid.place_agent(body=1)``."""
 
     def reward_and_done(
         self, actions: Sequence[int], rewards: tuple[float, ...], terminated: bool
     ) -> tuple[tuple[float, ...], bool]:
-        """Return rewards and end of a joint step that was made, given what goals and lava say.
+        """Return the rewards of a joint step that was made, and whether it ended the episode.
 
-        It may change the world (through ``self.state``); observations are taken afterwards.
+        The arguments have what goals and lava imply. The method may change the world (through ``self.state``); the
+        observations are made afterwards.
         """
         return rewards, terminated
 
     @property
     def state(self) -> State:
-        """Return the state, readable by name; its agent is body 0."""
+        """Return the state, with named fields. Its agent is body 0."""
         return State(self._row)
 
     def reset(self, seed: int | None = None) -> None:
         """Lay out a new episode.
 
         Raises:
-            WorldError: if the layout leaves a body out, or finds no place for something.
+            WorldError: if the layout does not place every body, or finds no free cell for an object.
         """
         seed = self.choose_seed(seed)
         self.np_random = np.random.default_rng(seed)
@@ -155,19 +157,19 @@ class TeamGrid(TeamWorld, abc.ABC):
             see_body(self._row, body, self._images[body])
 
     def _body(self, body: int) -> list[int]:
-        """Return a body's column, row, direction and the code of what it carries."""
+        """Return a body's column, row, direction and the code of the object that it carries."""
         check_whole("body", body, 0, self.bodies - 1)
         at = body_index(self._row, body)
         numbers: list[int] = self._row[at : at + 4].tolist()
         return numbers
 
     def held_by(self, body: int) -> int | None:
-        """Return the code of what a body carries; None for nothing."""
+        """Return the code of the object that a body carries, or None."""
         code = self._body(body)[3]
         return None if code == EMPTY else code
 
     def step(self, actions: Sequence[int]) -> TeamStep:
-        """Make one joint step."""
+        """Make one joint step, with one action per body."""
         if len(actions) != self.bodies:
             self.check_actions(actions)
         self._actions[:] = actions
@@ -188,11 +190,11 @@ class TeamGrid(TeamWorld, abc.ABC):
         return TeamStep(rewards, terminated, status & TRUNCATED != 0)
 
     def observation(self, body: int) -> NDArray[np.uint8]:
-        """Return what a body sees, uint8[size, size, 3]: kind, colour, state; other bodies are of the kind "agent"."""
+        """Return a body's view, uint8[size, size, 3]: kind, colour, state. Other bodies have the kind "agent"."""
         return self._images[body].copy()
 
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
-        """Draw the largest picture with whole-numbered tiles that fits."""
+        """Draw the largest picture with whole-numbered tiles that fits the size."""
         size = len(self._images[0])
         columns, rows = (size, size) if self.view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(width // columns, height // rows))
@@ -205,24 +207,24 @@ class TeamGrid(TeamWorld, abc.ABC):
         return Pose(float(x), 0.0, float(y), YAWS_RAD[direction])
 
     def map(self) -> Map:
-        """Return the floor plan with doors, objects and goals where they are now."""
+        """Return the floor plan with doors, objects and goals at their current places."""
         return floor_plan(self.state, kinds=self.kinds)
 
     def state_hash(self) -> int:
-        """Hash layout, bodies, task, mission, random stream and the kept attributes to a uint64."""
+        """Hash the layout, bodies, task, mission, random stream and kept attributes to a uint64."""
         saved = self.save()
         hashed = [saved.row, saved.rng_state[: 6 if saved.rng_state[4] else 4], saved.mission]
         return hash64([*hashed, saved.kept] if self.kept else hashed)
 
     def save(self) -> TeamSnapshot:
-        """Copy the state exactly, in mid-episode."""
+        """Return an exact copy of the state in mid-episode."""
         rng_state = np.zeros(6, np.uint64)
         read_rng_state(self.np_random, rng_state)
         attributes = {name: deepcopy(getattr(self, name)) for name in self.kept}
         return TeamSnapshot(self._row.copy(), rng_state, self.mission, attributes)
 
     def restore(self, saved: TeamSnapshot) -> None:
-        """Go back to a saved state of a world of the same size and number of bodies."""
+        """Restore a saved state of a world of the same size and number of bodies."""
         if saved.row.shape != self._row.shape or not np.array_equal(saved.row[:2], self._row[:2]):
             raise WorldError(
                 f"the saved state differs in size from {type(self).__name__}; restore it into the world that saved it"

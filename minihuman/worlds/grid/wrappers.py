@@ -1,9 +1,9 @@
 """Wrappers for grid worlds: other observations, noisy actions, exploration bonuses, fixed layouts, no death, tokens.
 
-Where Gymnasium has a wrapper there is none here: the image alone is `TransformObservation(env, itemgetter("image"),
+There is no wrapper here if Gymnasium has one: the image alone is `TransformObservation(env, itemgetter("image"),
 env.observation_space["image"])`, repeated actions are `StickyAction`. Each wrapper declares the space of its
-observations. They compute what Minigrid's of the same purpose compute, drawings apart. `Tokens` gives missions as
-numbers of words, for libraries that know no text.
+observations. Apart from drawings, the wrappers compute what Minigrid's wrappers of the same purpose compute. `Tokens`
+gives missions as numbers of words, for libraries that cannot handle text.
 """
 
 import abc
@@ -38,7 +38,7 @@ def grid_of(env: Env) -> GridEngine:
     """Return the grid world inside an environment.
 
     Raises:
-        WorldError: if there is none.
+        WorldError: if the environment is not a grid world.
     """
     if not isinstance(env.unwrapped, GridEngine):
         raise WorldError(f"{env} is not a minihuman grid world; wrap one such as minihuman/MiniGrid-Empty-8x8-v0")
@@ -46,7 +46,7 @@ def grid_of(env: Env) -> GridEngine:
 
 
 class ImageWrapper(gymnasium.ObservationWrapper[Observation, int, Observation], abc.ABC):
-    """Base of wrappers that put another image into the observation."""
+    """Base class of wrappers that replace the image in the observation."""
 
     def __init__(self, env: Env, space: spaces.Box) -> None:
         super().__init__(env)
@@ -55,15 +55,18 @@ class ImageWrapper(gymnasium.ObservationWrapper[Observation, int, Observation], 
 
     @abc.abstractmethod
     def image(self, observation: Observation) -> NDArray[Any]:
-        """Return the other image."""
+        """Return the image that replaces the observation's."""
 
     def observation(self, observation: Observation) -> Observation:
-        """Return the observation with the other image."""
+        """Return the observation with its image replaced."""
         return {**observation, "image": self.image(observation)}
 
 
 class PictureObservation(ImageWrapper):
-    """Pixels: the agent's view or the whole world, ``tile_px`` on a side of a cell, uint8[H, W, 3]."""
+    """A wrapper that replaces the image by a picture of the agent's view or of the whole world, uint8[H, W, 3].
+
+    A cell is ``tile_px`` pixels wide and high.
+    """
 
     def __init__(
         self, env: Env, *, view: View = "partial", tile_px: int = 8, palette: GridPalette = "classic", lit: bool = True
@@ -77,7 +80,7 @@ class PictureObservation(ImageWrapper):
         super().__init__(env, spaces.Box(0, 255, (rows * tile_px, columns * tile_px, 3), np.uint8))
 
     def image(self, observation: Observation) -> NDArray[np.uint8]:
-        """Return the picture."""
+        """Return the picture, uint8[H, W, 3]."""
         return draw_grid(
             self.grid.state.row,
             view=self.view,
@@ -90,9 +93,9 @@ class PictureObservation(ImageWrapper):
 
 
 class OneHot(ImageWrapper):
-    """The image's kinds, colours and states as zeros and ones, uint8[size, size, 11 + 6 + 3].
+    """A wrapper that encodes the image's kinds, colours and states as one-hot vectors, uint8[size, size, 11 + 6 + 3].
 
-    A world with kinds of its own has so many more.
+    Each kind of the world's own adds one more number per cell.
     """
 
     def __init__(self, env: Env) -> None:
@@ -102,21 +105,24 @@ class OneHot(ImageWrapper):
         super().__init__(env, spaces.Box(0, 1, (*size[:2], sum(self.lengths)), np.uint8))
 
     def image(self, observation: Observation) -> NDArray[np.uint8]:
-        """Return the image in zeros and ones."""
+        """Return the one-hot encoding of the image."""
         kinds, colours, states = np.moveaxis(observation["image"], -1, 0)
         hot = (np.eye(length, dtype=np.uint8) for length in self.lengths)
         return np.concatenate([eye[part] for eye, part in zip(hot, (kinds, colours, states), strict=True)], axis=-1)
 
 
 class FullyObserved(ImageWrapper):
-    """The whole grid instead of the view, uint8[width, height, 3]: kind, colour, state (of the agent: direction)."""
+    """A wrapper that replaces the image by the whole grid, uint8[width, height, 3]: kind, colour, state.
+
+    The state of the agent is its direction.
+    """
 
     def __init__(self, env: Env) -> None:
         state = grid_of(env).state
         super().__init__(env, spaces.Box(0, 255, (state.width, state.height, 3), np.uint8))
 
     def image(self, observation: Observation) -> NDArray[np.uint8]:
-        """Return the whole grid."""
+        """Return the whole grid, uint8[width, height, 3]."""
         state = self.grid.state
         image = np.empty((state.width, state.height, 3), np.uint8)
         see_all(state.row, image)
@@ -124,7 +130,10 @@ class FullyObserved(ImageWrapper):
 
 
 class Symbolic(ImageWrapper):
-    """The whole grid as symbols, int64[width, height, 3]: column, row, kind; -1 for an empty cell."""
+    """A wrapper that replaces the image by the grid as symbols, int64[width, height, 3]: column, row, kind.
+
+    The kind of an empty cell is -1.
+    """
 
     def __init__(self, env: Env) -> None:
         state = grid_of(env).state
@@ -135,7 +144,7 @@ class Symbolic(ImageWrapper):
         super().__init__(env, spaces.Box(low, high, dtype=np.int64))
 
     def image(self, observation: Observation) -> NDArray[np.int64]:
-        """Return the symbols."""
+        """Return the whole grid as symbols, int64[width, height, 3]."""
         state = self.grid.state
         columns, rows = np.mgrid[: state.width, : state.height]
         kinds = state.kinds
@@ -145,7 +154,7 @@ class Symbolic(ImageWrapper):
 
 
 class ViewSize(ImageWrapper):
-    """The agent's view with another number of cells on a side, odd, 3 to 61."""
+    """A wrapper that replaces the agent's view by one with another number of cells on a side, odd, 3 to 61."""
 
     def __init__(self, env: Env, size: int = 7) -> None:
         self.size = size
@@ -153,14 +162,14 @@ class ViewSize(ImageWrapper):
         super().__init__(env, spaces.Box(0, 255, (size, size, 3), np.uint8))
 
     def image(self, observation: Observation) -> NDArray[np.uint8]:
-        """Return the larger or smaller view."""
+        """Return the agent's view in the chosen size."""
         return self.grid.look(self.size)
 
 
 class Flat(gymnasium.ObservationWrapper[NDArray[np.uint8], int, Observation]):
-    """One array of zeros, ones and cell numbers: the image, then the mission letter by letter.
+    """A wrapper that turns an observation into one array: the image's numbers, then the mission letter by letter.
 
-    Letters are a to z, space and comma, each 28 numbers of which one is 1, up to ``letters`` of them.
+    Letters are a to z, space and comma; each of up to ``letters`` letters is encoded as 28 numbers, one of which is 1.
     """
 
     ALPHABET = "abcdefghijklmnopqrstuvwxyz ,"
@@ -176,7 +185,7 @@ class Flat(gymnasium.ObservationWrapper[NDArray[np.uint8], int, Observation]):
         self._spelt = np.zeros(len(self.ALPHABET) * letters, np.uint8)
 
     def observation(self, observation: Observation) -> NDArray[np.uint8]:
-        """Return image and mission in one array."""
+        """Return the image and the mission in one array."""
         if observation["mission"] != self._mission:
             self._spelt = self._spell(observation["mission"])
             self._mission = observation["mission"]
@@ -198,13 +207,13 @@ class Flat(gymnasium.ObservationWrapper[NDArray[np.uint8], int, Observation]):
 
 
 class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation]):
-    """Adds ``goal_direction``: where the goal is from the agent, a float64 without dimensions.
+    """Adds ``goal_direction`` to the observation: the direction from the agent to the goal, a zero-dimensional float64.
 
     Args:
-        env: A grid world with a goal.
-        measure: "angle_atan2" is an angle in radians, -pi to pi, 0 to the right, growing downwards; "slope" is down
-            over right, infinite straight up and down, and "angle" its arc tangent: both give opposite directions
-            the same number.
+        env: a grid world with a goal.
+        measure: "angle_atan2" for an angle in radians, -pi to pi, 0 to the right, growing downwards; "slope" for the
+            distance down divided by the distance right, infinite straight up and down; "angle" for the arc tangent of
+            the slope. The last two give opposite directions the same number.
     """
 
     def __init__(self, env: Env, measure: Literal["slope", "angle", "angle_atan2"] = "slope") -> None:
@@ -218,7 +227,7 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
         self.observation_space = spaces.Dict({**_parts(env), "goal_direction": space})
 
     def observation(self, observation: Observation) -> Observation:
-        """Return the observation with the goal's direction."""
+        """Return the observation with the direction of the goal added."""
         state = self.grid.state
         goals = np.argwhere(state.kinds.T == GOAL)
         if len(goals) == 0:
@@ -238,7 +247,10 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
 
 
 class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
-    """Does the action with probability ``prob``, otherwise ``random_action``; None draws one."""
+    """A wrapper that takes the given action with probability ``prob``, otherwise ``random_action``.
+
+    If ``random_action`` is None, it takes a random action instead.
+    """
 
     def __init__(self, env: Env, prob: float = 0.9, random_action: int | None = None) -> None:
         super().__init__(env)
@@ -248,7 +260,7 @@ class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
         self.random_action = random_action
 
     def action(self, action: int) -> int:
-        """Return the action that is done."""
+        """Return the action that is taken."""
         if self.np_random.random() < self.prob:
             return action
         assert isinstance(self.action_space, spaces.Discrete)
@@ -258,9 +270,10 @@ class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
 
 
 class ExplorationBonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
-    """Base of wrappers that add ``scale / sqrt(n)`` to the reward the n-th time something happens, in any episode.
+    """Base class of wrappers that add ``scale / sqrt(n)`` to the reward when an event occurs for the n-th time.
 
-    In a session each episode begins with counts of 0, so that it can be replayed by itself.
+    Events are counted over all episodes. In a session, however, each episode begins with counts of 0, so that it can be
+    replayed by itself.
     """
 
     def __init__(self, env: Env, scale: float = 1.0) -> None:
@@ -271,10 +284,10 @@ class ExplorationBonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
 
     @abc.abstractmethod
     def happened(self, action: int) -> tuple[Any, ...]:
-        """Return what is counted, after the step."""
+        """Return the event to count, after the step."""
 
     def step(self, action: int) -> Step:
-        """Act, and add the bonus."""
+        """Take an action, and add the bonus to its reward."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         happened = self.happened(action)
         self.counts[happened] += 1
@@ -283,15 +296,15 @@ class ExplorationBonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
 
 
 class PositionBonus(ExplorationBonus):
-    """A bonus for cells seldom visited."""
+    """A wrapper that adds a bonus for cells that were visited rarely."""
 
     def happened(self, action: int) -> tuple[Any, ...]:
-        """Return the cell the agent is in."""
+        """Return the agent's cell."""
         return self.grid.state.position
 
 
 class ActionBonus(ExplorationBonus):
-    """A bonus for what is seldom done: an action that ends in a cell and direction."""
+    """A wrapper that adds a bonus for rare combinations of an action with the cell and direction in which it ended."""
 
     def happened(self, action: int) -> tuple[Any, ...]:
         """Return the agent's cell and direction, and the action."""
@@ -308,12 +321,12 @@ def _parts(env: Env) -> dict[str, spaces.Space[Any]]:
 
 
 class FixedSeeds(gymnasium.Wrapper[Any, int, Any, int]):
-    """Resets with the given seeds, one after the other, over and over: layouts that are fixed.
+    """A wrapper that resets an environment with the given seeds in turn, over and over, so that layouts are fixed.
 
     Args:
-        env: Any environment.
-        seeds: One or more.
-        first: The place of the first reset's seed among them.
+        env: any environment.
+        seeds: one or more seeds.
+        first: the index of the seed of the first reset.
     """
 
     def __init__(self, env: Env, seeds: Iterable[int] = (0,), *, first: int = 0) -> None:
@@ -339,12 +352,15 @@ class FixedSeeds(gymnasium.Wrapper[Any, int, Any, int]):
 
 
 class NoDeath(gymnasium.Wrapper[Any, int, Any, int]):
-    """What would end the episode without success does not: it costs something and the agent stays where it was.
+    """A wrapper that lets an episode continue, at a cost, where it would end without success.
+
+    The agent then stays where it was.
 
     Args:
-        env: A grid world.
-        types: What does not kill: "lava", and whatever else ends an episode when the agent walks into it.
-        cost: Added to the reward each time; 0 or less.
+        env: a grid world.
+        types: the kinds of cells that no longer end the episode: "lava", or any other kind that ends it when the agent
+            walks into it.
+        cost: the number that is added to the reward each time, 0 or less.
     """
 
     def __init__(self, env: Env, types: Iterable[str] = ("lava",), cost: float = -1.0) -> None:
@@ -359,7 +375,7 @@ class NoDeath(gymnasium.Wrapper[Any, int, Any, int]):
             raise WorldError(f"cost is {cost!r}; it must be 0 or less")
 
     def step(self, action: int) -> Step:
-        """Act; walking into what is named costs, and is undone."""
+        """Take an action. Walking into one of the given kinds is undone at a cost."""
         row = self.grid.state.row
         x, y = cell_in_front(row)
         inside = 0 <= x < self.grid.state.width and 0 <= y < self.grid.state.height
@@ -376,7 +392,7 @@ class NoDeath(gymnasium.Wrapper[Any, int, Any, int]):
 
 
 def _observed(env: Any) -> Any:
-    """Return what an environment with its wrappers would observe now."""
+    """Return the current observation of an environment with its wrappers."""
     if isinstance(env, GridEngine):
         return env.observation()
     inner = _observed(env.env)
@@ -390,16 +406,16 @@ PADDING = 0  # the token after a mission's last word
 
 
 class Tokens(gymnasium.ObservationWrapper[dict[str, Any], int, dict[str, Any]]):
-    """The mission as one number per word, int64[length], zeros behind it; word ``words[i]`` is number ``i + 1``.
+    """Replaces the mission by one number per word, int64[length], padded with zeros; ``words[i]`` has number ``i + 1``.
 
-    Cells in the observation's image are declared as numbers of kinds, colours and states, so that no library
-    takes them for pixels. ``PPO("MultiInputPolicy", Tokens(env))`` of Stable-Baselines3 learns on it.
+    The cells in the observation's image are declared as numbers of kinds, colours and states, so that no library takes
+    them for pixels. ``PPO("MultiInputPolicy", Tokens(env))`` of Stable-Baselines3 learns on it.
 
     Args:
-        env: An environment that observes a ``mission``.
-        words: The words that have numbers; None for those of the world's own missions. Give the same words to worlds
-            that one agent is to play.
-        length: Words of the longest mission; None for the longest that the world's missions may be.
+        env: an environment whose observations have a ``mission``.
+        words: the words that have numbers; None for those of the world's own missions. Give the same words to all
+            worlds that one agent is to play.
+        length: the number of words of the longest mission; None for the longest of the world's missions.
     """
 
     def __init__(
@@ -431,14 +447,14 @@ class Tokens(gymnasium.ObservationWrapper[dict[str, Any], int, dict[str, Any]]):
         self.observation_space = spaces.Dict(parts)
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """Return the observation with the mission in tokens."""
+        """Return the observation with the mission as tokens."""
         return {**observation, "mission": self.tokens(observation["mission"])}
 
     def tokens(self, mission: str) -> NDArray[np.int64]:
-        """Encode a sentence in tokens.
+        """Return a sentence as tokens.
 
         Raises:
-            WorldError: if it has a word without a number, or too many words.
+            WorldError: if the sentence has a word without a number, or too many words.
         """
         mission_words = words_in(mission)
         if len(mission_words) > self.length:

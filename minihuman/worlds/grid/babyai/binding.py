@@ -1,4 +1,4 @@
-"""Binding: which objects of a layout an instruction's descriptions mean, and whether it makes sense there.
+"""Binding: which objects of a layout match an instruction's descriptions, and whether the instruction makes sense.
 
 `instruct` sets an instruction on a finished layout, for worlds written in Python.
 """
@@ -53,7 +53,7 @@ from minihuman.worlds.kernels import device_function, kernel
 
 @device_function()
 def lies_so(row: Row, cell: int, place: int) -> bool:
-    """Return whether a cell is in the agent's room (its walls included) and on that side of the agent."""
+    """Return whether a cell is in the agent's room (including its walls) and on the given side of the agent."""
     if place == ANY:
         return True
     height = row[HEIGHT]
@@ -81,7 +81,7 @@ def lies_so(row: Row, cell: int, place: int) -> bool:
 
 @device_function()
 def fits(row: Row, identity: int, kind: int, colour: int, place: int) -> bool:
-    """Return whether an object that lies in a cell is one that the description means."""
+    """Return whether an object lies in a cell and matches a description."""
     cell = where_is(row, identity)
     if cell == NOWHERE:
         return False
@@ -95,7 +95,10 @@ def fits(row: Row, identity: int, kind: int, colour: int, place: int) -> bool:
 
 @device_function()
 def count_walls(row: Row, colour: int, place: int) -> int:
-    """Count the cells of wall that "a grey object" means as well, up to two: Minigrid counts them, and says "a"."""
+    """Return the number of wall cells that match "a grey object", up to two.
+
+    Minigrid counts walls among the matching objects, and then says "a" instead of "the".
+    """
     count = 0
     for cell in range(row[WIDTH] * row[HEIGHT]):
         code = row[HEADER + cell]
@@ -108,7 +111,7 @@ def count_walls(row: Row, colour: int, place: int) -> int:
 
 @device_function()
 def bind(row: Row) -> bool:
-    """Note which objects each description means, and where they lie; False if one means nothing."""
+    """Record which objects match each description, and where they lie; return False if a description matches none."""
     block = block_of(row)
     means = means_of(row)
     for k in range(row[OBJECTS]):
@@ -136,9 +139,9 @@ def bind(row: Row) -> bool:
 
 @device_function()
 def makes_sense(row: Row, keys_matter: bool) -> bool:
-    """Return whether no clause asks to put a thing next to itself, or next to what it is beside already.
+    """Return whether no clause asks to put an object next to itself, or next to an object that it is beside already.
 
-    With ``keys_matter`` also whether none is about a key that opens a locked door.
+    With ``keys_matter``, no clause may be about a key that opens a locked door either.
     """
     block = block_of(row)
     means = means_of(row)
@@ -160,7 +163,7 @@ def makes_sense(row: Row, keys_matter: bool) -> bool:
 
 @device_function()
 def unlocks(row: Row, at: int) -> bool:
-    """Return whether a description is of a key in the colour of a locked door."""
+    """Return whether a description is of a key with the colour of a locked door."""
     if row[at + KIND] != KEY:
         return False
     for identity in range(1, row[OBJECTS] + 1):
@@ -174,24 +177,25 @@ def unlocks(row: Row, at: int) -> bool:
 
 @kernel("(int32[::1],)")
 def bind_now(row: Row) -> bool:
-    """Call `bind`, for layouts written in Python."""
+    """Run `bind` from Python, for layouts written in Python."""
     return bind(row)
 
 
 def instruct(
     row: Row, instruction: Instruction, *, own_steps: bool = True, done_required: bool = False, room: int = 0
 ) -> None:
-    """Make the instruction the task of a layout with its agent placed.
+    """Set an instruction as the task of a layout in which the agent is placed.
 
     Args:
-        row: The state, of a world whose mission is an `InstructionSpace`.
-        instruction: What to do.
-        own_steps: Judge each part by its own steps, and by where things are; False is as in Minigrid.
-        done_required: A clause ends when "done" is said right after it was done.
-        room: Cells on a side of a room, walls included, for "on your left"; 0: the grid is one room.
+        row: the state of a world whose mission is an `InstructionSpace`.
+        instruction: the instruction.
+        own_steps: whether to judge each part by its own steps and by where objects are; False for Minigrid's behaviour.
+        done_required: whether a clause is only complete when "done" is said right after it was carried out.
+        room: the number of cells on a side of a room, including its walls, for "on your left"; 0 if the grid is one
+            room.
 
     Raises:
-        WorldError: if the world has no place for an instruction, or a description means nothing in it.
+        WorldError: if the world has no space for an instruction, or a description matches no object in it.
     """
     if len(row) < instructed_length(int(row[0]), int(row[1])):
         raise WorldError("this world has no instructions; give it mission=InstructionSpace()")

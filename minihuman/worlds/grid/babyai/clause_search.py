@@ -1,9 +1,9 @@
-"""Best-first search for doing one clause on the world's own rules, and the distance heuristic that guides it.
+"""Best-first search for carrying out one clause under the world's own rules, and the distance heuristic that guides it.
 
-The heuristic says from every pose about how many actions a clause takes, keys and locked doors included. It is the
-exact distance in a simplified world, found backwards from the goal: nothing lies in the way (or costs something to
-pass), what is dropped is gone, a key lies where it lay. The states of that world are poses, which locked doors are
-unlocked, and what sort of object is in hand.
+The heuristic estimates from every pose how many actions a clause takes, including keys and locked doors. It is the
+exact distance in a simplified world, computed backwards from the goal: nothing blocks the way (or it costs something to
+pass), dropped objects vanish, and a key stays where it was. The states of that world are poses, the set of unlocked
+doors, and the class of object in the agent's hand.
 """
 
 import numpy as np
@@ -85,7 +85,7 @@ Sorts = NDArray[np.int64]  # by identity - 1: what sort of thing an object is in
 
 @kernel("(int32[::1],)")
 def find_locks(row: Row) -> Locks:
-    """Return the locked doors for which there is a key."""
+    """Return the locked doors for which there is a key, (locks, 2): the door's identity and colour."""
     keys = key_colours(row)
     locks = np.zeros((MOST_LOCKS, 2), np.int64)
     count = 0
@@ -103,7 +103,7 @@ def find_locks(row: Row) -> Locks:
 
 @device_function()
 def key_colours(row: Row) -> int:
-    """Return the colours of all keys, lying, held or in boxes, as bits."""
+    """Return the colours of all keys as bits, whether they lie in cells, are carried or are in boxes."""
     colours = 0
     for identity in range(1, row[OBJECTS] + 1):
         cell = where_is(row, identity)
@@ -120,7 +120,7 @@ def key_colours(row: Row) -> int:
 
 @kernel("(int32[::1], int64, int64[::1], int64[:, ::1])")
 def sort_things(row: Row, clause: int, codes: NDArray[np.int64], locks: Locks) -> Sorts:
-    """Sort the objects by what they are in hand, for a clause."""
+    """Return for each object which class it belongs to when it is carried, for a given clause."""
     sorts = np.full(len(codes), OTHER, np.int64)
     verb = row[block_of(row) + CLAUSES + clause * CLAUSE + VERB]
     for k in range(len(codes)):
@@ -137,7 +137,7 @@ def sort_things(row: Row, clause: int, codes: NDArray[np.int64], locks: Locks) -
 
 @device_function()
 def opens(row: Row, hand: int, lock: int, locks: Locks, sorts: Sorts, codes: NDArray[np.int64]) -> bool:
-    """Return whether a sort of thing opens a lock."""
+    """Return whether a class of carried objects can open a lock."""
     if hand >= KEYS:
         return locks[hand - KEYS, 1] == locks[lock, 1]
     if hand == MOVED:
@@ -151,9 +151,9 @@ def opens(row: Row, hand: int, lock: int, locks: Locks, sorts: Sorts, codes: NDA
 def distance_heuristic(
     row: Row, clause: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts, careful: bool
 ) -> Table:
-    """Return the table of a clause; FAR where it cannot be done even in the simplified world.
+    """Return the table of distances for a clause, FAR where it cannot be done even in the simplified world.
 
-    ``careful`` charges for doors and things in the way what they take about; else the table never overestimates.
+    With ``careful``, doors and objects in the way cost what they usually take; otherwise it never overestimates.
     """
     width = np.int64(row[WIDTH])
     height = np.int64(row[HEIGHT])
@@ -250,7 +250,10 @@ def distance_heuristic(
 def lies_ahead(
     row: Row, x: int, y: int, direction: int, hand: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts
 ) -> int:
-    """Count the actions to pick up something of a sort from ahead: 1, 2 if it is in a box, 0 if there is none."""
+    """Return the number of actions to pick up an object of a class from the cell ahead.
+
+    The number is 1, or 2 if the object is in a box, or 0 if there is none.
+    """
     i, j = ahead(x, y, direction)
     if i < 0 or j < 0 or i >= row[WIDTH] or j >= row[HEIGHT]:
         return 0
@@ -269,7 +272,10 @@ def lies_ahead(
 def can_open(
     row: Row, code: int, lock: int, unlocked: int, hand: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts
 ) -> bool:
-    """Return whether a door opens to a hand while some locks are open; ``lock`` is -1 for a door without one."""
+    """Return whether an agent can open a door, given what it carries and the locks that are unlocked.
+
+    ``lock`` is -1 for a door without a lock.
+    """
     if lock >= 0 and unlocked >> lock & 1 == 0:
         return opens(row, hand, lock, locks, sorts, codes)
     return state_of(code) != LOCKED or lock >= 0
@@ -286,7 +292,7 @@ def goal(
     lock_at: NDArray[np.int64],
     steps: Table,
 ) -> None:
-    """Write into the table what the last action takes from where the clause can be done."""
+    """Write into the table the cost of the last action, for every state in which the clause can be completed."""
     width = row[WIDTH]
     height = row[HEIGHT]
     verb = row[block_of(row) + CLAUSES + clause * CLAUSE + VERB]
@@ -321,7 +327,7 @@ def goal(
 
 @device_function()
 def is_next_to(row: Row, x: int, y: int, meant: int) -> bool:
-    """Return whether something meant lies beside a cell now."""
+    """Return whether an object with one of the given description bits lies beside a cell now."""
     for k in range(4):
         i, j = ahead(x, y, k)
         if i >= 0 and j >= 0 and i < row[WIDTH] and j < row[HEIGHT]:
@@ -339,7 +345,7 @@ def codes_of(row: Row) -> NDArray[np.int64]:
 
 @device_function()
 def is_done(row: Row, clause: int, action: int, held_before: int) -> bool:
-    """Return whether a step has done what the clause says."""
+    """Return whether a step has completed a clause."""
     at = block_of(row) + CLAUSES + clause * CLAUSE
     verb = row[at + VERB]
     meant = 1 << 2 * clause
@@ -363,7 +369,10 @@ def is_done(row: Row, clause: int, action: int, held_before: int) -> bool:
 
 @device_function()
 def may_help(row: Row, clause: int, action: int, last: int) -> bool:
-    """Return whether to try an action: not to close a door, pick up what was just put down, or break what is meant."""
+    """Return whether the search tries an action.
+
+    It does not close doors, pick up an object just put down, or do anything that would break the clause.
+    """
     if action <= FORWARD:
         return True
     x, y = cell_in_front(row)
@@ -396,7 +405,7 @@ def may_help(row: Row, clause: int, action: int, last: int) -> bool:
 
 @device_function()
 def heuristic_value(row: Row, table: Table, locks: Locks, sorts: Sorts) -> int:
-    """Look a state up in the table."""
+    """Return the value of the table for a state."""
     unlocked = 0
     for lock in range(len(locks)):
         cell = where_is(row, locks[lock, 0])
@@ -409,7 +418,7 @@ def heuristic_value(row: Row, table: Table, locks: Locks, sorts: Sorts) -> int:
 
 @kernel("(int32[::1], int32[:, :, ::1], int64[:, ::1], int64[::1])")
 def heuristic_value_of(row: Row, table: Table, locks: Locks, sorts: Sorts) -> int:
-    """Call `heuristic_value`, from Python."""
+    """Call `heuristic_value` from Python."""
     return heuristic_value(row, table, locks, sorts)
 
 
@@ -417,7 +426,9 @@ def heuristic_value_of(row: Row, table: Table, locks: Locks, sorts: Sorts) -> in
 def search_clause(
     start: Row, clause: int, table: Table, locks: Locks, sorts: Sorts, weight: int, limit: int
 ) -> tuple[int, NDArray[np.int64]]:
-    """Find actions that do a clause: the fewest with weight 1 and a table that never overestimates.
+    """Search for actions that complete a clause.
+
+    They are the fewest possible with weight 1 and a table that never overestimates.
 
     Returns:
         FOUND and the actions, or NONE or FULL and no actions.

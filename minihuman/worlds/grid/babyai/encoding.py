@@ -1,9 +1,9 @@
-"""Instructions as numbers: a block in the row of state after the cells; to numbers, back, and as a sentence.
+"""Instructions as numbers: a block in the row of state after the cells, and conversions to and from it.
 
-An instruction is one part, or two of which one comes before the other; a part is one clause, or two in any order. A
-clause is a verb with one or two descriptions of objects. After the block each object has a number whose bit `d` says
-that description `d` means it (description `2 * clause`, and one more for what an object is put next to), and each cell
-has one that says so of what lay there when places were last noted.
+An instruction is one part, or two parts of which one comes before the other; a part is one clause, or two in any order.
+A clause is a verb with one or two descriptions of objects. After the block, each object has a number whose bit `d` says
+that description `d` matches it (description `2 * clause`, and one more for the object next to which another is put).
+Each cell has such a number too, for the object that lay there when places were last noted.
 """
 
 from collections.abc import Callable
@@ -69,31 +69,31 @@ ON_LEFT, ON_RIGHT, IN_FRONT, BEHIND = range(4)  # places, seen from the agent's 
 
 
 def instructed_length(width: int, height: int) -> int:
-    """Return how many numbers the state of a world with instructions takes."""
+    """Return the length of the row of state of a world with instructions."""
     return HEADER + 5 * width * height + BLOCK
 
 
 @inline
 def block_of(row: Row) -> int:
-    """Return where the block begins."""
+    """Return the index in the row at which the block of the instruction begins."""
     return HEADER + 3 * row[WIDTH] * row[HEIGHT]
 
 
 @inline
 def means_of(row: Row) -> int:
-    """Return where the numbers begin that say by which descriptions each object is meant, from identity 1."""
+    """Return the index of the numbers that say which descriptions match each object, in the order of identities."""
     return HEADER + 3 * row[WIDTH] * row[HEIGHT] + BLOCK
 
 
 @inline
 def is_meant(bits: int, clause: int) -> bool:
-    """Return whether an object with these bits is one that a clause is about."""
+    """Return whether a clause's first description matches an object with these bits."""
     return bits >> 2 * clause & 1 != 0
 
 
 @inline
 def noted_of(row: Row) -> int:
-    """Return where the numbers begin that say by which descriptions what lay in each cell was meant."""
+    """Return the index of the numbers that say which descriptions matched the object noted in each cell."""
     return HEADER + 4 * row[WIDTH] * row[HEIGHT] + BLOCK
 
 
@@ -103,7 +103,7 @@ UNSAID = -1  # in numbers to be compared: "a" or "the" was not said
 
 
 def to_numbers(instruction: Instruction) -> NDArray[np.int64]:
-    """Return the block's numbers that say the instruction, int64[BLOCK]."""
+    """Return the block that encodes an instruction, int64[BLOCK]."""
     numbers = np.zeros(BLOCK, np.int64)
     numbers[JOIN] = JOINS.get(type(instruction), ALONE)
     for at, part in zip((LEFT, RIGHT), parts(instruction), strict=False):
@@ -120,7 +120,7 @@ def to_numbers(instruction: Instruction) -> NDArray[np.int64]:
 
 
 def thing_numbers(thing: ObjectDescription) -> tuple[int, int, int, int]:
-    """Return a description as kind, colour, place, and whether it means several."""
+    """Return a description as the numbers of its kind, colour and place, and whether it is plural."""
     return (
         ANY if thing.kind is None else KINDS.index(thing.kind),
         ANY if thing.colour is None else COLOURS.index(thing.colour),
@@ -130,31 +130,31 @@ def thing_numbers(thing: ObjectDescription) -> tuple[int, int, int, int]:
 
 
 def block(row: Row) -> Row:
-    """Return the numbers of a state's instruction, int32[BLOCK]: a view."""
+    """Return the block of a state's instruction as a view, int32[BLOCK]."""
     begin = HEADER + 3 * int(row[WIDTH]) * int(row[HEIGHT])  # plain Python: no kernel is compiled for it
     return row[begin : begin + BLOCK]
 
 
 def described_objects(row: Row) -> Row:
-    """Return by which descriptions each object is meant, as bits, by identity - 1: a view."""
+    """Return a view of the bits that say which descriptions match each object, by identity - 1."""
     cells = int(row[WIDTH]) * int(row[HEIGHT])
     begin = HEADER + 3 * cells + BLOCK
     return row[begin : begin + int(row[OBJECTS])]
 
 
 def instruction_of(row: Row) -> Instruction:
-    """Return the instruction of a state."""
+    """Return the instruction that a state encodes."""
     instruction: Instruction = _read(*_said(block(row).tobytes()), _clause)
     return instruction
 
 
 def sentence_of(row: Row) -> str:
-    """Return the sentence of a state's instruction."""
+    """Return the instruction of a state as a sentence."""
     return _sentence(block(row).tobytes())
 
 
 def clauses_done(row: Row) -> tuple[tuple[str, int], ...]:
-    """Return the clauses of a state's instruction as text, each with the step that did it; 0 for none yet."""
+    """Return the clauses of a state's instruction as text, each with the step that completed it, or 0."""
     lines = block(row)[CLAUSES:].reshape(-1, CLAUSE)
     return tuple(
         (str(clause), int(line[WHEN]) if line[STATUS] == SATISFIED else 0)
@@ -168,7 +168,10 @@ def _sentence(numbers: bytes) -> str:
 
 
 def _said(numbers: bytes) -> tuple[int, int, int, tuple[tuple[int, ...], ...]]:
-    """Return what decides the sentence: the join, clauses in the first part, flags, clauses without their outcome."""
+    """Return the numbers that determine the sentence.
+
+    They are the join, the number of clauses in the first part, the flags, and the clauses without their status.
+    """
     block_numbers = np.frombuffer(numbers, np.int32).tolist()
     starts = range(CLAUSES, CLAUSES + CLAUSE * (block_numbers[LEFT] + block_numbers[RIGHT]), CLAUSE)
     lines = ((*block_numbers[at : at + STATUS], *block_numbers[at + THING : at + CLAUSE]) for at in starts)
@@ -177,7 +180,7 @@ def _said(numbers: bytes) -> tuple[int, int, int, tuple[tuple[int, ...], ...]]:
 
 @lru_cache(maxsize=4096)
 def _read(join: int, left: int, strict: int, lines: tuple[tuple[int, ...], ...], clause: Callable[..., Any]) -> Any:
-    """Read the instruction, by the function that makes a clause of its numbers."""
+    """Return an instruction from its numbers; ``clause`` is the function that makes a clause from its numbers."""
     read = [clause(*line) for line in lines]
     first = read[0] if left == 1 else And(*read[:left])
     if join == ALONE:

@@ -1,8 +1,9 @@
-"""The all-seeing expert for instructions: lists of actions that do what is said, on the world's own rules.
+"""The expert with full knowledge of the world: plans actions that carry out an instruction under the world's own rules.
 
-A plan is made clause by clause, And in both orders. Each clause is searched exactly first, and with a careful guess
-where that takes too many states; `InstructionPlan` says what is certain: that no plan exists, or that none was found.
-Where a search takes too many states, what lies on the path of the distance heuristic is first put aside, one by one.
+A plan is made clause by clause, and And in both orders. Each clause is first searched exactly, then with an
+overestimating heuristic if that takes too many states; `InstructionPlan` says whether certainly no plan exists, or none
+was found. If a search takes too many states, objects on the path of the distance heuristic are first put aside, one by
+one.
 """
 
 from collections.abc import Iterator
@@ -37,7 +38,10 @@ SPARED = 1 << 30  # a meaning that keeps a box from being opened
 
 
 def clear_way(row: Row, clause: int) -> list[int] | None:
-    """Put aside what blocks a clause: the actions, done in the row. None if something cannot be moved."""
+    """Move the objects that block a clause out of the way, in the row; return the actions.
+
+    Return None if an object cannot be moved.
+    """
     if block(row)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.STRICT]:
         return None
     actions: list[int] = []
@@ -78,7 +82,7 @@ def _do(row: Row, actions: list[int]) -> bool:
 
 
 def _way(row: Row, clause: int) -> list[int] | None:
-    """Return the cells on the path of the distance heuristic, free or not, and where something is put down."""
+    """Return the cells on the path of the distance heuristic, free or not, including the cell for putting down."""
     codes = codes_of(row)
     locks = find_locks(row)
     sorts = sort_things(row, clause, codes, locks)
@@ -127,7 +131,7 @@ def _way(row: Row, clause: int) -> list[int] | None:
 
 
 def do_to(row: Row, verb: int, identity: int) -> list[int] | None:
-    """Plan the actions that do a verb to one object, whatever the instruction says; None if none were found."""
+    """Return the actions that apply a verb to one object, whatever the instruction says; None if none are found."""
     trial = row.copy()
     numbers = block(trial)
     numbers[encoding.CLAUSES + encoding.VERB] = verb
@@ -147,7 +151,7 @@ def do_to(row: Row, verb: int, identity: int) -> list[int] | None:
 
 
 def put_down(row: Row, way: list[int]) -> list[int] | None:
-    """Plan the actions that put down what is in hand: off the path and not before a door, where possible."""
+    """Return the actions that put down what the agent carries, if possible off the path and not next to a door."""
     if row[CARRYING] == EMPTY:
         return []
     for barred in (_barred(row, way, doors=True), _barred(row, way, doors=False)):
@@ -173,7 +177,7 @@ def _barred(row: Row, way: list[int], *, doors: bool) -> NDArray[np.bool_]:
 
 
 def _facing_free(row: Row, barred: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the pose numbers from which a free cell that is not barred lies ahead."""
+    """Return the numbers of the poses that face a free cell that is not barred."""
     state = State(row)
     numbers = []
     for x, y in np.argwhere((state.cells == EMPTY) & ~barred).tolist():
@@ -193,12 +197,12 @@ MANY = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class InstructionPlan:
-    """What a planner found.
+    """The result of planning an instruction.
 
     Attributes:
-        actions: What to do; empty where nothing was found.
-        at_least: No list of actions is shorter; None where certainly none exists.
-        found: Whether the actions succeed.
+        actions: the actions; empty if none were found.
+        at_least: a lower bound on the number of actions; None if certainly no plan exists.
+        found: whether the actions succeed.
     """
 
     actions: tuple[int, ...]
@@ -207,7 +211,7 @@ class InstructionPlan:
 
     @property
     def unsolvable(self) -> bool:
-        """Return whether certainly no plan exists; neither found nor unsolvable means that the search gave up."""
+        """Return whether certainly no plan exists. If a plan is neither found nor ruled out, the search gave up."""
         return self.at_least is None
 
     @property
@@ -217,7 +221,7 @@ class InstructionPlan:
 
 
 def plan_instruction(row: Row) -> InstructionPlan:
-    """Plan a state's instruction. The state is not changed; the step limit is ignored."""
+    """Return a plan for a state's instruction. The state is not changed, and its step limit is ignored."""
     scratch = row.copy()
     scratch[MAX_STEPS] = FAR
     scratch[STEP] = 0
@@ -242,13 +246,13 @@ def plan_instruction(row: Row) -> InstructionPlan:
 
 
 def plan_clause(row: Row, clause: int) -> tuple[int, ...] | None:
-    """Plan one clause of a state's instruction; None if no plan was found. The state is not changed."""
+    """Return a plan for one clause of a state's instruction, or None if none is found. The state is not changed."""
     actions, _, _ = _clause(row, clause)
     return actions
 
 
 def _orders(row: Row) -> Iterator[tuple[int, ...]]:
-    """Yield the orders in which the clauses can be done."""
+    """Yield the orders in which the remaining clauses can be carried out."""
     numbers = block(row)
     left = int(numbers[encoding.LEFT])
     right = int(numbers[encoding.RIGHT])
@@ -271,7 +275,10 @@ def _orders(row: Row) -> Iterator[tuple[int, ...]]:
 
 
 def _in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | None, bool, int | None]:
-    """Do clauses one after the other: the actions, whether failing was certain, the first clause's bound."""
+    """Carry out clauses one after the other in the row.
+
+    Return the actions, whether a failure was certain, and the lower bound of the first clause.
+    """
     actions_made: list[int] = []
     bound: int | None = None
     for place, clause in enumerate(order):
@@ -297,7 +304,7 @@ def _in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | None,
 
 
 def _clause(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | None]:
-    """Do one clause: the actions, whether there certainly are none, at least how many there are."""
+    """Plan one clause; return the actions, whether there certainly are none, and a lower bound on their number."""
     first: list[int] = []
     codes = codes_of(row)
     locks = find_locks(row)
@@ -323,7 +330,7 @@ def _clause(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | 
 
 
 def _guessing(row: Row, clause: int) -> tuple[int, ...] | None:
-    """Do one clause with more states, with a guess that overestimates, with the way cleared first."""
+    """Plan one clause with more states, an overestimating heuristic, and objects moved out of the way first."""
     trial = row.copy()
     for weight, limit, clears in ((2, SOME, False), (2, SOME, True), (5, MANY, True), (5, MANY, False)):
         cleared: list[int] | None = []
@@ -344,7 +351,7 @@ def _guessing(row: Row, clause: int) -> tuple[int, ...] | None:
 
 
 def _after_dropping(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | None]:
-    """Do one clause once what is in hand lies before the agent."""
+    """Plan one clause after the agent has dropped what it carries."""
     trial = row.copy()
     turns: list[int] = []
     while int(cell_at(trial, *cell_in_front(trial))) != EMPTY:

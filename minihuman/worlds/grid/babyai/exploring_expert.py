@@ -1,7 +1,7 @@
-"""The exploring expert: does what the instruction says from what it has seen alone.
+"""The exploring expert: carries out an instruction knowing only what it has seen.
 
-It plans on what it knows; where that is not enough it looks for more: where much can be seen soon, then behind locked
-doors whose key it knows, past things in the way, into boxes.
+It plans with what it knows. If that is not enough, it looks for more: first where much can be seen soon, then behind
+locked doors whose key it knows, past objects in the way, and in boxes.
 """
 
 import numpy as np
@@ -38,14 +38,14 @@ THING_IN_WAY = 6  # about what it takes to put it aside
 
 
 class Explorer:
-    """One episode's explorer. Ask `action` before every step.
+    """The explorer of one episode. Call `action` before every step.
 
     Args:
-        state: The world's state after its reset.
-        view_size: Cells on a side of the agent's view.
-        judgement: The weights by which it chooses where to look; None: the best known.
-        noise: How far off each of these judgements is, in actions.
-        inside: The grid is seen from inside.
+        state: the world's state after its reset.
+        view_size: the number of cells on a side of the agent's view.
+        judgement: the weights by which it chooses where to look; None for the best known ones.
+        noise: a function that returns the errors of these judgements, in actions.
+        inside: whether the grid is seen from inside.
     """
 
     def __init__(
@@ -64,12 +64,12 @@ class Explorer:
         self._before = state.row.copy()  # the state when the plan was last looked at
 
     def action(self, state: State) -> int | None:
-        """Return the next action; None where nothing is left to try."""
+        """Return the next action, or None if nothing is left to try."""
         way = self.way(state)
         return way[0] if way else None
 
     def way(self, state: State) -> list[int]:
-        """Return the actions planned from here; empty where nothing is left to try."""
+        """Return the actions planned from the current state; empty if nothing is left to try."""
         new = self.memory.look(state.row)
         moving = state.row[fields.TASK] == rewards.DODGE  # by chance: what comes after an action cannot be worked out
         if self._plan and not moving and np.array_equal(_after(self._before, self._plan[0]), state.row):
@@ -101,7 +101,7 @@ class Explorer:
         return self._look_for_more(known)
 
     def _where_things_are(self, known: Row) -> None:
-        """Take obstacles in view for walls, and forget the others, which have moved since."""
+        """Treat visible obstacles as walls, and forget the others, which have moved since they were seen."""
         known[fields.TASK] = rewards.REACH
         cells = known[fields.HEADER : fields.HEADER + int(known[fields.WIDTH]) * int(known[fields.HEIGHT])]
         moving = identities_of(cells) > 0
@@ -110,7 +110,7 @@ class Explorer:
         cells[moving & ~in_view] = EMPTY
 
     def _knows_what_it_is_about(self, known: Row) -> bool:
-        """Return whether the cells of the task have been seen; for a match, the compared things as well."""
+        """Return whether the cells of the task have been seen, and for a match also the objects to compare."""
         task = int(known[fields.TASK])
         target = known[fields.TARGET : fields.TARGET + 4].tolist()
         offsets = {
@@ -127,7 +127,7 @@ class Explorer:
         )
 
     def _ways(self, known: Row) -> list[list[int]]:
-        """Plan each clause that is due now, as far as what is known allows."""
+        """Return the plans of the clauses that are due now, as far as they can be planned with what is known."""
         plans = []
         for clause in active(known):
             actions = plan_clause(known, clause)
@@ -138,7 +138,7 @@ class Explorer:
         return plans
 
     def _fetching(self, known: Row) -> list[list[int]]:
-        """Plan how to pick up what is to be put next to something not found yet."""
+        """Return plans for picking up an object that is to be put next to another that has not been found yet."""
         plans = []
         for clause in active(known):
             if block(known)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.VERB] != encoding.PUT_NEXT:
@@ -206,7 +206,7 @@ class Explorer:
 
 
 def _strict(row: Row) -> bool:
-    """Return whether a clause that is due now fails if something else is done."""
+    """Return whether a clause that is due now fails if something else is done first."""
     return any(clause[encoding.STRICT] != 0 for clause in _active_lines(row))
 
 
@@ -225,7 +225,7 @@ def _active_lines(row: Row) -> list[Row]:
 
 
 def _doors_left_alone(known: Row) -> Row:
-    """Return the state with every closed door locked."""
+    """Return a copy of the state in which every closed door is locked."""
     locked = known.copy()
     state = State(locked)
     for x, y in np.argwhere((state.kinds == DOOR) & (state.states == CLOSED)).tolist():
@@ -234,7 +234,7 @@ def _doors_left_alone(known: Row) -> Row:
 
 
 def active(row: Row) -> tuple[int, ...]:
-    """Return the clauses that are due now."""
+    """Return the numbers of the clauses that are due now."""
     numbers = block(row)
     left = int(numbers[encoding.LEFT])
     right = int(numbers[encoding.RIGHT])
@@ -251,7 +251,7 @@ def active(row: Row) -> tuple[int, ...]:
 
 
 def _after(row: Row, action: int) -> Row:
-    """Return the state after an action."""
+    """Return a copy of the state after an action."""
     after = row.copy()
     try_action(after, action)
     return after

@@ -1,4 +1,4 @@
-"""The Gymnasium space of instructions: every sentence that a grammar gives."""
+"""The Gymnasium space of instructions: all sentences of a grammar."""
 
 from typing import Any
 
@@ -34,13 +34,13 @@ purple put red right the then to up yellow you your"""  # of all levels
 
 
 class InstructionSpace(Sentences):
-    """Every sentence with these verbs: ``InstructionSpace("go to", "open", places=False, clauses=1)``.
+    """All sentences with the given verbs: ``InstructionSpace("go to", "open", places=False, clauses=1)``.
 
     Args:
-        verbs: "go to", "open", "pick up", "put"; all of them without any.
-        places: Whether things may be described by where they lie.
-        clauses: How many clauses a sentence has at most: 1 to 4.
-        seed: As for every space.
+        verbs: any of "go to", "open", "pick up" and "put"; none for all of them.
+        places: whether objects may be described by their place.
+        clauses: the maximum number of clauses in a sentence, 1 to 4.
+        seed: the seed for drawing sentences.
     """
 
     varies = True  # from episode to episode
@@ -60,15 +60,15 @@ class InstructionSpace(Sentences):
         super().__init__(VOCABULARY.split(), max_length=len(longest), most_words=len(words_in(longest)), seed=seed)
 
     def of(self, row: Row) -> str:
-        """Return the sentence of a state."""
+        """Return the instruction of a state as a sentence."""
         return sentence_of(row)
 
     def first(self) -> str:
-        """Return a sentence of this space: the mission of a world not yet reset."""
+        """Return a fixed sentence of this space, which is the mission of a world before its first reset."""
         return str(self._clause(VERBS[self.verbs[0]], ObjectDescription("door" if self.verbs[0] == "open" else "ball")))
 
     def contains(self, x: Any) -> bool:
-        """Return whether the grammar gives this sentence."""
+        """Return whether a value is a sentence of the grammar."""
         if not isinstance(x, str):
             return False
         try:
@@ -78,7 +78,7 @@ class InstructionSpace(Sentences):
         return str(instruction) == x and self.admits(instruction)
 
     def admits(self, instruction: Instruction) -> bool:
-        """Return whether an instruction is of this grammar."""
+        """Return whether an instruction belongs to the grammar."""
         spoken = clauses(instruction)
         things = [thing for clause in spoken for thing in (clause.thing, getattr(clause, "other", ObjectDescription()))]
         return (
@@ -88,7 +88,7 @@ class InstructionSpace(Sentences):
         )
 
     def sample(self, mask: Any = None, probability: Any = None) -> str:
-        """Draw a sentence. Masks and probabilities are not supported."""
+        """Return a random sentence. Masks and probabilities are not supported."""
         if mask is not None or probability is not None:
             raise WorldError("an instruction space takes no mask and no probability; remove them")
         count = int(self.np_random.integers(1, self.clauses + 1))

@@ -1,7 +1,8 @@
-"""The language of instructions: verbs, descriptions of objects, and how they are joined, as values.
+"""The language of instructions as values: verbs, descriptions of objects, and the ways to join clauses.
 
 An instruction is one clause (`GoTo`, `Open`, `Pickup`, `PutNext`), two in any order (`And`), or one of these before or
-after another (`Before`, `After`), as in Minigrid's levels. `str()` of one is a sentence; `parse` reads one back.
+after another (`Before`, `After`), as in Minigrid's levels. `str()` of an instruction is its sentence, and `parse`
+converts a sentence back.
 """
 
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ NOUNS = ("door", "key", "ball", "box")
 
 @dataclass(frozen=True, slots=True)
 class ObjectDescription:
-    """A description: what is not said fits anything. "a red ball", "the door on your left", "the object"."""
+    """A description of objects, such as "a red ball" or "the door on your left". A field of None matches anything."""
 
     kind: str | None = None
     colour: str | None = None
@@ -26,7 +27,7 @@ class ObjectDescription:
     many: bool | None = None  # whether more than one thing is meant ("a"), just one ("the"), or not known yet
 
     def __post_init__(self) -> None:
-        """Refuse what there is not."""
+        """Check that the kind, the colour and the place exist."""
         for name, known in (("kind", NOUNS), ("colour", COLOURS), ("place", PLACES)):
             value = getattr(self, name)
             if value is not None and isinstance(value, str) and value not in known:
@@ -41,7 +42,7 @@ class ObjectDescription:
 
 @dataclass(frozen=True, slots=True)
 class Clause:
-    """Base of what one verb says."""
+    """Base class of clauses, each of which has one verb."""
 
     thing: ObjectDescription
 
@@ -53,47 +54,47 @@ class Clause:
 
 @dataclass(frozen=True, slots=True)
 class GoTo(Clause):
-    """Face the thing from beside it."""
+    """The clause to go to an object: stand next to it and face it."""
 
     words: ClassVar[str] = "go to"
 
 
 @dataclass(frozen=True, slots=True)
 class Open(Clause):
-    """Open the door; ``strict``: to open or close another door is failure."""
+    """The clause to open a door. With ``strict``, opening or closing another door is a failure."""
 
     words: ClassVar[str] = "open"
     strict: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse to open anything but a door."""
+        """Check that the object is a door."""
         if self.thing.kind not in ("door", None) and isinstance(self.thing.kind, str):
             raise WorldError(f"'open {self.thing}': only doors can be opened")
 
 
 @dataclass(frozen=True, slots=True)
 class Pickup(Clause):
-    """Pick the thing up; ``strict``: to pick up another one is failure."""
+    """The clause to pick up an object. With ``strict``, picking up another one is a failure."""
 
     words: ClassVar[str] = "pick up"
     strict: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse to pick up a door."""
+        """Check that the object is not a door."""
         if self.thing.kind == "door":
             raise WorldError(f"'pick up {self.thing}': a door cannot be picked up")
 
 
 @dataclass(frozen=True, slots=True)
 class PutNext(Clause):
-    """Put the thing down beside the other; ``strict``: every pick-up is failure."""
+    """The clause to put an object next to another. With ``strict``, every pick-up is a failure."""
 
     words: ClassVar[str] = "put"
     other: ObjectDescription = ObjectDescription()
     strict: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse to carry a door."""
+        """Check that the object to move is not a door."""
         if self.thing.kind == "door":
             raise WorldError(f"'put {self.thing} ...': a door cannot be carried")
 
@@ -103,7 +104,7 @@ class PutNext(Clause):
 
 @dataclass(frozen=True, slots=True)
 class And:
-    """Two clauses, in any order."""
+    """Two clauses that can be carried out in any order."""
 
     left: Clause
     right: Clause
@@ -117,7 +118,7 @@ Part = Clause | And
 
 @dataclass(frozen=True, slots=True)
 class Before:
-    """``left``, then ``right``; ``strict``: to do ``right`` first is failure."""
+    """The part ``left``, then the part ``right``. With ``strict``, completing ``right`` first is a failure."""
 
     left: Part
     right: Part
@@ -129,7 +130,7 @@ class Before:
 
 @dataclass(frozen=True, slots=True)
 class After:
-    """``left`` after ``right``; ``strict``: to do ``left`` first is failure."""
+    """The part ``left`` after the part ``right``. With ``strict``, completing ``left`` first is a failure."""
 
     left: Part
     right: Part
@@ -143,14 +144,14 @@ Instruction = Part | Before | After
 
 
 def parts(instruction: Instruction) -> tuple[Part, ...]:
-    """Return the parts as they are read."""
+    """Return the parts of an instruction in the order of its sentence."""
     if isinstance(instruction, Before | After):
         return (instruction.left, instruction.right)
     return (instruction,)
 
 
 def clauses(instruction: Instruction) -> tuple[Clause, ...]:
-    """Return the clauses as they are read."""
+    """Return the clauses of an instruction in the order of its sentence."""
     return tuple(_clauses(instruction))
 
 
@@ -163,7 +164,10 @@ def _clauses(instruction: Instruction) -> Iterator[Clause]:
 
 
 def as_tree(instruction: Any) -> dict[str, Any]:
-    """Convert an instruction to nested dicts, for JSON: each with its class under "do", and what it says; no None."""
+    """Return an instruction as nested dicts, for JSON.
+
+    Each dict has the class's name under "do", except for descriptions, and the fields that are set.
+    """
     tree: dict[str, Any] = {} if isinstance(instruction, ObjectDescription) else {"do": type(instruction).__name__}
     for field in fields(instruction):
         value = getattr(instruction, field.name)
@@ -173,10 +177,10 @@ def as_tree(instruction: Any) -> dict[str, Any]:
 
 
 def parse(sentence: str) -> Instruction:
-    """Parse a sentence into its instruction; articles may be left out.
+    """Return the instruction of a sentence. Articles may be left out.
 
     Raises:
-        WorldError: if the sentence is none of this language.
+        WorldError: if the sentence does not belong to the language.
     """
     text = " ".join(sentence.split())
     for words, make in ((", then ", Before), (" after you ", After)):

@@ -1,6 +1,6 @@
-"""LevelBuilder: what a level's function is called with; traced once, its calls become a program.
+"""LevelBuilder: the object that a level's function receives. Its calls are traced once and become a program.
 
-`level` makes such a function the recipe of a world. Tracing draws nothing: every reset runs the program.
+`level` turns such a function into the recipe of a world. Tracing draws no random numbers: every reset runs the program.
 """
 
 import inspect
@@ -44,9 +44,10 @@ _WORDS = {number: words for words, verb in VERBS.items() for number in (encoding
 
 
 class LevelBuilder:
-    """Equal rooms to furnish; the agent stands in the middle one until it is placed.
+    """A grid of equal rooms to furnish. The agent stands in the middle room until it is placed.
 
-    A room is what `room` gives; where a verb takes None for a room, a kind, a colour or a lock, it draws it.
+    The method `room` returns a room. If a method receives None for a room, kind, colour or lock, it is drawn in each
+    episode.
     """
 
     def __init__(self, columns: int, lines: int, size: int) -> None:
@@ -61,7 +62,7 @@ class LevelBuilder:
         self.keys_matter = False  # draw again where the instruction is about a key that opens a locked door
 
     def room(self, column: "int | RandomVariable", line: "int | RandomVariable") -> RandomVariable:
-        """Return a room by its place."""
+        """Return the room at a column and a line."""
         for name, value, count in (("column", column, self.columns), ("line", line, self.lines)):
             if isinstance(value, int) and not 0 <= value < count:
                 raise WorldError(
@@ -79,7 +80,7 @@ class LevelBuilder:
         return self.room(column, self.integer(0, self.lines))
 
     def choice(self, options: Any) -> Any:
-        """Draw an object of a group, or one of up to seven words of a kind (colours, places, kinds)."""
+        """Draw an object from a group, or one of up to seven words of one type (colours, places or kinds)."""
         if isinstance(options, list):  # of things made one after the other
             options = ObjectGroup(options[0], options[-1])
         if isinstance(options, ObjectGroup):
@@ -88,7 +89,7 @@ class LevelBuilder:
         return self._do(level_program.OUT_OF, len(numbers), *numbers)
 
     def two_of(self, options: "ObjectGroup | Sequence[ObjectRef]") -> tuple[ObjectRef, ObjectRef]:
-        """Draw two different objects."""
+        """Draw two different objects from a group."""
         if isinstance(options, ObjectGroup):
             group = options
         else:
@@ -97,31 +98,34 @@ class LevelBuilder:
         return ObjectRef(register), ObjectRef(register + 1)
 
     def colours(self, count: int) -> tuple[RandomVariable, ...]:
-        """Draw different colours."""
+        """Draw ``count`` different colours."""
         first = self._do(level_program.TWO_COLOURS, count, registers=count).argument
         return tuple(RandomVariable(first + k) for k in range(count))
 
     def place_agent(self, room: RandomVariable | None = None, *, not_in: RandomVariable | None = None) -> None:
-        """Place the agent, looking in a drawn direction at nothing or a wall."""
+        """Place the agent in a room, looking in a random direction at an empty cell or a wall."""
         self._do(level_program.AGENT_IN, _or_drawn(room), _or_drawn(not_in), registers=0)
 
     def connect_all(self, *, without: Any = None) -> None:
-        """Add closed doors until all rooms are connected; with ``without`` in half the episodes none in that colour."""
+        """Add closed doors until all rooms are connected.
+
+        If a colour ``without`` is given, none of the doors has it in half of the episodes.
+        """
         self._do(level_program.JOIN_ROOMS, _or_drawn(without), int(without is not None), registers=0)
 
     def door(
         self, room: RandomVariable, wall: str | None = None, *, colour: Any = None, locked: bool | None = None
     ) -> ObjectRef:
-        """Put a door into a wall (right, down, left, up) of a room."""
+        """Put a door into a wall (right, down, left, up) of a room; return a reference to it."""
         at = -1 if wall is None else WALLS[wall]
         return self._make(level_program.DOOR_IN, room, at, _or_drawn(colour), -1 if locked is None else int(locked))
 
     def remove_wall(self, room: RandomVariable, wall: str) -> None:
-        """Take a wall between two rooms away."""
+        """Remove the wall between a room and its neighbour."""
         self._do(level_program.REMOVE_WALL, room, WALLS[wall], registers=0)
 
     def thing(self, room: RandomVariable, kind: str | None = None, colour: Any = None) -> ObjectRef:
-        """Put a key, ball or box into a room."""
+        """Put a key, ball or box into a room; return a reference to it."""
         return self._make(level_program.OBJECT_IN, room, _or_drawn(kind), _or_drawn(colour))
 
     def rooms(self) -> Iterator[RandomVariable]:
@@ -131,7 +135,7 @@ class LevelBuilder:
                 yield self.room(column, line)
 
     def four_doors(self, room: RandomVariable, *, locked: bool | None = None) -> list[ObjectRef]:
-        """Put a door in each wall of a room."""
+        """Put a door into each wall of a room; return references to them."""
         return [self.door(room, locked=locked) for _ in range(4)]
 
     def things(
@@ -142,7 +146,7 @@ class LevelBuilder:
         different: bool = False,
         but_not_in: RandomVariable | None = None,
     ) -> ObjectGroup:
-        """Put so many drawn keys, balls and boxes into a room, or each into a drawn room."""
+        """Put ``count`` random keys, balls and boxes into a room, or each into a random room; return the group."""
         if different and count > 3 * len(COLOURS):
             raise WorldError(
                 f"{count} objects cannot all differ; there are {3 * len(COLOURS)} pairs of kind and colour, so ask for "
@@ -155,11 +159,11 @@ class LevelBuilder:
         return ObjectGroup(ObjectRef(register), ObjectRef(register + 1))
 
     def any_door(self) -> ObjectRef:
-        """Draw one of the doors."""
+        """Draw one of the doors; return a reference to it."""
         return self._make(level_program.ANY_DOOR)
 
     def recolour(self, group: ObjectGroup, colour: str) -> None:
-        """Give objects another colour."""
+        """Give all objects of a group another colour."""
         self._do(level_program.RECOLOUR, group.first, group.last, _number(colour), registers=0)
 
     def open_all_doors(self) -> None:
@@ -167,42 +171,48 @@ class LevelBuilder:
         self._do(level_program.OPEN_DOORS, registers=0)
 
     def require_reachable(self, reachable: bool = True) -> None:
-        """Draw the round again unless everything can be reached without moving anything (or unless not)."""
+        """Reject the layout unless every object can be reached without moving any.
+
+        If ``reachable`` is False, reject it unless some object cannot be reached.
+        """
         self._do(level_program.IN_REACH, int(not reachable), registers=0)
 
     def require_no(self, group: ObjectGroup, kind: str, colour: str) -> None:
-        """Draw the round again if one of the objects is like that."""
+        """Reject the layout if an object of the group has the given kind and colour."""
         self._do(level_program.NONE_LIKE, group.first, group.last, _number(kind), _number(colour), registers=0)
 
     def require_other(self, thing: RandomVariable, other: RandomVariable) -> None:
-        """Draw the round again if the two are the same."""
+        """Reject the layout if the two variables are equal."""
         self._do(level_program.GIVE_UP_UNLESS, thing, other, registers=0)
 
     def maybe_locked_room(self, chance: float) -> RandomVariable:
-        """Put, with that chance, a locked door to a drawn room and its key into another; the room, or none."""
+        """With a given probability, lock a random room and put its key into another; return the room, or -1."""
         if isinstance(chance, bool) or not isinstance(chance, int | float) or not 0 <= chance <= 1:
             raise WorldError(f"locked_room_prob is {chance!r}; use a probability from 0 to 1")
         return self._do(level_program.LOCK_ROOM, ceil(chance * 2**53))
 
     def block(self, door: ObjectRef) -> ObjectRef:
-        """Put a ball of a drawn colour before a door, to its left."""
+        """Put a ball of a random colour in front of a door, to its left."""
         return self._make(level_program.BLOCK_DOOR, door)
 
     def boxed_key(self, room: RandomVariable, colour: Any) -> ObjectRef:
-        """Put a box with a key in it into a room."""
+        """Put a box that contains a key into a room; return a reference to the box."""
         return self._make(level_program.BOXED_KEY, room, colour)
 
     def maybe_swap(self, thing: ObjectRef, other: ObjectRef) -> tuple[ObjectRef, ObjectRef]:
-        """Swap two objects by one chance in two."""
+        """Swap two objects with probability 1/2."""
         self._do(level_program.SWAP, thing, other, registers=0)
         return thing, other
 
     def give(self, thing: ObjectRef) -> None:
-        """Let the agent start with it in its hand."""
+        """Let the agent carry an object from the start."""
         self._do(level_program.HAND, thing, registers=0)
 
     def one_of(self, *alternatives: Any) -> AnyOf:
-        """Draw one of some instructions; a function is called for its instruction, and draws only when it is drawn."""
+        """Draw one of several instructions.
+
+        An alternative may be a function that returns the instruction; its random draws are made only if it is chosen.
+        """
         return AnyOf(self.integer(0, len(alternatives)), alternatives)
 
     def invent(
@@ -214,7 +224,7 @@ class LevelBuilder:
         implicit_unlock: bool,
         locked_room: RandomVariable,
     ) -> None:
-        """Draw a whole instruction about what lies in the house."""
+        """Draw a whole instruction about the objects in the rooms."""
         for name, words, known in (("action_kinds", actions, ACTIONS), ("instr_kinds", kinds, SENTENCES)):
             if isinstance(words, str) or not 1 <= len(words) <= 4 or any(word not in known for word in words):
                 raise WorldError(f"{name} is {words!r}; give one to four of {', '.join(known)}")
@@ -225,7 +235,7 @@ class LevelBuilder:
         self._clauses = max(self._clauses, *({"action": 1, "and": 2, "seq": 4}[word] for word in kinds))
 
     def finish(self, instruction: "Instruction | AnyOf | None") -> None:
-        """Say what the level's function has returned."""
+        """Add to the program the instruction that the level's function returned."""
         if isinstance(instruction, AnyOf):
             for k, alternative in enumerate(instruction.alternatives):
                 skip = len(self._lines)
@@ -274,7 +284,7 @@ class LevelBuilder:
         )
 
     def space(self, *, any_mission: bool = False) -> InstructionSpace:
-        """Return the space of the sentences that this level can say."""
+        """Return the space of the sentences that this level can draw."""
         if any_mission or not self._verbs:
             return InstructionSpace()
         return InstructionSpace(*self._verbs, places=self._places, clauses=self._clauses)
@@ -304,7 +314,7 @@ class LevelBuilder:
 
 
 def _number(value: Any) -> int:
-    """Encode an argument as a number: words by their place in the table of their sort."""
+    """Return an argument as a number; a word becomes its index in the table of its type."""
     if isinstance(value, RandomVariable):
         return value.argument
     if isinstance(value, ObjectRef):
@@ -324,7 +334,7 @@ def _or_drawn(value: Any) -> int:
 
 
 def _pack(numbers: Sequence[int]) -> int:
-    """Pack a short list into one number, as `invent` reads it."""
+    """Pack a short list of numbers into one number, as `invent` expects it."""
     return len(numbers) | sum(number << 4 * (k + 1) for k, number in enumerate(numbers))
 
 
@@ -336,26 +346,26 @@ Trace = Callable[..., Instruction | AnyOf | None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelRecipe(Recipe):
-    """A level's recipe: its layout carries the program out, its mission is an instruction."""
+    """The recipe of a level, whose layout runs the program and whose mission is an instruction."""
 
     program: Program
     fixed_mission: Given
 
     def lay_out(self, row: Row, rng_state: RngState) -> None:
-        """Lay an episode out into a cleared row."""
+        """Lay out an episode in a cleared row."""
         furnish(row, rng_state, self.program, self.fixed_mission)
 
     def limited(self, max_steps: int) -> "LevelRecipe":
-        """Return the recipe of the same level with this step limit in every episode."""
+        """Return the recipe of the same level with another step limit for every episode."""
         program = self.program.copy()
         program[0, 3] = 0
         return replace(self, max_steps=max_steps, program=program)
 
     def about(self, mission: str) -> "LevelRecipe":
-        """Return the recipe of the same level with a mission set by hand.
+        """Return the recipe of the same level with a given mission.
 
         Raises:
-            WorldError: if the sentence is none of the language.
+            WorldError: if the sentence does not belong to the language or to the level's mission space.
         """
         if not isinstance(mission, str):
             raise WorldError(f"mission is {mission!r}; it must be a string")
@@ -368,7 +378,7 @@ class LevelRecipe(Recipe):
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A level: call it with its options for a recipe. `level` makes one of a function."""
+    """A level. Calling it with options returns its recipe. `level` makes one from a function."""
 
     trace: Trace
     sizes: Mapping[str, int]  # room_size, num_cols, num_rows
@@ -377,11 +387,11 @@ class Level:
 
     @property
     def __name__(self) -> str:
-        """Return the level's name, as the catalogue has it."""
+        """Return the name of the level's function."""
         return self.trace.__name__
 
     def _check_options(self, options: Mapping[str, Any]) -> None:
-        """Refuse options that the level's function does not take, and the lack of one that it needs."""
+        """Check that the level's function takes all options, and that no required option is missing."""
         known = inspect.signature(self.trace).parameters
         for name in options:
             if name not in known:
@@ -400,14 +410,14 @@ class Level:
         any_mission: bool = False,
         **options: Any,
     ) -> LevelRecipe:
-        """Make the recipe of the level with these options.
+        """Return the recipe of the level with these options.
 
         Args:
-            own_steps: Judge each part of an instruction by its own steps, and by where things are.
-            done_required: A clause ends when "done" is said right after it was done.
-            mission: Set the mission of every episode by hand.
-            any_mission: Let `reset` set any mission of the language, not only those that the level draws.
-            options: room_size, num_rows and num_cols where they are free, and what the level's function takes.
+            own_steps: whether to judge each part of an instruction by its own steps, and by where objects are.
+            done_required: whether a clause is only complete when "done" is said right after it was carried out.
+            mission: the mission of every episode; None to draw it.
+            any_mission: whether `reset` may set any mission of the language, not only those that the level draws.
+            options: room_size, num_rows and num_cols where they are not fixed, and the options of the level's function.
 
         Raises:
             WorldError: if there is no such option, or a value is out of range.
@@ -454,14 +464,15 @@ class Level:
 def level(
     *, room: int = 8, columns: int = 3, lines: int = 3, fixed: tuple[str, ...] = (), steps_by_area: int = 0
 ) -> Callable[[Trace], Level]:
-    """Make a level of a function that furnishes a house and returns the instruction.
+    """Return a decorator that makes a level from a function that furnishes rooms and returns the instruction.
 
     Args:
-        room: Cells on a side of a room, walls included.
-        columns: Rooms in a line.
-        lines: Lines of rooms.
-        fixed: Which of room_size, num_cols and num_rows no option may change.
-        steps_by_area: The step limit in areas of a room; by the rooms and the mission's walks without.
+        room: the number of cells on a side of a room, including its walls.
+        columns: the number of rooms in a line.
+        lines: the number of lines of rooms.
+        fixed: those of room_size, num_cols and num_rows that no option may change.
+        steps_by_area: the step limit as a multiple of a room's area; 0 for a limit that depends on the rooms and on the
+            number of walks in the mission.
     """
 
     def make(trace: Trace) -> Level:

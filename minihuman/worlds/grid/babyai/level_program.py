@@ -1,8 +1,8 @@
-"""The program of a level: the operations that its function was traced into, and the kernel that carries them out.
+"""The program of a level: the operations into which its function was traced, and the kernel that runs them.
 
 A program is a table of whole numbers: a line for the room grid, then a line per operation (number, register for its
-result, arguments). An argument is a number, a register's value (`IN_REGISTER` and its place), or the kind or the colour
-of the object whose identity a register holds.
+result, arguments). An argument is a number, a register's value (`IN_REGISTER` plus its index), or the kind or the
+colour of the object whose identity a register holds.
 """
 
 import numpy as np
@@ -105,7 +105,7 @@ USE = 5  # a verb: open a door, pick up everything else
 
 @inline
 def value(row: Row, registers: NDArray[np.int64], argument: int) -> int:
-    """Resolve an argument."""
+    """Return the value of an argument."""
     if argument < IN_REGISTER:
         return argument
     if argument >= COLOUR_IN:
@@ -117,7 +117,7 @@ def value(row: Row, registers: NDArray[np.int64], argument: int) -> int:
 
 @device_function()
 def draw_colours(rng_state: RngState, registers: NDArray[np.int64], out: int, count: int) -> None:
-    """Draw different colours, each from what is left in the order of their names."""
+    """Draw different colours into registers, each from the remaining ones in the order of their names."""
     left = np.array((2, 1, 5, 3, 0, 4))
     for k in range(count):
         pick = integer(rng_state, 0, 6 - k)
@@ -128,7 +128,7 @@ def draw_colours(rng_state: RngState, registers: NDArray[np.int64], out: int, co
 
 @device_function()
 def say(row: Row, registers: NDArray[np.int64], line: NDArray[np.int64]) -> None:
-    """Write a clause with its first description."""
+    """Write a clause with its first description into the instruction's block."""
     clause = block_of(row) + CLAUSES + line[2] * CLAUSE
     verb = line[3]
     kind = value(row, registers, line[4])
@@ -143,7 +143,7 @@ def say(row: Row, registers: NDArray[np.int64], line: NDArray[np.int64]) -> None
 
 @device_function()
 def carry_out(row: Row, rng_state: RngState, plan: Plan, program: Program) -> bool:
-    """Carry a program out; False where a round is rejected."""
+    """Run a program; return False if it rejects the layout."""
     columns = program[0, COLUMNS]
     size = program[0, SIZE]
     registers = np.zeros(REGISTERS, np.int64)
@@ -247,7 +247,10 @@ def carry_out(row: Row, rng_state: RngState, plan: Plan, program: Program) -> bo
 
 @device_function()
 def settle(row: Row, fixed_mission: Given, keys_matter: bool) -> bool:
-    """Bind the drawn or the given instruction to the layout; False if it means nothing or makes no sense there."""
+    """Bind the drawn or given instruction to the layout.
+
+    Return False if a description matches no object, or the instruction makes no sense there.
+    """
     block = block_of(row)
     if len(fixed_mission) == 0:
         return bind(row) and makes_sense(row, keys_matter)
@@ -267,7 +270,7 @@ def settle(row: Row, fixed_mission: Given, keys_matter: bool) -> bool:
 
 @kernel("void(int32[::1], uint64[::1], int64[:, ::1], int64[::1])", only=True)
 def furnish(row: Row, rng_state: RngState, program: Program, fixed_mission: Given) -> None:
-    """Lay an episode of a level out: draw rounds until one is accepted. Marks the row FAILED if none is."""
+    """Lay out an episode of a level: draw layouts until one is accepted. Mark the row as FAILED if none is."""
     columns = program[0, COLUMNS]
     lines = program[0, LINES]
     size = program[0, SIZE]

@@ -1,8 +1,8 @@
-"""Kernels of levels: equal rooms in a row of state, their doors and objects, and a drawn instruction about them.
+"""Kernels of levels: equal rooms in a row of state, their doors and objects, and a random instruction about them.
 
-Every draw is made in Minigrid's order. Giving up is part of the stream: an object that finds no place after 1001 tries,
-or rooms that cannot be joined in 5001, mark the row FAILED, and the level draws its next round. What could never
-succeed marks it HOPELESS.
+Every draw is made in Minigrid's order. Giving up is part of the random stream: if an object finds no place in 1001
+tries, or the rooms cannot be connected in 5001, the row is marked as FAILED, and the level draws its next layout. A row
+that no further draw could complete is marked as HOPELESS.
 """
 
 import numpy as np
@@ -87,7 +87,7 @@ DRAWN = -1  # of a room, wall, kind, colour or lock: draw it
 
 @inline
 def code_of(row: Row, identity: int) -> int:
-    """Return the code of an object that lies in a cell."""
+    """Return the code of an object that lies in a cell, or EMPTY if it lies in none."""
     cell = where_is(row, identity)
     if cell != NOWHERE:
         return row[HEADER + cell]
@@ -96,7 +96,7 @@ def code_of(row: Row, identity: int) -> int:
 
 @device_function()
 def draw_room(rng_state: RngState, columns: int, lines: int) -> int:
-    """Draw a column, then a line."""
+    """Draw a room: its column, then its line."""
     i = integer(rng_state, 0, columns)
     return integer(rng_state, 0, lines) * columns + i
 
@@ -105,7 +105,7 @@ def draw_room(rng_state: RngState, columns: int, lines: int) -> int:
 def new_door(
     row: Row, rng_state: RngState, plan: Plan, columns: int, room: int, wall: int, colour: int, locked: int
 ) -> int:
-    """Put a door into a wall of a room: its identity."""
+    """Put a door into a wall of a room; return its identity."""
     if wall == DRAWN:
         possible = False
         for k in range(4):
@@ -129,7 +129,7 @@ def new_door(
 
 @device_function()
 def new_object(row: Row, rng_state: RngState, columns: int, size: int, room: int, kind: int, colour: int) -> int:
-    """Put a key, ball or box into a drawn cell of a room, not beside the agent: its identity."""
+    """Put a key, ball or box into a random cell of a room, not next to the agent; return its identity."""
     if kind == DRAWN:
         kind = draw_kind(rng_state, 3)
     if colour == DRAWN:
@@ -142,7 +142,10 @@ def new_object(row: Row, rng_state: RngState, columns: int, size: int, room: int
 def new_objects(
     row: Row, rng_state: RngState, plan: Plan, columns: int, size: int, room: int, count: int, unlike: bool
 ) -> None:
-    """Put so many drawn objects into a room, or each into a drawn one; ``unlike`` all that lies there already."""
+    """Put ``count`` random objects into a room, or each into a random room.
+
+    With ``unlike``, each differs in kind or colour from all objects that lie there already.
+    """
     lines = len(plan) // columns
     left = count
     tries = 0
@@ -162,7 +165,7 @@ def new_objects(
 
 @device_function()
 def is_there(row: Row, kind: int, colour: int) -> bool:
-    """Return whether an object of that kind and colour lies somewhere."""
+    """Return whether an object of the given kind and colour lies in a cell."""
     for identity in range(1, row[OBJECTS] + 1):
         code = code_of(row, identity)
         if kind_of(code) == kind and colour_of(code) == colour:
@@ -172,7 +175,7 @@ def is_there(row: Row, kind: int, colour: int) -> bool:
 
 @device_function()
 def put_agent_in(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int, room: int, barred: int) -> None:
-    """Put the agent into a room or a drawn one, facing nothing but a wall; into another room than the barred one."""
+    """Put the agent into a room, or into a random one other than ``barred``, facing an empty cell or a wall."""
     lines = len(plan) // columns
     for _ in range(AGENT_TRIES):
         if room == DRAWN:
@@ -187,7 +190,7 @@ def put_agent_in(row: Row, rng_state: RngState, plan: Plan, columns: int, size: 
 
 @device_function()
 def stand_in(row: Row, rng_state: RngState, columns: int, size: int, room: int) -> None:
-    """Draw the agent's cell and direction in a room until it faces nothing or a wall."""
+    """Draw the agent's cell and direction in a room until it faces an empty cell or a wall."""
     left = room % columns * (size - 1)
     top = room // columns * (size - 1)
     for _ in range(AGENT_TRIES):
@@ -212,7 +215,10 @@ def stand_in(row: Row, rng_state: RngState, columns: int, size: int, room: int) 
 
 @device_function()
 def join_rooms(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int, without: int) -> None:
-    """Add closed doors at drawn walls until all rooms are joined to the agent's, none in the colour ``without``."""
+    """Add closed doors at random walls until all rooms are connected to the agent's.
+
+    None of the doors has the colour ``without``.
+    """
     lines = len(plan) // columns
     start = row[Y] // (size - 1) * columns + row[X] // (size - 1)
     joined = reachable(plan, columns, start)
@@ -240,7 +246,7 @@ def join_rooms(row: Row, rng_state: RngState, plan: Plan, columns: int, size: in
 
 @device_function()
 def all_in_reach(row: Row) -> bool:
-    """Return whether the agent can get to everything with all doors open and nothing moved."""
+    """Return whether the agent could reach every object if all doors were open, without moving any object."""
     height = row[HEIGHT]
     reached = np.zeros(row[WIDTH] * height, np.uint8)
     stack = np.empty(len(reached) + 1, np.int64)  # what is written behind its end does not count
@@ -265,7 +271,7 @@ def all_in_reach(row: Row) -> bool:
 
 @device_function()
 def draw_door_of(row: Row, rng_state: RngState, plan: Plan, columns: int) -> int:
-    """Draw one of all doors, each counted once for either of its rooms: its identity."""
+    """Draw one of all doors, each counted once for either of its rooms; return its identity."""
     lines = len(plan) // columns
     pick = -1
     count = 0
@@ -300,7 +306,7 @@ def open_doors(row: Row) -> None:
 
 @device_function()
 def recolour(row: Row, first: int, last: int, colour: int) -> None:
-    """Give objects another colour."""
+    """Give a range of objects another colour."""
     for identity in range(first, last + 1):
         cell = where_is(row, identity)
         if cell != NOWHERE:
@@ -309,7 +315,7 @@ def recolour(row: Row, first: int, last: int, colour: int) -> None:
 
 @device_function()
 def lock_a_room(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int) -> int:
-    """Put a locked door to a drawn room, and its key into another: the room."""
+    """Put a locked door into a wall of a random room, and its key into another room; return the locked room."""
     lines = len(plan) // columns
     if len(plan) == 1:
         row[FAILED] = HOPELESS
@@ -330,7 +336,7 @@ def lock_a_room(row: Row, rng_state: RngState, plan: Plan, columns: int, size: i
 
 @device_function()
 def block_door(row: Row, rng_state: RngState, door: int) -> int:
-    """Put a ball of a drawn colour left of a door: its identity."""
+    """Put a ball of a random colour to the left of a door; return its identity."""
     colour = draw_colour(rng_state)
     cell = where_is(row, door)
     x = cell // row[HEIGHT] - 1
@@ -341,7 +347,7 @@ def block_door(row: Row, rng_state: RngState, door: int) -> int:
 
 @device_function()
 def boxed_key(row: Row, rng_state: RngState, columns: int, size: int, room: int, colour: int) -> int:
-    """Put a box of a drawn colour with a key in it into a room: the box's identity."""
+    """Put a box of a random colour that contains a key into a room; return the box's identity."""
     key = make(row, KEY, colour, 0)
     box = make(row, BOX, draw_colour(rng_state), 0)
     row[contents_index(row, identity_of(box))] = key
@@ -351,7 +357,7 @@ def boxed_key(row: Row, rng_state: RngState, columns: int, size: int, room: int,
 
 @inline
 def chance_below(rng_state: RngState, threshold: int) -> bool:
-    """Draw a number in [0, 1) and say whether it is below ``threshold`` / 2**53."""
+    """Draw a number in [0, 1); return whether it is below ``threshold`` / 2**53."""
     return unit(rng_state) < threshold
 
 
@@ -362,7 +368,7 @@ _KINDS = (BOX, BALL, KEY, DOOR)  # what is described; the first three can be car
 
 @inline
 def one_of_list(rng_state: RngState, packed: int) -> int:
-    """Draw from a list of small numbers: its length in the lowest four bits, then four bits each."""
+    """Draw from a packed list of small numbers: its length is in the lowest four bits, then each has four bits."""
     return packed >> 4 + 4 * integer(rng_state, 0, packed & 15) & 15
 
 
@@ -378,7 +384,7 @@ def describe(
     columns: int,
     size: int,
 ) -> None:
-    """Draw a description that means something: of one of the first so many kinds, or of a door for 0."""
+    """Draw a description that matches an object: of one of the first ``kinds`` kinds, or of a door for 0."""
     for _ in range(DESCRIBE_TRIES):
         colour_number = integer(rng_state, 0, 7)
         if colour_number == 0:
@@ -412,7 +418,7 @@ def describe(
 
 @device_function()
 def kinds_described(verb: int) -> int:
-    """Return of how many kinds, the first ones, a verb's thing may be; 0 for a door."""
+    """Return how many kinds, counted from the first, the object of a verb may have; 0 for a door."""
     if verb == GO_TO:
         return 4
     if verb == OPEN:
@@ -432,18 +438,18 @@ def sample_instruction(
     columns: int,
     size: int,
 ) -> None:
-    """Draw an instruction.
+    """Draw an instruction about the objects of a layout.
 
     Args:
-        row: The furnished house.
-        rng_state: The random stream.
-        actions: The verbs it may have, as a list.
-        kinds: ONE, BOTH or SEQUENCE, those it may be, as a list.
-        places: Whether things may be described by where they are.
-        implicit: Whether everything it means may lie behind the locked door.
-        locked: The locked room, or -1.
-        columns: Rooms in a line.
-        size: Cells on a side of a room.
+        row: the furnished layout.
+        rng_state: the random stream.
+        actions: the verbs that the instruction may have, as a packed list.
+        kinds: the kinds of instruction that it may be, ONE, BOTH or SEQUENCE, as a packed list.
+        places: whether objects may be described by their place.
+        implicit: whether all objects that match a description may lie behind the locked door.
+        locked: the locked room, or -1.
+        columns: the number of rooms in a line.
+        size: the number of cells on a side of a room.
     """
     block = block_of(row)
     kind = one_of_list(rng_state, kinds)

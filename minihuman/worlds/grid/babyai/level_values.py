@@ -1,4 +1,4 @@
-"""What a level's function passes around while it is traced: random variables, references to objects, choices."""
+"""The values that a level's function handles while it is traced: random variables, references to objects, choices."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,53 +10,53 @@ from minihuman.worlds.grid.babyai.level_program import COLOUR_IN, KIND_IN
 
 @dataclass(frozen=True, slots=True)
 class RandomVariable:
-    """A number that is drawn in every episode anew: an argument of later verbs."""
+    """A number that is drawn anew in every episode. It can be an argument of later calls."""
 
     argument: int
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectRef:
-    """An object that is made in every episode; its kind and colour are known then."""
+    """An object that is made in every episode. Its kind and colour are known only then."""
 
     register: int
 
     @property
     def kind(self) -> Any:
-        """Return its kind."""
+        """Return the object's kind as a random variable."""
         return RandomVariable(KIND_IN + self.register)
 
     @property
     def colour(self) -> Any:
-        """Return its colour."""
+        """Return the object's colour as a random variable."""
         return RandomVariable(COLOUR_IN + self.register)
 
     @property
     def thing(self) -> ObjectDescription:
-        """Return the description by kind and colour."""
+        """Return the description of the object by kind and colour."""
         return ObjectDescription(self.kind, self.colour)
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectGroup:
-    """Objects made one after the other."""
+    """A group of objects that are made one after the other."""
 
     first: ObjectRef
     last: ObjectRef
 
     def __add__(self, doors: Sequence[ObjectRef]) -> "ObjectGroup":
-        """Return a group with what was made right after."""
+        """Return the group extended by objects that were made right after it."""
         return ObjectGroup(self.first, doors[-1])
 
 
 @dataclass(frozen=True, slots=True)
 class Use(Clause):
-    """Open it if it is a door, pick it up otherwise."""
+    """The clause to open an object if it is a door, and to pick it up otherwise."""
 
 
 @dataclass(frozen=True, slots=True)
 class AnyOf:
-    """An instruction of several, drawn."""
+    """One of several instructions, which is drawn in every episode."""
 
     selected: RandomVariable
     alternatives: tuple[Any, ...]

@@ -1,7 +1,7 @@
 """The levels of BabyAI: going to objects, opening and unlocking doors, picking up and putting next to, whole language.
 
-Options are named as Minigrid names them; `LEVELS` has each by the name of its function. Importing this compiles what
-all levels have in common.
+Options are named as Minigrid names them. `LEVELS` has each level by the name of its function. Importing this module
+compiles what all levels have in common.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ MOST_THINGS = 1000
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_red_ball_grey(builder: LevelBuilder, num_dists: int = 7) -> Instruction:
-    """Lay out one room, the red ball and other things, all grey."""
+    """Lay out one room with the red ball and grey objects; the task is to go to the ball."""
     builder.place_agent()
     ball = builder.thing(builder.room(0, 0), "ball", "red")
     builder.recolour(builder.things(check_whole("num_dists", num_dists, 0, MOST_THINGS)), "grey")
@@ -40,7 +40,7 @@ def go_to_red_ball_grey(builder: LevelBuilder, num_dists: int = 7) -> Instructio
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_red_ball(builder: LevelBuilder, num_dists: int = 7) -> Instruction:
-    """Lay out one room, a red ball and other things."""
+    """Lay out one room with a red ball and other objects; the task is to go to the ball."""
     builder.place_agent()
     ball = builder.thing(builder.room(0, 0), "ball", "red")
     builder.things(check_whole("num_dists", num_dists, 0, MOST_THINGS))
@@ -50,7 +50,7 @@ def go_to_red_ball(builder: LevelBuilder, num_dists: int = 7) -> Instruction:
 
 @level(columns=1, lines=1, fixed=("room_size", *ONE_ROOM))
 def go_to_red_ball_no_dists(builder: LevelBuilder) -> Instruction:
-    """Lay out one room and the red ball."""
+    """Lay out one room with only the red ball; the task is to go to it."""
     builder.place_agent()
     ball = builder.thing(builder.room(0, 0), "ball", "red")
     builder.require_reachable()
@@ -59,14 +59,14 @@ def go_to_red_ball_no_dists(builder: LevelBuilder) -> Instruction:
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_obj(builder: LevelBuilder) -> Instruction:
-    """Lay out one room and one thing."""
+    """Lay out one room with one object; the task is to go to it."""
     builder.place_agent()
     return GoTo(builder.things(1, different=True).first.thing)
 
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_local(builder: LevelBuilder, num_dists: int = 8) -> Instruction:
-    """Lay out one room, one of its things."""
+    """Lay out one room with objects; the task is to go to one of them."""
     builder.place_agent()
     things = builder.things(check_whole("num_dists", num_dists, 1, MOST_THINGS))
     builder.require_reachable()
@@ -75,7 +75,7 @@ def go_to_local(builder: LevelBuilder, num_dists: int = 8) -> Instruction:
 
 @level()
 def go_to(builder: LevelBuilder, num_dists: int = 18, doors_open: bool = False) -> Instruction:
-    """Lay out a house, one of its things."""
+    """Lay out several rooms with objects; the task is to go to one of them."""
     builder.place_agent()
     builder.connect_all()
     things = builder.things(check_whole("num_dists", num_dists, 1, MOST_THINGS))
@@ -88,7 +88,10 @@ def go_to(builder: LevelBuilder, num_dists: int = 18, doors_open: bool = False) 
 
 @level()
 def go_to_imp_unlock(builder: LevelBuilder, sound: bool = False) -> Instruction:
-    """Lay out a house, a thing in a locked room; ``sound``: its key is elsewhere, and nothing else is in that room."""
+    """Lay out several rooms; the task is to go to an object in a locked room.
+
+    With ``sound``, the key is in another room, and the locked room has no other objects.
+    """
     locked = builder.any_room()
     door = builder.door(locked, locked=True)
     elsewhere = builder.any_room()
@@ -105,7 +108,7 @@ def go_to_imp_unlock(builder: LevelBuilder, sound: bool = False) -> Instruction:
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_red_blue_ball(builder: LevelBuilder, num_dists: int = 7) -> Instruction:
-    """Lay out one room, the red ball or the blue one."""
+    """Lay out one room with objects; the task is to go to the red or the blue ball."""
     builder.place_agent()
     things = builder.things(check_whole("num_dists", num_dists, 0, MOST_THINGS))
     for colour in ("red", "blue"):
@@ -117,7 +120,7 @@ def go_to_red_blue_ball(builder: LevelBuilder, num_dists: int = 7) -> Instructio
 
 @level(room=7, fixed=("room_size",))
 def go_to_door(builder: LevelBuilder) -> Instruction:
-    """Lay out the middle room, one of its four doors."""
+    """Lay out the middle room with four doors; the task is to go to one of them."""
     middle = builder.room(1, 1)
     doors = builder.four_doors(middle)
     builder.place_agent(middle)
@@ -126,7 +129,7 @@ def go_to_door(builder: LevelBuilder) -> Instruction:
 
 @level(fixed=("room_size",))
 def go_to_obj_door(builder: LevelBuilder) -> Instruction:
-    """Lay out the middle room, a thing or a door."""
+    """Lay out the middle room with objects and doors; the task is to go to one of them."""
     middle = builder.room(1, 1)
     builder.place_agent(middle)
     things = builder.things(8, middle) + builder.four_doors(middle)
@@ -139,7 +142,7 @@ ALL = ("room_size", "num_rows", "num_cols")
 
 @level()
 def open_(builder: LevelBuilder) -> Instruction:
-    """Lay out a house, one of its doors."""
+    """Lay out several rooms; the task is to open one of the doors."""
     builder.place_agent()
     builder.connect_all()
     builder.things(18)
@@ -149,7 +152,7 @@ def open_(builder: LevelBuilder) -> Instruction:
 
 @level(room=5, columns=2, lines=1, fixed=ALL)
 def open_red_door(builder: LevelBuilder) -> Instruction:
-    """Lay out two rooms, a red door."""
+    """Lay out two rooms with a red door between them; the task is to open it."""
     left = builder.room(0, 0)
     builder.door(left, "right", colour="red", locked=False)
     builder.place_agent(left)
@@ -158,7 +161,10 @@ def open_red_door(builder: LevelBuilder) -> Instruction:
 
 @level()
 def open_door(builder: LevelBuilder, debug: bool = False, select_by: str | None = None) -> Instruction | None:
-    """Lay out the middle room, one of four doors, by colour or by place; ``debug``: another one is failure."""
+    """Lay out the middle room with four doors; the task is to open one, given by its colour or place.
+
+    With ``debug``, opening another door is a failure.
+    """
     strict = check_bool("debug", debug)
     select_by = check_one_of("select_by", select_by, ("color", "loc", None))
     middle = builder.room(1, 1)
@@ -185,7 +191,10 @@ def open_door(builder: LevelBuilder, debug: bool = False, select_by: str | None 
 def open_two_doors(
     builder: LevelBuilder, first_color: str | None = None, second_color: str | None = None, strict: bool = False
 ) -> Instruction:
-    """Lay out the middle room, its left and its right door in order; ``strict``: the wrong one first is failure."""
+    """Lay out the middle room; the task is to open its left door, then its right door.
+
+    With ``strict``, opening the wrong door first is a failure.
+    """
     drawn_colours = builder.colours(2)
     first, second = (
         drawn_colour if check_one_of(name, chosen, (*COLOURS, None)) is None else chosen
@@ -202,7 +211,10 @@ def open_two_doors(
 
 @level(room=6, steps_by_area=20, fixed=("room_size",))
 def open_doors_order(builder: LevelBuilder, num_doors: int, debug: bool = False) -> AnyOf:
-    """Lay out the middle room, one door or two in order; ``debug``: the wrong one is failure."""
+    """Lay out the middle room; the task is to open one door, or two in order.
+
+    With ``debug``, opening the wrong door is a failure.
+    """
     strict = check_bool("debug", debug)
     middle = builder.room(1, 1)
     colours = builder.colours(check_whole("num_doors", num_doors, 2, 4))
@@ -214,7 +226,10 @@ def open_doors_order(builder: LevelBuilder, num_doors: int, debug: bool = False)
 
 @level()
 def unlock(builder: LevelBuilder, sound: bool = False) -> Instruction:
-    """Lay out a house with a locked room; ``sound``: its key is elsewhere, and nothing else is in that room."""
+    """Lay out several rooms, one of which is locked; the task is to open its door.
+
+    With ``sound``, the key is in another room, and the locked room has no objects.
+    """
     locked = builder.any_room()
     door = builder.door(locked, locked=True)
     elsewhere = builder.any_room()
@@ -231,7 +246,7 @@ def unlock(builder: LevelBuilder, sound: bool = False) -> Instruction:
 
 @level()
 def unlock_local(builder: LevelBuilder, distractors: bool = False) -> Instruction:
-    """Lay out the middle room, a locked door and its key."""
+    """Lay out the middle room with a locked door and its key; the task is to open the door."""
     middle = builder.room(1, 1)
     door = builder.door(middle, locked=True)
     builder.thing(middle, "key", door.colour)
@@ -243,7 +258,7 @@ def unlock_local(builder: LevelBuilder, distractors: bool = False) -> Instructio
 
 @level()
 def key_in_box(builder: LevelBuilder) -> Instruction:
-    """Lay out the middle room, a locked door, its key in a box."""
+    """Lay out the middle room with a locked door and its key in a box; the task is to open the door."""
     middle = builder.room(1, 1)
     door = builder.door(middle, locked=True)
     builder.boxed_key(middle, door.colour)
@@ -253,7 +268,7 @@ def key_in_box(builder: LevelBuilder) -> Instruction:
 
 @level(room=6, columns=2, lines=1, fixed=ALL)
 def unlock_pickup(builder: LevelBuilder, distractors: bool = False) -> Instruction:
-    """Lay out two rooms, a box behind a locked door."""
+    """Lay out two rooms; the task is to pick up a box behind a locked door."""
     box = builder.thing(builder.room(1, 0), "box")
     left = builder.room(0, 0)
     door = builder.door(left, "right", locked=True)
@@ -266,7 +281,7 @@ def unlock_pickup(builder: LevelBuilder, distractors: bool = False) -> Instructi
 
 @level(room=6, columns=2, lines=1, steps_by_area=16, fixed=ALL)
 def blocked_unlock_pickup(builder: LevelBuilder) -> Instruction:
-    """Lay out two rooms, a box behind a locked door behind a ball."""
+    """Lay out two rooms; the task is to pick up a box behind a locked door that a ball blocks."""
     builder.thing(builder.room(1, 0), "box")
     left = builder.room(0, 0)
     door = builder.door(left, "right", locked=True)
@@ -278,7 +293,7 @@ def blocked_unlock_pickup(builder: LevelBuilder) -> Instruction:
 
 @level(room=6, columns=3, lines=1, steps_by_area=30, fixed=ALL)
 def unlock_to_unlock(builder: LevelBuilder) -> Instruction:
-    """Lay out three rooms: a key that opens the door to the key that opens the door to the ball."""
+    """Lay out three rooms; a key opens the door to another key, which opens the door to a ball to pick up."""
     first, second = builder.colours(2)
     left, middle, right = (builder.room(column, 0) for column in range(3))
     builder.door(left, "right", colour=first, locked=True)
@@ -292,7 +307,7 @@ def unlock_to_unlock(builder: LevelBuilder) -> Instruction:
 
 @level()
 def pickup(builder: LevelBuilder) -> Instruction:
-    """Lay out a house, one of its things."""
+    """Lay out several rooms with objects; the task is to pick up one of them."""
     builder.place_agent()
     builder.connect_all()
     things = builder.things(18)
@@ -302,7 +317,7 @@ def pickup(builder: LevelBuilder) -> Instruction:
 
 @level()
 def unblock_pickup(builder: LevelBuilder) -> Instruction:
-    """Lay out a house where some things bar the way."""
+    """Lay out several rooms in which some objects block the way; the task is to pick up one of the objects."""
     builder.place_agent()
     builder.connect_all()
     things = builder.things(20)
@@ -312,7 +327,10 @@ def unblock_pickup(builder: LevelBuilder) -> Instruction:
 
 @level(room=7, columns=1, lines=1, fixed=("room_size", *ONE_ROOM))
 def pickup_dist(builder: LevelBuilder, debug: bool = False) -> AnyOf:
-    """Lay out one room, five things, one by its kind, its colour or both; ``debug``: another one is failure."""
+    """Lay out one room with five objects; the task is to pick up one, given by its kind, its colour or both.
+
+    With ``debug``, picking up another object is a failure.
+    """
     strict = check_bool("debug", debug)
     things = builder.things(5, different=True)
     builder.place_agent(builder.room(0, 0))
@@ -323,7 +341,7 @@ def pickup_dist(builder: LevelBuilder, debug: bool = False) -> AnyOf:
 
 @level(room=6, steps_by_area=8, fixed=("room_size",))
 def pickup_above(builder: LevelBuilder) -> Instruction:
-    """Lay out something in the room above."""
+    """Lay out several rooms; the task is to pick up an object in the room above the agent's."""
     thing = builder.thing(builder.room(1, 0))
     middle = builder.room(1, 1)
     builder.door(middle, "up", locked=False)
@@ -334,7 +352,7 @@ def pickup_above(builder: LevelBuilder) -> Instruction:
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def one_room(builder: LevelBuilder) -> Instruction:
-    """Lay out one room and a ball."""
+    """Lay out one room with a ball; the task is to pick it up."""
     builder.thing(builder.room(0, 0), "ball")
     builder.place_agent()
     return Pickup(ObjectDescription("ball"))
@@ -342,7 +360,7 @@ def one_room(builder: LevelBuilder) -> Instruction:
 
 @level(room=5, steps_by_area=20)
 def find_obj(builder: LevelBuilder) -> Instruction:
-    """Lay out something in a drawn room."""
+    """Lay out several rooms with an object in one of them; the task is to pick it up."""
     if builder.columns != builder.lines:
         raise WorldError(
             f"find_obj has {builder.columns} columns and {builder.lines} rows of rooms; use the same number of each"
@@ -356,7 +374,10 @@ def find_obj(builder: LevelBuilder) -> Instruction:
 
 @level(room=6, steps_by_area=30)
 def key_corridor(builder: LevelBuilder, obj_type: str = "ball") -> Instruction:
-    """Lay out a corridor between rooms: something behind a locked door, its key on the other side."""
+    """Lay out a corridor between rooms; the task is to pick up an object behind a locked door.
+
+    The key is in a room on the other side of the corridor.
+    """
     for line in range(1, builder.lines):
         builder.remove_wall(builder.room(1, line), "up")
     locked = builder.room(2, builder.integer(0, builder.lines))
@@ -370,7 +391,7 @@ def key_corridor(builder: LevelBuilder, obj_type: str = "ball") -> Instruction:
 
 @level(room=7, fixed=("room_size",))
 def action_obj_door(builder: LevelBuilder) -> AnyOf:
-    """Lay out the middle room: go to a thing or a door, or pick it up or open it."""
+    """Lay out the middle room; the task is to go to an object or a door, pick the object up or open the door."""
     middle = builder.room(1, 1)
     things = builder.things(5, middle, different=True) + builder.four_doors(middle, locked=False)
     builder.place_agent(middle)
@@ -380,7 +401,7 @@ def action_obj_door(builder: LevelBuilder) -> AnyOf:
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def put_next_local(builder: LevelBuilder, num_objs: int = 8) -> Instruction:
-    """Lay out one room, different things, one to be put next to another."""
+    """Lay out one room with different objects; the task is to put one of them next to another."""
     builder.place_agent()
     things = builder.things(check_whole("num_objs", num_objs, 2, 18), different=True)
     builder.require_reachable()
@@ -390,7 +411,7 @@ def put_next_local(builder: LevelBuilder, num_objs: int = 8) -> Instruction:
 
 @level(room=5, columns=2, lines=1, steps_by_area=8, fixed=ONE_ROOM)
 def put_next(builder: LevelBuilder, objs_per_room: int, start_carrying: bool = False) -> Instruction:
-    """Lay out two rooms without a wall between them, a thing of one to be put next to one of the other."""
+    """Lay out two rooms without a wall between them; the task is to put an object next to one of the other room."""
     left = builder.room(0, 0)
     right = builder.room(1, 0)
     count = check_whole("objs_per_room", objs_per_room, 1, 9)
@@ -406,7 +427,7 @@ def put_next(builder: LevelBuilder, objs_per_room: int, start_carrying: bool = F
 
 @level(room=5, columns=2, lines=1, steps_by_area=16, fixed=ONE_ROOM)
 def move_two_across(builder: LevelBuilder, objs_per_room: int) -> Instruction:
-    """Lay out two rooms without a wall between them, a thing of each to be put next to one of the other."""
+    """Lay out two rooms without a wall between them; the task is to put an object of each next to one of the other."""
     left = builder.room(0, 0)
     right = builder.room(1, 0)
     count = check_whole("objs_per_room", objs_per_room, 2, 9)
@@ -430,7 +451,7 @@ def level_gen(
     action_kinds: Sequence[str] = ("goto", "pickup", "open", "putnext"),
     instr_kinds: Sequence[str] = ("action", "and", "seq"),
 ) -> None:
-    """Lay out a house with a locked room or without, and any instruction."""
+    """Lay out several rooms, one of which may be locked; the task is any random instruction."""
     for name, value in (("locations", locations), ("unblocking", unblocking), ("implicit_unlock", implicit_unlock)):
         check_bool(name, value)
     locked = builder.maybe_locked_room(locked_room_prob)

@@ -1,9 +1,9 @@
-"""The verifier: whether a step has done what the instruction says, and the grid's step judged by it.
+"""The verifier: whether a step has done what the instruction says, and the grid's step that it judges.
 
-What GoTo, Open, Pickup and PutNext count as done is decided here, in kernels on a row of state. The order is
-Minigrid's, which decides results: places are noted at every "drop" and not when something is picked up, so "go to the
-ball" is satisfied by the cell the ball was taken from; a step that ends the first part of "a, then b" is also judged by
-the second. The flag OWN_STEPS does neither.
+Kernels on a row of state decide here when GoTo, Open, Pickup and PutNext are done. The order of operations is
+Minigrid's, and it affects results: places are noted at every "drop" but not when something is picked up, so "go to the
+ball" is satisfied by the cell from which the ball was taken; and a step that ends the first part of "a, then b" is also
+judged by the second. With the flag OWN_STEPS, neither is the case.
 """
 
 import numpy as np
@@ -71,7 +71,7 @@ _DONE = 6
 
 @device_function()
 def note_places(row: Row) -> None:
-    """Note where everything that a description means lies now."""
+    """Record the current cell of every object that matches a description."""
     noted = noted_of(row)
     means = means_of(row)
     row[noted : noted + row[WIDTH] * row[HEIGHT]] = 0
@@ -83,7 +83,7 @@ def note_places(row: Row) -> None:
 
 @kernel("(int32[::1],)")
 def hand_over(row: Row) -> None:
-    """Put what the agent starts with into its hand, after the first look."""
+    """Put the object that the agent carries from the start into its hand, after the first observation."""
     at = block_of(row) + HANDED
     identity = row[at]
     if identity > 0:
@@ -94,7 +94,7 @@ def hand_over(row: Row) -> None:
 
 @inline
 def is_any_gone(row: Row) -> bool:
-    """Return whether some object lies in no cell."""
+    """Return whether an object lies in no cell."""
     gone = 0
     for k in range(row[OBJECTS]):
         gone += where_is(row, k + 1) == NOWHERE
@@ -103,9 +103,9 @@ def is_any_gone(row: Row) -> bool:
 
 @device_function(force_inline=True)
 def verify(row: Row, action: int, noted: bool) -> int:
-    """Judge the step just made by the instruction: WAITING, SATISFIED or BROKEN.
+    """Judge the step just made by the instruction; return WAITING, SATISFIED or BROKEN.
 
-    With ``noted``, nothing was in hand before, so all that lies in a cell is noted where it is.
+    With ``noted``, nothing was carried before the step, so the recorded places of objects in cells are up to date.
     """
     block = block_of(row)
     flags = row[block + FLAGS]
@@ -149,7 +149,7 @@ def part_is_done(row: Row, first: int, clauses: int) -> bool:
 
 @device_function()
 def judge_part(row: Row, first: int, clauses: int, action: int) -> int:
-    """Judge a step by one clause, or by two in any order, whose single failures are forgotten."""
+    """Judge a step by one clause, or by two in any order; a failure of only one of the two is ignored."""
     if clauses == 1:
         return judge_clause(row, first, action)
     broken = 0
@@ -165,7 +165,7 @@ def judge_part(row: Row, first: int, clauses: int, action: int) -> int:
 
 @device_function()
 def judge_clause(row: Row, k: int, action: int) -> int:
-    """Judge a step by one clause, and note what came of it."""
+    """Judge a step by one clause, and record the outcome."""
     clause = block_of(row) + CLAUSES + k * CLAUSE
     if row[block_of(row) + FLAGS] & SAY_DONE:
         if action == _DONE:
@@ -186,7 +186,7 @@ def judge_clause(row: Row, k: int, action: int) -> int:
 
 @device_function(force_inline=True)
 def does(row: Row, clause: int, k: int, action: int) -> int:
-    """Return whether a step does what a clause says."""
+    """Return whether a step completes a clause: WAITING, SATISFIED or BROKEN."""
     verb = row[clause + VERB]
     strict = row[clause + STRICT]
     meant = 1 << 2 * k  # bit of the first description
@@ -224,7 +224,7 @@ def does(row: Row, clause: int, k: int, action: int) -> int:
 
 @device_function()
 def is_beside(row: Row, cell: int, meant: int) -> bool:
-    """Return whether something described lies right, below, left or above a cell, where places were noted."""
+    """Return whether a matching object was noted to the right of, below, to the left of or above a cell."""
     width = row[WIDTH]
     height = row[HEIGHT]
     noted = noted_of(row)
@@ -243,7 +243,7 @@ _NO_CHANCE = np.zeros(6, np.uint64)
 
 @kernel("(int32[::1], int64, uint64[::1], uint8[:, :, ::1])", hold_gil=True)
 def step_instructed(row: Row, action: int, rng_state: RngState, image: NDArray[np.uint8]) -> tuple[int, int, float]:
-    """Make `core.rules.step` for a row that has room for an instruction."""
+    """Run `core.rules.step` for a row that has space for an instruction."""
     status, reward = act_instructed(row, action, rng_state)
     if status >= 0:
         see(row, image)
@@ -252,13 +252,16 @@ def step_instructed(row: Row, action: int, rng_state: RngState, image: NDArray[n
 
 @kernel("(int32[::1], int64, uint64[::1])", hold_gil=True)
 def act_instructed(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
-    """Make `core.rules.act` for a row that has room for an instruction."""
+    """Run `core.rules.act` for a row that has space for an instruction."""
     return act_unedited(row, action, rng_state, False)
 
 
 @device_function(force_inline=True)
 def act_unedited(row: Row, action: int, rng_state: RngState, unedited: bool) -> tuple[int, float]:
-    """Make `act_instructed`; in an ``unedited`` row, changed by steps alone, note places only if they can differ."""
+    """Run `act_instructed`; if the row is ``unedited``, record places only when they can have changed.
+
+    An unedited row was changed by steps alone.
+    """
     if row[TASK] != INSTRUCTED:
         return act(row, action, rng_state)
     refused = refusal(row, action)
@@ -273,6 +276,6 @@ def act_unedited(row: Row, action: int, rng_state: RngState, unedited: bool) -> 
 
 
 def try_action(row: Row, action: int) -> tuple[int, float]:
-    """Do an action in a copy of a state, whose obstacles stay where they are: status and reward."""
+    """Take an action in a copy of a state in which obstacles do not move; return the status and the reward."""
     status, reward = (act_instructed if row[TASK] == INSTRUCTED else act)(row, action, _NO_CHANCE)
     return status, reward

@@ -1,1 +1,1 @@
-"""Kernels of the grid: state as plain arrays; rules, view and search as pure functions on them."""
+"""Kernels of the grid: the state as plain arrays; rules, view and search as pure functions on them."""

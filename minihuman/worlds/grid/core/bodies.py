@@ -1,28 +1,29 @@
-"""What a joint action does in a grid with several bodies.
+"""Joint actions in a grid with several bodies.
 
 The row of a team is the classic row with five numbers appended for each body from the second on: column, line,
 direction, what it carries, and a scratch number that is 0 between steps. The first body stays in the header, so a row
-of one body is the classic row. Every rule for one body is used as it stands: a body acts and sees from the header.
+of one body is the classic row. The rules for one body are used unchanged: a body acts and sees from the header.
 
-The rule of moves, which `docs/team-worlds.md` repeats for readers:
+The rules of moves, which `docs/team-worlds.md` repeats for readers:
 
 1. All turns are made.
-2. All steps forward are judged by the grid as it was. Of several bodies that want one cell, only the first in this
-   step's order gets it. A body enters a cell that another leaves in the same step, and three or more go round in a
-   circle; two never pass through each other, and where a body stays, none enters.
-3. Hands act one after the other, in the order of the step, on what is in front of them then; not on a cell in which
+2. All steps forward are judged by the grid before the step. If several bodies want one cell, only the first in this
+   step's order gets it. A body enters a cell that another leaves in the same step, and three or more can move round in
+   a circle; two never pass through each other, and no body enters a cell in which another stays.
+3. Hands act one after the other, in the order of the step, on what is then in front of them, but not on a cell in which
    another body stands.
 
-The order begins with the body whose number is the steps taken so far, modulo the number of bodies.
+The order begins with the body whose number is the number of steps taken so far, modulo the number of bodies.
 
-Tasks of teams, beside `rewards.REACH` (a body on any goal ends the episode, and earns):
+Tasks of teams, beside `rewards.REACH` (a body on any goal ends the episode and earns the reward):
 
-- `OWN_GOALS`: each body earns on reaching the goal of its colour, and stays there; all there end the episode.
-- `CARRY`: a load that nobody lifts alone. Two take it from opposite sides ("pickup"), and it moves where they agree:
-  both sideways the same way, or one forward while the other stays, and so goes backwards. "drop" lets go. All earn
-  when it comes to a goal.
-- `HIDE`: body 0 seeks, and stands still for the first steps. From then on, each step that it sees another earns it
-  1/max_steps and costs the others as much; a step that it sees none, the reverse.
+- `OWN_GOALS`: each body earns the reward on reaching the goal of its colour, and stays there; when all are there, the
+  episode ends.
+- `CARRY`: a load that no body can lift alone. Two take it from opposite sides ("pickup"), and it moves where they
+  agree: both sideways in the same direction, or one forward while the other stays, and so moves backwards. "drop" lets
+  go. All earn the reward when it comes to a goal.
+- `HIDE`: body 0 seeks, and stands still for the first steps. From then on, each step in which it sees another earns it
+  1/max_steps and costs the others as much; each step in which it sees none has the opposite effect.
 """
 
 import numpy as np
@@ -82,13 +83,13 @@ BODY_COLOURS = (RED, BLUE, YELLOW, PURPLE, GREEN, GREY, RED, BLUE)  # by body
 
 
 def team_row_length(width: int, height: int, bodies: int) -> int:
-    """Return how many numbers the state of a team's grid takes."""
+    """Return the length of the row of state of a team's grid."""
     return row_length(width, height) + BLOCK * (bodies - 1)
 
 
 @inline
 def body_index(row: Row, body: int) -> int:
-    """Return where in the row a body's column is; line, direction and what it carries follow."""
+    """Return the index in the row of a body's column; its line, direction and carried object follow."""
     if body == 0:
         return X
     return HEADER + 3 * row[WIDTH] * row[HEIGHT] + BLOCK * (body - 1)
@@ -96,13 +97,13 @@ def body_index(row: Row, body: int) -> int:
 
 @kernel("int64(int32[::1])", only=True)
 def count_bodies(row: Row) -> int:
-    """Return how many bodies the row holds."""
+    """Return the number of bodies in the row."""
     return 1 + (len(row) - HEADER - 3 * row[WIDTH] * row[HEIGHT]) // BLOCK
 
 
 @device_function("void(int32[::1], int64)")
 def exchange(row: Row, body: int) -> None:
-    """Exchange a body with the one in the header, where rules for one body act and see. Twice changes nothing."""
+    """Exchange a body with the one in the header, where the rules for one body apply. Doing it twice has no effect."""
     at = body_index(row, body)
     for k in range(4):
         row[X + k], row[at + k] = row[at + k], row[X + k]
@@ -110,7 +111,7 @@ def exchange(row: Row, body: int) -> None:
 
 @device_function("int64(int32[::1], int64, int64, int64)")
 def body_at(row: Row, bodies: int, x: int, y: int) -> int:
-    """Find which body stands in a cell; -1 for none."""
+    """Return the body that stands in a cell, or -1 if there is none."""
     for body in range(bodies):
         at = body_index(row, body)
         if row[at] == x and row[at + 1] == y:
@@ -127,7 +128,7 @@ def cell_before(row: Row, body: int) -> tuple[int, int]:
 
 @device_function("boolean(int32[::1], int64)")
 def is_home(row: Row, body: int) -> bool:
-    """Return whether a body stands on the goal of its colour, where that is its task."""
+    """Return whether a body stands on the goal of its colour in a world with that task."""
     at = body_index(row, body)
     code = cell_at(row, row[at], row[at + 1])
     return row[TASK] == OWN_GOALS and kind_of(code) == GOAL and colour_of(code) == BODY_COLOURS[body]
@@ -135,14 +136,14 @@ def is_home(row: Row, body: int) -> bool:
 
 @device_function("boolean(int32[::1], int64)")
 def holds_load(row: Row, body: int) -> bool:
-    """Return whether a body has its hands on the load."""
+    """Return whether a body holds the load."""
     carried = row[body_index(row, body) + 3]
     return row[TASK] == CARRY and carried != EMPTY and identity_of(carried) == row[TARGET]
 
 
 @device_function()
 def free_action(row: Row, actions: NDArray[np.int64], body: int) -> int:
-    """Return a body's action, STAY where its task holds it."""
+    """Return a body's action, or STAY if its task keeps it in place."""
     waits = row[TASK] == HIDE and body == 0 and row[STEP] <= row[TARGET]
     if waits or is_home(row, body) or (holds_load(row, body) and actions[body] != DROP):
         return STAY
@@ -151,7 +152,10 @@ def free_action(row: Row, actions: NDArray[np.int64], body: int) -> int:
 
 @device_function()
 def hold_blocked(row: Row, bodies: int, moving: int) -> int:
-    """Return the bits of ``moving`` without bodies whose cell ahead is not left, or left only by changing places."""
+    """Return the bits of ``moving`` without the bodies that are blocked by another.
+
+    A body is blocked if the other does not leave the cell ahead, or would change places with it.
+    """
     changed = True
     while changed:
         changed = False
@@ -169,7 +173,7 @@ def hold_blocked(row: Row, bodies: int, moving: int) -> int:
 
 @device_function()
 def move_bodies(row: Row, actions: NDArray[np.int64], first: int) -> int:
-    """Move those that go forward and can: a bit for each body that moved."""
+    """Move the bodies that go forward and can; return a bit for each body that moved."""
     bodies = len(actions)
     moving = 0
     for k in range(bodies):
@@ -193,7 +197,7 @@ def move_bodies(row: Row, actions: NDArray[np.int64], first: int) -> int:
 
 @device_function("int64(int32[::1], int64, int64)")
 def heading(row: Row, body: int, action: int) -> int:
-    """Return the direction in which a body that holds the load would have it go; -1 for none."""
+    """Return the direction in which a body that holds the load wants to move it, or -1."""
     if action > FORWARD:
         return -1
     turn = 0
@@ -206,7 +210,7 @@ def heading(row: Row, body: int, action: int) -> int:
 
 @device_function()
 def carry_load(row: Row, actions: NDArray[np.int64]) -> bool:
-    """Move the load and the two that hold it where they agree; whether it came to a goal."""
+    """Move the load and the two bodies that hold it if they agree; return whether it came to a goal."""
     bodies = len(actions)
     carrier = partner = -1
     for body in range(bodies):
@@ -252,7 +256,7 @@ def carry_load(row: Row, actions: NDArray[np.int64]) -> bool:
 
 @device_function()
 def use_hands(row: Row, body: int, action: int) -> None:
-    """Do what a body's hands do in front of it; its hands only close around the load, and open."""
+    """Apply a body's hand action to the cell in front of it. On the load, hands only close and open."""
     at = body_index(row, body)
     x, y = cell_before(row, body)
     if row[TASK] == CARRY and identity_of(cell_at(row, x, y)) == row[TARGET]:
@@ -278,7 +282,7 @@ def turn_bodies(row: Row, actions: NDArray[np.int64]) -> None:
 
 @kernel("(int32[::1], int64[::1], float64[::1])", hold_gil=True)
 def act_team(row: Row, actions: NDArray[np.int64], rewards: NDArray[np.float64]) -> int:
-    """Make one joint step without looking, writing each body's reward; the status as `rules.step` returns it."""
+    """Make one joint step without observations, writing each body's reward; return the status as `rules.step` does."""
     bodies = len(actions)
     if row[PHASE] != PLAYING:
         return NOT_PLAYING
@@ -313,9 +317,9 @@ def act_team(row: Row, actions: NDArray[np.int64], rewards: NDArray[np.float64])
 
 @kernel("(int32[::1], int64, uint8[:, :, ::1])", hold_gil=True)
 def see_body(row: Row, body: int, image: NDArray[np.uint8]) -> None:
-    """Fill ``image`` with a body's view, as `view.see` does; other bodies are agents in their colours.
+    """Fill ``image`` with a body's view, as `view.see` does. Other bodies appear as agents in their colours.
 
-    Their direction is as the viewer sees it: 3 (up) looks the same way as the viewer does.
+    Their direction is relative to the viewer's: 3 (up) is the direction in which the viewer looks.
     """
     bodies = count_bodies(row)
     exchange(row, body)
@@ -335,7 +339,10 @@ def see_body(row: Row, body: int, image: NDArray[np.uint8]) -> None:
 
 @kernel("(int32[::1], int64[::1], uint8[:, :, :, ::1], float64[::1])", hold_gil=True)
 def step_team(row: Row, actions: NDArray[np.int64], images: NDArray[np.uint8], rewards: NDArray[np.float64]) -> int:
-    """Make one joint step and see its result: ``images`` is uint8[bodies, size, size, 3]."""
+    """Make one joint step and observe its result; return the status.
+
+    ``images`` receives the views of the bodies, uint8[bodies, size, size, 3].
+    """
     status = act_team(row, actions, rewards)
     if status >= 0:
         for body in range(len(actions)):
@@ -352,7 +359,7 @@ def step_team(row: Row, actions: NDArray[np.int64], images: NDArray[np.uint8], r
 
 @kernel("(int32[::1],)")
 def clear_bodies(row: Row) -> None:
-    """Take every body but the first off the grid, as `state.clear` does with that one."""
+    """Remove every body but the first from the grid, as `state.clear` removes the first."""
     for body in range(1, count_bodies(row)):
         at = body_index(row, body)
         row[at] = row[at + 1] = row[at + 2] = -1

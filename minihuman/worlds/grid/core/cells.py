@@ -1,7 +1,7 @@
-"""The code of a cell: kind, colour, state and identity packed into one number; and the four directions.
+"""The code of a cell, which packs kind, colour, state and identity into one number; and the four directions.
 
-The numbers of kinds, colours and states are Minigrid's, so an observation reads the same here and there. Directions are
-0 right, 1 down, 2 left, 3 up.
+The numbers of kinds, colours and states are Minigrid's, so observations are the same. Directions are 0 right, 1 down,
+2 left, 3 up.
 """
 
 from typing import Any, TypeVar
@@ -17,7 +17,7 @@ STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by direction: columns, rows
 
 @inline
 def ahead(x: int, y: int, direction: int) -> tuple[int, int]:
-    """Return the next cell in a direction, in the grid or not; ``direction ^ 2`` is the opposite one."""
+    """Return the next cell in a direction, inside the grid or not. ``direction ^ 2`` is the opposite direction."""
     return x + (1 - direction) * (1 - direction % 2), y + (2 - direction) * (direction % 2)
 
 
@@ -38,62 +38,62 @@ RED_LAVA = LAVA | RED << 4
 
 @inline
 def pack(kind: int, colour: int, state: int, identity: int) -> int:
-    """Return the cell's number; ``identity`` is 0 for scenery."""
+    """Return the code of a cell with these properties; ``identity`` is 0 for scenery."""
     return kind | colour << 4 | state << 7 | identity << 9
 
 
 @inline
 def kind_of(code: int) -> int:
-    """Return the kind, an index into KINDS."""
+    """Return the kind in a code, an index into KINDS."""
     return code & 15
 
 
 @inline
 def colour_of(code: int) -> int:
-    """Return the colour, an index into COLOURS."""
+    """Return the colour in a code, an index into COLOURS."""
     return code >> 4 & 7
 
 
 @inline
 def state_of(code: int) -> int:
-    """Return a door's state, an index into DOOR_STATES; 0 for everything else."""
+    """Return a door's state in a code, an index into DOOR_STATES; 0 for everything else."""
     return code >> 7 & 3
 
 
 @inline
 def identity_of(code: int) -> int:
-    """Return the object's number within its world, 1 for the first made; 0 for scenery."""
+    """Return the identity in a code: the object's number in its world, from 1 in the order of making; 0 for scenery."""
     return code >> 9
 
 
 @inline
 def in_state(code: int, state: int) -> int:
-    """Return the same object in another state."""
+    """Return the code of the same object in another state."""
     return code & ~(3 << 7) | state << 7
 
 
 @inline
 def in_colour(code: int, colour: int) -> int:
-    """Return the same object in another colour."""
+    """Return the code of the same object in another colour."""
     return code & ~(7 << 4) | colour << 4
 
 
 @inline
 def look_of(code: int) -> int:
-    """Return kind and state without colour and identity: ``kind | state << 4``."""
+    """Return the kind and state in a code, without colour and identity: ``kind | state << 4``."""
     return code & 15 | code >> 3 & 48
 
 
 @inline
 def lets_pass(code: int) -> bool:
-    """Return whether the agent can stand here."""
+    """Return whether the agent can stand in a cell with this code."""
     kind = kind_of(code)
     return kind == EMPTY or kind == FLOOR or kind == GOAL or kind == LAVA or (kind == DOOR and state_of(code) == OPEN)
 
 
 @inline
 def can_be_carried(code: int) -> bool:
-    """Return whether the agent can pick this up."""
+    """Return whether the agent can pick up an object with this code."""
     kind = kind_of(code)
     return kind == KEY or kind == BALL or kind == BOX
 
@@ -102,20 +102,20 @@ CellCodes = TypeVar("CellCodes", int, NDArray[np.integer[Any]])  # one or an arr
 
 
 def kinds_of(codes: CellCodes) -> CellCodes:
-    """Return `kind_of` of each code."""
+    """Return the kind in each code, as `kind_of` does for one."""
     return codes & 15
 
 
 def colours_of(codes: CellCodes) -> CellCodes:
-    """Return `colour_of` of each code."""
+    """Return the colour in each code, as `colour_of` does for one."""
     return codes >> 4 & 7
 
 
 def states_of(codes: CellCodes) -> CellCodes:
-    """Return `state_of` of each code."""
+    """Return the state in each code, as `state_of` does for one."""
     return codes >> 7 & 3
 
 
 def identities_of(codes: CellCodes) -> CellCodes:
-    """Return `identity_of` of each code."""
+    """Return the identity in each code, as `identity_of` does for one."""
     return codes >> 9

@@ -1,9 +1,9 @@
-"""The kitchen's dynamics as kernels on one row of int32: cooks, counters, pots, and what lies on them.
+"""The dynamics of the kitchen as kernels on one row of int32: cooks, counters, pots, and the objects on them.
 
 Source: Overcooked-AI 1.1.0 (Carroll et al., 2019, https://arxiv.org/abs/1910.05789), whose order of effects is kept:
-hands act cook by cook, then all move, and stay where they were if any two would meet or pass through each other, then
-pots cook. By the rules of 2019, with which its human data were recorded, a pot starts by itself at the third
-ingredient, takes one kind only, and its clock goes on when the soup is ready.
+hands act cook by cook; then all cooks move, or all stay if any two would meet or pass through each other; then pots
+cook. Under the rules of 2019, with which its human data were recorded, a pot starts by itself at the third ingredient,
+takes only one kind of ingredient, and its clock continues after the soup is ready.
 """
 
 import numpy as np
@@ -36,67 +36,70 @@ SOUP_TAKEN = 5.0
 
 
 def kitchen_row_length(width: int, height: int, cooks: int) -> int:
-    """Return how many numbers the state of a kitchen takes."""
+    """Return the length of the row of state of a kitchen."""
     return COOK + 4 * cooks + 2 * width * height
 
 
 @inline
 def terrain_index(row: Row) -> int:
-    """Return where in the row the terrain begins, cell by cell (x * height + y)."""
+    """Return the index in the row at which the terrain begins, cell by cell (x * height + y)."""
     return COOK + 4 * row[COOKS]
 
 
 @inline
 def soup(onions: int, tomatoes: int, clock: int) -> int:
-    """Return a soup's number: its clock is -1 until it cooks, then the steps it has."""
+    """Return the number that encodes a soup.
+
+    Its clock is -1 before it cooks, then the number of steps it has cooked.
+    """
     return SOUP | onions << 3 | tomatoes << 5 | clock + 1 << 7
 
 
 @inline
 def kind_of(thing: int) -> int:
-    """Return what kind of thing a number is."""
+    """Return the kind of an object from its number."""
     return thing & 7
 
 
 @inline
 def onions_in(thing: int) -> int:
-    """Return a soup's onions."""
+    """Return the number of onions in a soup."""
     return thing >> 3 & 3
 
 
 @inline
 def tomatoes_in(thing: int) -> int:
-    """Return a soup's tomatoes."""
+    """Return the number of tomatoes in a soup."""
     return thing >> 5 & 3
 
 
 @inline
 def clock_of(thing: int) -> int:
-    """Return a soup's clock."""
+    """Return the clock of a soup: -1 before it cooks, then the number of steps it has cooked."""
     return (thing >> 7) - 1
 
 
 @inline
 def recipe_of(thing: int) -> int:
-    """Return a soup's recipe: onions + 4 * tomatoes."""
+    """Return the recipe of a soup: onions + 4 * tomatoes."""
     return thing >> 3 & 15
 
 
 @device_function()
 def is_ready(row: Row, thing: int) -> bool:
-    """Return whether a soup is done."""
+    """Return whether a soup has finished cooking."""
     return clock_of(thing) >= row[TIMES + recipe_of(thing)]
 
 
 @inline
 def ahead(x: int, y: int, direction: int) -> tuple[int, int]:
-    """Return the next cell in a direction: up, down, right, left."""
+    """Return the next cell in a direction (up, down, right or left)."""
     return x + (direction == RIGHT) - (direction == LEFT), y + (direction == DOWN) - (direction == UP)
 
 
 @device_function()
 def destination(row: Row, cook: int, action: int) -> tuple[int, int]:
-    """Return where a cook stands after its action if no cook is in its way."""
+    """Return the cell in which a cook stands after its action if no other cook blocks it."""
     at = COOK + 4 * cook
     x = row[at]
     y = row[at + 1]
@@ -109,12 +112,12 @@ def destination(row: Row, cook: int, action: int) -> tuple[int, int]:
 
 @device_function()
 def use_pot(row: Row, at: int, thing_at: int) -> float:
-    """Do what a cook's hands do to a pot; return the shaping reward.
+    """Apply a cook's interaction with a pot; return the shaping reward.
 
     Args:
-        row: The state.
-        at: Where in the row the cook is.
-        thing_at: Where in the row the pot's contents are.
+        row: the state.
+        at: the index of the cook in the row.
+        thing_at: the index of the pot's contents in the row.
     """
     carried = row[at + 3]
     thing = row[thing_at]
@@ -157,7 +160,7 @@ def lacks_dishes(row: Row, active_pots: int) -> bool:
 
 @device_function()
 def interact(row: Row, cook: int, active_pots: int, outcomes: NDArray[np.float64]) -> None:
-    """Do what a cook's hands do to the cell in front."""
+    """Apply a cook's interaction with the cell in front of it."""
     cooks = row[COOKS]
     at = COOK + 4 * cook
     cells = row[WIDTH] * row[HEIGHT]
@@ -186,7 +189,7 @@ def interact(row: Row, cook: int, active_pots: int, outcomes: NDArray[np.float64
 
 @device_function()
 def move_cooks(row: Row, actions: NDArray[np.int64]) -> None:
-    """Turn and move all cooks; where any two collide, none moves."""
+    """Turn and move all cooks. If any two would collide, none moves."""
     collide = False
     for cook in range(row[COOKS]):
         new = destination(row, cook, actions[cook])
@@ -206,7 +209,7 @@ def move_cooks(row: Row, actions: NDArray[np.int64]) -> None:
 
 @device_function()
 def count_active_pots(row: Row) -> int:
-    """Count the pots that cook, or hold something and have room for more."""
+    """Return the number of pots that cook, or hold something and have space for more."""
     terrains = terrain_index(row)
     cells = row[WIDTH] * row[HEIGHT]
     active_pots = 0
@@ -219,7 +222,7 @@ def count_active_pots(row: Row) -> int:
 
 @device_function()
 def cook_soups(row: Row) -> None:
-    """Let every soup that is on cook one step longer."""
+    """Advance the clock of every soup that is cooking by one step."""
     terrains = terrain_index(row)
     cells = row[WIDTH] * row[HEIGHT]
     for k in range(terrains, terrains + cells):
@@ -234,14 +237,14 @@ def step_kitchen(row: Row, actions: NDArray[np.int64], outcomes: NDArray[np.floa
     """Make one joint step and observe its result.
 
     Args:
-        row: The state.
-        actions: One a cook.
-        outcomes: Gets what each cook's deliveries earned, then each cook's shaping reward.
-        images: Gets each cook's observation, as `observe` writes it.
+        row: the state.
+        actions: one action per cook.
+        outcomes: receives the reward of each cook's deliveries, then each cook's shaping reward.
+        images: receives each cook's observation, as `observe` writes it.
 
     Returns:
-        Bits: `ENDED` and, where `outcomes` are not all 0, `EARNED`. -1 where no episode is played and -2 for an action
-        there is not: nothing changes.
+        The bits `ENDED` and, if `outcomes` are not all 0, `EARNED`; or -1 if no episode is running, and -2 for an
+            action that does not exist. In these two cases nothing changes.
     """
     if row[PHASE] != PLAYING:
         return -1
@@ -269,7 +272,10 @@ def step_kitchen(row: Row, actions: NDArray[np.int64], outcomes: NDArray[np.floa
 
 @device_function()
 def observe_thing(row: Row, thing: int, in_pot: bool, image: NDArray[np.uint8], at: int) -> None:
-    """Add a thing to the layers of its cell, from ``at`` on: onions, tomatoes, cooking soup, done soup, dishes, ..."""
+    """Write an object into the layers of its cell.
+
+    The layers begin at ``at``: onions, tomatoes, cooking soup, finished soup, dishes and so on, as in `observe`.
+    """
     kind = kind_of(thing)
     if kind == SOUP:
         clock = clock_of(thing)
@@ -290,18 +296,18 @@ def observe_thing(row: Row, thing: int, in_pot: bool, image: NDArray[np.uint8], 
 
 @device_function()
 def layer_of_cook(cook: int, viewer: int) -> int:
-    """Return the layer that shows where a cook is: the viewer's own is the first."""
+    """Return the layer that shows where a cook is. The viewer's own layer is the first."""
     return 0 if cook == viewer else cook + (cook < viewer)
 
 
 @kernel("(int32[::1], uint8[:, ::1])", hold_gil=True)
 def observe(row: Row, images: NDArray[np.uint8]) -> None:
-    """Fill what each cook observes, uint8[cooks, width * height * layers].
+    """Write each cook's observation into ``images``, uint8[cooks, width * height * layers].
 
-    Layers are of the whole kitchen, in the order of Overcooked-AI's lossless encoding: where each cook is, the
-    observer first, then each cook's four directions, pots, counters, onions, tomatoes, dishes and hatches; onions and
-    tomatoes in waiting pots, onions and tomatoes in cooking or cooked soups, steps a soup still cooks, soups done,
-    dishes, onions, tomatoes, and 1 everywhere in the last forty steps.
+    Layers show the whole kitchen, in the order of Overcooked-AI's lossless encoding: where each cook is, the observer
+    first; each cook's four directions; pots, counters, onions, tomatoes, dishes and hatches; onions and tomatoes in
+    waiting pots; onions and tomatoes in cooking or cooked soups; the steps that a soup still cooks; finished soups;
+    dishes, onions and tomatoes; and 1 everywhere in the last forty steps.
     """
     cooks = row[COOKS]
     cells = row[WIDTH] * row[HEIGHT]
@@ -347,10 +353,12 @@ def step_kitchens(
     images: NDArray[np.uint8],
     ends: NDArray[np.bool_],
 ) -> int:
-    """Run `step_kitchen` for each row; begin an ended episode anew at once, and show its beginning in ``images``.
+    """Run `step_kitchen` for each row.
+
+    When an episode ends, the next one begins at once, and ``images`` show its beginning.
 
     Returns:
-        -1, or the first kitchen that is given an action there is not: then none was stepped.
+        -1, or the index of the first kitchen with an action that does not exist; then no kitchen was stepped.
     """
     for i in range(len(rows)):
         for cook in range(actions.shape[1]):

@@ -1,4 +1,4 @@
-"""Placement in layouts: walls, openings, objects in a drawn cell, the agent. Plain functions on a row of state.
+"""Placement in layouts: walls, openings, objects in a random cell, the agent. All are functions on a row of state.
 
 Every draw is made in the order in which Minigrid makes it, so the same seed gives the same layout.
 """
@@ -13,21 +13,21 @@ UNLIMITED_TRIES = 1 << 30  # tries; a layout that needs more has no free place a
 
 @kernel("void(int32[::1], int64, int64, int64, int64)", only=True)
 def wall_across(row: Row, x: int, y: int, length: int, code: int) -> None:
-    """Put a horizontal line from (x, y)."""
+    """Put a horizontal line of cells with a code, from (x, y) to the right."""
     for i in range(length):
         put(row, x + i, y, code)
 
 
 @kernel("void(int32[::1], int64, int64, int64, int64)", only=True)
 def wall_down(row: Row, x: int, y: int, length: int, code: int) -> None:
-    """Put a vertical line from (x, y)."""
+    """Put a vertical line of cells with a code, from (x, y) down."""
     for j in range(length):
         put(row, x, y + j, code)
 
 
 @kernel("void(int32[::1], int64, int64, int64, int64)", only=True)
 def wall_rect(row: Row, x: int, y: int, width: int, height: int) -> None:
-    """Put the four walls of a room with its top left corner at (x, y), walls included in the size."""
+    """Put the four walls of a room with its top left corner at (x, y). The size includes the walls."""
     wall_across(row, x, y, width, GREY_WALL)
     wall_across(row, x, y + height - 1, width, GREY_WALL)
     wall_down(row, x, y, height, GREY_WALL)
@@ -42,7 +42,7 @@ def outer_walls(row: Row) -> None:
 
 @inline
 def has_room(row: Row, x: int, y: int, width: int, height: int) -> bool:
-    """Return whether any cell of the rectangle is free: without one, drawing places would never end."""
+    """Return whether any cell of a rectangle is free. Without one, drawing places would never end."""
     for i in range(max(x, 0), min(max(x, 0) + width, row[WIDTH])):
         for j in range(max(y, 0), min(max(y, 0) + height, row[HEIGHT])):
             if row[HEADER + i * row[HEIGHT] + j] == EMPTY and not (i == row[X] and j == row[Y]):
@@ -52,7 +52,10 @@ def has_room(row: Row, x: int, y: int, width: int, height: int) -> bool:
 
 @kernel("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)", only=True)
 def draw_place(row: Row, rng_state: RngState, x: int, y: int, width: int, height: int, tries: int) -> tuple[int, int]:
-    """Draw cells of the rectangle until one is free; (-1, -1), and the row marked FAILED, if none is found."""
+    """Draw cells of a rectangle until one is free, and return it.
+
+    If none is found, return (-1, -1) and mark the row as FAILED.
+    """
     x = max(x, 0)
     y = max(y, 0)
     if has_room(row, x, y, width, height):
@@ -67,7 +70,7 @@ def draw_place(row: Row, rng_state: RngState, x: int, y: int, width: int, height
 
 @kernel("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)", only=True)
 def place(row: Row, rng_state: RngState, code: int, x: int, y: int, width: int, height: int) -> tuple[int, int]:
-    """Lay a code into a drawn free cell of the rectangle; where it lies, or (-1, -1)."""
+    """Put a code into a random free cell of a rectangle; return the cell, or (-1, -1) if none is free."""
     i, j = draw_place(row, rng_state, x, y, width, height, UNLIMITED_TRIES)
     if i >= 0:
         put(row, i, j, code)
@@ -76,7 +79,7 @@ def place(row: Row, rng_state: RngState, code: int, x: int, y: int, width: int, 
 
 @inline
 def place_anywhere(row: Row, rng_state: RngState, code: int) -> tuple[int, int]:
-    """Lay a code into a drawn free cell of the whole grid."""
+    """Put a code into a random free cell of the whole grid; return the cell."""
     return place(row, rng_state, code, 0, 0, row[WIDTH], row[HEIGHT])
 
 
@@ -90,7 +93,7 @@ def stand(row: Row, x: int, y: int, direction: int) -> None:
 
 @kernel("void(int32[::1], uint64[::1], int64, int64, int64, int64)", only=True)
 def place_agent(row: Row, rng_state: RngState, x: int, y: int, width: int, height: int) -> None:
-    """Put the agent into a drawn free cell of the rectangle, looking in a drawn direction."""
+    """Put the agent into a random free cell of a rectangle, looking in a random direction."""
     row[X] = row[Y] = -1
     i, j = draw_place(row, rng_state, x, y, width, height, UNLIMITED_TRIES)
     stand(row, i, j, integer(rng_state, 0, 4))
@@ -98,5 +101,5 @@ def place_agent(row: Row, rng_state: RngState, x: int, y: int, width: int, heigh
 
 @inline
 def place_agent_anywhere(row: Row, rng_state: RngState) -> None:
-    """Put the agent into a drawn free cell of the whole grid, looking in a drawn direction."""
+    """Put the agent into a random free cell of the whole grid, looking in a random direction."""
     place_agent(row, rng_state, 0, 0, row[WIDTH], row[HEIGHT])

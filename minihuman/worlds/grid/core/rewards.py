@@ -1,7 +1,7 @@
 """Rewards and ends: which steps end an episode and what they earn, beside reaching a goal and stepping into lava.
 
-A task is a number in the state and up to six numbers that it is about (`TARGET`), so one kernel serves every world.
-Success earns 1 - 0.9 * step / max_steps. What counts as done of a BabyAI instruction is in `babyai.verifier`.
+A task is a number in the state with up to six parameters (`TARGET`), so one kernel serves every world. Success earns
+1 - 0.9 * step / max_steps. The rules for BabyAI's instructions are in `babyai.verifier`.
 """
 
 from minihuman.worlds.grid.core.cells import DOOR, EMPTY, GOAL, OPEN, ahead, colour_of, identity_of, kind_of, state_of
@@ -43,7 +43,7 @@ LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, DONE = range(7)
 
 @kernel("float64(int32[::1])", "float64(int16[::1])", only=True)
 def success_reward(row: Row) -> float:
-    """Return what success earns now: 1 at the start, 0.1 at the last step."""
+    """Return the reward for success now: about 1 at the start, 0.1 at the last step."""
     return 1 - 0.9 * (int(row[STEP]) / int(row[MAX_STEPS]))
 
 
@@ -55,26 +55,26 @@ def cell_in_front(row: Row) -> tuple[int, int]:
 
 @kernel("boolean(int32[::1], int64, int64)", "boolean(int16[::1], int64, int64)", only=True)
 def is_open(row: Row, x: int, y: int) -> bool:
-    """Return whether an open door is in this cell."""
+    """Return whether a cell has an open door."""
     code = cell_at(row, x, y)
     return kind_of(code) == DOOR and state_of(code) == OPEN
 
 
 @device_function()
 def _reward_if(row: Row, succeeds: bool) -> float:
-    """Return what success earns now, or 0."""
+    """Return the reward for success now if the step succeeds, else 0."""
     return success_reward(row) if succeeds else 0.0
 
 
 @device_function()
 def _is_target_look(row: Row, code: int) -> bool:
-    """Return whether an object has the kind and colour that the task asks for."""
+    """Return whether an object has the kind and colour that the task requires."""
     return kind_of(code) == row[TARGET] and colour_of(code) == row[TARGET + 1]
 
 
 @device_function()
 def _judge_stand_by(row: Row, action: int, reward: float, ended: bool) -> tuple[float, bool]:
-    """Return reward and end where the agent is to say "done" beside a cell."""
+    """Return the reward and whether the episode ends, where the task is to say "done" beside a cell."""
     if action == DONE:
         distance = abs(row[X] - row[TARGET]) + abs(row[Y] - row[TARGET + 1])
         return success_reward(row) if distance == 1 else reward, True
@@ -85,7 +85,7 @@ def _judge_stand_by(row: Row, action: int, reward: float, ended: bool) -> tuple[
 
 @device_function()
 def _judge_match(row: Row, reward: float, ended: bool) -> tuple[float, bool]:
-    """Return reward and end where the agent is to go to the matching one of two objects."""
+    """Return the reward and whether the episode ends, where the task is to go to the matching one of two objects."""
     if row[X] == row[TARGET] and row[Y] == row[TARGET + 1]:
         return success_reward(row), True
     if row[X] == row[TARGET + 2] and row[Y] == row[TARGET + 3]:
@@ -95,7 +95,7 @@ def _judge_match(row: Row, reward: float, ended: bool) -> tuple[float, bool]:
 
 @device_function()
 def _judge_put_near(row: Row, action: int, held_before: int, reward: float, ended: bool) -> tuple[float, bool]:
-    """Return reward and end where the agent is to put one object near another."""
+    """Return the reward and whether the episode ends, where the task is to put one object near another."""
     carried = row[CARRYING]
     if action == PICKUP and carried != EMPTY:
         return reward, ended or not _is_target_look(row, carried)
@@ -110,7 +110,10 @@ def _judge_put_near(row: Row, action: int, held_before: int, reward: float, ende
 def reward_and_done(
     row: Row, action: int, held_before: int, first_was_open: bool, reward: float, ended: bool
 ) -> tuple[float, bool]:
-    """Return reward and end of a step that was just made; ``reward`` and ``ended`` are what goal and lava say."""
+    """Return the reward of a step that was just made, and whether it ends the episode.
+
+    The arguments ``reward`` and ``ended`` are those that goals and lava imply.
+    """
     task = row[TASK]
     carried = row[CARRYING]
     if task == PICK:
@@ -143,7 +146,7 @@ def faces_obstacle(row: Row) -> bool:
 
 @device_function()
 def move_obstacles(row: Row, rng_state: RngState) -> None:
-    """Move each obstacle to a free cell of the 3x3 around it; it stays after 101 draws without one."""
+    """Move each obstacle to a free cell of the 3x3 around it. It stays in place after 101 draws without a free cell."""
     width = row[WIDTH]
     height = row[HEIGHT]
     for identity in range(1, row[TARGET] + 1):

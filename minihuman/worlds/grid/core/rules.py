@@ -1,6 +1,6 @@
-"""What an action does: Minigrid's seven actions on one row of state, a door's toggle rule among them.
+"""The effects of actions: Minigrid's seven actions on one row of state, including how doors are toggled.
 
-Steps of a world with instructions are judged in `babyai.verifier`: others need not compile that.
+Steps of worlds with instructions are judged in `babyai.verifier`, so that other worlds need not compile it.
 """
 
 import numpy as np
@@ -80,10 +80,10 @@ NO_SUCH_ACTION = -2
 
 @kernel("(int32[::1], int64, uint64[::1], uint8[:, :, ::1])", hold_gil=True)
 def step(row: Row, action: int, rng_state: RngState, image: NDArray[np.uint8]) -> tuple[int, int, float]:
-    """Make one step and see its result.
+    """Make one step and observe its result.
 
     Returns:
-        status (TERMINATED and TRUNCATED as bits, negative when refused), direction, reward.
+        The status (TERMINATED and TRUNCATED as bits, negative if the step was refused), the direction and the reward.
     """
     status, reward = act(row, action, rng_state)
     if status >= 0:
@@ -93,7 +93,7 @@ def step(row: Row, action: int, rng_state: RngState, image: NDArray[np.uint8]) -
 
 @kernel("(int32[::1], int64, uint64[::1])", hold_gil=True)
 def act(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
-    """Make one step without looking: status and reward, as `step` returns them."""
+    """Make one step without an observation; return the status and the reward, as `step` does."""
     return act_inline(row, action, rng_state)
 
 
@@ -123,7 +123,7 @@ def act_inline(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
 
 @inline
 def refusal(row: Row, action: int) -> int:
-    """Return why this step is not made: NOT_PLAYING or NO_SUCH_ACTION; 0 where nothing is against it."""
+    """Return why a step is refused, NOT_PLAYING or NO_SUCH_ACTION; return 0 if it is not."""
     if row[PHASE] != PLAYING:
         return NOT_PLAYING
     if action < 0 or action >= row[ACTIONS]:
@@ -133,7 +133,7 @@ def refusal(row: Row, action: int) -> int:
 
 @inline
 def close(row: Row, ended: bool) -> int:
-    """Return the status of a step that was made and judged; note an end in the row."""
+    """Return the status of a step that was made and judged; if the episode has ended, record it in the row."""
     status = TERMINATED if ended else 0
     if row[STEP] >= row[MAX_STEPS]:
         status |= TRUNCATED
@@ -144,7 +144,10 @@ def close(row: Row, ended: bool) -> int:
 
 @device_function(force_inline=True)
 def apply(row: Row, action: int) -> tuple[float, bool]:
-    """Do what the action does to agent, objects and doors: reward and end as goal and lava give them."""
+    """Apply an action to the agent, objects and doors.
+
+    Return the reward and whether the episode ends, as goals and lava determine them.
+    """
     if action == LEFT:
         row[DIRECTION] = (row[DIRECTION] + 3) % 4
         return 0.0, False
@@ -176,7 +179,11 @@ def apply(row: Row, action: int) -> tuple[float, bool]:
 
 @inline
 def toggle(row: Row, x: int, y: int, code: int) -> None:
-    """Open or close a door or its like, unlock it with the key of its colour, or open a box: its contents stay."""
+    """Toggle the object in a cell.
+
+    A door, or an object that opens, opens or closes; if it is locked, the key of its colour opens it. A box is removed,
+    and its contents stay.
+    """
     if kind_of(code) == DOOR or own_properties(row, code) & OPENS:
         state = state_of(code)
         if state == LOCKED:

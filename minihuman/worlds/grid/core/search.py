@@ -1,8 +1,8 @@
-"""Best-first search over the states that a grid world can reach, on the world's own rules.
+"""Best-first search over the states that a grid world can reach under its own rules.
 
-A node is what actions can change, packed into int32: agent x, y, direction, the object in hand, the object put down
-last, and for each object the cell it lies in with its state. An action costs 1 and the bound never overestimates, so
-the first success found is a shortest one.
+A node is the part of the state that actions can change, packed into int32: the agent's x, y and direction, the object
+in hand, the object put down last, and for each object its cell and state. An action costs 1 and the heuristic never
+overestimates, so the first success found is a shortest one.
 """
 
 from typing import NamedTuple
@@ -76,12 +76,12 @@ _STATE_BIT = 24  # a cell number plus one is in the bits below
 
 @kernel("(int32[::1], int64[::1], boolean)")
 def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np.int32]:
-    """Count the actions from each pose (x, y, direction) to any source pose by turns and steps; FAR without a path.
+    """Return the number of turns and steps from each pose (x, y, direction) to the nearest source; FAR without a path.
 
     Args:
-        row: The state.
-        sources: Pose numbers, (x * height + y) * 4 + direction.
-        through: Doors and objects are walked through, which gives a lower bound; otherwise they bar the way.
+        row: the state.
+        sources: the numbers of the source poses, (x * height + y) * 4 + direction.
+        through: whether doors and objects can be walked through, which gives a lower bound, or block the way.
     """
     width = np.int64(row[WIDTH])
     height = np.int64(row[HEIGHT])
@@ -122,7 +122,7 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
 
 @device_function()
 def stands(row: Row, code: int, through: bool) -> bool:
-    """Return whether an agent that has not succeeded yet can be in this cell."""
+    """Return whether an agent that has not succeeded yet can be in a cell."""
     kind = kind_of(code)
     if kind == WALL or kind == LAVA or kind == GOAL:
         return False
@@ -131,12 +131,12 @@ def stands(row: Row, code: int, through: bool) -> bool:
 
 @device_function()
 def stands_or_ends(row: Row, code: int, through: bool) -> bool:
-    """Return whether a step into this cell is possible and no failure."""
+    """Return whether a step into a cell is possible and not a failure."""
     return kind_of(code) == GOAL or stands(row, code, through)
 
 
 class Frontier(NamedTuple):
-    """The nodes a search has reached, and those to expand next, in buckets by the estimated length of the plan."""
+    """The nodes that a search has reached, and those to expand next, in buckets by the estimated length of the plan."""
 
     nodes: NDArray[np.int32]  # (limit, length of a node)
     cost: NDArray[np.int32]  # actions from the start
@@ -155,7 +155,7 @@ _N_NODES, _N_ENTRIES, _ESTIMATE, _DROPPED = range(4)  # places in the counters
 
 @device_function()
 def open_frontier(row: Row, limit: int, estimate: int) -> Frontier:
-    """Open a frontier that holds the state alone, with room for ``limit`` nodes."""
+    """Return a frontier that holds only the given state, with space for ``limit`` nodes."""
     n_buckets = (1 << 14) + 16 * (estimate + row[OBJECTS] * (row[WIDTH] + row[HEIGHT]))
     frontier = Frontier(
         np.empty((limit, _OBJECTS + row[OBJECTS]), np.int32),
@@ -185,7 +185,7 @@ def open_frontier(row: Row, limit: int, estimate: int) -> Frontier:
 
 @device_function(force_inline=True)
 def pop(frontier: Frontier) -> int:
-    """Take out a node with the least estimate, the newest of those; -1 when none is left."""
+    """Remove a node with the lowest estimate, the newest of those, and return it; return -1 if none is left."""
     bucket = frontier.bucket
     estimate = frontier.counters[_ESTIMATE]
     while estimate < len(bucket):
@@ -207,16 +207,16 @@ def pop(frontier: Frontier) -> int:
 def push(
     frontier: Frontier, row: Row, node: int, action: int, carried_before: int, heuristic: int, weight: int
 ) -> bool:
-    """Add the state that an action led to, unless it is known at the same cost or less; False when there is no room.
+    """Add the state after an action, unless it is known at no higher cost; return False if there is no space.
 
     Args:
-        frontier: What the search has reached.
-        row: The state after the action.
-        node: Where the action was done.
-        action: What was done.
-        carried_before: The identity of the object in hand before it.
-        heuristic: Actions that success is estimated to take from the state; FAR where it is impossible.
-        weight: How many times the heuristic counts.
+        frontier: the nodes that the search has reached.
+        row: the state after the action.
+        node: the node in which the action was taken.
+        action: the action.
+        carried_before: the identity of the object in hand before the action.
+        heuristic: the estimated number of actions from the state to success; FAR if success is impossible.
+        weight: the factor by which the heuristic is multiplied.
     """
     nodes = frontier.nodes
     cost = frontier.cost
@@ -257,7 +257,7 @@ def push(
 
 @device_function()
 def exhausted(frontier: Frontier) -> int:
-    """Return how a search ends with nothing left to expand: NONE, or FULL if an estimate had no bucket."""
+    """Return the outcome of a search with nothing left to expand: NONE, or FULL if an estimate had no bucket."""
     if frontier.counters[_DROPPED]:
         return FULL
     return NONE
@@ -267,15 +267,15 @@ def exhausted(frontier: Frontier) -> int:
 def search(
     start: Row, bound: NDArray[np.int32], extra: int, limit: int, rng_state: RngState, weight: int
 ) -> tuple[int, NDArray[np.int64]]:
-    """Find a shortest list of actions to success.
+    """Search for a shortest list of actions to success.
 
     Args:
-        start: The state; it is not changed.
-        bound: For each pose at least how many actions success takes from there, less ``extra``.
-        extra: What to add to the bound.
-        limit: Nodes that may be kept.
-        rng_state: Scratch for the rules, which take a random stream and draw nothing from it here.
-        weight: How many times the bound counts: 1 finds a shortest list, more finds a list sooner.
+        start: the state; it is not changed.
+        bound: for each pose, a lower bound on the number of actions to success, minus ``extra``.
+        extra: the number of actions to add to the bound.
+        limit: the maximum number of nodes.
+        rng_state: scratch space for the rules, which take a random stream but do not draw from it here.
+        weight: the factor by which the bound is multiplied: 1 finds a shortest list, a larger one finds a list sooner.
 
     Returns:
         FOUND and the actions, or NONE or FULL and no actions.
@@ -313,9 +313,9 @@ def search(
 
 @device_function()
 def may_shorten_plan(row: Row, action: int, last: int, may_drop: bool) -> bool:
-    """Return whether a shortest plan can have this action here. What is left out never shortens a plan:
+    """Return whether a shortest plan can have an action here.
 
-    closing a door; putting down the only thing there is to carry; taking up again what was put down last.
+    It never closes a door, puts down the only object that can be carried, or picks up again the object put down last.
     """
     if action == LEFT or action == RIGHT or action == FORWARD:
         return True
@@ -351,7 +351,7 @@ def object_codes(row: Row) -> NDArray[np.int64]:
 
 @device_function()
 def count_carriable(codes: NDArray[np.int64]) -> int:
-    """Return how many objects can be carried."""
+    """Return the number of objects that can be carried."""
     count = 0
     for k in range(len(codes)):
         if codes[k] != 0 and kind_of(int(codes[k])) != DOOR:
@@ -361,7 +361,7 @@ def count_carriable(codes: NDArray[np.int64]) -> int:
 
 @device_function()
 def store(row: Row, node: NDArray[np.int32], last: int) -> None:
-    """Pack what actions can change."""
+    """Pack the part of the state that actions can change into a node."""
     node[0] = row[X]
     node[1] = row[Y]
     node[2] = row[DIRECTION]
@@ -374,7 +374,7 @@ def store(row: Row, node: NDArray[np.int32], last: int) -> None:
 
 @device_function()
 def load(row: Row, node: NDArray[np.int32], codes: NDArray[np.int64]) -> None:
-    """Bring a row to a node."""
+    """Set a row to the state of a node."""
     row[X] = node[0]
     row[Y] = node[1]
     row[DIRECTION] = node[2]
@@ -393,7 +393,7 @@ def load(row: Row, node: NDArray[np.int32], codes: NDArray[np.int64]) -> None:
 
 @device_function()
 def slot(nodes: NDArray[np.int32], table: NDArray[np.int32], node: int) -> int:
-    """Find where in the table an equal node is, or the free place for this one."""
+    """Return the place in the table of a node equal to this one, or the free place for this one."""
     key = 17
     for number in nodes[node]:
         key = (key * 1000003 ^ int(number)) & 0x7FFFFFFFFFFF
@@ -413,7 +413,7 @@ def slot(nodes: NDArray[np.int32], table: NDArray[np.int32], node: int) -> int:
 
 @device_function()
 def actions_to_node(parent: NDArray[np.int32], cause: NDArray[np.int8], node: int, action: int) -> NDArray[np.int64]:
-    """Return the actions from the start to a node, and the one after it."""
+    """Return the actions from the start to a node, followed by one more action."""
     length = 1
     at = node
     while parent[at] >= 0:

@@ -1,10 +1,10 @@
-"""The state of a grid world: one row of int32, so that a batch of worlds is a matrix and a copy is a copy of a row.
+"""The state of a grid world: one row of int32, so that a batch of worlds is a matrix, and copying a row copies a state.
 
-A row is a header, then the cells (column by column: `x * height + y`), then two numbers per object: the cell it lies
-in, and the code of what it contains. Kernels work on rows; `State` reads one by name.
+A row is a header, then the cells (column by column: `x * height + y`), then two numbers per object: the cell in which
+it lies, and the code of its contents. Kernels work on rows; `State` gives access to the fields of one by name.
 
-A world's own object kinds have the numbers 11 to 15. What each of them allows is four bits in the header, so one
-compiled kernel plays every world, and a copy or a hash of the row holds them.
+A world's own object kinds have the numbers 11 to 15. The properties of each are four bits in the header, so one
+compiled kernel runs every world, and copies and hashes of the row include them.
 """
 
 from dataclasses import dataclass
@@ -61,31 +61,31 @@ NOWHERE = -1  # an object's cell while it is carried, contained or gone
 
 
 def row_length(width: int, height: int) -> int:
-    """Return how many numbers the state of a world of this size takes."""
+    """Return the length of the row of state of a world of this size."""
     return HEADER + 3 * width * height
 
 
 @inline
 def place_index(row: Row, identity: int) -> int:
-    """Return where in the row the cell is that an object lies in."""
+    """Return the index in the row at which an object's cell is stored."""
     return HEADER + row[WIDTH] * row[HEIGHT] + identity - 1
 
 
 @inline
 def where_is(row: Row, identity: int) -> int:
-    """Return the cell (x * height + y) an object lies in, NOWHERE while it lies in none."""
+    """Return the cell (x * height + y) in which an object lies, or NOWHERE if it lies in none."""
     return row[place_index(row, identity)]
 
 
 @inline
 def contents_index(row: Row, identity: int) -> int:
-    """Return where in the row the code of an object's contents is; 0 there means nothing inside."""
+    """Return the index in the row at which the code of an object's contents is stored; 0 there means no contents."""
     return HEADER + 2 * row[WIDTH] * row[HEIGHT] + identity - 1
 
 
 @kernel("(int32[::1],)", hold_gil=True)
 def clear(row: Row) -> None:
-    """Make the row an empty floor before a layout: no objects, no agent, step 0; sizes and settings stay."""
+    """Reset the row to an empty floor without objects and agent, at step 0. Sizes and settings stay."""
     row[X] = row[Y] = row[DIRECTION] = -1
     row[CARRYING] = EMPTY
     row[STEP] = 0
@@ -96,7 +96,7 @@ def clear(row: Row) -> None:
 
 @kernel("int64(int32[::1], int64, int64)", "int64(int16[::1], int64, int64)", only=True)
 def cell_at(row: Row, x: int, y: int) -> int:
-    """Return the code in a cell; outside the grid everything is wall."""
+    """Return the code in a cell. All cells outside the grid are walls."""
     is_inside = (int(x) & _POSITIVE < row[WIDTH]) & (int(y) & _POSITIVE < row[HEIGHT])
     place = np.uint64(HEADER + x * row[HEIGHT] + y if is_inside else 0)  # unsigned: not looked for from the end
     return row[place] if is_inside else GREY_WALL
@@ -104,7 +104,10 @@ def cell_at(row: Row, x: int, y: int) -> int:
 
 @kernel("int64(int32[::1], int64, int64)", "int64(int16[::1], int64, int64)", only=True)
 def lift(row: Row, x: int, y: int) -> int:
-    """Return empty a cell and return what lay there. Outside the grid nothing does, and the row is marked FAILED."""
+    """Empty a cell and return the code that was in it.
+
+    For a cell outside the grid, return EMPTY and mark the row as FAILED.
+    """
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
         row[FAILED] = 1
         return EMPTY
@@ -118,9 +121,9 @@ def lift(row: Row, x: int, y: int) -> int:
 
 @kernel("void(int32[::1], int64, int64, int64)", "void(int16[::1], int64, int64, int64)", only=True)
 def put(row: Row, x: int, y: int, code: int) -> None:
-    """Lay a code into a cell of the grid, instead of whatever was there; objects know where they lie.
+    """Put a code into a cell of the grid, replacing whatever was there, and update the places of the objects.
 
-    Outside the grid nothing is laid, and the row is marked FAILED.
+    For a cell outside the grid, only mark the row as FAILED.
     """
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
         row[FAILED] = 1
@@ -136,7 +139,7 @@ def put(row: Row, x: int, y: int, code: int) -> None:
 
 @kernel("(int32[::1], int64, int64)")
 def move(row: Row, identity: int, cell: int) -> None:
-    """Move an object that lies in a cell to an empty one (x * height + y)."""
+    """Move an object from its cell to an empty one (x * height + y)."""
     place = place_index(row, identity)
     row[HEADER + cell] = row[HEADER + row[place]]
     row[HEADER + row[place]] = EMPTY
@@ -145,7 +148,10 @@ def move(row: Row, identity: int, cell: int) -> None:
 
 @kernel("int64(int32[::1], int64, int64, int64)", only=True)
 def make(row: Row, kind: int, colour: int, state: int) -> int:
-    """Make a new object with its own identity, lying nowhere yet. More objects than cells mark the row FAILED."""
+    """Make a new object with its own identity, which lies in no cell yet; return its code.
+
+    If there are as many objects as cells, return EMPTY and mark the row as FAILED.
+    """
     if row[OBJECTS] >= row[WIDTH] * row[HEIGHT]:
         row[FAILED] = 1
         return EMPTY
@@ -156,7 +162,10 @@ def make(row: Row, kind: int, colour: int, state: int) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """One row, by name. The arrays are views: they change with the world, and writing to them changes it."""
+    """A row with named fields.
+
+    The arrays are views: they change with the world, and writing to them changes the world.
+    """
 
     row: Row
 
@@ -177,57 +186,57 @@ class State:
 
     @property
     def direction(self) -> int:
-        """Return where the agent looks: 0 right, 1 down, 2 left, 3 up."""
+        """Return the direction in which the agent looks: 0 right, 1 down, 2 left, 3 up."""
         return int(self.row[DIRECTION])
 
     @property
     def carrying(self) -> int:
-        """Return the code of the object in hand; EMPTY for none."""
+        """Return the code of the object that the agent carries; EMPTY if it carries none."""
         return int(self.row[CARRYING])
 
     @property
     def step(self) -> int:
-        """Return the steps taken in this episode."""
+        """Return the number of steps taken in this episode."""
         return int(self.row[STEP])
 
     @property
     def max_steps(self) -> int:
-        """Return the steps after which the episode is truncated."""
+        """Return the number of steps after which the episode is truncated."""
         return int(self.row[MAX_STEPS])
 
     @property
     def cells(self) -> NDArray[np.int32]:
-        """Return the codes, (width, height), indexed [x, y]; read them with the functions of ``cells``."""
+        """Return the codes of the cells, (width, height), indexed [x, y]; the functions of ``cells`` read them."""
         return self.row[HEADER : HEADER + self.width * self.height].reshape(self.width, self.height)
 
     @property
     def kinds(self) -> NDArray[np.integer[Any]]:
-        """Return the kinds, (width, height), indexed [x, y]: places in ``cells.KINDS``."""
+        """Return the kinds in the cells, (width, height), indexed [x, y], as indices into ``cells.KINDS``."""
         return kinds_of(self.cells.astype(np.int64))
 
     @property
     def colours(self) -> NDArray[np.integer[Any]]:
-        """Return the colours, (width, height), indexed [x, y]: places in ``cells.COLOURS``."""
+        """Return the colours in the cells, (width, height), indexed [x, y], as indices into ``cells.COLOURS``."""
         return colours_of(self.cells.astype(np.int64))
 
     @property
     def states(self) -> NDArray[np.integer[Any]]:
-        """Return doors' states, (width, height), indexed [x, y]: places in ``cells.DOOR_STATES``; 0 for all else."""
+        """Return the doors' states, (width, height), indexed [x, y], as indices into ``cells.DOOR_STATES``; else 0."""
         return states_of(self.cells)
 
     @property
     def identities(self) -> NDArray[np.integer[Any]]:
-        """Return the identities, (width, height), indexed [x, y]; 0 where no object lies."""
+        """Return the identities of the objects in the cells, (width, height), indexed [x, y]; 0 for no object."""
         return identities_of(self.cells)
 
     @property
     def contents(self) -> NDArray[np.int32]:
-        """Return the code of what each object contains, by identity - 1; 0 for nothing."""
+        """Return the code of each object's contents, by identity - 1; 0 for none."""
         cells = self.width * self.height
         return self.row[HEADER + 2 * cells : HEADER + 3 * cells]
 
     def find(self, identity: int) -> tuple[int, int] | None:
-        """Return where an object lies; None while it is carried, inside a box, or gone."""
+        """Return the cell of an object; None while it is carried or in a box, and after it is gone."""
         cell = int(self.row[HEADER + self.width * self.height + identity - 1])
         if cell == NOWHERE:
             return None
@@ -246,7 +255,7 @@ OPENS = 8
 
 @inline
 def own_properties(row: Row, code: int) -> int:
-    """Return the bits of an own kind; 0 for every kind of ours."""
+    """Return the property bits of one of the world's own kinds; 0 for a built-in kind."""
     if kind_of(code) >= FIRST_OWN_KIND:
         return row[SEE_THROUGH] >> 1 + 4 * (kind_of(code) - FIRST_OWN_KIND) & 15
     return 0
@@ -254,20 +263,23 @@ def own_properties(row: Row, code: int) -> int:
 
 @inline
 def can_enter(row: Row, code: int) -> bool:
-    """Return whether the agent can stand in a cell with this in it: own things that open let pass while open."""
+    """Return whether the agent can stand in a cell with this code. An object that opens can be entered while open."""
     own = own_properties(row, code)
     return lets_pass(code) or own & STEPPED_ON != 0 or (own & OPENS != 0 and state_of(code) == OPEN)
 
 
 @inline
 def can_carry(row: Row, code: int) -> bool:
-    """Return whether the agent can pick this up."""
+    """Return whether the agent can pick up an object with this code."""
     return can_be_carried(code) or (code != EMPTY and own_properties(row, code) & CARRIED != 0)
 
 
 @inline
 def hiding_looks(row: Row) -> int:
-    """Return the looks of own things that hide what is behind: bit ``kind | state << 4``; an open one hides nothing."""
+    """Return which looks of the world's own kinds hide what is behind them, as bits ``kind | state << 4``.
+
+    An object that is open hides nothing.
+    """
     looks = 0
     for own in range(MAX_OWN_KINDS if row[SEE_THROUGH] > 1 else 0):
         bits = row[SEE_THROUGH] >> 1 + 4 * own & 15

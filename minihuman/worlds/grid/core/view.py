@@ -1,4 +1,4 @@
-"""What the agent sees: the cells in front of it, turned so that it looks up, without those that walls hide."""
+"""The agent's view: the cells in front of it, turned so that it looks up, without those that walls hide."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -56,10 +56,10 @@ HIDING = np.int64(sum(1 << (WALL | state << 4) | (state != OPEN) << (DOOR | stat
 
 
 def see_size(size: int) -> int:
-    """Check that a view can have this size, and return it.
+    """Check that a view can have this size, and return the size.
 
     Raises:
-        WorldError: if it cannot.
+        WorldError: if the size is not an odd number from 3 to 61.
     """
     return check_whole("agent_view_size", size, 3, LARGEST_VIEW, odd=True)
 
@@ -68,9 +68,9 @@ def see_size(size: int) -> int:
 def see(row: Row, image: NDArray[np.uint8]) -> None:
     """Fill ``image`` (size, size, 3: kind, colour, state; indexed [right, down]) with the agent's view.
 
-    The agent is at the bottom's middle; its own cell shows what it carries. Unseen cells are 0. Sight spreads from
-    the agent row by row, as Minigrid defines it: within a row first rightwards, then leftwards, and every seen cell
-    that lets see passes it on to its neighbour in that direction and to the two cells ahead of both.
+    The agent is in the middle of the bottom row, and its own cell shows what it carries. Unseen cells are 0. Sight
+    spreads from the agent row by row, as Minigrid defines it: within a row first rightwards, then leftwards, and every
+    seen cell that is transparent passes sight on to its neighbour in that direction and to the two cells ahead of both.
     """
     if is_usual(row, image):
         see_usual(row, image)
@@ -81,20 +81,23 @@ def see(row: Row, image: NDArray[np.uint8]) -> None:
 
 @inline
 def is_usual(row: Row, image: NDArray[np.uint8]) -> bool:
-    """Return whether a view is of seven cells, places fit into 15 bits, and no own kind hides anything."""
+    """Return whether a view has seven cells on a side, coordinates fit into 15 bits, and no own kind hides anything."""
     return image.shape[0] == USUAL_VIEW and max(row[WIDTH], row[HEIGHT]) < 1 << 15 and hiding_looks(row) == 0
 
 
 @simd_function()
 def see_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> None:
-    """Do what `see` says, for a view that `is_usual`, without what is carried."""
+    """Fill an image as `see` does, for a view for which `is_usual` is true, without the carried object."""
     columns, clear = look_ahead(ops, row)
     write_view(ops, image, columns, spread_sight(clear))
 
 
 @simd_function(counts=True)
 def look_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> Any:
-    """Do the first third of `see_usual`, for many: note the cells in the image and return what lets see."""
+    """Do the first third of `see_usual`, for many worlds.
+
+    Write the codes of the cells into the image, and return which cells are transparent.
+    """
     columns, clear = look_ahead(ops, row)
     for number, codes in enumerate(columns):
         ops.store(image, 32 * number, ops.view(codes, "uint8"))
@@ -103,21 +106,24 @@ def look_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> Any:
 
 @simd_function()
 def spread_usual(ops: Any, boards: NDArray[np.int64], first: Any) -> None:
-    """Do the second third, for `TOGETHER` neighbours: make of what lets see what is seen."""
+    """Do the second third of `see_usual`, for `TOGETHER` neighbouring worlds.
+
+    Replace the cells that are transparent by those that are seen.
+    """
     ops.store(boards, first, spread_sight(ops.load(boards, first, TOGETHER)))
 
 
 @simd_function()
 def show_usual(ops: Any, image: NDArray[np.uint8], boards: NDArray[np.int64], at: Any) -> None:
-    """Do the last third: make the image of the cells that were noted in it."""
+    """Do the last third of `see_usual`: turn the codes that were written into the image into the view."""
     columns = [ops.view(ops.load(image, 32 * number, 32), "uint16") for number in range(len(PAIRS))]
     write_view(ops, image, columns, ops.number(boards, at))
 
 
 def look_ahead(ops: Any, row: Row) -> tuple[list[Any], Any]:
-    """Return the columns `PAIRS` of a view, and what lets see: a number with a byte for each row of the view.
+    """Return the columns `PAIRS` of a view, and its transparent cells as a number with a byte for each row of the view.
 
-    The cells are loaded column by column of the grid, in the view's order; facing left or right they lie transposed.
+    The cells are loaded column by column of the grid, transposed where the agent faces left or right.
     """
     x, y, direction, width, height = (ops.number(row, at) for at in (X, Y, DIRECTION, WIDTH, HEIGHT))
     # the columns run leftwards where it faces right or down
@@ -161,14 +167,14 @@ def look_ahead(ops: Any, row: Row) -> tuple[list[Any], Any]:
 
 
 def shuffle_twice(ops: Any, vectors: Sequence[Any], lanes: Sequence[Sequence[int]]) -> list[Any]:
-    """Shuffle lanes of the first two vectors together, in each of some orders, and of the last two likewise."""
+    """Return the lanes of the first two vectors in each of several orders, then those of the last two."""
     return [ops.shuffled(vectors[at], order, vectors[at + 1]) for at in (0, 2) for order in lanes]
 
 
 def spread_sight(clear: Any) -> Any:
-    """Spread sight: return what is seen, of what lets see, a byte for each row of a view.
+    """Return the cells that are seen, given those that are transparent, with a byte for each row of a view.
 
-    A run of clear cells is seen as soon as one of them is, with what is beside it and ahead of all these.
+    A run of transparent cells is seen as soon as one of them is, together with the cells beside it and ahead of it.
     """
     pairs = clear >> 1 & clear  # and the cell to the left is clear, too
     fours = pairs >> 2 & pairs
@@ -188,7 +194,7 @@ def spread_sight(clear: Any) -> Any:
 
 
 def write_view(ops: Any, image: NDArray[np.uint8], columns: Sequence[Any], visible: Any) -> None:
-    """Write down the cells of a view that are seen. What is written too far, the next column overwrites."""
+    """Write the seen cells of a view into an image. Bytes written too far are overwritten by the next column."""
     seen_lanes = ops.spread_bytes(visible)
     stores = {}
     for (left, right), codes in zip(PAIRS, columns, strict=True):
@@ -207,7 +213,7 @@ def write_view(ops: Any, image: NDArray[np.uint8], columns: Sequence[Any], visib
 
 @simd_function()
 def fetch_usual(ops: Any, row: Row) -> None:
-    """Prefetch the cells that `see_usual` loads; near a border, cells outside the grid with them."""
+    """Prefetch the cells that `see_usual` loads; near a border, this includes cells outside the grid."""
     x = ops.number(row, X)
     y = ops.number(row, Y)
     direction = ops.number(row, DIRECTION)
@@ -222,13 +228,16 @@ def fetch_usual(ops: Any, row: Row) -> None:
 
 @simd_function()
 def fetch_header(ops: Any, row: Row) -> None:
-    """Prefetch what says where the agent is."""
+    """Prefetch the header of a row, which has the agent's pose."""
     ops.prefetch(row, 0)
 
 
 @device_function(force_inline=True)
 def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
-    """Do what `see` says, for a view of ``size`` cells, without branches on what lies where: no CPU foresees those."""
+    """Fill an image as `see` does, for a view of ``size`` cells.
+
+    There are no branches on the cells' contents, because no CPU could predict them.
+    """
     half = size // 2
     right, down = ahead(0, 0, row[DIRECTION])
     # the first cell of the agent's row
@@ -259,7 +268,7 @@ def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
 
 @device_function(force_inline=True)
 def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
-    """Write down a cell as the agent sees it: kind, colour, state."""
+    """Write the kind, colour and state of a cell into an image."""
     image[i, j, 0] = kind_of(code)
     image[i, j, 1] = colour_of(code)
     image[i, j, 2] = state_of(code)
@@ -267,7 +276,7 @@ def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
 
 @inline
 def spread(reached: int, clear: int, size: int) -> int:
-    """Return the clear cells of a row in whose runs one is seen."""
+    """Return the transparent cells of a row that belong to a run in which a cell is seen."""
     giving = reached & clear
     giving = (giving + clear ^ clear | giving) & clear  # the sum's carry runs through the clear cells after each
     run = clear  # bit i: the cells from i to where a stride of this length starts are all clear
@@ -281,7 +290,7 @@ def spread(reached: int, clear: int, size: int) -> int:
 
 @kernel("(int32[::1], uint8[:, :, ::1])")
 def see_all(row: Row, image: NDArray[np.uint8]) -> None:
-    """Fill ``image`` (width, height, 3: kind, colour, state; indexed [x, y]) with the whole grid, agent included."""
+    """Fill ``image`` (width, height, 3: kind, colour, state; indexed [x, y]) with the whole grid and the agent."""
     for x in range(row[WIDTH]):
         for y in range(row[HEIGHT]):
             show(image, x, y, row[HEADER + x * row[HEIGHT] + y])

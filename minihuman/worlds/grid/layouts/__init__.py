@@ -1,1 +1,1 @@
-"""Layouts: where everything stands at the start of an episode. One compiled function per family."""
+"""Layouts: where everything stands at the start of an episode, with one compiled function per family."""

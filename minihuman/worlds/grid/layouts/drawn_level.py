@@ -27,19 +27,20 @@ WWWWWWWWWWWWWW
 
 
 class DrawnLevel(GridWorld):
-    """A level that a diagram shows, in the characters that `from_text` reads.
+    """A level given by a diagram, in the characters that `from_text` reads.
 
-    Without an agent in the diagram, every episode places it in an empty cell, drawn from its seed. An episode ends at
+    If the diagram has no agent, every episode places it in a random empty cell, drawn from its seed. An episode ends at
     a green goal square or in lava.
 
     Args:
-        diagram: A line a row, two characters a cell, at least 3 by 3 cells; common indentation is left out.
-        mission: What to do, in words.
-        max_steps: Steps after which an episode is truncated; by default four times the number of cells.
-        options: as for every grid world.
+        diagram: the diagram, with a line per row and two characters per cell, at least 3 by 3 cells; common indentation
+            is removed.
+        mission: the mission in words.
+        max_steps: the number of steps after which an episode is truncated; by default four times the number of cells.
+        options: further options, as for every grid world.
 
     Raises:
-        WorldError: if the diagram is too small or too large, a cell means nothing, or there are several agents.
+        WorldError: if the diagram is too small or too large, has an invalid cell, or has several agents.
     """
 
     def __init__(
@@ -73,7 +74,7 @@ class DrawnLevel(GridWorld):
         from_text(self.diagram, Layout(self._row.copy(), self.np_random, mission))  # a wrong cell is refused at once
 
     def layout(self, grid: Layout) -> None:
-        """Lay the diagram out."""
+        """Lay out the diagram, and place the agent if the diagram has none."""
         from_text(self.diagram, grid)
         if not self._has_agent:
             grid.place_agent()

@@ -1,4 +1,7 @@
-"""GoToObj in the grid: an empty room with four objects at the middles of its walls; face the one that is named."""
+"""GoToObj in the grid: an empty room with objects at the middles of its four walls.
+
+The agent must face the named one.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,17 +22,18 @@ from minihuman.worlds.options import MAX_CELLS, check_bool, check_whole
 
 
 class GoToObjGrid(GridWorld):
-    """The source world of the transfer experiment; every default is a fact of the published one but ``ambiguous``.
+    """The source world of the transfer experiment. All defaults but ``ambiguous`` are those of the published world.
 
-    The agent starts in the middle, facing right. Facing the target ends the episode and earns
-    ``1 - 0.9 * step / max_steps``.
+    The agent starts in the middle, facing right. Facing the target ends the episode and earns ``1 - 0.9 * step /
+    max_steps``.
 
     Args:
-        size: Columns and rows, walls included; odd.
-        max_steps: ``4 * size**2`` by default, as published.
-        ambiguous: Let a mission fit two objects, as it could in the published world.
-        toggle_ends: The action "toggle" ends the episode with nothing, as published.
-        options: `GridEngine`'s settings.
+        size: the number of columns and rows, including the walls; odd.
+        max_steps: the step limit; by default ``4 * size**2``, as published.
+        ambiguous: whether a mission may describe two objects, as it could in the published world.
+        toggle_ends: whether the action "toggle" ends the episode without a reward, as published.
+        see_through_walls: whether the agent sees through walls.
+        options: settings of `GridEngine`.
     """
 
     def __init__(
@@ -68,18 +72,18 @@ class GoToObjGrid(GridWorld):
         grid.mission = arrangement.mission
 
     def reward_and_done(self, action: int, reward: float, terminated: bool) -> tuple[float, bool]:
-        """Succeed facing the target, and end the episode with "toggle"."""
+        """Return success if the agent faces the target; "toggle" ends the episode."""
         if cell_in_front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
             return success_reward(self._row), True
         return reward, terminated or (self.toggle_ends and action == TOGGLE)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Plan turns and steps to where the target is ahead."""
+        """Return the turns and steps after which the agent faces the target."""
         if cell_in_front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
             return [FORWARD]  # which stays where it is, and is judged
         return walk(self._in_world(), facing(np.array([self._row[TARGET : TARGET + 2]], np.int64))) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return the length of that path as both bounds."""
+        """Return the length of the shortest path as both bounds."""
         count = len(self.shortest_path() or ()) or None
         return PathLengthBounds(count, count)

@@ -1,8 +1,9 @@
-"""Layouts on a grid of equal rooms with a place for one door in each wall between two.
+"""Layouts on a grid of equal rooms, with one possible door in each wall between two rooms.
 
-Unlock, UnlockPickup, BlockedUnlockPickup, KeyCorridor and ObstructedMaze; BabyAI's levels build on the same rooms. The
-plan is an array, one line per room (line `j * columns + i`): a door's x and y for each wall, for each wall whether it
-has a way through, whether the room has a locked door, and two numbers for `reachable`. Walls: right, down, left, up.
+They are Unlock, UnlockPickup, BlockedUnlockPickup, KeyCorridor and ObstructedMaze; BabyAI's levels use the same rooms.
+The plan is an array with one line per room (line `j * columns + i`): a door's x and y for each wall, whether each wall
+has a passage, whether the room has a locked door, and two numbers for `reachable`. The order of the walls is right,
+down, left, up.
 """
 
 import numpy as np
@@ -65,7 +66,10 @@ AGENT_TRIES = 100_000  # Minigrid never gives up; a room that needs more cannot 
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def rooms(row: Row, rng_state: RngState, columns: int, lines: int, size: int) -> Plan:
-    """Draw the walls of a room grid and the places of its doors; the agent stands in the middle room for now."""
+    """Put the walls of a room grid and draw the places of its doors; return the plan.
+
+    The agent stands in the middle room until it is placed.
+    """
     plan = np.full((columns * lines, 15), NO_DOOR, np.int64)
     for room in range(columns * lines):
         for k in range(WAY, plan.shape[1]):
@@ -88,7 +92,7 @@ def rooms(row: Row, rng_state: RngState, columns: int, lines: int, size: int) ->
 
 @inline
 def link(plan: Plan, room: int, other: int, wall: int, x: int, y: int) -> None:
-    """Note the place of the door between two rooms, in both."""
+    """Record the place of the door between two rooms in the lines of both."""
     plan[room, DOOR_X + wall] = x
     plan[room, DOOR_Y + wall] = y
     plan[other, DOOR_X + wall + 2] = x
@@ -104,7 +108,7 @@ def behind(room: int, wall: int, columns: int) -> int:
 
 @device_function()
 def add_door(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: int, locked: bool) -> None:
-    """Put a door into a room's wall."""
+    """Put a door into a wall of a room."""
     door = make(row, DOOR, colour, LOCKED if locked else CLOSED)
     put(row, plan[room, DOOR_X + wall], plan[room, DOOR_Y + wall], door)
     plan[room, LOCKED_ROOM] = locked
@@ -114,7 +118,7 @@ def add_door(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: i
 
 @device_function()
 def remove_wall(row: Row, plan: Plan, columns: int, size: int, room: int, wall: int) -> None:
-    """Open the whole wall between two rooms, corners excluded."""
+    """Remove the whole wall between two rooms, except its corners."""
     x = room % columns * (size - 1)
     y = room // columns * (size - 1)
     for k in range(1, size - 1):
@@ -132,7 +136,7 @@ def remove_wall(row: Row, plan: Plan, columns: int, size: int, room: int, wall: 
 
 @device_function()
 def add_object(row: Row, rng_state: RngState, columns: int, size: int, room: int, code: int) -> None:
-    """Put a code into a drawn free cell of a room, not beside the agent."""
+    """Put a code into a random free cell of a room, not next to the agent."""
     left = room % columns * (size - 1)
     top = room // columns * (size - 1)
     for _ in range(PLACE_TRIES):
@@ -146,7 +150,7 @@ def add_object(row: Row, rng_state: RngState, columns: int, size: int, room: int
 
 @device_function()
 def place_in_room(row: Row, rng_state: RngState, columns: int, size: int, room: int) -> None:
-    """Put the agent into a drawn free cell of a room, not facing anything but a wall."""
+    """Put the agent into a random free cell of a room, facing an empty cell or a wall."""
     x = room % columns * (size - 1)
     y = room // columns * (size - 1)
     for _ in range(AGENT_TRIES):
@@ -160,7 +164,7 @@ def place_in_room(row: Row, rng_state: RngState, columns: int, size: int, room: 
 
 @device_function()
 def reachable(plan: Plan, columns: int, start: int) -> int:
-    """Return how many rooms can be reached through ways, locked doors included."""
+    """Return the number of rooms that can be reached through passages, including locked doors."""
     for room in range(len(plan)):
         plan[room, SEEN] = 0
     plan[start, SEEN] = 1
@@ -181,7 +185,7 @@ def reachable(plan: Plan, columns: int, start: int) -> int:
 
 @device_function()
 def connect_all(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int) -> None:
-    """Add closed doors at drawn walls until every room can be reached from the agent's; locked rooms get none."""
+    """Add closed doors at random walls until every room can be reached from the agent's. Locked rooms get none."""
     start = row[Y] // (size - 1) * columns + row[X] // (size - 1)
     lines = len(plan) // columns
     for _ in range(CONNECT_TRIES):
@@ -204,7 +208,7 @@ SIZE = 6  # of the rooms of all these worlds but KeyCorridor
 
 @device_function()
 def pick_task(row: Row, code: int, colour: int, kind: int) -> None:
-    """Make it success to pick this object up."""
+    """Set the task of picking up an object, and its mission."""
     row[TASK] = PICK
     row[TARGET] = identity_of(code)
     row[MISSION] = colour
@@ -213,7 +217,7 @@ def pick_task(row: Row, code: int, colour: int, kind: int) -> None:
 
 @kernel("(int32[::1], uint64[::1])")
 def unlock(row: Row, rng_state: RngState) -> None:
-    """Lay out two rooms, a locked door between them, its key with the agent."""
+    """Lay out two rooms with a locked door between them, and its key in the agent's room."""
     plan = rooms(row, rng_state, 2, 1, SIZE)
     colour = draw_colour(rng_state)
     add_door(row, plan, 2, 0, RIGHT, colour, True)
@@ -226,7 +230,10 @@ def unlock(row: Row, rng_state: RngState) -> None:
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def unlock_pickup(row: Row, rng_state: RngState, blocked: int) -> None:
-    """Lay out a box behind a locked door, whose key lies with the agent; a ball before the door if ``blocked``."""
+    """Lay out a box behind a locked door, with the key in the agent's room.
+
+    With ``blocked``, a ball lies in front of the door.
+    """
     plan = rooms(row, rng_state, 2, 1, SIZE)
     box_colour = draw_colour(rng_state)
     box = make(row, BOX, box_colour, 0)
@@ -243,7 +250,7 @@ def unlock_pickup(row: Row, rng_state: RngState, blocked: int) -> None:
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def key_corridor(row: Row, rng_state: RngState, lines: int, size: int, kind: int) -> None:
-    """Lay out a corridor between rooms: an object behind a locked door on the right, its key somewhere on the left."""
+    """Lay out a corridor between rooms, with an object behind a locked door on the right and the key on the left."""
     plan = rooms(row, rng_state, 3, lines, size)
     for j in range(1, lines):
         remove_wall(row, plan, 3, size, 3 * j + 1, UP)
@@ -262,7 +269,7 @@ def key_corridor(row: Row, rng_state: RngState, lines: int, size: int, kind: int
 
 @device_function()
 def draw_door_colours(rng_state: RngState) -> NDArray[np.int64]:
-    """Draw an order of all six colours."""
+    """Return all six colours in a random order."""
     left = np.array(SORTED_COLOURS)
     shuffled = np.empty(6, np.int64)
     for k in range(6):
@@ -274,7 +281,7 @@ def draw_door_colours(rng_state: RngState) -> NDArray[np.int64]:
 
 @device_function()
 def add_barrier(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: int, blocked: int) -> None:
-    """Put a locked door, with a ball before it if ``blocked``."""
+    """Put a locked door into a wall; with ``blocked``, also a ball in front of it."""
     add_door(row, plan, columns, room, wall, colour, True)
     if blocked:
         x = plan[room, DOOR_X + wall] - (1 - wall) * (1 - wall % 2)
@@ -284,7 +291,7 @@ def add_barrier(row: Row, plan: Plan, columns: int, room: int, wall: int, colour
 
 @device_function()
 def add_key(row: Row, rng_state: RngState, columns: int, room: int, colour: int, boxed: int) -> None:
-    """Put a key, inside a box if ``boxed``."""
+    """Put a key into a room; with ``boxed``, inside a box."""
     code = make(row, KEY, colour, 0)
     if boxed:
         key = code
@@ -295,7 +302,7 @@ def add_key(row: Row, rng_state: RngState, columns: int, room: int, colour: int,
 
 @kernel("(int32[::1], uint64[::1], int64, int64)")
 def obstructed_pair(row: Row, rng_state: RngState, boxed: int, blocked: int) -> None:
-    """Lay out two rooms: a blue ball behind a locked door."""
+    """Lay out two rooms with a blue ball behind a locked door."""
     plan = rooms(row, rng_state, 2, 1, SIZE)
     colours = draw_door_colours(rng_state)
     add_barrier(row, plan, 2, 0, RIGHT, colours[0], blocked)
@@ -310,10 +317,10 @@ def obstructed_pair(row: Row, rng_state: RngState, boxed: int, blocked: int) -> 
 def obstructed_maze(
     row: Row, rng_state: RngState, start_room: int, boxed: int, blocked: int, quarters: int, keys_last: int
 ) -> None:
-    """Lay out nine rooms: a blue ball in a corner, locked doors to all corners of the first ``quarters`` sides.
+    """Lay out nine rooms with a blue ball in a corner, and locked doors to the corners of the first ``quarters`` sides.
 
-    With ``keys_last`` (the worlds' version 1) a side's keys come after its doors and balls, so that no ball is put on
-    a key.
+    With ``keys_last`` (version 1 of the worlds), the keys of a side are placed after its doors and balls, so that no
+    ball is put on a key.
     """
     plan = rooms(row, rng_state, 3, 3, SIZE)
     colours = draw_door_colours(rng_state)

@@ -1,6 +1,6 @@
-"""Layouts of several rooms: FourRooms, DoorKey, RedBlueDoors, LockedRoom, Playground; and MultiRoom.
+"""Layouts of several rooms: FourRooms, DoorKey, RedBlueDoors, LockedRoom, Playground and MultiRoom.
 
-MultiRoom is a chain of rooms of drawn size and place with closed doors between them.
+MultiRoom is a chain of rooms of random size and place with closed doors between them.
 """
 
 import numpy as np
@@ -39,7 +39,10 @@ from minihuman.worlds.rng import RngState, integer
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64, int64)")
 def four_rooms(row: Row, rng_state: RngState, agent_x: int, agent_y: int, goal_x: int, goal_y: int) -> None:
-    """Lay out four rooms, a gap in each wall between them. A negative ``agent_x`` or ``goal_x`` draws the place."""
+    """Lay out four rooms with a gap in each wall between them.
+
+    If ``agent_x`` or ``goal_x`` is negative, the place of the agent or the goal is drawn.
+    """
     outer_walls(row)
     room_width = row[WIDTH] // 2
     room_height = row[HEIGHT] // 2
@@ -68,7 +71,7 @@ def four_rooms(row: Row, rng_state: RngState, agent_x: int, agent_y: int, goal_x
 
 @kernel("(int32[::1], uint64[::1])")
 def door_key(row: Row, rng_state: RngState) -> None:
-    """Lay out two rooms, a locked door between them, its key on the agent's side, the goal on the other."""
+    """Lay out two rooms with a locked door between them, the key on the agent's side and the goal on the other."""
     width = row[WIDTH]
     height = row[HEIGHT]
     outer_walls(row)
@@ -98,7 +101,7 @@ def red_blue_doors(row: Row, rng_state: RngState) -> None:
 
 @kernel("(int32[::1], uint64[::1])")
 def locked_room(row: Row, rng_state: RngState) -> None:
-    """Lay out six rooms along a corridor: the goal in a locked one, its key in another."""
+    """Lay out six rooms along a corridor, with the goal in a locked room and its key in another."""
     width = row[WIDTH]
     height = row[HEIGHT]
     outer_walls(row)
@@ -136,7 +139,7 @@ def locked_room(row: Row, rng_state: RngState) -> None:
 def put_inside(
     row: Row, rng_state: RngState, room: int, right_wall: int, room_width: int, room_height: int, code: int
 ) -> None:
-    """Put a code into a drawn cell inside one of the six rooms of LockedRoom."""
+    """Put a code into a random cell inside one of the six rooms of LockedRoom."""
     left = 0 if room % 2 == 0 else right_wall
     top = room // 2 * (row[HEIGHT] // 3)
     x = integer(rng_state, left + 1, left + room_width - 1)
@@ -178,7 +181,7 @@ TRIES = 8  # places tried for each next room
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def multi_room(row: Row, rng_state: RngState, fewest: int, most: int, largest: int) -> None:
-    """Lay out from ``fewest`` to ``most`` rooms of up to ``largest`` columns and rows."""
+    """Lay out a chain of ``fewest`` to ``most`` rooms, each of up to ``largest`` columns and rows."""
     count = integer(rng_state, fewest, most + 1)
     rooms = np.empty((0, 6), np.int64)
     left = MOST_TRIED
@@ -207,7 +210,7 @@ def multi_room(row: Row, rng_state: RngState, fewest: int, most: int, largest: i
 
 @device_function()
 def draw_other_colour(rng_state: RngState, colour: int) -> int:
-    """Draw a colour other than ``colour`` (-1: any)."""
+    """Draw a colour other than ``colour``; -1 allows any."""
     k = integer(rng_state, 0, 6 if colour < 0 else 5)
     for candidate in SORTED_COLOURS:
         if candidate != colour:
@@ -219,7 +222,10 @@ def draw_other_colour(rng_state: RngState, colour: int) -> int:
 
 @device_function()
 def draw_chain(row: Row, rng_state: RngState, count: int, largest: int, door_x: int, door_y: int) -> NDArray[np.int64]:
-    """Draw rooms one behind the other until ``count`` or none fits: x, y, width, height, entry door x, y of each."""
+    """Draw rooms one after the other until there are ``count`` or none fits.
+
+    Return the x, y, width, height, and the x and y of the entry door of each room.
+    """
     rooms = np.empty((count, 6), np.int64)
     placed = 0
     entry_wall = LEFT
@@ -266,7 +272,7 @@ def draw_other_wall(rng_state: RngState, wall: int) -> int:
 
 @device_function()
 def draw_door(rng_state: RngState, room: NDArray[np.int64], wall: int) -> tuple[int, int]:
-    """Draw a cell of a room's wall, corners excluded."""
+    """Draw a cell of a room's wall that is not a corner."""
     x = room[0]
     y = room[1]
     width = room[2]
@@ -282,7 +288,7 @@ def draw_door(rng_state: RngState, room: NDArray[np.int64], wall: int) -> tuple[
 
 @device_function()
 def fits(row: Row, rooms: NDArray[np.int64], placed: int, x: int, y: int, width: int, height: int) -> bool:
-    """Return whether a room lies in the grid and overlaps none but the one it is entered from."""
+    """Return whether a room lies in the grid and overlaps only the room from which it is entered."""
     if x < 0 or y < 0 or x + width > row[WIDTH] or y + height >= row[HEIGHT]:
         return False
     for k in range(placed - 1):

@@ -48,13 +48,13 @@ def draw_colour(rng_state: RngState) -> int:
 
 @device_function()
 def draw_kind(rng_state: RngState, kinds: int) -> int:
-    """Draw one of the first so many of key, ball and box."""
+    """Draw one of the first ``kinds`` of key, ball and box."""
     return KINDS_DRAWN[integer(rng_state, 0, kinds)]
 
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def fetch(row: Row, rng_state: RngState, objects: int) -> None:
-    """Lay out keys and balls; one is to be fetched."""
+    """Lay out a room with keys and balls, one of which is to be fetched."""
     outer_walls(row)
     kinds = np.empty(objects, np.int64)
     colours = np.empty(objects, np.int64)
@@ -74,7 +74,10 @@ def fetch(row: Row, rng_state: RngState, objects: int) -> None:
 
 @device_function()
 def draw_objects(row: Row, rng_state: RngState, objects: int, apart: bool) -> NDArray[np.int64]:
-    """Place different objects, ``apart`` none beside another: kind, colour, x, y of each."""
+    """Place objects that all differ; return the kind, colour, x and y of each.
+
+    With ``apart``, no object touches another.
+    """
     placed = np.full((objects, 4), -9, np.int64)
     k = 0
     while k < objects and row[FAILED] == 0:
@@ -103,7 +106,7 @@ def draw_objects(row: Row, rng_state: RngState, objects: int, apart: bool) -> ND
 
 @device_function()
 def beside_any(placed: NDArray[np.int64], x: int, y: int) -> bool:
-    """Return whether a cell touches one of the objects, corners included."""
+    """Return whether a cell touches one of the objects, including at corners."""
     for k in range(len(placed)):
         if abs(placed[k, 2] - x) <= 1 and abs(placed[k, 3] - y) <= 1:
             return True
@@ -112,7 +115,7 @@ def beside_any(placed: NDArray[np.int64], x: int, y: int) -> bool:
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def go_to_object(row: Row, rng_state: RngState, objects: int) -> None:
-    """Lay out objects; the agent says "done" beside the one it is sent to."""
+    """Lay out a room with objects; the agent must say "done" next to the named one."""
     outer_walls(row)
     placed = draw_objects(row, rng_state, objects, False)
     place_agent_anywhere(row, rng_state)
@@ -126,7 +129,7 @@ def go_to_object(row: Row, rng_state: RngState, objects: int) -> None:
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def put_near(row: Row, rng_state: RngState, objects: int) -> None:
-    """Lay out objects; one is to be put near another."""
+    """Lay out a room with objects, one of which is to be put near another."""
     outer_walls(row)
     placed = draw_objects(row, rng_state, objects, True)
     place_agent_anywhere(row, rng_state)
@@ -147,7 +150,7 @@ def put_near(row: Row, rng_state: RngState, objects: int) -> None:
 
 @kernel("(int32[::1], uint64[::1])")
 def go_to_door(row: Row, rng_state: RngState) -> None:
-    """Lay out a room of drawn size with four doors; the agent says "done" beside the one it is sent to."""
+    """Lay out a room of random size with four doors; the agent must say "done" next to the named one."""
     width = integer(rng_state, 5, row[WIDTH] + 1)
     height = integer(rng_state, 5, row[HEIGHT] + 1)
     wall_rect(row, 0, 0, width, height)
@@ -182,7 +185,7 @@ def go_to_door(row: Row, rng_state: RngState) -> None:
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def memory(row: Row, rng_state: RngState, random_length: int) -> None:
-    """Lay out an object seen at the start, two at the end of a corridor; go to the matching one."""
+    """Lay out a corridor with an object at its start and two at its end; the agent must go to the matching one."""
     width = row[WIDTH]
     height = row[HEIGHT]
     outer_walls(row)
@@ -217,7 +220,10 @@ def memory(row: Row, rng_state: RngState, random_length: int) -> None:
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def empty(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int) -> None:
-    """Lay out nothing but a goal in the corner. A negative ``agent_x`` draws agent and direction."""
+    """Lay out a room with only a goal in the corner.
+
+    If ``agent_x`` is negative, the agent's cell and direction are drawn.
+    """
     outer_walls(row)
     put(row, row[WIDTH] - 2, row[HEIGHT] - 2, GREEN_GOAL)
     start(row, rng_state, agent_x, agent_y, direction)
@@ -225,7 +231,7 @@ def empty(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: 
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def start(row: Row, rng_state: RngState, x: int, y: int, direction: int) -> None:
-    """Put the agent where it is said to start, or draw where that is negative."""
+    """Put the agent into a cell, or into a random one with a random direction if ``x`` is negative."""
     if x < 0:
         place_agent_anywhere(row, rng_state)
     else:
@@ -234,7 +240,7 @@ def start(row: Row, rng_state: RngState, x: int, y: int, direction: int) -> None
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64, int64)")
 def dist_shift(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int, second_strip: int) -> None:
-    """Lay out two strips of lava, one below the top wall and one in the row ``second_strip``."""
+    """Lay out a room with two strips of lava, one below the top wall and one in the row ``second_strip``."""
     outer_walls(row)
     put(row, row[WIDTH] - 2, 1, GREEN_GOAL)
     wall_across(row, 3, 1, row[WIDTH] - 6, RED_LAVA)
@@ -244,7 +250,7 @@ def dist_shift(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direct
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def gap(row: Row, rng_state: RngState, obstacle: int) -> None:
-    """Lay out one column of lava (or of the code ``obstacle``) with a gap."""
+    """Lay out a room with one column of lava, or of another code ``obstacle``, that has a gap."""
     outer_walls(row)
     stand(row, 1, 1, 0)
     put(row, row[WIDTH] - 2, row[HEIGHT] - 2, GREEN_GOAL)
@@ -258,7 +264,7 @@ def gap(row: Row, rng_state: RngState, obstacle: int) -> None:
 def dynamic_obstacles(
     row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int, obstacles: int
 ) -> None:
-    """Lay out balls that move by themselves."""
+    """Lay out a room with balls that move at random."""
     outer_walls(row)
     put(row, row[WIDTH] - 2, row[HEIGHT] - 2, GREEN_GOAL)
     start(row, rng_state, agent_x, agent_y, direction)
@@ -278,7 +284,10 @@ LEVEL = 1
 
 @kernel("(int32[::1], uint64[::1], int64, int64)")
 def crossing(row: Row, rng_state: RngState, rivers: int, obstacle: int) -> None:
-    """Lay out ``rivers`` rivers of the code ``obstacle``; columns and rows of the grid are odd and the same."""
+    """Lay out a room with ``rivers`` rivers made of the code ``obstacle``, each with an opening.
+
+    The grid is square, with an odd number of cells on a side.
+    """
     width = row[WIDTH]
     height = row[HEIGHT]
     outer_walls(row)
@@ -307,7 +316,7 @@ def crossing(row: Row, rng_state: RngState, rivers: int, obstacle: int) -> None:
 
 @device_function()
 def draw_rivers(rng_state: RngState, size: int, rivers: int) -> NDArray[np.bool_]:
-    """Draw whether a river runs there, (2, size): by column for the upright ones, by row for the level ones."""
+    """Draw the lines with a river, bool[2, size]: first the columns of upright rivers, then the rows of level ones."""
     places = (size - 3) // 2  # of each direction: the even lines that do not touch the outer walls
     order = np.arange(2 * places)
     shuffle(rng_state, order)
@@ -319,7 +328,7 @@ def draw_rivers(rng_state: RngState, size: int, rivers: int) -> NDArray[np.bool_
 
 @device_function()
 def bounds(is_river: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the lines with a river, between the first and the last line of the grid."""
+    """Return the lines that bound the fields: the first line of the grid, the lines with a river, and the last line."""
     lines = np.empty(is_river.sum() + 2, np.int64)
     lines[0] = 0
     k = 1

@@ -10,7 +10,7 @@ from minihuman.worlds.options import check_whole
 
 
 class TeamFourRooms(TeamGrid):
-    """Four rooms with a goal somewhere: all search, and all earn when one finds it."""
+    """Four rooms with one goal. All bodies search for it, and all earn the reward when one finds it."""
 
     def __init__(self, *, bodies: int = 2, max_steps: int = 100, view: View = "partial") -> None:
         self.bodies = check_whole("bodies", bodies, 1, MAX_BODIES)
@@ -31,14 +31,14 @@ class TeamFourRooms(TeamGrid):
 
 
 class TwoKeyDoorKey(TeamGrid):
-    """Two locked doors, one behind the other, and a key in each room but the last: hands for one key each."""
+    """Three rooms in a row with two locked doors, whose keys lie in the first room; each body can carry one key."""
 
     def __init__(self, *, max_steps: int = 300, view: View = "partial") -> None:
         mission = "bring both keys to their doors, then each go to the goal of your own colour"
         super().__init__(width=13, height=8, max_steps=max_steps, mission=mission, view=view)
 
     def layout(self, grid: Layout) -> None:
-        """Put both keys into the first room and the goals into the third."""
+        """Lay out the rooms, with both keys in the first room and the goals in the third."""
         grid.wall_rect()
         doors: tuple[tuple[int, Colour], ...] = ((6, "yellow"), (9, "purple"))
         for x, colour in doors:
@@ -52,7 +52,7 @@ class TwoKeyDoorKey(TeamGrid):
 
 
 class SwapCorridor(TeamGrid):
-    """A corridor one cell wide with a bay: each has to get to the other's end, so one has to give way."""
+    """A corridor one cell wide with a bay. Each body must get to the opposite end, so one has to give way."""
 
     shared_reward = False
 
@@ -62,7 +62,7 @@ class SwapCorridor(TeamGrid):
         super().__init__(width=length + 2, height=4, max_steps=max_steps, mission=mission, view=view)
 
     def layout(self, grid: Layout) -> None:
-        """Put the bay into the middle, or a cell beside it."""
+        """Lay out the corridor, with the bay in the middle or next to it."""
         last = grid.width - 2
         grid.wall_rect()
         grid.across(1, 1, last)
@@ -74,14 +74,14 @@ class SwapCorridor(TeamGrid):
 
 
 class CarryTogether(TeamGrid):
-    """A load too heavy for one: two take it from opposite sides, and carry it through a gap to the goal."""
+    """A load that two bodies must carry from opposite sides, through a gap to the goal."""
 
     def __init__(self, *, max_steps: int = 200, view: View = "full") -> None:
         mission = "take the heavy purple box from two opposite sides and carry it together to the green goal"
         super().__init__(width=13, height=7, max_steps=max_steps, mission=mission, view=view)
 
     def layout(self, grid: Layout) -> None:
-        """Put the load into the left room and the goal into the right one."""
+        """Lay out two rooms, with the load in the left and the goal in the right one."""
         grid.wall_rect()
         grid.down(6, 1, 5)
         grid.clear(6, grid.integer(2, 5))
@@ -93,7 +93,7 @@ class CarryTogether(TeamGrid):
 
 
 class HideAndSeek(TeamGrid):
-    """One seeks, the others hide, behind walls or behind balls that they put into gaps."""
+    """Hide and seek: one body seeks, and the others hide behind walls or behind balls that they put into gaps."""
 
     shared_reward = False
 
@@ -104,7 +104,7 @@ class HideAndSeek(TeamGrid):
         super().__init__(width=13, height=13, max_steps=max_steps, mission=mission, view=view)
 
     def layout(self, grid: Layout) -> None:
-        """Lay out four rooms with a gap in each wall, blocks in them, and four balls."""
+        """Lay out four rooms with a gap in each wall, and a block and a ball in each room."""
         grid.wall_rect()
         grid.across(1, 6, 11)
         grid.down(6, 1, 11)

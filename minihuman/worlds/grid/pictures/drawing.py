@@ -1,4 +1,4 @@
-"""Pictures of a whole grid or of the agent's view, tile by tile, in one compiled pass over an atlas of tiles."""
+"""Pictures of a whole grid or of the agent's view, drawn from an atlas of tiles in one compiled pass."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -42,7 +42,7 @@ Words = NDArray[np.uint64] | Pixels  # pixels in runs of eight bytes, where a ti
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Atlas:
-    """Every tile at one size in one palette. ``number[look]`` is a tile's place in the arrays; 0 is "unseen"."""
+    """All tiles at one size in one palette. ``number[look]`` is the index of a tile in the arrays; 0 is "unseen"."""
 
     number: NDArray[np.int64]  # (512,)
     under: NDArray[np.int64]  # (4, 512): by direction: a cell with the agent in it, where they are one tile
@@ -53,7 +53,7 @@ class Atlas:
 
 @lru_cache(maxsize=16)
 def atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = ()) -> Atlas:
-    """Draw every tile of a size once."""
+    """Return the atlas of all tiles at one size in one palette, drawn once."""
     looks = [EMPTY, RED_LAVA]
     for colour in range(len(COLOURS)):
         looks += [pack(kind, colour, 0, 0) for kind in (WALL, FLOOR, KEY, BALL, BOX, GOAL)]
@@ -85,7 +85,7 @@ def atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = 
 def _minigrid_atlas(
     tile_px: int, looks: list[int], number: NDArray[np.int64], kinds: "tuple[ObjectKind, ...]"
 ) -> Atlas:
-    """Make Minigrid's atlas: the agent is part of its tile, nothing lies over it; what is unseen is an empty cell."""
+    """Return the atlas of Minigrid's tiles, in which the agent is part of its tile, and an unseen cell looks empty."""
     under = np.zeros((4, LOOKS), np.int64)
     combinations: list[tuple[int, int | None]] = [(EMPTY, None), *((look, None) for look in looks)]
     for direction in range(4):
@@ -120,13 +120,13 @@ def draw_grid(
     """Draw a picture, uint8[rows * tile_px, columns * tile_px, 3].
 
     Args:
-        row: The state.
-        view: "partial": what the agent sees, looking up; "full": everything, what it sees ``lit``.
-        view_size: Cells on a side of the agent's view.
-        tile_px: Pixels on a side of a tile.
-        palette: The colours.
-        kinds: Kinds of the world's own.
-        lit: In the full view, make the cells lighter that the agent sees.
+        row: the state.
+        view: "partial" for what the agent sees, looking up; "full" for the whole grid.
+        view_size: the number of cells on a side of the agent's view.
+        tile_px: the number of pixels on a side of a tile.
+        palette: the colours.
+        kinds: the world's own kinds.
+        lit: whether the full view lightens the cells that the agent sees.
     """
     tile_atlas = atlas(tile_px, palette, kinds)
     columns, rows = (view_size, view_size) if view == "partial" else (row[WIDTH], row[HEIGHT])
@@ -146,7 +146,7 @@ def draw_grid(
 
 @device_function("void(uint8[:, :, :, ::1], int64, int64, int64, uint8[:, ::1])")
 def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> None:
-    """Blend a figure with transparency into a picture."""
+    """Blend a partly transparent figure into a picture."""
     for v in range(figures.shape[1]):
         for u in range(figures.shape[2]):
             alpha = np.int64(figures[figure, v, u, 3])
@@ -178,10 +178,10 @@ def draw_cells(
     words: Words,
     out: Pixels,
 ) -> None:
-    """Draw the whole grid, what the agent sees (``image``) lit, or with ``full`` false only what it sees.
+    """Draw the whole grid, with the cells that the agent sees (``image``) lit; or, if ``full`` is false, only its view.
 
-    With ``in_view`` the latter is drawn as Minigrid draws it: lit where it is seen, and the agent's cell shows what it
-    carries. ``lit`` (columns, lines) is written: 1 where a cell is lit. ``words`` and ``out`` (lines, bytes) are the
+    With ``in_view``, the view is drawn as in Minigrid: seen cells are lit, and the agent's cell shows what it carries.
+    ``lit`` (columns, lines) is overwritten with 1 where a cell is lit. ``words`` and ``out`` (lines, bytes) are the
     same memory.
     """
     view_size = image.shape[0]
@@ -233,7 +233,7 @@ def draw_cells(
 
 @device_function(force_inline=True)
 def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Words) -> None:
-    """Copy a tile into a picture, to a column and row of cells."""
+    """Copy a tile into a picture, at a column and row of cells."""
     height = tiles.shape[2]
     width = tiles.shape[3]
     left = column * width
@@ -263,7 +263,7 @@ def put_agent(
     top: int,
     out: Pixels,
 ) -> None:
-    """Lay the agent over its tile, and what it carries, small, into its lower right corner."""
+    """Draw the agent over its tile, and a small picture of what it carries in the lower right corner."""
     lay_over(agents, direction, left, top, out)
     if row[CARRYING] != EMPTY:
         inset = agents.shape[1] - carried.shape[1]

@@ -1,7 +1,7 @@
-"""Minigrid's tiles: its shapes and colours (minigrid 3.2, `core/world_object.py`), sampled as finely as it samples.
+"""Minigrid's tiles: its shapes and colours (minigrid 3.2, `core/world_object.py`), with its sampling.
 
-Three samples per pixel and direction, averaged; a lit tile is made lighter before that. So every pixel is Minigrid's,
-and a policy that was trained on its pictures sees what it knows.
+Each pixel is the average of three samples in each direction; a lit tile is lightened before averaging. Every pixel is
+therefore the same as Minigrid's, and a policy that was trained on its pictures sees the same ones.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +33,7 @@ Inside = NDArray[np.bool_]  # (3 px, 3 px)
 def minigrid_tile(
     code: int, size_px: int, *, facing: int | None = None, lit: bool = False, kinds: "Sequence[ObjectKind]" = ()
 ) -> NDArray[np.uint8]:
-    """Draw a cell as Minigrid does, uint8[px, px, 3], with the agent in it if ``facing`` says where it looks."""
+    """Draw a cell as Minigrid does, uint8[px, px, 3]; with ``facing``, the agent stands in it and looks that way."""
     board = _Board(FINE * size_px)
     board.fill(board.box(0, EDGE, 0, 1), LINE)
     board.fill(board.box(0, 1, 0, EDGE), LINE)
@@ -64,7 +64,7 @@ class _Board:
         return inside
 
     def bar(self, x0: float, y0: float, x1: float, y1: float, radius: float) -> Inside:
-        """Return all that lies within ``radius`` of a line; its ends in single precision, as Minigrid keeps them."""
+        """Return the samples within ``radius`` of a line, whose ends are in single precision, as in Minigrid."""
         start = np.array([x0, y0], np.float32)
         end = np.array([x1, y1], np.float32)
         along = end - start
@@ -77,7 +77,7 @@ class _Board:
         return near & self.box(min(x0, x1) - radius, max(x0, x1) + radius, min(y0, y1) - radius, max(y0, y1) + radius)
 
     def arrow(self, facing: int) -> Inside:
-        """Return the agent: a triangle, turned about the tile's middle."""
+        """Return the samples inside the agent, a triangle turned about the middle of the tile."""
         turn = -0.5 * np.pi * facing
         x = self.x - 0.5
         y = self.y - 0.5

@@ -1,5 +1,7 @@
-"""Pictures of a grid with several bodies: each an arrowhead in its colour, with what it carries in a corner; and of a
-kitchen from above: stations, pots with their clocks, cooks in their colours and what they hold.
+"""Pictures of a grid with several bodies, and of a kitchen from above.
+
+In a grid, each body is an arrowhead in its colour, with what it carries in a corner. A kitchen shows stations, pots
+with their clocks, and cooks in their colours with what they hold.
 """
 
 import math
@@ -22,27 +24,30 @@ from minihuman.worlds.grid.pictures.tiles import OBJECT_COLOURS, RGB, Canvas, ag
 
 
 class Figure(NamedTuple):
-    """Something with transparency, prepared for `lay`: whole arrays are blended ten times as fast as broadcast ones."""
+    """A partly transparent figure, prepared for `lay`.
+
+    Arrays of the same shape are blended ten times as fast as arrays that must be broadcast.
+    """
 
     paint: NDArray[np.uint16]  # [px, px, 3]: colours times opacity, and what rounds
     through: NDArray[np.uint16]  # [px, px, 3]: what is seen of what is under it, 0 to 255
 
 
 def prepare_figure(pixels: Pixels) -> Figure:
-    """Prepare a figure, uint8[px, px, 4] with opacity last."""
+    """Return a figure made from pixels uint8[px, px, 4], the last channel of which is the opacity."""
     opacity = np.repeat(pixels[..., 3:], 3, axis=2).astype(np.uint16)
     return Figure(pixels[..., :3] * opacity + np.uint16(127), 255 - opacity)
 
 
 @lru_cache(maxsize=256)
 def draw_body(body: int, direction: int, tile_px: int, palette: Palette) -> Figure:
-    """Draw a body's arrowhead."""
+    """Draw the arrowhead of a body."""
     canvas = agent(direction, tile_px, palette, OBJECT_COLOURS[palette][BODY_COLOURS[body]])
     return prepare_figure(np.dstack([canvas.rgb, 255 * canvas.alpha]).round().astype(np.uint8))
 
 
 def lay(figure: Figure, left: int, top: int, out: Pixels) -> None:
-    """Blend a figure into a picture: the rounded mean of its colours and those under it, by its opacity."""
+    """Blend a figure into a picture: the mean of the figure's and the picture's colours, weighted by the opacity."""
     under = out[top : top + figure.paint.shape[0], left : left + figure.paint.shape[1]]
     mixed = under * figure.through  # nothing here is over 65,152
     mixed += figure.paint
@@ -60,7 +65,7 @@ def draw_team(
     palette: Palette,
     kinds: tuple[ObjectKind, ...] = (),
 ) -> Pixels:
-    """Draw what a body sees, looking up ("partial"), or everything, with what it sees lighter ("full")."""
+    """Draw what a body sees, looking up ("partial"), or the whole grid with what it sees lightened ("full")."""
     tile_atlas = atlas(tile_px, palette, kinds)
     bodies = [row[body_index(row, number) :][:4].tolist() for number in range(count_bodies(row))]
     single_row = row[: row_length(int(row[WIDTH]), int(row[HEIGHT]))].copy()
@@ -123,7 +128,10 @@ _SPOTS = (((0.5, 0.5),), ((0.36, 0.5), (0.64, 0.5)), ((0.5, 0.36), (0.36, 0.62),
 
 
 def list_kitchen_tiles(row: Row, body: int, tile_px: int, palette: Palette) -> list[tuple[Any, ...]]:
-    """List what `draw_kitchen_tile` draws of each cell of a kitchen, row by row; the own cook has a white ring."""
+    """Return the arguments with which `draw_kitchen_tile` draws each cell of a kitchen, row by row.
+
+    The cook of ``body`` has a white ring.
+    """
     width, height, cooks = row[:3].tolist()
     times = row[fields.TIMES : fields.COOK].tolist()
     figures = {}
@@ -142,7 +150,7 @@ def list_kitchen_tiles(row: Row, body: int, tile_px: int, palette: Palette) -> l
 def draw_kitchen_tile(
     terrain: int, thing: int, time: int, cook: tuple[RGB, int, int, bool] | None, size_px: int
 ) -> Pixels:
-    """Draw a cell of a kitchen: a station or the floor, and the cook on it. The array is not to be written to."""
+    """Draw a cell of a kitchen: a station or the floor, and the cook on it. The caller must not write to the array."""
     out = _station(terrain, thing, time, size_px).copy()
     if cook is not None:
         lay(_cook(*cook, size_px), 0, 0, out)
@@ -200,7 +208,7 @@ def _cook(colour: RGB, direction: int, carried: int, own: bool, size_px: int) ->
 
 
 def _thing(canvas: Canvas, thing: int, u: float, v: float, size: float) -> None:
-    """Draw something that can be carried, around a point."""
+    """Draw an object that can be carried, centred at a point."""
     kind = kind_of(thing)
     if kind == fields.ONION or kind == fields.TOMATO:
         _vegetable(canvas, kind == fields.ONION, u, v, 0.21 * size)
@@ -214,7 +222,7 @@ def _thing(canvas: Canvas, thing: int, u: float, v: float, size: float) -> None:
 
 
 def _pot(canvas: Canvas, thing: int, time: int) -> None:
-    """Draw a pot from above: its contents, and a clock that fills while it cooks and is a green ring when done."""
+    """Draw a pot from above with its contents, and a clock that fills during cooking and turns green at the end."""
     canvas.fill(canvas.box(0.04, 0.04, 0.96, 0.96, 0.08), shade(_POT, -0.5))
     canvas.fill(canvas.bar(0.12, 0.5, 0.88, 0.5, 0.07), _DARK)
     canvas.fill(canvas.disc(0.5, 0.5, 0.38), _STEEL)

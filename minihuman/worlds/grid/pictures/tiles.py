@@ -1,8 +1,9 @@
-"""Tiles: how each object is drawn at any size, in our own flat, soft-cornered style; with palettes and shapes.
+"""Tiles: the drawing of each object at any size, in a flat style with soft corners; with palettes and shapes.
 
-A shape is an array of signed distances to its edge in tile widths (negative inside) over a tile's pixel centres, so
-every edge is smooth at every size; u points right and v down, both 0 to 1 across the tile. The palette `colour-safe`
-keeps all six colours apart for colour-blind viewers; `minigrid` has Minigrid's tiles too, which `minigrid_tiles` draws.
+A shape is an array of signed distances to its edge in tile widths (negative inside) at a tile's pixel centres, so every
+edge is smooth at every size; u points right and v down, both 0 to 1 across the tile. The palette `colour-safe` keeps
+all six colours distinguishable for colour-blind viewers; `minigrid` also uses Minigrid's tiles, which `minigrid_tiles`
+draws.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,11 +23,11 @@ RGB = tuple[int, int, int]
 
 
 class DrawnKind(Protocol):
-    """What a tile needs of a kind of object that is not ours: ``object_kinds`` has all of it."""
+    """The part of a world's own object kind that a tile needs; ``object_kinds`` has the whole kind."""
 
     @property
     def draw(self) -> "Callable[[Canvas, RGB, str], None]":
-        """Return what paints it on a tile, with its colour and state."""
+        """Return the function that paints an object of the kind on a tile, given its colour and state."""
         ...
 
 
@@ -55,14 +56,14 @@ WALL_COLOUR: RGB = (96, 101, 112)
 
 
 def colour_rgb(code: int, palette: GridPalette) -> RGB:
-    """Return the colour in which a thing is drawn."""
+    """Return the colour in which an object is drawn."""
     if kind_of(code) == cells.LAVA:
         return LAVA_COLOURS[palette]
     return OBJECT_COLOURS[palette][colour_of(code)]
 
 
 def hex_colour(code: int, palette: GridPalette) -> str:
-    """Return the colour of a thing as "#rrggbb"."""
+    """Return the colour in which an object is drawn, as "#rrggbb"."""
     return "#{:02x}{:02x}{:02x}".format(*colour_rgb(code, palette))
 
 
@@ -70,7 +71,7 @@ Plane = NDArray[np.float64]  # (px, px)
 
 
 class Canvas:
-    """A tile being painted: colour in floats 0 to 255, and how opaque each pixel is."""
+    """A tile that is being painted: the colour of each pixel as floats from 0 to 255, and its opacity."""
 
     def __init__(self, size_px: int) -> None:
         centres = (np.arange(size_px) + 0.5) / size_px
@@ -80,7 +81,7 @@ class Canvas:
         self.alpha = np.zeros((size_px, size_px))
 
     def fill(self, shape: Plane, colour: tuple[float, float, float], opacity: float = 1.0) -> None:
-        """Lay a colour over the inside of a shape."""
+        """Paint the inside of a shape in a colour."""
         cover = np.clip(0.5 - shape * self.size_px, 0.0, 1.0) * opacity
         alpha = cover + self.alpha * (1 - cover)
         share = np.divide(cover, alpha, out=np.zeros_like(cover), where=alpha > 0)[..., None]
@@ -88,28 +89,28 @@ class Canvas:
         self.alpha = alpha
 
     def everywhere(self) -> Plane:
-        """Return the whole tile."""
+        """Return the shape of the whole tile."""
         return np.full_like(self.u, -1.0)
 
     def disc(self, u: float, v: float, radius: float) -> Plane:
-        """Return a disc."""
+        """Return the shape of a disc."""
         return np.hypot(self.u - u, self.v - v) - radius
 
     def box(self, left: float, top: float, right: float, bottom: float, corner: float = 0.0) -> Plane:
-        """Return a rectangle with rounded corners."""
+        """Return the shape of a rectangle with rounded corners."""
         du = np.abs(self.u - (left + right) / 2) - (right - left) / 2 + corner
         dv = np.abs(self.v - (top + bottom) / 2) - (bottom - top) / 2 + corner
         return np.hypot(np.maximum(du, 0), np.maximum(dv, 0)) + np.minimum(np.maximum(du, dv), 0) - corner
 
     def bar(self, u0: float, v0: float, u1: float, v1: float, radius: float) -> Plane:
-        """Return a line with round ends."""
+        """Return the shape of a line with round ends."""
         along = np.clip(
             ((self.u - u0) * (u1 - u0) + (self.v - v0) * (v1 - v0)) / ((u1 - u0) ** 2 + (v1 - v0) ** 2), 0, 1
         )
         return np.hypot(self.u - u0 - along * (u1 - u0), self.v - v0 - along * (v1 - v0)) - radius
 
     def polygon(self, *corners: tuple[float, float], rounding: float = 0.0) -> Plane:
-        """Return a polygon (not crossing itself), its corners given in order, grown and rounded by ``rounding``."""
+        """Return the shape of a simple polygon, given its corners in order, grown and rounded by ``rounding``."""
         distance = np.full_like(self.u, np.inf)
         inside = np.zeros(self.u.shape, bool)
         for (u0, v0), (u1, v1) in zip(corners, corners[1:] + corners[:1], strict=True):
@@ -124,14 +125,14 @@ Colour = tuple[float, float, float]
 
 
 def shade(colour: RGB, amount: float) -> Colour:
-    """Make a colour lighter (above 0) or darker (below 0); -1 is black, 1 is white."""
+    """Return a colour made lighter (above 0) or darker (below 0); -1 gives black, 1 gives white."""
     target = 255 if amount > 0 else 0
     red, green, blue = (part + (target - part) * abs(amount) for part in colour)
     return red, green, blue
 
 
 def tile(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
-    """Draw a cell with what lies in it, opaque."""
+    """Draw a cell and the object in it, opaque."""
     canvas = Canvas(size_px)
     kind = kind_of(code)
     colour = colour_rgb(code, palette)
@@ -152,14 +153,14 @@ def tile(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]"
 
 
 def unseen(size_px: int) -> Canvas:
-    """Draw a cell the agent cannot see."""
+    """Draw a cell that the agent does not see."""
     canvas = Canvas(size_px)
     canvas.fill(canvas.everywhere(), UNSEEN)
     return canvas
 
 
 def in_hand(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
-    """Draw a carried object on a dark plate, the corners transparent."""
+    """Draw a carried object on a dark disc with transparent corners."""
     canvas = Canvas(size_px)
     canvas.fill(canvas.disc(0.5, 0.5, 0.5), UNSEEN, opacity=0.85)
     paint(canvas, code, palette, kinds)
@@ -167,9 +168,9 @@ def in_hand(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKin
 
 
 def agent(direction: int, size_px: int, palette: Palette, colour: RGB | None = None) -> Canvas:
-    """Draw the agent, an arrowhead, its surroundings transparent; 0 right, 1 down, 2 left, 3 up.
+    """Draw the agent as an arrowhead on a transparent background, looking right (0), down (1), left (2) or up (3).
 
-    It has the palette's colour of the only agent unless another is given.
+    Its colour is the palette's colour of the agent unless another is given.
     """
     canvas = Canvas(size_px)
     for _ in range(direction):

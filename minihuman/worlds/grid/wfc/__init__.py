@@ -1,1 +1,1 @@
-"""Worlds by Wave Function Collapse: a small picture says what may lie beside what, and chance decides the rest."""
+"""Worlds by Wave Function Collapse: a small picture defines which cells may be adjacent, and the rest is random."""

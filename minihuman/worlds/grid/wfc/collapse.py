@@ -1,11 +1,11 @@
-"""The collapse: cells settle one by one on a pattern of a picture, each leaving the others what still fits.
+"""Wave Function Collapse: cells settle one by one on a pattern of a picture, each restricting the others.
 
-The overlapping model of Wave Function Collapse (M. Gumin, 2016) as Minigrid 3.2 has it: patterns are windows of so many
-cells, over the picture's edges too, in so many of its eight orientations. They are numbered by a hash, since Minigrid's
-draws go by that order; the hash is an inner product with the first numbers of `RandomState(0)`.
+The overlapping model of Wave Function Collapse (M. Gumin, 2016) as in Minigrid 3.2: patterns are windows of a given
+number of cells, which wrap around the picture's edges, in up to eight orientations. They are numbered by a hash, since
+Minigrid's draws depend on that order; the hash is an inner product with the first numbers of `RandomState(0)`.
 
-Of the result, the largest connected part is used. Minigrid keeps it in a networkx graph and draws two of its nodes.
-Their order is the layout's own unless the part is smaller than half of the free cells: then networkx walks through a
+The largest connected part of the result is used. Minigrid keeps it in a networkx graph and draws two of its nodes.
+Their order is the layout's own unless the part is smaller than half of the free cells: then networkx iterates over a
 Python set, whose order depends on the order in which it was filled. The same sets are filled in the same order here.
 """
 
@@ -25,12 +25,12 @@ WORD = 64  # patterns that one number of a set holds
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Overlaps:
-    """The n patterns of a picture.
+    """The n patterns of a picture, and which of them may be adjacent.
 
     Attributes:
-        weights: float64[n], in how many orientations of the picture a pattern comes.
-        walls: bool[n], whether the pattern's first cell is a wall.
-        adjacency: uint64[4, n, words], for each side the set of patterns that may have this one there.
+        weights: the number of orientations of the picture in which each pattern occurs, float64[n].
+        walls: whether each pattern's first cell is a wall, bool[n].
+        adjacency: for each side and pattern, the set of patterns that may have it on that side, uint64[4, n, words].
     """
 
     weights: NDArray[np.float64]
@@ -39,7 +39,7 @@ class Overlaps:
 
 
 def overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8) -> Overlaps:
-    """Learn from a picture, uint8[height, width, 3], how layouts look; what has no red in it is wall."""
+    """Return the patterns of a picture, uint8[height, width, 3]. A pixel without red is a wall."""
     tiles = _codes(picture.reshape(-1, 3).astype(np.int64)).reshape(picture.shape[:2])
     wall_tiles = np.unique(tiles[picture[:, :, 0] == 0])
     times: dict[int, int] = {}
@@ -58,13 +58,13 @@ def overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8) -> O
 
 
 def _codes(values: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Hash each row of int64[n, k]."""
+    """Return a hash of each row of int64[n, k]."""
     numbers = np.random.RandomState(0).randint(1 - (1 << 63), 1 << 63, values.shape[1], dtype=np.int64)
     return values @ numbers  # modulo 2**64
 
 
 def _orientations(tiles: NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
-    """Return the picture, and by turns its mirror image and the quarter turn of that."""
+    """Return ``count`` orientations of a picture, each a mirror image or a quarter turn of the previous one."""
     turned = [tiles]
     for i in range(1, count):
         turned.append(np.fliplr(turned[-1]) if i % 2 else np.rot90(turned[-1], axes=(1, 0)))
@@ -93,18 +93,18 @@ _1 = np.uint64(1)
 def collapse(
     rng_state: RngState, weights: NDArray[np.float64], adjacency: Sets, size: int, periodic: bool, attempts: int
 ) -> NDArray[np.int64]:
-    """Collapse to one pattern per cell, int64[size * size]; empty if all ``attempts`` ended in contradiction.
+    """Return one pattern per cell, int64[size * size]; empty if all ``attempts`` ended in contradiction.
 
-    Draws what Minigrid's solver draws: one number per cell, once, which breaks ties between cells with as few patterns
-    left, then one per cell that settles.
+    The function draws the same numbers as Minigrid's solver: one per cell at the beginning, to break ties between cells
+    with equally few patterns left, then one per cell that settles.
 
     Args:
-        rng_state: The random stream.
-        weights: How often each of n patterns comes.
-        adjacency: uint64[4, n, w], for each side the set of patterns that may have this one there.
-        size: Cells on a side.
-        periodic: The layout goes on over its edges.
-        attempts: Collapses that are begun.
+        rng_state: the random stream.
+        weights: the weight of each of n patterns.
+        adjacency: for each side and pattern, the set of patterns that may have it on that side, uint64[4, n, words].
+        size: the number of cells on a side.
+        periodic: whether the layout wraps around its edges.
+        attempts: the maximum number of collapses.
     """
     cells = size * size
     n = len(weights)
@@ -146,7 +146,10 @@ def collapse(
 
 @kernel("(uint64[:, ::1], int64[::1], uint64[:, :, ::1])")
 def _borders(sets: Sets, counts: NDArray[np.int64], adjacency: Sets) -> bool:
-    """Take away what nothing at all fits beside; at an edge that ends the layout anything may be beyond."""
+    """Remove the patterns that have no possible neighbour; return whether every cell has a pattern left.
+
+    Beyond an edge at which the layout ends, any pattern is possible.
+    """
     n = adjacency.shape[1]
     for side in range(4):
         some = np.zeros(adjacency.shape[2], np.uint64)
@@ -161,7 +164,7 @@ def _borders(sets: Sets, counts: NDArray[np.int64], adjacency: Sets) -> bool:
 
 @kernel("(uint64[::1], uint64[::1])")
 def _narrow(patterns: NDArray[np.uint64], allowed: NDArray[np.uint64]) -> int:
-    """Take away what is not allowed; how many are left."""
+    """Remove the patterns that are not allowed; return how many are left."""
     count = 0
     for w in range(len(patterns)):
         patterns[w] &= allowed[w]
@@ -183,7 +186,7 @@ def _spread(
     waits: NDArray[np.bool_],
     many: int,
 ) -> bool:
-    """Let the cells that wait tell their neighbours, and those their own. Whether every cell has a pattern left."""
+    """Propagate the waiting cells' restrictions to their neighbours; return whether every cell has a pattern left."""
     cells = len(sets)
     allowed = np.empty(adjacency.shape[2], np.uint64)
     head = 0
@@ -225,7 +228,7 @@ def _spread(
 
 @kernel("(int64[::1], float64[::1])")
 def _fewest(counts: NDArray[np.int64], untied: NDArray[np.float64]) -> int:
-    """Find the unsettled cell with the fewest patterns left; the first cell if all have settled."""
+    """Return the unsettled cell with the fewest patterns left, or the first cell if all have settled."""
     best = np.inf
     cell = 0
     for k in range(len(counts)):
@@ -237,7 +240,7 @@ def _fewest(counts: NDArray[np.int64], untied: NDArray[np.float64]) -> int:
 
 @kernel("(uint64[::1], float64[::1], uint64[::1])")
 def _draw(rng_state: RngState, weights: NDArray[np.float64], patterns: NDArray[np.uint64]) -> int:
-    """Draw one of the patterns by weight, as ``Generator.choice`` does."""
+    """Draw a pattern from a set by weight, as ``Generator.choice`` does."""
     n = len(weights)
     shares = np.zeros(n)
     for p in range(n):
@@ -276,10 +279,10 @@ Cell = tuple[int, int]
 
 
 def largest_part(free: list[Cell]) -> list[Cell]:
-    """Find the largest connected part of two cells or more, the first of several; empty if there is none.
+    """Return the largest connected part of two cells or more, or the first of several; empty if there is none.
 
     Args:
-        free: The free cells in the layout's order.
+        free: the free cells in the layout's order.
     """
     unseen = dict.fromkeys(free)
     largest: set[Cell] = set()
@@ -296,7 +299,7 @@ def largest_part(free: list[Cell]) -> list[Cell]:
 
 
 def _reached(source: Cell, unseen: dict[Cell, None], at_most: int) -> set[Cell]:
-    """Find the cells that can be reached, breadth first: up, left, down and right of each."""
+    """Return the cells that can be reached, breadth first: up, left, down and right of each."""
     reached = {source}
     level = [source]
     while level:

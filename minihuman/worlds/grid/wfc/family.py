@@ -1,8 +1,8 @@
 """The family of worlds by Wave Function Collapse: a preset names a picture and how it is read.
 
-The pictures are our own, under the names that presets give them (`#` is wall, `.` is free), as Minigrid's are not part
-of its packages. Of patterns of 2 x 2 cells there are so few that the maze, the dungeon and the dots hold the same ones
-as Minigrid's pictures, and so give the same layouts; rooms and obstacles are of our own kind.
+The pictures are our own, under the names that presets give them (`#` is a wall, `.` is free), because Minigrid's are
+not part of its packages. There are so few patterns of 2 x 2 cells that the maze, the dungeon and the dots have the same
+ones as Minigrid's pictures, and so give the same layouts; rooms and obstacles are different from Minigrid's.
 """
 
 from collections.abc import Mapping
@@ -91,7 +91,7 @@ MAX_WFC_PIXELS = 64  # on a side of a picture
 
 
 class Preset(NamedTuple):
-    """A picture's name, the cells on a side of its patterns, and whether layouts go on over their edges."""
+    """A picture's name, the number of cells on a side of its patterns, and whether layouts wrap around their edges."""
 
     picture: str
     width: int
@@ -112,7 +112,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WfcRecipe(Recipe):
-    """A layout is collapsed from a picture's overlaps; the start, the goal and the direction are drawn."""
+    """A recipe whose layout is collapsed from a picture's patterns; the start, the goal and the direction are drawn."""
 
     name: str
     overlaps: Overlaps
@@ -120,7 +120,7 @@ class WfcRecipe(Recipe):
     connected: bool
 
     def lay_out(self, row: Row, rng_state: RngState) -> None:
-        """Lay an episode out into a cleared row.
+        """Lay out an episode in a cleared row.
 
         Raises:
             WorldError: if every attempt ends in contradiction, or no layout has two connected cells.
@@ -128,7 +128,7 @@ class WfcRecipe(Recipe):
         dig(row, rng_state, np.array(self._free(rng_state, int(row[WIDTH]) - 2), np.int64))
 
     def _free(self, rng_state: RngState, size: int) -> list[tuple[int, int]]:
-        """Return the free cells of a layout in which a goal can be reached."""
+        """Return the free cells of a layout, at least two, of which one can be the goal."""
         for _ in range(LAYOUTS):
             patterns = collapse(
                 rng_state, self.overlaps.weights, self.overlaps.adjacency, size, self.periodic, ATTEMPTS
@@ -151,13 +151,13 @@ class WfcRecipe(Recipe):
 def wfc(
     *, wfc_config: str = "MazeSimple", size: int = 25, ensure_connected: bool = True, patterns: str | None = None
 ) -> WfcRecipe:
-    """Make the recipe of a maze by Wave Function Collapse.
+    """Return the recipe of a maze by Wave Function Collapse.
 
     Args:
-        wfc_config: The preset: a picture and how it is read.
-        size: Cells on a side, outer walls included.
-        ensure_connected: Only the largest connected part stays free.
-        patterns: A folder of pictures to take instead of ours, named as in the preset (``SimpleMaze.png``).
+        wfc_config: the preset, which names a picture and how it is read.
+        size: the number of cells on a side, including the outer walls.
+        ensure_connected: whether only the largest connected part stays free.
+        patterns: a folder of pictures to use instead of ours, named as in the preset (``SimpleMaze.png``).
     """
     preset = PRESETS[check_one_of("wfc_config", wfc_config, tuple(PRESETS))]
     check_whole("size", size, 5, MAX_WFC_CELLS)
@@ -210,7 +210,7 @@ def _read(folder: str, preset: Preset) -> Overlaps:
 
 @kernel("(int32[::1], uint64[::1], int64[:, ::1])")
 def dig(row: Row, rng_state: RngState, free: NDArray[np.int64]) -> None:
-    """Make everything wall but the free cells (n, 2) of a layout; draw the start and the goal among them."""
+    """Fill the grid with walls except the free cells (n, 2) of a layout; draw the start and the goal among them."""
     height = row[HEIGHT]
     for k in range(HEADER, HEADER + row[WIDTH] * height):
         row[k] = GREY_WALL
