@@ -1,1 +1,1 @@
-"""Show screens and read keys: windows, the drawing of every screen, and text layout."""
+"""The display of screens: windows with their keys, the drawing of every screen, and text layout."""

@@ -1,7 +1,7 @@
-"""Draw shaped lines: FreeType turns outlines into grey pixels, with the hints of the face. Knows no text.
+"""Drawing of shaped lines: FreeType renders glyphs as grey pixels, with the hinting of the typeface.
 
-FreeType comes with the package freetype-py, so that pictures do not change with Pillow, which has a FreeType of its
-own. All of it is integer arithmetic: the pixels are the same on every processor.
+FreeType comes with the package freetype-py, so that pictures do not change with Pillow, which has its own FreeType. All
+arithmetic is with integers, so the pixels are the same on every processor.
 """
 
 import threading
@@ -24,7 +24,7 @@ Colour = tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class GlyphBitmap:
-    """How far a glyph covers each pixel, uint8[rows, columns], and where its upper left corner is from its origin."""
+    """A glyph's coverage of each pixel, uint8[rows, columns], and its upper left corner relative to its origin."""
 
     coverage: NDArray[np.uint8]
     left: int
@@ -38,7 +38,7 @@ def _open_face(face: Typeface) -> freetype.Face:
 
 @lru_cache(maxsize=8192)
 def render_glyph(face: Typeface, size_px: int, glyph: int) -> GlyphBitmap:
-    """Render a glyph of a face in a size."""
+    """Render a glyph of a typeface at a size in pixels."""
     with _LOCK:
         opened = _open_face(face)
         opened.set_pixel_sizes(0, size_px)
@@ -53,7 +53,7 @@ def render_glyph(face: Typeface, size_px: int, glyph: int) -> GlyphBitmap:
 def draw_shaped(
     draw: ImageDraw.ImageDraw, baseline: tuple[float, float], line: ShapedLine, size_px: int, colour: Colour
 ) -> None:
-    """Draw a line from the left end of its baseline."""
+    """Draw a shaped line, starting at the left end of its baseline."""
     x_64, y_64 = (round(length * SUBPIXELS) for length in baseline)
     mask = _render_line(line, size_px, x_64 % SUBPIXELS, y_64 % SUBPIXELS)
     if mask is not None:
@@ -64,7 +64,10 @@ def draw_shaped(
 
 @lru_cache(maxsize=512)
 def _render_line(line: ShapedLine, size_px: int, x_64: int, y_64: int) -> GlyphBitmap | None:
-    """Put a line's glyphs together, its origin so far to the right and down in its pixel; None where all are blank."""
+    """Render a line's glyphs into one bitmap; return None if all glyphs are blank.
+
+    ``x_64`` and ``y_64`` are the position of the line's origin within its pixel, to the right and down.
+    """
     placed = [
         (render_glyph(glyph.face, size_px, glyph.glyph), *_find_pixel(glyph, x_64, y_64)) for glyph in line.glyphs
     ]
@@ -84,12 +87,12 @@ def _render_line(line: ShapedLine, size_px: int, x_64: int, y_64: int) -> GlyphB
 
 
 def _find_pixel(glyph: PlacedGlyph, x_64: int, y_64: int) -> tuple[int, int]:
-    """Find the whole pixel that a glyph's origin is rounded to, to the right and up."""
+    """Return the pixel to which a glyph's origin is rounded, to the right and up."""
     half = SUBPIXELS // 2
     return (glyph.x_64 + x_64 + half) // SUBPIXELS, (glyph.y_64 - y_64 + half) // SUBPIXELS
 
 
 def _scale(coverage: NDArray[np.uint8], share: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Multiply two arrays of shares of 255, rounded to the nearest."""
+    """Multiply two arrays of shares of 255, rounding to the nearest whole number."""
     product = coverage.astype(np.uint16) * share + 128
     return (((product >> 8) + product) >> 8).astype(np.uint8)

@@ -1,7 +1,7 @@
-"""Shape a line of text: the glyphs of each face and where they stand, in both directions. Knows no pixels.
+"""Shaping of a line of text: the glyphs of each typeface and their positions, in both directions of writing.
 
-HarfBuzz chooses and places glyphs, python-bidi finds the direction of each character. Both come with the package, and
-both are given the language, so that neither the machine's libraries nor its locale decide what a line looks like.
+HarfBuzz chooses and places glyphs, and python-bidi finds the direction of each character. Both come with the package
+and are given the language, so a line does not depend on the machine's libraries or locale.
 """
 
 import re
@@ -35,7 +35,7 @@ _FOLLOWS = frozenset("PSZNM")  # signs, blanks, numbers and marks: the categorie
 
 @dataclass(frozen=True, slots=True)
 class PlacedGlyph:
-    """A glyph, and its origin from the left end of the baseline, to the right and up."""
+    """A glyph with its origin, measured to the right and up from the left end of the baseline."""
 
     face: Typeface
     glyph: int
@@ -52,13 +52,13 @@ class ShapedLine:
 
     @property
     def width_px(self) -> float:
-        """Return the line's length, pixels."""
+        """The line's length in pixels."""
         return self.width_64 / SUBPIXELS
 
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """Neighbouring characters with one face, script and embedding level; odd levels run from right to left."""
+    """Neighbouring characters with the same typeface, script and embedding level; odd levels run from right to left."""
 
     start: int
     stop: int
@@ -68,7 +68,7 @@ class _Run:
 
 
 def is_rtl(text: str) -> bool:
-    """Tell whether the first character with a direction runs from right to left."""
+    """Return whether the first character with a direction runs from right to left."""
     return not _is_plainly_ltr(text) and bool(bidi.get_base_level(_without_surrogates(text)))
 
 
@@ -77,13 +77,13 @@ def _is_plainly_ltr(text: str) -> bool:
 
 
 def _without_surrogates(text: str) -> str:
-    """Replace halves of characters, which a page can send and UTF-8 cannot hold."""
+    """Replace lone surrogates, which a web page can send but UTF-8 cannot encode."""
     return _SURROGATE.sub("\ufffd", text)
 
 
 @lru_cache(maxsize=16384)
 def shape_line(text: str, faces: TypefaceSet, size_px: int, *, rtl: bool) -> ShapedLine:
-    """Shape a line whose text as a whole runs from right to left or not; parts in the other direction keep theirs."""
+    """Shape a line; ``rtl`` is the direction of the whole text, and parts in the other direction keep their own."""
     codepoints = [ord(character) for character in text]
     glyphs: list[PlacedGlyph] = []
     x_64 = 0
@@ -97,7 +97,7 @@ def shape_line(text: str, faces: TypefaceSet, size_px: int, *, rtl: bool) -> Sha
 
 @lru_cache(maxsize=16384)
 def measure_width_px(text: str, faces: TypefaceSet, size_px: int) -> float:
-    """Measure how long a line is."""
+    """Return the length of a line in pixels."""
     return shape_line(text, faces, size_px, rtl=is_rtl(text)).width_px
 
 
@@ -115,7 +115,7 @@ def _shape_run(codepoints: list[int], run: _Run, size_px: int, language: str) ->
 
 @lru_cache(maxsize=256)
 def _load_font(face: Typeface, size_px: int) -> harfbuzz.Font:
-    """Open a face in a size; advances are the face's own, not rounded to pixels, so that widths grow with the size."""
+    """Open a typeface at a size; advances are not rounded to pixels, so that widths grow in proportion to the size."""
     font = harfbuzz.Font(open_face(face))
     font.scale = (size_px * SUBPIXELS, size_px * SUBPIXELS)
     font.ppem = (size_px, size_px)
@@ -132,9 +132,11 @@ def _split_runs(text: str, faces: TypefaceSet, *, rtl: bool) -> Iterator[_Run]:
 
 
 def select_faces(text: str, faces: TypefaceSet) -> list[Typeface]:
-    """Choose each character's face; a face that has all of a text draws all of it, so that it is shaped as one.
+    """Return the typeface of each character.
 
-    Signs, blanks and marks go with what they follow. A character that no face has is drawn as the shipped face's box.
+    A typeface that has all characters of a text draws all of it, so that the text is shaped as one. Signs, blanks and
+    marks take the typeface of the character before them. A character that is in no typeface is drawn as the shipped
+    typeface's box.
     """
     preferred = {character: faces.of(character) for character in dict.fromkeys(text) if not character.isspace()}
     used = set(preferred.values())
@@ -150,13 +152,20 @@ def select_faces(text: str, faces: TypefaceSet) -> list[Typeface]:
 
 
 def _can_follow(character: str, face: Typeface | None, before: Typeface) -> bool:
-    """Tell whether the face of the character before draws this one too, although another would be asked first."""
+    """Return whether a sign, number or mark is drawn in the typeface of the character before it.
+
+    That typeface must have the character. It takes precedence over the character's preferred typeface ``face``.
+    """
     follows = face is not None and unicodedata.category(character)[0] in _FOLLOWS
     return follows and can_set(before, character)
 
 
 def _resolve_scripts(text: str) -> list[str]:
-    """Find each character's script; what belongs to none has that of the text before, at the beginning of the first."""
+    """Return the script of each character.
+
+    Characters that several scripts share take the script of the text before them or, at the beginning, the first that
+    follows.
+    """
     scripts = [find_script(character) for character in text]
     current = next((script for script in scripts if script != SHARED_SCRIPT), SHARED_SCRIPT)
     for place, script in enumerate(scripts):
@@ -167,14 +176,17 @@ def _resolve_scripts(text: str) -> list[str]:
 
 
 def _find_levels(text: str, *, rtl: bool) -> Sequence[int]:
-    """Find each character's embedding level by the Unicode Bidirectional Algorithm (UAX #9), rule L1 included."""
+    """Return each character's embedding level by the Unicode Bidirectional Algorithm (UAX #9), with rule L1."""
     if not rtl and _is_plainly_ltr(text):
         return [0] * len(text)
     return _apply_line_end_rule(text, _query_levels(_without_surrogates(text), rtl=rtl), base=int(rtl))
 
 
 def _query_levels(text: str, *, rtl: bool) -> list[int]:
-    """Ask python-bidi for levels; it tells them in its report for debugging alone, one a byte of UTF-8."""
+    """Return the embedding levels that python-bidi computes.
+
+    The library reports levels only in its debugging output, with one level per byte of UTF-8.
+    """
     base_direction = "L"
     if rtl:
         base_direction = "R"
@@ -190,7 +202,7 @@ def _query_levels(text: str, *, rtl: bool) -> list[int]:
 
 
 def _apply_line_end_rule(text: str, levels: list[int], *, base: int) -> list[int]:
-    """Give blanks at a line's end, and marks of direction among them, the direction of the whole text (rule L1)."""
+    """Give blanks and directional marks at the end of a line the direction of the whole text (rule L1)."""
     trailing = _LINE_END.search(text)
     if trailing is None:
         return levels
@@ -199,7 +211,7 @@ def _apply_line_end_rule(text: str, levels: list[int], *, base: int) -> list[int
 
 
 def _order_runs(runs: Iterator[_Run]) -> list[_Run]:
-    """Put runs into the order in which they stand from left to right (rule L2)."""
+    """Return runs in their order from left to right (rule L2)."""
     ordered = list(runs)
     highest = max((run.level for run in ordered), default=0)
     for level in range(highest, 0, -1):
@@ -208,7 +220,7 @@ def _order_runs(runs: Iterator[_Run]) -> list[_Run]:
 
 
 def _reverse_runs(runs: list[_Run], level: int) -> list[_Run]:
-    """Reverse each sequence of runs that are at a level or above it."""
+    """Reverse each sequence of runs whose level is at least ``level``."""
     reversed_runs: list[_Run] = []
     for is_reversed, members in groupby(runs, lambda run: run.level >= level):
         sequence = list(members)

@@ -1,8 +1,8 @@
-"""Text layout: a line set in type, line breaking, and pagination. Knows no screens.
+"""Text layout: drawing a line of text, line breaking, and pagination.
 
-The shape of a page is fixed, so that what was on which page can be shown again: a page is as high as the window and
-4:3, all lengths are fractions of its height, and the reference is drawn at 900 px. Lines of pages are measured in the
-shipped face, whichever faces a machine has, so that a text has the same pages everywhere.
+A page has a fixed shape, so that the content of each page can be shown again later: it is as high as the window and
+4:3, and all lengths are fractions of its height. Line breaks are computed for a reference of 900 px, in the shipped
+typeface, so that a text has the same pages on every machine.
 """
 
 import re
@@ -32,9 +32,10 @@ def draw_line(
     anchor: str = "l",
     rtl: bool = False,
 ) -> None:
-    """Set a line: ``place`` is the middle of its height at the left end ("l"), the middle ("m") or the right end ("r").
+    """Draw a line of text.
 
-    ``rtl`` is the direction of the whole text; parts in the other direction keep theirs.
+    ``place`` is the middle of the line's height at its left end ("l"), its middle ("m") or its right end ("r"). ``rtl``
+    is the direction of the whole text; parts in the other direction keep their own.
     """
     line = shape_line(text, faces, size_px, rtl=rtl)
     x, y = place
@@ -54,7 +55,7 @@ _KOREAN = re.compile("[\u1100-\u11ff\uac00-\ud7af]")
 
 
 def split_tokens(paragraph: str) -> Iterator[str]:
-    """Yield the pieces between which a line may be broken; a blank belongs to the piece before it."""
+    """Yield the pieces of a paragraph between which a line can be broken; a blank belongs to the piece before it."""
     piece = ""
     for character in paragraph:
         if piece and _may_break(piece[-1], character):
@@ -75,7 +76,10 @@ def _may_break(before: str, after: str) -> bool:
 
 
 def wrap_text(text: str, *, faces: TypefaceSet, size_px: int, wide_px: float) -> list[str]:
-    """Break text into lines no longer than ``wide_px``; its own line breaks stay. A piece too long is broken."""
+    """Break a text into lines of at most ``wide_px`` pixels, keeping its own line breaks.
+
+    A piece that is longer than a line is broken, too.
+    """
     return _break_lines(text, lambda piece: measure_width_px(piece, faces, size_px), wide_px)
 
 
@@ -126,9 +130,9 @@ EMPHASIS_MARK = "\ue000"  # of a private use: no text has it
 
 
 def style_lines(lines: list[str]) -> list[str]:
-    """Return lines as they are set: without the marks of ``*so*``, and with a bullet for "- " at a line's beginning.
+    """Return lines with the markup of emphasis (``*word*``) replaced and with a bullet for "- " at the start of a line.
 
-    What lies between the first and the second `EMPHASIS_MARK` of a line is emphasised, and so on.
+    In each line, `EMPHASIS_MARK` begins and ends emphasis in turn.
     """
     text = _EMPHASIS.sub(rf"{EMPHASIS_MARK}\1{EMPHASIS_MARK}", _LIST_ITEM.sub("\\1\u2022 ", "\n".join(lines)))
     styled = []
@@ -141,7 +145,7 @@ def style_lines(lines: list[str]) -> list[str]:
 
 
 def count_page_lines(*, picture: bool) -> int:
-    """Return how many lines a page has."""
+    """Return the number of text lines on a page, with or without a picture."""
     height = TEXT_BOTTOM - TEXT_TOP
     if picture:
         height -= PAGE_PICTURE_HEIGHT
@@ -149,7 +153,7 @@ def count_page_lines(*, picture: bool) -> int:
 
 
 def break_page_lines(text: str) -> list[str]:
-    """Break a page's text into lines at the reference: the same everywhere, whichever faces draw it."""
+    """Break a page's text into lines at the reference size, independently of the typefaces that draw it."""
     return _break_lines(text, measure_reference_px, PAGE_REFERENCE_PX * PAGE_COLUMN_WIDTH)
 
 
@@ -159,10 +163,10 @@ _OTHER_ADVANCE = 0.7  # of the type size: of a character that the shipped face l
 
 @lru_cache(maxsize=16384)
 def measure_reference_px(text: str) -> float:
-    """Measure a line in the reference's type and the shipped face.
+    """Return the length of a line in pixels at the reference size, in the shipped typeface.
 
-    What that face lacks has a fixed width: 1 em of a Chinese, Japanese or Korean character, none of a mark above or
-    below another, 0.7 em of anything else, which is more than most need.
+    Characters that the typeface lacks have a fixed width: 1 em for Chinese, Japanese and Korean, 0 for combining marks,
+    and 0.7 em for others, which is more than most need.
     """
     shipped_characters = list_characters(shipped_typeface())
     width_64 = 0
@@ -186,7 +190,7 @@ def _measure_shipped(text: str) -> int:
 
 
 def _advance_of_other(character: str) -> int:
-    """Return the fixed advance of a character that the shipped face lacks, in 64ths of a pixel."""
+    """Return the fixed advance of a character that the shipped typeface lacks, in 64ths of a pixel."""
     if unicodedata.category(character) in ("Mn", "Me", "Cf"):
         return 0
     share = _OTHER_ADVANCE
@@ -196,7 +200,10 @@ def _advance_of_other(character: str) -> int:
 
 
 def paginate_text(text: str, *, pictures: int = 0) -> tuple[str, ...]:
-    """Cut a text into pages; the first ``pictures`` of them have a picture above the text. Blank lines begin none."""
+    """Divide a text into pages, the first ``pictures`` of which have a picture above the text.
+
+    Blank lines at the start of a page are dropped.
+    """
     text = text.strip()
     if not pictures and len(text) <= _SHORT and text.count("\n") < 5:
         return (text,)
@@ -215,9 +222,9 @@ def paginate_text(text: str, *, pictures: int = 0) -> tuple[str, ...]:
 
 
 def is_division(pages: Sequence[str], text: str, *, pictures: int = 0) -> bool:
-    """Tell whether pages are a text cut into pieces in its order: all of it, with nothing left out but blanks.
+    """Return whether pages are a complete division of a text in order, with nothing but blanks left out.
 
-    Only a page with a picture may be without text, or the only one.
+    Only pages with a picture, or the only page, can be without text.
     """
     place = 0
     for number, page in enumerate(pages):
@@ -237,7 +244,7 @@ def is_division(pages: Sequence[str], text: str, *, pictures: int = 0) -> bool:
 
 
 def _without_heading(lines: list[str], room: int) -> int:
-    """Return how many lines to put on a page, so that no heading, a paragraph of one line, stands alone at its end."""
+    """Return how many lines to put on a page so that no heading, a one-line paragraph, stands alone at its end."""
     if len(lines) <= room:
         return room
     last = room
@@ -251,7 +258,7 @@ def _without_heading(lines: list[str], room: int) -> int:
 
 
 def _marked_lines(text: str) -> list[str]:
-    """Break a text into lines, each with the blank or the line break that followed it: together they are the text."""
+    """Break a text into lines that include the blank or line break after them; joined, they are the text."""
     marked_lines = []
     place = 0
     for line in break_page_lines(text):

@@ -1,6 +1,6 @@
-"""Typefaces: which face has which character, the faces that ship with the package and those installed here.
+"""Typefaces: the characters of each typeface, the typefaces that ship with the package, and those installed here.
 
-Every plan is measured in the shipped faces alone; installed ones are only drawn with.
+Every plan is measured in the shipped typefaces alone; installed ones are used only for drawing.
 """
 
 import os
@@ -84,32 +84,32 @@ _JOINING_SCRIPTS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Typeface:
-    """One face in one file."""
+    """One typeface in a font file."""
 
     path: str
     index: int = 0  # in a collection
 
     @property
     def name(self) -> str:
-        """Return the file's name, to say which it was."""
+        """The name of the font file."""
         return Path(self.path).name
 
 
 @cache
 def open_face(face: Typeface) -> harfbuzz.Face:
-    """Open a face's file."""
+    """Open the font file of a typeface for HarfBuzz."""
     return harfbuzz.Face(harfbuzz.Blob.from_file_path(face.path), face.index)
 
 
 @cache
 def list_characters(face: Typeface) -> frozenset[int]:
-    """List every character that a face has."""
+    """Return the code points of all characters in a typeface."""
     return frozenset(open_face(face).unicodes)
 
 
 @cache
 def list_joined_scripts(face: Typeface) -> frozenset[str]:
-    """List the scripts, by their ISO 15924 codes, whose letters a face joins and places by rules of its own."""
+    """Return the scripts (ISO 15924 codes) for which a typeface has rules that join and place letters."""
     opened = open_face(face)
     if "morx" in opened.table_tags:  # Apple's rules have no scripts
         return _JOINING_SCRIPTS
@@ -118,7 +118,7 @@ def list_joined_scripts(face: Typeface) -> frozenset[str]:
 
 @lru_cache(maxsize=4096)
 def find_script(character: str) -> str:
-    """Find a character's script by its ISO 15924 code, "Zyyy" for what several scripts share."""
+    """Return the script of a character as an ISO 15924 code; "Zyyy" if several scripts share the character."""
     buffer = harfbuzz.Buffer()
     buffer.add_codepoints([ord(character)])
     buffer.guess_segment_properties()
@@ -126,7 +126,7 @@ def find_script(character: str) -> str:
 
 
 def can_set(face: Typeface, character: str) -> bool:
-    """Tell whether a face has a character and, where letters of its script join, the rules for it."""
+    """Return whether a typeface has a character and, if letters of its script join, the rules for joining them."""
     if ord(character) not in list_characters(face):
         return False
     script = find_script(character)
@@ -135,7 +135,7 @@ def can_set(face: Typeface, character: str) -> bool:
 
 @cache
 def shipped_typeface(*, bold: bool = False) -> Typeface:
-    """Return DejaVu Sans 2.37, in the folder `fonts`: Latin, Greek, Cyrillic, Arabic, Hebrew and many signs."""
+    """Return the shipped typeface DejaVu Sans 2.37: Latin, Greek, Cyrillic, Arabic, Hebrew and many signs."""
     name = "DejaVuSans.ttf"
     if bold:
         name = "DejaVuSans-Bold.ttf"
@@ -143,13 +143,13 @@ def shipped_typeface(*, bold: bool = False) -> Typeface:
 
 
 class TypefaceSet:
-    """Faces in the order in which they are asked for a character.
+    """Typefaces in the order in which they are searched for a character.
 
     Args:
-        language: decides how characters that Chinese, Japanese and Korean share are drawn.
-        bold: whether the one that comes with us is bold; the others are as they are.
-        fonts: files of faces to ask before ours, by their names; one that is not installed is passed over.
-        first: a face to ask before all.
+        language: the language, which decides how characters shared by Chinese, Japanese and Korean are drawn
+        bold: whether the shipped typeface is bold; other typefaces are not
+        fonts: the names of font files to search before the shipped typeface; files that are not installed are skipped
+        first: a typeface to search before all others
     """
 
     def __init__(
@@ -160,14 +160,14 @@ class TypefaceSet:
         self._first = (*(face for face in named if face is not None), shipped_typeface(bold=bold))
 
     def of(self, character: str) -> Typeface | None:
-        """Return the first face that can set a character; None if none can."""
+        """Return the first typeface that can draw a character; None if there is none."""
         for face in self._first:
             if can_set(face, character):
                 return face
         return next((face for face in _installed_typefaces(self.language) if can_set(face, character)), None)
 
     def missing(self, text: str) -> str:
-        """Return the first character of a text that no face can set; "" if there is none."""
+        """Return the first character of a text that no typeface can draw; "" if there is none."""
         for character in dict.fromkeys(text):
             if unicodedata.category(character) not in _UNSEEN and self.of(character) is None:
                 return character
@@ -176,12 +176,12 @@ class TypefaceSet:
 
 @cache
 def select_typefaces(language: str, *, bold: bool = False, fonts: tuple[str, ...] = ()) -> TypefaceSet:
-    """Return the faces of a language, and those to be asked before them."""
+    """Return the typefaces for a language, with the named font files before them."""
     return TypefaceSet(language, bold=bold, fonts=fonts)
 
 
 def find_installed_typeface(name: str) -> Typeface | None:
-    """Find the face in the font file of that name; None where this machine has none."""
+    """Return the typeface in an installed font file of a given name; None if there is no such file."""
     path = _files().get(name)
     if path is None:
         return None
@@ -204,7 +204,7 @@ def _installed_typefaces(language: str) -> tuple[Typeface, ...]:
 
 @cache
 def _files() -> dict[str, str]:
-    """Return the font files of this machine by name."""
+    """Return the paths of the font files on this machine, by file name."""
     paths: dict[str, str] = {}
     for folder in _folders():
         for root, inner_folders, names in os.walk(folder):
@@ -216,7 +216,7 @@ def _files() -> dict[str, str]:
 
 
 def user_font_folder() -> Path:
-    """Return the folder in which a user can put a font file without being an administrator."""
+    """Return the folder in which a user can install font files without administrator rights."""
     return next(_folders())
 
 

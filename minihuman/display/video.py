@@ -1,6 +1,6 @@
-"""Encode pictures as video: H.264 for datasets and films, AV1 for the replay viewer, WebM for pages.
+"""Video encoding of pictures: H.264 for datasets and films, AV1 for the replay viewer, WebM for web pages.
 
-Decoded pictures differ a little from those that were encoded. Knows no sessions.
+Decoded pictures differ slightly from the encoded ones.
 """
 
 import logging
@@ -24,7 +24,7 @@ os.environ.setdefault("SVT_LOG", "1")  # and this one to the terminal
 
 
 class VideoEncoding(NamedTuple):
-    """The settings of an encoder, in FFmpeg's names."""
+    """The settings of a video encoder, in FFmpeg's terms."""
 
     codec: str
     container: str
@@ -46,15 +46,15 @@ ENCODINGS = {
 
 
 class VideoWriter:
-    """A video while it is written, all of its pictures of one size. Use it in a ``with``.
+    """A video file that is being written, used in a ``with`` statement; all pictures have the same size.
 
     Args:
-        file: where it goes: a path, or an open binary file.
-        encoding: a name in ``ENCODINGS``.
-        fps: pictures per second.
+        file: the path, or an open binary file, to write to
+        encoding: a name in ``ENCODINGS``
+        fps: the number of pictures per second
 
     Raises:
-        OSError: if it cannot be written.
+        OSError: if the file cannot be written.
     """
 
     def __init__(self, file: Path | IO[bytes], encoding: str, *, fps: int) -> None:
@@ -68,7 +68,7 @@ class VideoWriter:
         self._stream.thread_count = 1  # the same pictures make the same bytes
 
     def write(self, pictures: Iterable[NDArray[np.uint8]]) -> None:
-        """Append pictures uint8[H, W, 3], of an even number of rows and columns; the first becomes a key frame."""
+        """Append pictures uint8[H, W, 3] with even height and width; the first one becomes a key frame."""
         for place, picture in enumerate(pictures):
             if not self.frames:
                 self._stream.height, self._stream.width = picture.shape[:2]
@@ -83,7 +83,7 @@ class VideoWriter:
             self.frames += 1
 
     def close(self) -> None:
-        """Finish the file."""
+        """Encode the remaining pictures and close the file."""
         if self.frames:
             self._container.mux(self._stream.encode())
         self._container.close()
@@ -102,7 +102,7 @@ class VideoWriter:
 
 
 def pad_to_even(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Repeat a picture's last row or column where their number is odd: codecs store colours in pairs."""
+    """Return a picture with an even number of rows and columns, as codecs require, by repeating the last ones."""
     rows, columns = (size % 2 for size in picture.shape[:2])
     if rows or columns:
         return np.pad(picture, ((0, rows), (0, columns), (0, 0)), "edge")

@@ -1,3 +1,4 @@
-"""Agents (extra `learn`): policies trained by PPO, by cloning demonstrations and by teaching. Nothing else imports
-this.
+"""Agents (the extra `learn`): policies trained by PPO, by cloning demonstrations and by teaching.
+
+No other package of minihuman imports this one.
 """

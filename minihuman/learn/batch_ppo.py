@@ -1,9 +1,10 @@
 """PPO over a batch of worlds in one process, with or without a memory: `minihuman learn ppo`.
 
-Schulman et al., "Proximal Policy Optimization Algorithms" (2017), with the details that Stable-Baselines3 has, too:
-advantages by GAE, normalised in each minibatch; the value at a step limit counts, the one at an end does not. A memory
-is a gated recurrent unit behind the encoder, trained through whole rollouts. The batch steps all worlds in compiled
-code, the network sees them together, and a rollout stays in one block of memory.
+The algorithm is that of Schulman et al., "Proximal Policy Optimization Algorithms" (2017), with details that
+Stable-Baselines3 also has: advantages are estimated by GAE and normalised in each minibatch, and the value of the last
+state counts at a step limit but not at an end. A memory is a gated recurrent unit behind the encoder, trained through
+whole rollouts. The batch steps all worlds in compiled code, the network processes their observations together, and a
+rollout stays in one block of memory.
 """
 
 import csv
@@ -36,7 +37,7 @@ RECENT = 100  # episodes that a point of the curve is over
 
 @dataclass(frozen=True, slots=True)
 class BatchPpoSettings:
-    """Settings of a training: the defaults suit grids and rooms that are learned in some 100,000 steps."""
+    """The settings of a training run; the defaults suit grids and rooms that are learned in some 100,000 steps."""
 
     steps: int = 300_000  # of all worlds together
     worlds: int = 16
@@ -56,7 +57,7 @@ class BatchPpoSettings:
 
 @dataclass(frozen=True, slots=True)
 class CurvePoint:
-    """A training's state after an update."""
+    """One point of the learning curve: the state of a training run after an update."""
 
     steps: int
     episodes: int
@@ -74,17 +75,17 @@ def train_batch(
     seed: int = 1,
     follow: Callable[[CurvePoint], None] = lambda _: None,
 ) -> list[CurvePoint]:
-    """Train a policy in a batch of a world, write it and, beside it, its learning curve as CSV.
+    """Train a policy in a batch of worlds; write the policy and, next to it, its learning curve as CSV.
 
     Args:
-        world: a Gymnasium id with a batch of its own: every built-in world.
-        out: the policy file.
-        missions: whether the policy observes the mission, one of "go to the COLOUR KIND".
-        seed: of worlds, network and choices.
-        follow: called after each update.
+        world: the Gymnasium id of a world that has a batch, as every built-in world does
+        out: the policy file to write
+        missions: whether the policy observes the mission, one of "go to the COLOUR KIND"
+        seed: the seed of the worlds, the network and the actions
+        follow: a function that is called after each update
 
     Raises:
-        LearnError: if the world has no batch, no image, or other missions, or there is no such device.
+        LearnError: if the world has no batch, no image or other missions, or if the device does not exist.
     """
     if settings.device != "cpu" and not (settings.device == "cuda" and torch.cuda.is_available()):
         raise LearnError(f"device {settings.device!r} is not here; use cpu, or cuda where PyTorch finds a GPU")
@@ -125,7 +126,7 @@ def train_batch(
 
 
 def _choose_encoder(image_shape: tuple[int, int, int]) -> EncoderName:
-    """Choose the network that suits an image of channels, height and width."""
+    """Return the name of the network that suits an image shape of (channels, height, width)."""
     channels, height, _ = image_shape
     if height > 20:
         return "atari"
@@ -155,10 +156,10 @@ def _make_batch(world: str, count: int, **options: Any) -> gymnasium.vector.Vect
 
 
 class _Seats:
-    """Every seat of a batch of team worlds as a world of its own: one policy plays with itself.
+    """A batch of team worlds in which every seat counts as a world of its own, so that one policy plays with itself.
 
-    What a world pays for useful steps (`TeamBatch.shaping`, where it has that) falls to nothing by the middle of the
-    training, as for Carroll et al., "On the Utility of Learning about Humans for Human-AI Coordination" (2019).
+    Shaping rewards for useful steps (`TeamBatch.shaping`, where a world has them) decrease to 0 by the middle of the
+    training run, as in Carroll et al., "On the Utility of Learning about Humans for Human-AI Coordination" (2019).
     """
 
     def __init__(self, team: TeamWorld, settings: BatchPpoSettings) -> None:
@@ -185,7 +186,7 @@ _encode_mission = lru_cache(maxsize=1024)(encode_mission)
 
 
 class _Run:
-    """A training: its worlds, what they show, and the network's memory of each."""
+    """A training run: its worlds, their current observations, and the network's memory of each world."""
 
     def __init__(
         self,
@@ -212,7 +213,7 @@ class _Run:
         self._recent: deque[tuple[float, bool]] = deque(maxlen=RECENT)
 
     def update(self) -> CurvePoint:
-        """Collect a rollout and learn from it."""
+        """Collect a rollout, update the policy from it, and return the new point of the learning curve."""
         hidden = self._hidden
         rollout = self._collect()
         for group in self._optimizer.param_groups:  # falls to nothing
@@ -257,7 +258,10 @@ class _Run:
         return rollout
 
     def _step(self, actions: NDArray[np.int64]) -> torch.Tensor:
-        """Step every world; return rewards float32[n], with the value of what lay behind a step limit."""
+        """Step every world; return rewards float32[n].
+
+        At a step limit, the reward includes the discounted value of the state that followed.
+        """
         raw, rewards, terminated, truncated, infos = self._worlds.step(actions)
         rewards = np.asarray(rewards, np.float32)
         over = terminated | truncated
@@ -314,7 +318,7 @@ class _Run:
                 self._optimizer.step()
 
     def _encode(self, raw: Any) -> Batch:
-        """Encode what worlds show, on the device: a batch's observation, or single ones in a list."""
+        """Encode observations on the device: the observation of a whole batch, or a list of single observations."""
         if isinstance(raw, list):
             if isinstance(raw[0], dict):
                 raw = {name: [observation[name] for observation in raw] for name in raw[0]}

@@ -1,8 +1,11 @@
-"""Behaviour cloning: train a policy to do what people did, stop when it no longer improves on other people, evaluate
-it on fixed held-out episodes, and write it with its card."""
+"""Behaviour cloning: train a policy to imitate people, evaluate it, and write it with its card.
+
+Training stops when the policy no longer improves on people whom it was not trained on. The evaluation uses fixed
+held-out episodes.
+"""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,7 +32,7 @@ ChooseAction = Callable[[Observation], int]  # an action from what is seen
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Episodes played and how many succeeded: ended by themselves with a reward."""
+    """The outcome of an evaluation: the episodes played, and how many of them terminated with a reward."""
 
     episodes: int
     successes: int
@@ -38,16 +41,16 @@ class Evaluation:
 
     @property
     def rate(self) -> float:
-        """Return the success rate."""
+        """The success rate."""
         return self.successes / self.episodes
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Return the success rate's 95 % Wilson interval."""
+        """The 95 % Wilson interval of the success rate."""
         return wilson_interval(self.successes, self.episodes)
 
     def __str__(self) -> str:
-        """Return the rate with its interval."""
+        """Return the success rate with its interval."""
         low, high = self.interval
         return f"{self.rate:.2f} [{low:.2f}, {high:.2f}]"
 
@@ -62,9 +65,9 @@ def evaluate_policy(
     seed: int,
     most_steps: int | None = None,
 ) -> Evaluation:
-    """Play held-out episodes, in a team world in every seat; their seeds come from ``seed`` alone.
+    """Evaluate a policy, in every seat of a team world, on held-out episodes whose seeds depend on ``seed`` alone.
 
-    An episode ends when the world says so, or after ``most_steps``; one or the other has to.
+    An episode ends when the world ends it or after ``most_steps``, so at least one of the two must have a limit.
     """
     env: Any = World(world_id, options, trusted=True).env  # with its own step limit
     world = env.unwrapped
@@ -95,12 +98,12 @@ def evaluate_policy(
 
 
 def held_out_seed(seed: int, episode: int) -> int:
-    """Return the reset seed of a held-out episode: above 2**31, where no training or session seed of ours lies."""
+    """Return the reset seed of a held-out episode, at least 2**31; seeds of training and sessions are smaller."""
     return 2**31 + episode_seed(seed, episode)
 
 
 def make_sampling_policy(policy: Policy, seed: int) -> ChooseAction:
-    """Make a policy that draws each action from its own probabilities, repeatably."""
+    """Return a function that draws each action from the policy's probabilities, reproducibly for a seed."""
     random = torch.Generator().manual_seed(seed)
 
     def choose(observation: Observation) -> int:
@@ -110,14 +113,14 @@ def make_sampling_policy(policy: Policy, seed: int) -> ChooseAction:
 
 
 def make_random_policy(actions: int, seed: int) -> ChooseAction:
-    """Make a policy that takes any action at any time: what a policy has to beat."""
+    """Return a function that draws actions uniformly: the baseline for a policy."""
     rng = np.random.default_rng(seed)
     return lambda _: int(rng.integers(actions))
 
 
 @dataclass(frozen=True, slots=True)
 class CloningSettings:
-    """The settings of cloning."""
+    """The settings of behaviour cloning."""
 
     validation_share: float = 0.2  # of the participants, at least one
     batch_size: int = 64
@@ -131,7 +134,7 @@ class CloningSettings:
 
 @dataclass(frozen=True, slots=True)
 class CloningResult:
-    """The result of cloning. Losses are mean cross-entropies per step, in nats."""
+    """The result of behaviour cloning; losses are mean cross-entropies per step, in nats."""
 
     epochs: int  # until the best validation loss
     training_loss: float
@@ -146,10 +149,12 @@ class CloningResult:
 def split_by_participant(
     demonstrations: Demonstrations, *, share: float, seed: int
 ) -> tuple[Demonstrations, Demonstrations]:
-    """Split demonstrations into training and validation; no participant is in both, nor people who played together.
+    """Split demonstrations into training and validation data.
+
+    No participant is in both, and people who played together are in the same part.
 
     Raises:
-        LearnError: if only one participant, or one team, took part.
+        LearnError: if only one participant or one team took part.
     """
     teams = [(episode.team, episode.participant) for episode in demonstrations.episodes if episode.team]
     unit_of = find_units(pd.DataFrame(teams, columns=["team", "participant"]))
@@ -164,15 +169,16 @@ def split_by_participant(
     validation_participants = [
         participant for participant in demonstrations.participants if unit_of.get(participant, participant) in held_out
     ]
-    return demonstrations.by(
-        [participant for participant in demonstrations.participants if participant not in validation_participants]
-    ), demonstrations.by(validation_participants)
+    training_participants = [
+        participant for participant in demonstrations.participants if participant not in validation_participants
+    ]
+    return demonstrations.by(training_participants), demonstrations.by(validation_participants)
 
 
 def clone_policy(
     training: Demonstrations, validation: Demonstrations, *, eyes: EncoderName, settings: CloningSettings
 ) -> tuple[Policy, CloningResult]:
-    """Train Stable-Baselines3's own policy class on what people did, and keep its best epoch."""
+    """Train a policy to imitate the training demonstrations; return it with the best validation epoch's weights."""
     torch.manual_seed(settings.seed)
     steps = _stack(training)
     if settings.mirrored:
@@ -217,7 +223,10 @@ Steps = tuple[torch.Tensor, torch.Tensor | None, torch.Tensor]  # images, missio
 
 
 def _compare_with_people(policy: Policy, steps: Steps) -> tuple[float, float]:
-    """Return the mean cross-entropy of steps, and the share in which the likeliest action is the one taken."""
+    """Return a policy's mean cross-entropy over people's steps and its agreement with them.
+
+    The agreement is the share of steps in which the most likely action is the one that the person took.
+    """
     images, missions, actions = steps
     with torch.no_grad():
         log_probs = policy.log_probabilities(_pick(images, missions, slice(None)))
@@ -226,7 +235,7 @@ def _compare_with_people(policy: Policy, steps: Steps) -> tuple[float, float]:
 
 
 def _train_epoch(policy: Policy, optimiser: torch.optim.Adam, steps: Steps, batch_size: int) -> float:
-    """Pass through all steps once, in minibatches; return the mean loss."""
+    """Train a policy on all steps once, in minibatches; return the mean loss."""
     images, missions, actions = steps
     losses = []
     for rows in torch.split(torch.randperm(len(actions)), batch_size):
@@ -272,7 +281,7 @@ _EYES: dict[ViewMode, EncoderName] = {"whole": "map", "remembered": "near"}
 
 @dataclass(frozen=True, slots=True)
 class CloneStudy:
-    """The settings of a cloning study: what to clone, and how to evaluate it."""
+    """The settings of a cloning study: the demonstrations to clone and the evaluation of the clones."""
 
     world: str
     sight: ViewMode = "view"
@@ -285,7 +294,7 @@ class CloneStudy:
 
 @dataclass(frozen=True, slots=True)
 class CloneEvaluation:
-    """A clone from a number of demonstrations, and its evaluation."""
+    """A clone trained on a given number of demonstrations, with its evaluation."""
 
     demonstrations: int
     cloned: CloningResult
@@ -293,20 +302,20 @@ class CloneEvaluation:
 
 
 def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str) -> str:
-    """Clone, judge, and write the policy (``out``), its card (``out`` + .md) and numbers (.json); returns the card.
+    """Clone a study's demonstrations, evaluate the clones, write the results, and return the card in Markdown.
 
-    The policy is the clone from all demonstrations.
+    The files are the policy cloned from all demonstrations (``out``), its card (``out`` + .md) and the numbers (.json).
 
     Raises:
-        LearnError: if a file is there already, a number of demonstrations is below 1, or nothing can be cloned; nothing
-            is written then.
+        LearnError: if a file exists already, a number of demonstrations is below 1, or there is nothing to clone. Then
+            nothing is written.
     """
     torch.set_num_threads(1)  # such small networks are faster so, and sums come in one order
     files = {kind: out.with_name(out.name + kind) for kind in ("", ".md", ".json")}
-    if existing_paths := [path for path in files.values() if path.exists()]:
-        raise LearnError(f"{existing_paths[0]} already exists; choose another file with --out")
-    if odd := [size for size in study.sizes if size < 1]:
-        raise LearnError(f"{odd[0]} is not a valid number of demonstrations; use 1 or more")
+    _require_new_files(files.values())
+    for size in study.sizes:
+        if size < 1:
+            raise LearnError(f"{size} is not a valid number of demonstrations; use 1 or more")
     demonstrations = read_demonstrations(
         source, study.world, ObservationEncoder(study.missions, sight=study.sight), study.selection
     )
@@ -318,8 +327,8 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str) -> 
     )
     rows = []
     policy = None
-    sizes = sorted({*(size for size in study.sizes if size < len(training.episodes)), len(training.episodes)})
-    for size in sizes:
+    available = len(training.episodes)
+    for size in sorted({min(size, available) for size in (*study.sizes, available)}):
         policy, cloned = clone_policy(training.first(size), validation, eyes=eyes, settings=study.cloning)
         played = _play(make_sampling_policy(policy, study.cloning.seed), demonstrations, study)
         rows.append(CloneEvaluation(size, cloned, played))
@@ -334,8 +343,14 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str) -> 
     return text
 
 
+def _require_new_files(paths: Iterable[Path]) -> None:
+    for path in paths:
+        if path.exists():
+            raise LearnError(f"{path} already exists; choose another file with --out")
+
+
 def _choose_encoder(sight: ViewMode, image_shape: tuple[int, int, int]) -> EncoderName:
-    """Choose the network that suits a sight, or an image of channels, height and width."""
+    """Return the name of the network that suits a view mode and an image shape of (channels, height, width)."""
     channels, height, _ = image_shape
     if sight in _EYES:
         return _EYES[sight]
@@ -353,7 +368,7 @@ def build_card_text(
     chance: Evaluation,
     command: str,
 ) -> str:
-    """Write the card in Markdown: what it learnt from, how well it plays, and how that was found."""
+    """Return a policy's card in Markdown: its training data, its performance, and how the performance was measured."""
     players = sorted({episode.player for episode in demonstrations.episodes})
     last = rows[-1].cloned
     sight = _SIGHTS[study.sight]

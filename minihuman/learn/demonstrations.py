@@ -1,4 +1,4 @@
-"""Demonstrations: what people saw and did, replayed from their logs and checked against them."""
+"""Demonstrations: people's observations and actions, replayed from their logs and checked against them."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -22,10 +22,10 @@ from minihuman.worlds.adapters.world import World
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Demonstration:
-    """One episode of a participant: ``n`` observations and the ``n`` actions taken on them.
+    """One episode of a participant: ``n`` observations and the ``n`` actions that followed them.
 
-    In a team these are the steps that the participant made in a seat: none of a program that took it, or of a tick
-    that came too late.
+    In a team, a demonstration has only the steps that the participant made: not those of a program that took the seat,
+    or of a tick at which the participant's action came too late.
     """
 
     participant: str
@@ -37,7 +37,7 @@ class Demonstration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Demonstrations:
-    """All demonstrations of one world, made under one set of options."""
+    """All demonstrations in one world with the same options."""
 
     world: str
     options: dict[str, Any]
@@ -50,15 +50,15 @@ class Demonstrations:
 
     @property
     def participants(self) -> tuple[str, ...]:
-        """Return the participants, in the order of the logs."""
+        """The participants, in the order of their logs."""
         return tuple(dict.fromkeys(episode.participant for episode in self.episodes))
 
     def by(self, participants: Sequence[str]) -> "Demonstrations":
-        """Select the demonstrations of some participants."""
+        """Return the demonstrations of some participants."""
         return replace(self, episodes=tuple(e for e in self.episodes if e.participant in participants))
 
     def first(self, count: int) -> "Demonstrations":
-        """Select the first ``count``, taking turns between participants."""
+        """Return the first ``count`` demonstrations, taking one of each participant in turn."""
         queues = [[e for e in self.episodes if e.participant == participant] for participant in self.participants]
         turns = [queue[turn] for turn in range(max(map(len, queues))) for queue in queues if turn < len(queue)]
         return replace(self, episodes=tuple(turns[:count]))
@@ -68,10 +68,10 @@ LoggedEpisode = tuple[SessionLog, EpisodeLog]
 
 
 def replay_demonstration(log: SessionLog, episode: EpisodeLog, world: World, encoder: EpisodeEncoder) -> Demonstration:
-    """Replay an episode into a demonstration.
+    """Replay an episode and return it as a demonstration.
 
     Raises:
-        LearnError: if the world's observations are not those of the log.
+        LearnError: if the world's observations differ from those in the log.
     """
     observations = tuple(replay_observations(log, episode, world, encoder))
     team = episode.team
@@ -85,10 +85,10 @@ def replay_demonstration(log: SessionLog, episode: EpisodeLog, world: World, enc
 
 
 def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, selection: Selection) -> Demonstrations:
-    """Replay every episode of a world in a study's logs, checking each observation against the log.
+    """Replay every included episode of a world in a study's logs, checking each observation against the log.
 
     Raises:
-        LearnError: if there is none, they were made under different options, or one does not replay.
+        LearnError: if there is no such episode, episodes have different options, or an episode does not replay.
     """
     episodes, account = select_episodes(source, world, selection)
     plan = check_equal_options(episodes)
@@ -109,10 +109,10 @@ def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, 
 
 
 def select_episodes(source: Path, world: str, selection: Selection) -> tuple[list[LoggedEpisode], SelectionSummary]:
-    """Select the included episodes of a world that have a step.
+    """Return the included episodes of a world that have at least one step, with a summary of the selection.
 
     Raises:
-        LearnError: if there is none.
+        LearnError: if there is no such episode.
     """
     sessions = StudySessions(source, selection)
     episodes = [
@@ -129,22 +129,29 @@ def select_episodes(source: Path, world: str, selection: Selection) -> tuple[lis
 
 
 def check_equal_options(episodes: Sequence[LoggedEpisode]) -> EpisodePlan:
-    """Return the first episode's plan, in a team without its seat.
+    """Return the first episode's plan after checking that all episodes have the same options.
+
+    In a team, the options of the plan do not include the seat.
 
     Raises:
-        LearnError: if another episode's world has other options.
+        LearnError: if the options of two episodes differ.
     """
     log, first = episodes[0]
-    if odd := next((episode for _, episode in episodes if episode.shared_options != first.shared_options), None):
-        raise LearnError(
-            f"{log.path}: {first.plan.world} has options {first.shared_options} in some episodes and "
-            f"{odd.shared_options} in others; select episodes with the same options by --block"
-        )
+    for _, episode in episodes:
+        if episode.shared_options != first.shared_options:
+            raise LearnError(
+                f"{log.path}: {first.plan.world} has options {first.shared_options} in some episodes and "
+                f"{episode.shared_options} in others; select episodes with the same options by --block"
+            )
     return structs.replace(first.plan, options=first.shared_options)
 
 
 def list_used_actions(episodes: Sequence[LoggedEpisode], least: int = 0) -> tuple[str, ...]:
-    """List the world's actions up to the last that had a key or was a tick's no-op, and up to number ``least``."""
+    """Return the world's first action names, up to the last action that is used.
+
+    An action is used if a key is assigned to it, or if it is the no-op of a tick. All actions up to number ``least``
+    are returned in any case.
+    """
     names = episodes[0][1].start.action_names
     used: set[str] = set()
     for _, episode in episodes:
@@ -157,10 +164,10 @@ def list_used_actions(episodes: Sequence[LoggedEpisode], least: int = 0) -> tupl
 def replay_observations(
     log: SessionLog, episode: EpisodeLog, world: World, encoder: EpisodeEncoder
 ) -> Iterator[Observation]:
-    """Yield the observation before each step.
+    """Replay an episode and yield the encoded observation before each step.
 
     Raises:
-        LearnError: if the world's observations are not those of the log.
+        LearnError: if the world's observations differ from those in the log.
     """
     if episode.team is not None:
         world.unwrapped.seat = episode.team.seat

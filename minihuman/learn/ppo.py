@@ -1,8 +1,7 @@
-"""PPO with Stable-Baselines3's settings, losses and draws: its environment and its two loops.
+"""PPO with the settings, losses and random draws of Stable-Baselines3: its environment and its two loops.
 
-One world, no wrappers, no logging: a rollout acts through the network's fast forward pass, an update runs over
-tensors that were made once. The sums are Stable-Baselines3's (a test compares a rollout and an update); a step
-costs a third less.
+There is one world, without wrappers or logging. A rollout acts through the network's fast forward pass, and an update
+uses tensors that are allocated once. The sums are those of Stable-Baselines3; a step takes a third less time.
 """
 
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ from minihuman.worlds.hashing import hash64
 
 @dataclass(frozen=True, slots=True)
 class PpoSettings:
-    """Settings of proximal policy optimisation; the defaults are those of Stable-Baselines3."""
+    """The settings of proximal policy optimisation; the defaults are those of Stable-Baselines3."""
 
     n_steps: int = 2048  # steps between updates
     batch_size: int = 64
@@ -36,9 +35,10 @@ class PpoSettings:
 
 
 class TrainingEnv(gymnasium.Env[Any, Any]):
-    """A world under training. Every episode resets with its own seed, counted from the job's.
+    """A world for training, in which every episode resets with a seed of its own, derived from the training run's seed.
 
-    Episodes' returns and lengths are in ``info["episode"]`` as Stable-Baselines3 expects them, without wall times.
+    Returns and lengths of episodes are in ``info["episode"]``, as Stable-Baselines3 expects them, without wall-clock
+    times.
     """
 
     def __init__(
@@ -53,11 +53,11 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
         """Make the world.
 
         Args:
-            world_id: A Gymnasium id; only our own worlds can be saved.
-            options: Keyword arguments of ``gymnasium.make``.
-            seed: From which every episode's seed is drawn.
-            eyesight: What the agent sees of it.
-            actions: How many of the world's actions the agent has; None for all.
+            world_id: a Gymnasium id; only worlds of minihuman can be saved
+            options: the keyword arguments of ``gymnasium.make``
+            seed: the seed from which the seeds of all episodes are derived
+            eyesight: the settings of the agent's observations
+            actions: the number of the world's actions that the agent has; None for all
         """
         self.world = gymnasium.make(world_id, disable_env_checker=True, **options).unwrapped
         self.eyesight = eyesight
@@ -74,7 +74,7 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin the next episode. A seed given here is ignored: the job's own decides."""
+        """Begin the next episode; ``seed`` is ignored, since the training run's seed determines the episode's."""
         self._episode += 1
         self._return = 0.0
         self._steps = 0
@@ -82,7 +82,7 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
         return self._encoder.encode(self.world, raw), info
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Make a step of the world."""
+        """Step the world; at the end of an episode, add its return, length and success to ``info``."""
         raw, reward, terminated, truncated, info = self.world.step(int(action))
         self._return += float(reward)
         self._steps += 1
@@ -93,7 +93,7 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
 
 
 def episode_seed(seed: int, episode: int) -> int:
-    """Return the reset seed of an episode, counted from 0."""
+    """Return the reset seed of an episode, whose number counts from 0."""
     return hash64((seed, "episode", episode)) % 2**31
 
 
@@ -101,7 +101,7 @@ EPSILON = 1e-8  # added to the advantages' standard deviation, as in Stable-Base
 
 
 class Rollout:
-    """The ``n`` steps since the last update, as arrays that the next rollout overwrites."""
+    """The ``n`` steps since the last update, in arrays that the next rollout overwrites."""
 
     def __init__(self, n: int, like: Observation) -> None:
         channels, height, width = like["image"].shape
@@ -118,7 +118,7 @@ class Rollout:
         self.advantages = np.empty(n, np.float32)
 
     def judge(self, last_value: float, ended: bool, *, gamma: float, gae_lambda: float) -> None:
-        """Compute generalised advantage estimates (Schulman et al., 2016)."""
+        """Compute the generalised advantage estimates of all steps (Schulman et al., 2016)."""
         following = np.float32(last_value)
         goes_on = np.float32(not ended)
         running = np.float32(0)
@@ -139,7 +139,7 @@ class LeanPpo(PPO):
     def collect_rollouts(
         self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
     ) -> bool:
-        """Collect a rollout. Stable-Baselines3's own buffer is not used."""
+        """Collect a rollout into the agent's own arrays, without Stable-Baselines3's buffer."""
         assert isinstance(env, DummyVecEnv)
         world = env.envs[0].unwrapped
         assert isinstance(world, TrainingEnv)
@@ -178,7 +178,7 @@ class LeanPpo(PPO):
         return True
 
     def train(self) -> None:
-        """Update the policy from the last rollout: ``n_epochs`` passes in minibatches drawn from NumPy's stream."""
+        """Update the policy from the last rollout: ``n_epochs`` passes in minibatches from NumPy's global stream."""
         policy = self.policy
         rollout = self._rollout
         policy.set_training_mode(True)
@@ -224,7 +224,7 @@ class LeanPpo(PPO):
 
 
 class _Chooser:
-    """Draws an action as Stable-Baselines3 does; returns it with value and log-probability."""
+    """Draws an action as Stable-Baselines3 does, and returns it with its value and log-probability."""
 
     def __init__(self, policy: Policy) -> None:
         if policy.device.type == "cpu":
@@ -239,7 +239,7 @@ class _Chooser:
         return action, float(value), float(log_probs[action])
 
     def value(self, observation: Observation) -> float:
-        """Return the value of the present state."""
+        """Return the value of the observed state."""
         return float(self._think(observation)[1])
 
 
@@ -247,7 +247,7 @@ LAST_EPISODES = 100  # a curve's point is the mean over so many
 
 
 def make_ppo(world: TrainingEnv, *, settings: PpoSettings, eyes: EncoderName, seed: int, device: str) -> LeanPpo:
-    """Make a fresh agent in a world, seeded."""
+    """Return a PPO agent with fresh weights for a world, with all random draws seeded."""
     ppo = LeanPpo(
         Policy,
         DummyVecEnv([lambda: world]),

@@ -1,1 +1,1 @@
-"""Statistics over participants or runs: pure numbers in and out, from scipy."""
+"""Statistics over participants or training runs, computed with SciPy on plain numbers."""

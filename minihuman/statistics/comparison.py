@@ -1,6 +1,6 @@
-"""Comparisons of groups, two by two: permutation tests with intervals and effect sizes, corrected for their number.
+"""Pairwise comparisons of groups by permutation tests, with intervals, effect sizes and corrected p values.
 
-States the reason where a comparison cannot be made.
+A comparison that cannot be made states the reason.
 """
 
 import math
@@ -30,7 +30,10 @@ _NOTHING = (math.nan, math.nan)
 
 @dataclass(frozen=True, slots=True)
 class GroupComparison:
-    """Two groups compared on one measure; differences are first minus second. NaN where the data do not tell."""
+    """The comparison of two groups on one measure.
+
+    Differences are the first group minus the second. A number is NaN where the data do not suffice to compute it.
+    """
 
     measure: str
     first: str
@@ -56,12 +59,17 @@ def compare_groups(
     log_measures: Collection[str] = (),
     intervals: bool = True,
 ) -> tuple[GroupComparison, ...]:
-    """Compare every two groups on every measure; ``rows`` has one row a participant, with ``group`` and the measures.
+    """Compare every two groups on every measure.
 
-    Of a pair, the group that is earlier in ``order`` comes first; without an order, the earlier in the alphabet. A pair
-    that cannot be compared has its reason. p is corrected over all (Holm, 1979). ``log_measures`` hold natural
-    logarithms: their means are reported as geometric means.
-    Without ``intervals``, which take most of the time, nothing but p and means is computed.
+    p values are corrected for all comparisons together (Holm, 1979). A pair that cannot be compared has a reason
+    instead of a p value.
+
+    Args:
+        rows: one row per participant, with the column ``group`` and a column per measure
+        measures: the measures to compare
+        order: the groups; of each pair, the earlier one comes first. Without it, groups are in alphabetical order
+        log_measures: the measures whose values are natural logarithms; their means are reported as geometric means
+        intervals: whether to compute intervals and effect sizes, which take most of the time, besides p and means
     """
     groups = list(order) or sorted({str(group) for group in rows["group"]})
     values = {
@@ -94,7 +102,11 @@ def compare_pair(
     is_log: bool,
     intervals: bool = True,
 ) -> GroupComparison:
-    """Compare two groups, each a name and one value per participant."""
+    """Compare two groups on one measure.
+
+    Each group is its name and its values, one per participant. ``test`` is None if a group has fewer than two
+    participants.
+    """
     first_name, a = first
     second_name, b = second
     n = (len(a), len(b))
@@ -123,14 +135,14 @@ def compare_pair(
 
 
 def _mean_of(group: Values) -> float:
-    """Return the mean; NaN of no value."""
+    """Return the mean of a group's values; NaN if there are none."""
     if not len(group):
         return math.nan
     return float(group.mean())
 
 
 def _describe_smaller(comparison: GroupComparison) -> str:
-    """Say how many participants the smaller group has."""
+    """Return a phrase that says how many participants the smaller group has."""
     name = comparison.first if comparison.n[0] <= comparison.n[1] else comparison.second
     return f"{min(comparison.n)} in {name}"
 
@@ -138,7 +150,7 @@ def _describe_smaller(comparison: GroupComparison) -> str:
 def _add_interval(
     comparison: GroupComparison, a: Values, b: Values, test: PermutationTest | AdjustedTest
 ) -> GroupComparison:
-    """Add the interval of the difference and the standardised difference, or the reason why there is none."""
+    """Return the comparison with its interval and effect size, or with the reason why they are missing."""
     spreads = (a.std(ddof=1), b.std(ddof=1))
     if max(spreads) == 0:
         return replace(comparison, reason="nobody in either group differs from the others")
@@ -160,11 +172,11 @@ def _add_interval(
 
 
 def standardise(a: Values, b: Values, interval: tuple[float, float]) -> tuple[float, tuple[float, float]]:
-    """Compute g, the difference over the average SD (Bonett, 2008; Hedges' correction), with its 95 % interval.
+    """Compute Hedges' g, the difference divided by the average SD (Bonett, 2008), and its 95 % interval.
 
-    The standardiser assumes no equal variances. The interval recovers both errors, of the difference from its
-    ``interval`` and of the SD from chi square with Satterthwaite's degrees of freedom (Zou and Donner, 2008), and has
-    0 inside where that of the difference has.
+    The standardiser does not assume equal variances. The interval combines the uncertainty of the difference, taken
+    from ``interval``, with that of the SD, from a chi-square distribution with Satterthwaite's degrees of freedom (Zou
+    and Donner, 2008). It contains 0 exactly where the interval of the difference does.
     """
     variances = np.array([a.var(ddof=1), b.var(ddof=1)])
     freedom = float(variances.sum() ** 2 / (variances**2 / (len(a) - 1, len(b) - 1)).sum())
@@ -184,17 +196,16 @@ def standardise(a: Values, b: Values, interval: tuple[float, float]) -> tuple[fl
 
 
 def correct_comparisons(comparisons: Sequence[GroupComparison]) -> tuple[GroupComparison, ...]:
-    """Correct the p of comparisons for how many there are (Holm); those without a p do not count."""
-    return tuple(
-        replace(comparison, p_holm=p)
-        for comparison, p in zip(
-            comparisons, holm_correction([comparison.p for comparison in comparisons]), strict=True
-        )
-    )
+    """Return comparisons with p values corrected for their number (Holm, 1979).
+
+    Comparisons without a p value are not counted.
+    """
+    corrected = holm_correction([comparison.p for comparison in comparisons])
+    return tuple(replace(comparison, p_holm=p) for comparison, p in zip(comparisons, corrected, strict=True))
 
 
 def holm_correction(ps: Sequence[float]) -> list[float]:
-    """Correct p values for how many there are (Holm, 1979); NaN stays NaN and does not count."""
+    """Return p values corrected for their number (Holm, 1979); NaN stays NaN and is not counted."""
     corrected = [math.nan] * len(ps)
     known = sorted((p, place) for place, p in enumerate(ps) if not math.isnan(p))
     largest = 0.0

@@ -1,5 +1,7 @@
-"""Comparisons within a participant: paired differences by sign flips, the order effects of a crossover, and growth, how
-a measure changes over a block's episodes: a line for each person, then a comparison of the people, or a mixed model.
+"""Comparisons within participants: paired differences, order effects of a crossover, and growth over episodes.
+
+Paired differences are tested by sign flips. Growth is compared by fitting a line to each person and comparing people,
+or by a mixed model.
 """
 
 import math
@@ -24,10 +26,10 @@ _TIES = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairedTest:
-    """The permutation test of a mean difference within participants: each difference's sign is as likely as the other.
+    """The permutation test of a mean difference within participants, which flips the differences' signs.
 
-    Exact for differences that are symmetric around their mean (Fisher, 1935). The interval holds the shifts that the
-    same flips do not reject at 5 %, so that it never contradicts p.
+    The test is exact for differences that are distributed symmetrically around their mean (Fisher, 1935). The interval
+    contains the shifts that the same flips do not reject at 5 %, so it never contradicts p.
     """
 
     n: int
@@ -39,13 +41,13 @@ class PairedTest:
 
     @property
     def smallest_p(self) -> float:
-        """Return the smallest p that so many differences can reach."""
+        """The smallest p that this number of differences can reach."""
         if self.extra:
             return 1 / (RESAMPLES + 1)
         return 2.0 ** (1 - self.n)
 
     def p(self, shift: float = 0.0) -> float:
-        """Return the two-sided p of a mean difference of ``shift``."""
+        """Return the two-sided p of the null hypothesis that the mean difference is ``shift``."""
         d = self.difference - shift
         observed = abs(self.n * d)
         slack = _TIES * (observed + self.error * self.n)
@@ -53,14 +55,14 @@ class PairedTest:
         return (as_far + self.extra) / (len(self.sums) + self.extra)
 
     def interval(self) -> tuple[float, float]:
-        """Return the 95 % interval of the mean difference; NaN where no difference could have p < 0.05."""
+        """Return the 95 % interval of the mean difference; NaN where no difference could reach p < 0.05."""
         if not self.error > 0 or self.smallest_p >= ALPHA:
             return math.nan, math.nan
         return invert_test(self.p, self.difference, self.error)
 
 
 def paired_test(differences: Values) -> PairedTest | None:
-    """Test differences, one per participant; None of fewer than two."""
+    """Make the permutation test of differences, one per participant; return None if there are fewer than two."""
     n = len(differences)
     if n < 2:
         return None
@@ -80,7 +82,10 @@ def _flips(n: int) -> Values:
 
 @dataclass(frozen=True, slots=True)
 class PairedComparison:
-    """Two conditions on one measure, over the participants who have a value in both; first minus second."""
+    """The comparison of two conditions on one measure, over the participants with a value in both conditions.
+
+    Differences are the first condition minus the second.
+    """
 
     measure: str
     first: str
@@ -97,7 +102,7 @@ class PairedComparison:
 
 @dataclass(frozen=True, slots=True)
 class CrossoverTerm:
-    """The F test of one effect in an additive model of a crossover."""
+    """The F test of one effect in an additive model of a crossover design."""
 
     measure: str
     effect: str  # "condition", "position", "carry-over"
@@ -109,11 +114,11 @@ class CrossoverTerm:
 def compare_conditions(
     values: Mapping[str, pd.DataFrame], *, log_measures: Collection[str] = ()
 ) -> tuple[PairedComparison, ...]:
-    """Compare every two conditions on every measure; p is corrected over all (Holm).
+    """Compare every two conditions on every measure; p is corrected for all comparisons together (Holm, 1979).
 
     Args:
-        values: by measure, a row per participant and a column per condition; NaN without a value.
-        log_measures: measures whose values are natural logarithms.
+        values: per measure, a table with a row per participant and a column per condition; NaN where a value is missing
+        log_measures: the measures whose values are natural logarithms
     """
     comparisons = []
     for measure, table in values.items():
@@ -126,24 +131,34 @@ def compare_conditions(
             means = [math.exp(mean) if is_log else float(mean) for mean in pairs.mean(axis=0)]
             comparisons.append(
                 PairedComparison(
-                    measure, str(first), str(second), test.n, (means[0], means[1]), test.difference, test.interval(),
-                    test.p(), math.nan, test.smallest_p, is_log,
+                    measure=measure,
+                    first=str(first),
+                    second=str(second),
+                    n=test.n,
+                    means=(means[0], means[1]),
+                    difference=test.difference,
+                    interval=test.interval(),
+                    p=test.p(),
+                    p_holm=math.nan,
+                    smallest_p=test.smallest_p,
+                    is_log=is_log,
                 )
-            )  # fmt: skip
+            )
     corrected = holm_correction([comparison.p for comparison in comparisons])
     return tuple(replace(comparison, p_holm=p) for comparison, p in zip(comparisons, corrected, strict=True))
 
 
 def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]:
-    """Test condition, position and carry-over of a crossover, each given the others, participants as fixed effects.
+    """Test the effects of condition, position and carry-over in a crossover design.
 
-    Carry-over is of the condition just before, first order (Jones and Kenward, 2014). An effect that the design cannot
-    tell from the others is left out.
+    Each effect is tested given the others, with participants as fixed effects. Carry-over is of first order: the effect
+    of the condition just before (Jones and Kenward, 2014). An effect that the design confounds with the others is left
+    out.
 
     Args:
-        measure: its name.
-        rows: a row per participant and condition, with ``participant``, ``condition``, ``position`` (1, 2, ...),
-            ``before`` (the condition just before, "" of the first) and ``value``.
+        measure: the measure's name
+        rows: one row per participant and condition, with the columns ``participant``, ``condition``, ``position`` (1,
+            2, ...), ``before`` (the condition just before, "" for the first one) and ``value``
     """
     known = rows.dropna(subset=["value"])
     is_repeated = known.groupby("participant")["value"].transform("size") > 1
@@ -163,29 +178,26 @@ def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]
     for effect in dummies:
         other_dummies = [dummy for name, dummy in dummies.items() if name != effect]
         rank, squares = _fit(np.column_stack([people, *other_dummies]), value)
-        own = whole_rank - rank
-        if own:
-            f = (squares - whole_squares) / own / (whole_squares / residual_freedom)
-            terms.append(
-                CrossoverTerm(
-                    measure, effect, (own, residual_freedom), f, float(scipy.special.fdtrc(own, residual_freedom, f))
-                )
-            )
+        effect_freedom = whole_rank - rank
+        if effect_freedom:
+            f = (squares - whole_squares) / effect_freedom / (whole_squares / residual_freedom)
+            p = float(scipy.special.fdtrc(effect_freedom, residual_freedom, f))
+            terms.append(CrossoverTerm(measure, effect, (effect_freedom, residual_freedom), f, p))
     return tuple(terms)
 
 
 def _fit(design: Values, value: Values) -> tuple[int, float]:
-    """Return a design's rank and the residual sum of squares of its least-squares fit."""
+    """Return the rank of a design matrix and the residual sum of squares of its least-squares fit."""
     fitted, _, rank, _ = np.linalg.lstsq(design, value, rcond=1e-10)
     return int(rank), float(((value - design @ fitted) ** 2).sum())
 
 
-MIN_EPISODES = 3  # for a line of one's own
+MIN_EPISODES = 3  # the fewest episodes to which a participant's line is fitted
 
 
 @dataclass(frozen=True, slots=True)
 class GrowthTerm:
-    """One estimate over people, with its t interval and p; NaN where too few people tell it."""
+    """An estimate over people with its t interval and p, which are NaN if the people are too few."""
 
     name: str
     estimate: float
@@ -196,7 +208,11 @@ class GrowthTerm:
 
 @dataclass(frozen=True, slots=True)
 class GrowthComparison:
-    """A measure at the middle of a block and its change an episode, in the reference group and against it."""
+    """The comparison of groups in a measure's level in the middle of a block and its change per episode.
+
+    The terms of the reference group are its level and change; those of every other group are the differences from the
+    reference group.
+    """
 
     measure: str
     reference: str  # every other group's terms are its difference from this one
@@ -205,14 +221,20 @@ class GrowthComparison:
 
 
 def compare_growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = ()) -> GrowthComparison | None:
-    """Compare lines of a measure over ``episode_in_block`` between groups; None where no group has two people.
+    """Compare groups by the lines that fit each participant's values over ``episode_in_block``.
 
-    ``rows`` has one row an episode: ``participant``, ``group``, ``episode_in_block`` and the measure. The last group
-    of ``order`` (of the alphabet without one) that can be compared is the reference.
+    This is the summary-statistics analysis of a random-slopes model. It is exact where all people have the same
+    episodes, and keeps its nominal error rate where people's slopes differ. A random intercept alone does not: with
+    slopes of SD 0.01 around 0, 20 people and a term for the episode, it rejects a true null hypothesis in a third of
+    studies.
 
-    The summary-statistics analysis of a random-slopes model: exact where everybody has the same episodes, and at its
-    nominal error where people's slopes differ, which a random intercept alone is not (with slopes of SD 0.01 around 0,
-    20 people and a term for the episode, it rejects a true null in a third of studies).
+    Args:
+        rows: one row per episode, with the columns ``participant``, ``group``, ``episode_in_block`` and the measure
+        measure: the measure's column
+        order: the groups, in alphabetical order if not given; the last one that can be compared is the reference
+
+    Returns:
+        The comparison; None if no group has two people with a line.
     """
     lines = _fit_lines(rows.dropna(subset=[measure]), measure)
     everyone = list(order) or sorted({str(group) for group in rows["group"]})
@@ -240,7 +262,10 @@ def compare_growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = (
 
 
 def _fit_lines(known: pd.DataFrame, measure: str) -> dict[str, list[tuple[float, float]]]:
-    """Fit a line to each participant with enough episodes: level in the middle of the block and slope, by group."""
+    """Return by group the level in the middle of the block and the slope of each participant's line.
+
+    Participants with too few episodes are left out.
+    """
     middle = known["episode_in_block"].mean()
     centred = known.assign(at=known["episode_in_block"] - middle, value=known[measure])
     by_person = centred.groupby(["group", "participant"])
@@ -259,32 +284,33 @@ def _fit_lines(known: pd.DataFrame, measure: str) -> dict[str, list[tuple[float,
 
 @dataclass(frozen=True, slots=True)
 class MixedModel:
-    """A linear mixed model of a measure's episodes, by REML."""
+    """A linear mixed model of a measure over episodes, fitted by REML."""
 
     has_slopes: bool  # of each person, besides the intercept
     people: int
     terms: tuple[GrowthTerm, ...]  # those of ``GrowthComparison``; empty where no model converged
 
 
-MIN_GAIN = 1e-3  # of a log-likelihood, from which on a part of a mixed model counts
-_MAX_RATIO = 1e3  # of an SD of people to the residual one; at half of it the likelihood is said to have no maximum
+# The gain in log-likelihood above which a part of a mixed model is kept: programs do not stop at the same last digits.
+MIN_GAIN = 1e-3
+_MAX_RATIO = 1e3  # the largest SD between people over the residual SD; above half of it, the likelihood has no maximum
 
 
 def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> MixedModel | None:
-    """Fit group, episode and their product by REML, with a random intercept and slope of each person, or an intercept.
+    """Fit group, episode and their interaction by REML, with random slopes or random intercepts of people.
 
-    Two programs need not stop at the same last digits, so each choice has a margin: slopes are kept where the
-    log-likelihood is higher by more than ``MIN_GAIN`` than with any singular covariance of intercept and slope, which
-    is that of no slopes, too; the intercept where it is higher by as much than without one. Where neither is, or the
-    likelihood has no maximum, no model is reported.
-
-    Intervals and p are Wald's with a t of as many degrees of freedom as there are people above groups, since the
-    groups' terms differ between people. The last group is the reference. None with fewer than two such degrees.
+    Random slopes and intercepts are kept if they raise the log-likelihood by more than ``MIN_GAIN`` above that of every
+    singular covariance of the two; otherwise, intercepts alone are kept if they raise it by as much. If neither is
+    kept, or no maximum exists, the model has no terms. Intervals and p are Wald's, with a t distribution whose degrees
+    of freedom are people minus groups, since the groups' terms differ between people. The last group is the reference.
 
     Args:
-        rows: a row per episode, with ``participant``, ``group``, ``episode_in_block`` and the measure.
-        measure: its column.
-        groups: those that are compared.
+        rows: one row per episode, with ``participant``, ``group``, ``episode_in_block`` and the measure
+        measure: the measure's column
+        groups: the groups to compare
+
+    Returns:
+        The model; None if there are fewer than two degrees of freedom.
     """
     known = rows[rows["group"].isin(groups)].dropna(subset=[measure]).sort_values("participant", kind="stable")
     *other_groups, reference = groups
@@ -315,7 +341,7 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
 
 
 def _name_mixed_terms(measure: str, reference: str, other_groups: Sequence[str]) -> list[str]:
-    """Name the terms of a mixed model: the levels of the groups, then their changes."""
+    """Return the names of a mixed model's terms: the levels of all groups, then their changes per episode."""
     names = []
     for quantity in (f"{measure} in the middle of the block", "change an episode"):
         names.append(f"{reference}: {quantity}")
@@ -324,17 +350,17 @@ def _name_mixed_terms(measure: str, reference: str, other_groups: Sequence[str])
 
 
 def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) -> tuple[float, Values, Values]:
-    """Maximise the restricted likelihood of random lines of people, as lme4 profiles it (Bates et al., 2015, 3.4).
+    """Maximise the restricted likelihood of a linear mixed model, profiled as in lme4 (Bates et al., 2015, 3.4).
 
     Args:
-        design: the terms, and last the measure.
-        at: where on a line each row is.
-        begins: the first row of each person, whose rows follow each other.
-        free: so many of the covariance's parameters are free, and the others 0: the SD of intercepts, what slopes share
-            with them, and the variance of the rest of slopes, over the residual variance.
+        design: the columns of the model's terms, with the measure as the last column
+        at: the position of each row on its person's line
+        begins: the first row of each person, whose rows follow each other
+        free: the number of fitted covariance parameters, the others being 0: the SD of intercepts, the part of slopes
+            shared with intercepts, and the variance of the rest of slopes, all relative to the residual variance
 
     Returns:
-        Its logarithm but for a constant, minus infinity without a maximum; the estimates, and their standard errors.
+        The log-likelihood up to a constant (-infinity without a maximum), the estimates, and their standard errors.
     """
     own = np.column_stack([np.ones(len(at)), at / at.std()])
     among, between = (np.add.reduceat(own[:, :, None] * columns[:, None, :], begins) for columns in (own, design))
@@ -372,20 +398,22 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
 
 
 def estimate_mean(name: str, values: Values) -> GrowthTerm:
-    """Estimate a mean over people, with its t interval and the p of its being 0; NaN where all have one value."""
+    """Estimate a mean over people, with its t interval and the p of the null hypothesis that the mean is 0.
+
+    The interval and p are NaN if all people have the same value.
+    """
     mean = float(values.mean())
     n = len(values)
     if not np.ptp(values):
         return GrowthTerm(name, mean, (math.nan, math.nan), math.nan, n)
     error = float(values.std(ddof=1)) / math.sqrt(n)
     half = float(scipy.special.stdtrit(n - 1, (1 + LEVEL) / 2)) * error
-    return GrowthTerm(
-        name, mean, (mean - half, mean + half), float(2 * scipy.special.stdtr(n - 1, -abs(mean) / error)), n
-    )
+    p = float(2 * scipy.special.stdtr(n - 1, -abs(mean) / error))
+    return GrowthTerm(name, mean, (mean - half, mean + half), p, n)
 
 
 def _estimate_difference(name: str, values: Values, base: Values) -> GrowthTerm:
-    """Estimate the difference of two groups' means; without interval and p where no value differs."""
+    """Estimate the difference of two groups' means; the interval and p are NaN if no value varies within a group."""
     people = len(values) + len(base)
     if not max(np.ptp(values), np.ptp(base)):
         return GrowthTerm(name, float(values.mean() - base.mean()), (math.nan, math.nan), math.nan, people)

@@ -1,4 +1,4 @@
-"""Permutation tests of the difference of two groups, plain or adjusted for covariates."""
+"""Permutation tests of the difference of two groups, with or without adjustment for covariates."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -25,9 +25,10 @@ _LARGEST_T = 1e18  # squared
 class PermutationTest:
     """The permutation test of |Welch's t| of two groups, for any shift between their means.
 
-    Studentised (Janssen, 1997), so that a test of means stays one where spreads and sizes differ: of the plain
-    difference, 5 against 25 with SDs 3 to 1 reject a true null in 27 to 29 % of studies. The interval holds the shifts
-    that the same regroupings do not reject at 5 %, so that it never contradicts p.
+    The statistic is studentised (Janssen, 1997), so that the test compares means even where spreads and sizes differ.
+    With 5 and 25 participants and SDs of 3 and 1, permutations of the plain difference reject a true null hypothesis in
+    27 to 29 % of studies. The interval contains the shifts that the same regroupings do not reject at 5 %, so it never
+    contradicts p.
     """
 
     n: tuple[int, int]
@@ -42,11 +43,12 @@ class PermutationTest:
     extra: int  # 1 where regroupings are a random sample: the groups as they were count as one more
 
     def p(self, shift: float = 0.0) -> float:
-        """Return the two-sided p of a difference of ``shift``.
+        """Return the two-sided p of the null hypothesis that the difference is ``shift``.
 
-        Groups of unequal sizes, of which one is below ten, make regroupings reject a true null too often if the small
-        one varies more, so there p is no smaller than Welch's t has it; below four participants, than a t with the
-        smaller group's degrees of freedom, which is never too small for normal values (Mickey and Brown, 1966).
+        Where group sizes differ and one is below ten, regroupings reject a true null hypothesis too often if the
+        smaller group varies more. There, p is at least that of Welch's t. Below four participants, p is at least that
+        of a t with the smaller group's degrees of freedom, which is never too small for normal values (Mickey and
+        Brown, 1966).
         """
         p = self.regrouped_p(shift)
         if not self.error > 0 or smallest_p(self.n) >= ALPHA:
@@ -57,7 +59,10 @@ class PermutationTest:
         return max(p, float(2 * scipy.special.stdtr(freedom, -abs(self.difference - shift) / self.error)))
 
     def regrouped_p(self, shift: float = 0.0) -> float:
-        """Return the share of regroupings at least as far apart as the groups, once the first is moved by -shift."""
+        """Return the share of regroupings with a |t| of at least the observed one.
+
+        The first group is moved by -shift beforehand.
+        """
         n, m = self.n
         d = self.difference - shift
         sums = self.sums + d * self.members
@@ -76,7 +81,7 @@ class PermutationTest:
         return (as_far + self.extra) / (len(t) + self.extra)
 
     def _square_t(self, difference: float, scale: float) -> float:
-        """Return the groups' own squared t of a difference; 0 where only rounding leaves any difference."""
+        """Return the squared t of the observed groups for a difference; 0 if it is only a rounding error."""
         if difference * difference <= _NO_SPREAD * scale:
             return 0.0
         if self.error**2 > _NO_SPREAD * scale:
@@ -85,11 +90,11 @@ class PermutationTest:
 
     @property
     def has_interval(self) -> bool:
-        """Say whether values vary, and groups are large enough for an interval and for p < 0.05."""
+        """Whether values vary and the groups are large enough for an interval and for p < 0.05."""
         return self.error > 0 and min(self.n) >= LEAST_ESTIMATED and smallest_p(self.n) < ALPHA
 
     def interval(self) -> tuple[float, float]:
-        """Return the 95 % interval of the difference; NaN where it has none."""
+        """Return the 95 % interval of the difference; NaN if the test has no interval."""
         if self.has_interval:
             return invert_test(self.p, self.difference, self.error)
         return _NOTHING
@@ -97,11 +102,12 @@ class PermutationTest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustedTest:
-    """The permutation test of a difference of two groups at equal covariates (an analysis of covariance).
+    """The permutation test of the difference of two groups at equal covariates (an analysis of covariance).
 
-    Residuals of the model without groups are permuted and the whole model is fitted to them again (Freedman and Lane,
-    1983), so that p counts the error of the slopes. Studentised by HC3 (DiCiccio and Romano, 2017); p is no smaller
-    than its t has it where sizes differ, as in the test of means. The interval inverts the same test.
+    Residuals of the model without groups are permuted, and the whole model is fitted to them again (Freedman and Lane,
+    1983), so that p includes the uncertainty of the slopes. The statistic is studentised by HC3 standard errors
+    (DiCiccio and Romano, 2017). Where group sizes differ, p is at least that of the t, as in the test of means. The
+    interval inverts the same test.
     """
 
     n: tuple[int, int]
@@ -113,7 +119,7 @@ class AdjustedTest:
     squares: Values  # (3, permutations) squared error: of a shift of 0, and its first and second power's coefficients
 
     def p(self, shift: float = 0.0) -> float:
-        """Return the two-sided p of an adjusted difference of ``shift``."""
+        """Return the two-sided p of the null hypothesis that the adjusted difference is ``shift``."""
         observed = abs(self.difference - shift) / self.error
         d = -shift
         error = self.squares[0] + 2 * d * self.squares[1] + d * d * self.squares[2]
@@ -130,15 +136,15 @@ class AdjustedTest:
 
 
 def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[Values, Values, AdjustedTest] | None:
-    """Adjust two groups' values to the covariates' means, and test their difference.
+    """Adjust two groups' values to the means of the covariates, and test their difference.
 
     Args:
-        a: values (n,) and covariates (n, covariates) of the first group.
-        b: of the second group.
+        a: the first group's values, of shape (n,), and covariates, of shape (n, covariates)
+        b: the second group's values and covariates, of the same form
 
     Returns:
-        None where fewer than LEAST_FREEDOM residual degrees of freedom are left, a group has fewer than
-        LEAST_ESTIMATED, or the covariates leave nothing to compare.
+        Both groups' adjusted values and the test. None if fewer than LEAST_FREEDOM residual degrees of freedom are
+        left, a group has fewer than LEAST_ESTIMATED participants, or no variation is left beside the covariates.
     """
     n = len(a[0])
     m = len(b[0])
@@ -179,13 +185,16 @@ def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[V
 
 
 def _draw_orders(total: int) -> NDArray[np.int_]:
-    """Draw RESAMPLES permutations of the participants, (permutations, total)."""
+    """Return RESAMPLES random permutations of the participants, of shape (permutations, total)."""
     rng = np.random.default_rng(SEED)
     return rng.permuted(np.tile(np.arange(total), (RESAMPLES, 1)), axis=1)
 
 
 def invert_test(p: Callable[[float], float], estimate: float, error: float) -> tuple[float, float]:
-    """Search outwards from the estimate for the interval of values that a two-sided test does not reject at 5 %."""
+    """Return the interval of values that a two-sided test does not reject at 5 %.
+
+    Both bounds are searched for outwards from the estimate.
+    """
     zero_rejected = p(0.0) < ALPHA
     return (
         _search_bound(p, estimate, -error, zero_rejected=zero_rejected),
@@ -194,7 +203,7 @@ def invert_test(p: Callable[[float], float], estimate: float, error: float) -> t
 
 
 def _search_bound(p: Callable[[float], float], estimate: float, step: float, *, zero_rejected: bool) -> float:
-    """Return the last value on the side of ``step`` that is not rejected."""
+    """Return the last value that is not rejected, searching from the estimate in the direction of ``step``."""
     inside = estimate
     outside = math.nan
     if -estimate * step > 0:  # 0 lies on this side, and what p says of it stands
@@ -218,14 +227,18 @@ def _search_bound(p: Callable[[float], float], estimate: float, step: float, *, 
 
 
 def _squared_error(squares: Values, n: int, scale: float) -> Values:
-    """Return the squared error of a mean from its group's sum of squares; exactly 0 where only rounding leaves any."""
+    """Return the squared standard error of a mean, computed from its group's sum of squares.
+
+    It is exactly 0 where values differ only by rounding errors.
+    """
     return np.where(squares <= _NO_SPREAD * scale * n, 0.0, squares / (n * (n - 1)))
 
 
 def permutation_tests(pairs: Sequence[tuple[Values, Values]]) -> list[PermutationTest | None]:
-    """Test each pair of groups over their regroupings, all of them if there are at most RESAMPLES.
+    """Return the permutation test of each pair of groups; None where a group has fewer than two participants.
 
-    None where a group has fewer than two. Pairs of the same sizes are regrouped in the same ways.
+    All regroupings are used if there are at most RESAMPLES, and a random sample otherwise. Pairs of the same sizes use
+    the same regroupings.
     """
     tests: list[PermutationTest | None] = [None] * len(pairs)
     sizes = [(len(a), len(b)) for a, b in pairs]
@@ -249,18 +262,29 @@ def permutation_tests(pairs: Sequence[tuple[Values, Values]]) -> list[Permutatio
             else:
                 freedom = math.nan
             tests[place] = PermutationTest(
-                (n, m), a - b, error, freedom, float(squares.sum()), totals[:, -1], totals[:, at],
-                totals[:, 2 * count + at], totals[:, count + at], extra,
-            )  # fmt: skip
+                n=(n, m),
+                difference=a - b,
+                error=error,
+                freedom=freedom,
+                sum_of_squares=float(squares.sum()),
+                members=totals[:, -1],
+                sums=totals[:, at],
+                own_sums=totals[:, 2 * count + at],
+                squares=totals[:, count + at],
+                extra=extra,
+            )
     return tests
 
 
 def floor_freedom(n: tuple[int, int], freedom: float) -> float:
-    """Return the degrees of freedom of the t below which a permutation test's p may not fall; 0 where there is none.
+    """Return the degrees of freedom of the t distribution that is a lower limit of the permutation test's p.
 
     Args:
-        n: participants per group.
-        freedom: Welch's.
+        n: the number of participants in each group
+        freedom: the degrees of freedom of Welch's t
+
+    Returns:
+        The degrees of freedom; 0 if p has no lower limit.
     """
     small = min(n)
     if small < 4:
@@ -271,7 +295,7 @@ def floor_freedom(n: tuple[int, int], freedom: float) -> float:
 
 
 def smallest_p(n: tuple[int, int]) -> float:
-    """Return the smallest p that the permutation test can come to with groups of these sizes."""
+    """Return the smallest p that the permutation test can reach with groups of these sizes."""
     regroupings = count_regroupings(*n)
     if regroupings > RESAMPLES:
         return 1 / (RESAMPLES + 1)

@@ -1,4 +1,4 @@
-"""The regroupings of a permutation test: all of them, a random sample, or the limit that their totals tend to."""
+"""The regroupings of a permutation test: all of them, a random sample, or the limiting distribution of their totals."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -22,15 +22,15 @@ SEED = 20_230_613  # of the permutations, so that the same data give the same p
 def draw_totals(columns: Values, n: int) -> Values:
     """Return the totals of columns over the first group, for each regrouping.
 
-    In large groups (``has_limit``) totals are drawn from the normal distribution that they tend to (Hajek,
-    1960), with their own means and covariances: no p differs by more than the drawing of regroupings lets it.
+    In large groups (see ``has_limit``), totals are drawn from the normal distribution to which they converge (Hajek,
+    1960), with the same means and covariances. No p value differs by more than the random error of drawing regroupings.
 
     Args:
-        columns: (participants, columns).
-        n: participants in the first group.
+        columns: values of shape (participants, columns)
+        n: the number of participants in the first group
 
     Returns:
-        (regroupings, columns).
+        Totals of shape (regroupings, columns).
     """
     total = len(columns)
     if not has_limit(n, total - n, total):
@@ -44,19 +44,28 @@ def draw_totals(columns: Values, n: int) -> Values:
 
 
 def has_limit(n: int, m: int, values: int) -> bool:
-    """Say whether groups of these sizes, with so many informative values, are tested by their limit."""
+    """Return whether a test uses the limiting distribution of the regroupings instead of the regroupings.
+
+    Args:
+        n: the number of participants in the first group
+        m: the number of participants in the second group
+        values: the number of informative values
+    """
     return values > LARGEST_REGROUPED and min(n, m) >= LEAST_LARGE
 
 
 def count_regroupings(n: int, m: int) -> float:
-    """Count the ways to form groups of these sizes; infinity where there are too many to enumerate."""
+    """Return the number of ways to form groups of these sizes; infinity if there are too many to enumerate."""
     if min(n, m) <= 3 or n + m <= _ALWAYS_DRAWN:
         return math.comb(n + m, n)
     return math.inf
 
 
 def draw_regroupings(n: int, m: int) -> Iterable[Values]:
-    """Return batches of (regroupings, n + m), 1 for members of the first group: all, or RESAMPLES drawn ones."""
+    """Return batches of regroupings: all of them, or RESAMPLES random ones.
+
+    Each batch has the shape (regroupings, n + m); a 1 marks a member of the first group.
+    """
     if n + m <= _CACHED_SIZE:
         return _cache_regroupings(n, m)
     return _make_regroupings(n, m)
@@ -80,7 +89,7 @@ def _make_regroupings(n: int, m: int) -> Iterator[Values]:
 
 
 def _membership(first: NDArray[np.int_], total: int) -> Values:
-    """Return (regroupings, total), 1 where a participant is in the first group."""
+    """Return an array of shape (regroupings, total) with a 1 for each participant in the first group."""
     members = np.zeros((len(first), total))
     np.put_along_axis(members, first, 1.0, axis=1)
     return members

@@ -1,4 +1,4 @@
-"""How well a measure tells participants apart: intraclass correlation and split halves, within groups."""
+"""The reliability of a measure: how well it distinguishes participants, by intraclass correlation and split halves."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ _MOST = 1 - 1e-12  # a correlation, of which Fisher's z is taken
 
 @dataclass(frozen=True, slots=True)
 class Reliability:
-    """A measure's reliability over the participants with two or more episodes; intervals are 95 %."""
+    """A measure's reliability over the participants with two or more episodes, with 95 % intervals."""
 
     measure: str
     participants: int
@@ -24,12 +24,12 @@ class Reliability:
 
 
 def estimate_reliability(measure: str, rows: pd.DataFrame) -> Reliability | None:
-    """Estimate it from columns group, participant and value, in the order of play.
+    """Estimate a measure's reliability within groups; return None if too few participants are left or nothing varies.
 
-    ICC(1), one-way random effects, and its interval by F, after Shrout and Fleiss (1979), for groups of unequal means
-    and participants with unequal numbers of episodes. Halves: Spearman and Brown's correction of the correlation of
-    two means per participant, within groups, 0 where it is negative; its interval by Fisher's z. None where fewer than
-    three participants are left over after one for each group, or where nothing varies.
+    ``rows`` has ``group``, ``participant`` and ``value`` in the order of play. Participants must outnumber groups by
+    three. The intraclass correlation is ICC(1), one-way random effects, with an interval from F (Shrout and Fleiss,
+    1979), for unequal means of groups and numbers of episodes. The split-half reliability is Spearman and Brown's
+    correction of the correlation of two means per participant, at least 0, with an interval from Fisher's z.
     """
     keys = ["group", "participant"]
     rows = rows.dropna()

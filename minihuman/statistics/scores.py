@@ -1,5 +1,6 @@
-"""Success rates and scores: Wilson's interval of a rate; scores of players on the same levels, human-normalised and
-relative, with crossed bootstrap intervals. Needs neither scipy nor pandas.
+"""Success rates and scores: the Wilson interval of a rate, and players' scores on the same levels.
+
+Scores are human-normalised and relative, with crossed bootstrap intervals. The module needs neither SciPy nor pandas.
 """
 
 import math
@@ -8,16 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+_Z_95 = 1.959963984540054  # the normal distribution's quantile at 0.975
+
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
-    """Compute the 95 % score interval (Wilson, 1927) of a success rate; (0, 1) where nothing was tried."""
+    """Return the 95 % score interval (Wilson, 1927) of a success rate; (0, 1) without any trial."""
     if trials == 0:
         return 0.0, 1.0
-    z = 1.959963984540054
+    z_squared = _Z_95 * _Z_95
     rate = successes / trials
-    middle = rate + z * z / (2 * trials)
-    half = z * math.sqrt(rate * (1 - rate) / trials + z * z / (4 * trials * trials))
-    scale = 1 + z * z / trials
+    middle = rate + z_squared / (2 * trials)
+    half = _Z_95 * math.sqrt(rate * (1 - rate) / trials + z_squared / (4 * trials * trials))
+    scale = 1 + z_squared / trials
     return max(0.0, (middle - half) / scale), min(1.0, (middle + half) / scale)
 
 
@@ -28,14 +31,14 @@ HUMAN_REFERENCE = 10  # people from whom on a reference is called human
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A value and its 95 % interval; NaN where it cannot be known."""
+    """A value and its 95 % interval; NaN where it is unknown."""
 
     value: float
     low: float
     high: float
 
     def holds(self, value: float) -> bool:
-        """Say whether the interval contains a value."""
+        """Return whether the interval contains a value."""
         return self.low <= value <= self.high
 
 
@@ -44,10 +47,10 @@ class Runs:
     """One player's episodes on some levels; NaN where a run has no episode of a level.
 
     Attributes:
-        success: (runs, levels), 1 or 0; means over a run's repeated episodes.
-        efficiency: (runs, levels), the fewest steps over the steps taken, 0 without success; NaN where the fewest are
-            not known.
-        steps: (runs, levels), the step limit without success.
+        success: an array of shape (runs, levels), 1 for success and 0 for failure; the mean of repeated episodes
+        efficiency: an array of shape (runs, levels), the fewest possible steps divided by the steps taken; 0 without
+            success, NaN where the fewest steps are unknown
+        steps: an array of shape (runs, levels), the steps taken; the step limit without success
     """
 
     success: Array
@@ -57,7 +60,7 @@ class Runs:
 
 @dataclass(frozen=True, slots=True)
 class PlayerScore:
-    """How one player compares with the reference on the levels that both played."""
+    """The scores of one player, compared with the reference on the levels that both played."""
 
     success: Estimate
     efficiency: Estimate
@@ -72,14 +75,15 @@ def score_player(
 ) -> PlayerScore:
     """Score a player against a reference and a floor, all on the same levels in the same order.
 
-    The human-normalised score is that of Mnih et al. (2015), of efficiency: (player - floor) / (reference - floor).
+    The human-normalised score is that of Mnih et al. (2015), computed from efficiency: (player - floor) / (reference -
+    floor).
 
     Args:
-        player: whose score it is; the reference itself scores 1 with the spread of its own people.
-        reference: people, or who stands in for them.
-        floor: the random player; None: 0.
-        seed: of the draws.
-        draws: of the bootstrap.
+        player: the runs to score; if they are the reference itself, the score is 1 with the spread of its own people
+        reference: the runs of people, or of the player that stands in for them
+        floor: the runs of the random player; None for a floor of 0
+        seed: the seed of the bootstrap
+        draws: the number of bootstrap samples
     """
     rng = np.random.default_rng(seed)
     level_weights = _draw_weights(rng, player.success.shape[1], draws)
@@ -109,13 +113,16 @@ def score_player(
 
 
 def _draw_weights(rng: np.random.Generator, count: int, draws: int) -> Array:
-    """Draw how often each of ``count`` is in each draw, (draws + 1, count); the first draw is the sample itself."""
+    """Return how often each of ``count`` units is in each bootstrap sample, of shape (draws + 1, count).
+
+    The first row is the original sample, with a weight of 1 for each unit.
+    """
     resamples = rng.multinomial(count, np.full(count, 1 / count), size=draws).astype(float)
     return np.concatenate([np.ones((1, count)), resamples])
 
 
 def _average_runs(runs: Runs, run_weights: Array, level_weights: Array) -> dict[str, Array]:
-    """Average each measure of a player over runs and levels, under each draw's weights."""
+    """Return the mean of each measure over runs and levels, by measure, under each bootstrap sample's weights."""
     return {
         name: _weighted_mean(getattr(runs, name), run_weights, level_weights)
         for name in ("success", "efficiency", "steps")
@@ -123,7 +130,13 @@ def _average_runs(runs: Runs, run_weights: Array, level_weights: Array) -> dict[
 
 
 def _weighted_mean(values: Array, rows: Array, columns: Array) -> Array:
-    """Average (runs, levels) under each draw's weights, (draws + 1,): the mean of each level's mean over its runs."""
+    """Return the mean over levels of each level's mean over runs, under each bootstrap sample's weights.
+
+    Args:
+        values: an array of shape (runs, levels); NaN where a run has no episode of a level
+        rows: the weights of runs, of shape (draws + 1, runs)
+        columns: the weights of levels, of shape (draws + 1, levels)
+    """
     present = ~np.isnan(values)
     with np.errstate(invalid="ignore", divide="ignore"):
         levels = (rows @ np.where(present, values, 0.0)) / (rows @ present.astype(float))
@@ -133,13 +146,16 @@ def _weighted_mean(values: Array, rows: Array, columns: Array) -> Array:
 
 
 def _excludes(draws: Array, value: float) -> bool:
-    """Say whether the interval of 97.5 %, one of two tests, leaves out a value; False where it cannot be known."""
+    """Return whether the 97.5 % interval excludes a value; False if the interval is unknown.
+
+    Two such tests together have an error of 5 %.
+    """
     interval = _estimate(draws, share=0.975)
     return interval.high < value or interval.low > value
 
 
 def _estimate(draws: Array, least: float = -np.inf, most: float = np.inf, *, share: float = 0.95) -> Estimate:
-    """Return the sample's value, and the percentile interval of the draws."""
+    """Return the value of the original sample with the percentile interval of the bootstrap samples."""
     known = draws[1:][np.isfinite(draws[1:])]
     if not len(known) or not np.isfinite(draws[0]):
         return Estimate(float(draws[0]), np.nan, np.nan)

@@ -1,8 +1,9 @@
-"""Signal detection: sensitivity and criterion from counts, with the log-linear correction for everybody.
+"""Signal detection: sensitivity and criterion from counts, with the log-linear correction for every observer.
 
-Sources: Macmillan and Creelman (2005), Detection theory: a user's guide, chapters 1 and 2; Hautus (1995), Behavior
-Research Methods, Instruments, & Computers 27, 46-51, for the correction: 0.5 is added to each count and 1 to the trials
-of each kind, whether or not a rate is 0 or 1, as a correction of extreme rates alone would bias comparisons.
+The measures follow Macmillan and Creelman (2005), Detection theory: a user's guide, chapters 1 and 2. The correction
+follows Hautus (1995), Behavior Research Methods, Instruments, & Computers 27, 46-51: 0.5 is added to each count and 1
+to the number of trials of each kind, even where no rate is 0 or 1, because correcting only extreme rates would bias
+comparisons.
 """
 
 import math
@@ -14,7 +15,7 @@ _NORMAL = NormalDist()
 
 @dataclass(frozen=True, slots=True)
 class DetectionMeasures:
-    """One observer's detection in one condition."""
+    """The detection measures of one observer in one condition."""
 
     hit_rate: float  # as counted; NaN without signal trials
     false_alarm_rate: float  # as counted; NaN without noise trials
@@ -23,7 +24,7 @@ class DetectionMeasures:
 
 
 def measure_detection(hits: int, misses: int, false_alarms: int, correct_rejections: int) -> DetectionMeasures:
-    """Measure detection from counts.
+    """Compute detection measures from counts of responses.
 
     Raises:
         ValueError: if a count is below 0.

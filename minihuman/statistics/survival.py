@@ -1,6 +1,4 @@
-"""Survival analysis: times until an event, censored times included; Kaplan-Meier curves, restricted means and the
-log-rank test.
-"""
+"""Survival analysis of right-censored times: Kaplan-Meier curves, restricted means and the log-rank test."""
 
 import math
 from dataclasses import dataclass
@@ -21,25 +19,29 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurvivalTimes:
-    """Waiting times, and whether the event was observed: False where the watching stopped first (right-censored)."""
+    """Waiting times, each with a flag: True if the event was observed, False if the time is right-censored."""
 
     times: Values  # (n,) of any unit
     observed: Flags  # (n,)
 
     def __post_init__(self) -> None:
-        """Refuse times without flags, of other shapes, or that are NaN."""
+        """Check that times and flags have the same one-dimensional shape and that no time is NaN.
+
+        Raises:
+            ValueError: if they do not.
+        """
         if self.times.shape != self.observed.shape or self.times.ndim != 1 or np.isnan(self.times).any():
             shapes = f"times has shape {self.times.shape} and observed {self.observed.shape}"
             raise ValueError(f"{shapes}; give one finite time and one observed flag per participant")
 
     def waiting(self, at: Values) -> NDArray[np.int64]:
-        """Count who is still waiting at some times: the line under a survival figure."""
+        """Return the number of participants still at risk at some times, as written below a survival figure."""
         return len(self.times) - np.searchsorted(np.sort(self.times), at)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurvivalCurve:
-    """The share without the event (Kaplan and Meier, 1958), at each time of an event."""
+    """The share of participants without the event (Kaplan and Meier, 1958), at each time of an event."""
 
     times: Values  # (k,) rising
     share: Values  # (k,) just after
@@ -48,7 +50,7 @@ class SurvivalCurve:
 
 @dataclass(frozen=True, slots=True)
 class SurvivalComparison:
-    """Two groups' waiting, first minus second."""
+    """The comparison of two groups' waiting times; differences are the first group minus the second."""
 
     n: tuple[int, int]
     censored: tuple[int, int]  # without the event until the watching stopped
@@ -61,7 +63,7 @@ class SurvivalComparison:
 
 
 def kaplan_meier(survival_times: SurvivalTimes) -> SurvivalCurve:
-    """Compute the Kaplan-Meier curve."""
+    """Return the Kaplan-Meier curve of survival times."""
     times, observed = np.unique(survival_times.times[survival_times.observed], return_counts=True)
     at_risk = survival_times.waiting(times)
     share: Values = np.cumprod(1 - observed / at_risk).astype(np.float64)
@@ -69,11 +71,14 @@ def kaplan_meier(survival_times: SurvivalTimes) -> SurvivalCurve:
 
 
 def compare_survival(first: SurvivalTimes, second: SurvivalTimes) -> SurvivalComparison | None:
-    """Compare two groups by restricted means and the log-rank test; None where a group has fewer than two.
+    """Compare two groups by restricted means and the log-rank test.
 
-    Interval and p are of one permutation test of the studentised difference (Horiguchi and Uno, 2020; Ditzhaus et al.,
-    2023): participants are regrouped with their times, and curves, horizon and Greenwood's variance are computed again.
-    If all were watched to the end, it is the test of |Welch's t| of the times, cut there.
+    The comparison is None if a group has fewer than two participants.
+
+    The interval and p of the difference come from one permutation test of the studentised difference (Horiguchi and
+    Uno, 2020; Ditzhaus et al., 2023): participants are regrouped with their times, and the curves, the horizon and
+    Greenwood's variance are computed anew for each regrouping. Without censoring, it is the test of |Welch's t| of the
+    times truncated at the horizon.
     """
     n = (len(first.times), len(second.times))
     if min(n) < 2:
@@ -91,7 +96,10 @@ def compare_survival(first: SurvivalTimes, second: SurvivalTimes) -> SurvivalCom
 
 
 def _test(pooled: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") -> tuple[tuple[float, float], float]:
-    """Test the difference: its interval and p; NaN below LEAST_EVENTS, or where none could have p < 0.05."""
+    """Return the interval and p of the difference of restricted means.
+
+    They are NaN if a group has fewer than LEAST_EVENTS events, or if no difference could reach p < 0.05.
+    """
     refused = ((math.nan, math.nan), math.nan)
     if not own.enough[0] or not own.error[0] > 0:
         return refused
@@ -115,7 +123,10 @@ def _test(pooled: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") ->
 
 
 def _draw_differences(pooled: SurvivalTimes, n: tuple[int, int]) -> Values:
-    """Draw each regrouping's difference in standard errors; with many events from their limit."""
+    """Return each regrouping's difference in standard errors, without its sign.
+
+    With many events, they are drawn from the normal distribution to which they converge.
+    """
     if has_limit(*n, int(pooled.observed.sum())):
         return np.abs(np.random.default_rng(SEED).standard_normal(RESAMPLES))
     batches = [
@@ -123,16 +134,15 @@ def _draw_differences(pooled: SurvivalTimes, n: tuple[int, int]) -> Values:
         for members in draw_regroupings(*n)
         for part in np.array_split(members, members.size // _AT_ONCE + 1)
     ]
-    enough = np.concatenate(
-        [batch.enough for batch in batches]
-    )  # those that would be refused say nothing of this study
+    # a regrouping with too few events would be refused, as a study, so it is not compared with this one
+    enough = np.concatenate([batch.enough for batch in batches])
     apart: Values = np.concatenate([batch.apart for batch in batches])[enough]
     return apart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RestrictedMeans:
-    """Two groups' restricted means for each of some regroupings."""
+    """The restricted means of two groups, for each of some regroupings."""
 
     until: Values  # (regroupings,)
     means: tuple[Values, Values]
@@ -145,14 +155,19 @@ class _RestrictedMeans:
 
     @property
     def apart(self) -> Values:
-        """Return the difference in standard errors, without its sign."""
+        """The absolute difference of the two means, in standard errors."""
         difference = np.abs(self.means[0] - self.means[1])
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(difference <= _TIES * self.until, 0.0, difference / self.error)
 
 
 def _compare_means(pooled: SurvivalTimes, members: Values) -> _RestrictedMeans:
-    """Compute two groups' restricted means; ``members`` is (regroupings, n), 1 for participants in the first."""
+    """Compute two groups' restricted means for some regroupings.
+
+    Args:
+        pooled: the survival times of both groups
+        members: an array of shape (regroupings, participants) with a 1 for each participant in the first group
+    """
     times, place = np.unique(pooled.times, return_inverse=True)
     at = scipy.sparse.csr_array((np.ones(len(place)), (place, np.arange(len(place)))), (len(times), len(place)))
     totals = np.bincount(place)
@@ -170,7 +185,7 @@ def _compare_means(pooled: SurvivalTimes, members: Values) -> _RestrictedMeans:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Group:
-    """One group's curve at the times of both, (times, regroupings)."""
+    """One group's survival curves at the times of both groups; arrays have the shape (times, regroupings)."""
 
     came: Values
     at_risk: Values
@@ -182,12 +197,12 @@ class _Group:
         return cls(came, at_risk, np.cumprod(1 - came / np.maximum(at_risk, 1), axis=0).astype(np.float64))
 
     def known_until(self, times: Values) -> Values:
-        """Return how far the curve is known: without end where the event came to everyone."""
+        """Return the time until which each curve is known; infinity where every member had the event."""
         last = np.count_nonzero(self.at_risk, axis=0) - 1
         return np.where(self.share[-1] <= _TIES, math.inf, times[last])
 
     def mean_and_error(self, width: Values) -> tuple[Values, Values]:
-        """Return the area under the curve, and its squared standard error (Greenwood, with n / (n - 1))."""
+        """Return the area under each curve and its squared standard error (Greenwood's, times n / (n - 1))."""
         area = width.copy()
         area[1:] *= self.share[:-1]
         area = np.cumsum(area, axis=0)
@@ -198,7 +213,7 @@ class _Group:
 
 
 def logrank_p(first: SurvivalTimes, second: SurvivalTimes) -> float:
-    """Return the two-sided p of the log-rank test (Mantel, 1966) of equal curves; NaN without any variance."""
+    """Return the two-sided p of the log-rank test (Mantel, 1966) of equal curves; NaN if its variance is 0."""
     event_times = np.concatenate([first.times[first.observed], second.times[second.observed]])
     times, observed = np.unique(event_times, return_counts=True)
     a, b = (group.waiting(times).astype(np.float64) for group in (first, second))

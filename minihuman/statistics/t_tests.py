@@ -1,4 +1,4 @@
-"""Welch's t test of two groups, equivalence tests, and the power of a t test."""
+"""Welch's t test of two groups, tests of equivalence, and the power of a t test."""
 
 import math
 from dataclasses import dataclass
@@ -31,12 +31,12 @@ class Welch:
 
     @property
     def p(self) -> float:
-        """Return the two-sided p of no difference."""
+        """The two-sided p of the null hypothesis that the difference is 0."""
         return float(2 * scipy.special.stdtr(self.freedom, -abs(self.difference) / self.error))
 
 
 def compare_means(a: Values, b: Values) -> Welch:
-    """Compare the means of two groups of two or more values, of which at least one has some spread."""
+    """Compare the means of two groups of at least two values each, of which at least one group varies."""
     parts = (a.var(ddof=1) / len(a), b.var(ddof=1) / len(b))
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(a) - 1) + parts[1] ** 2 / (len(b) - 1))
     return Welch(float(a.mean() - b.mean()), math.sqrt(sum(parts)), float(freedom))
@@ -44,7 +44,7 @@ def compare_means(a: Values, b: Values) -> Welch:
 
 @dataclass(frozen=True, slots=True)
 class Equivalence:
-    """Two one-sided tests (Schuirmann, 1987) of whether a difference lies within bounds, with Welch's t."""
+    """Two one-sided tests (Schuirmann, 1987), with Welch's t, of whether a difference lies within bounds."""
 
     bounds: tuple[float, float]
     difference: float  # first minus second
@@ -53,17 +53,18 @@ class Equivalence:
 
     @property
     def alike(self) -> bool:
-        """Say whether the difference is shown to lie within the bounds."""
+        """Whether the tests show that the difference lies within the bounds."""
         return self.p < 0.05
 
 
 def check_equivalence(a: Values, b: Values, bounds: tuple[float, float]) -> Equivalence | None:
-    """Test whether the means of two groups differ by less than the bounds.
+    """Test whether the difference of two groups' means lies within bounds.
 
-    None where nothing varies, or a group has fewer than two values.
+    Returns:
+        The tests; None if nothing varies or a group has fewer than two values.
 
     Raises:
-        ValueError: if the bounds do not lie around 0.
+        ValueError: if the lower bound is not below 0 or the upper bound is not above 0.
     """
     low, high = bounds
     if not low < 0 < high:
@@ -80,7 +81,7 @@ def check_equivalence(a: Values, b: Values, bounds: tuple[float, float]) -> Equi
 
 @dataclass(frozen=True, slots=True)
 class PowerAnalysis:
-    """What a comparison of two groups of these sizes could show, by a two-sided t test at 5 %."""
+    """The power of a two-sided t test at 5 % with two groups of given sizes."""
 
     n: tuple[int, int]
     power_for_large: float  # chance to find a difference of 0.8 standard deviations
@@ -89,7 +90,7 @@ class PowerAnalysis:
 
 
 def compute_power(n: tuple[int, int]) -> PowerAnalysis:
-    """Compute what two groups of ``n`` participants could show; NaN with fewer than two in a group."""
+    """Compute the power of a comparison of two groups of ``n`` participants; NaN if a group has fewer than two."""
     needed = next(size for size in range(2, 1000) if t_test_power(_LARGE_G, (size, size)) >= _LIKELY)
     if min(n) < 2:
         return PowerAnalysis(n, math.nan, math.nan, needed)
@@ -97,7 +98,7 @@ def compute_power(n: tuple[int, int]) -> PowerAnalysis:
 
 
 def _find_detectable_difference(chance: float, n: tuple[int, int]) -> float:
-    """Find the difference in standard deviations that a t test detects with this chance, by bisection."""
+    """Return the difference, in standard deviations, that a t test detects with a given probability, by bisection."""
     low = 0.0
     high = _LARGEST_G
     while high - low > _NEAR_ENOUGH:
@@ -110,7 +111,7 @@ def _find_detectable_difference(chance: float, n: tuple[int, int]) -> float:
 
 
 def t_test_power(d: float, n: tuple[int, int], *, level: float = LEVEL) -> float:
-    """Compute the chance that a two-sided t test finds a difference of ``d`` standard deviations (Cohen, 1988)."""
+    """Return the power of a two-sided t test for a difference of ``d`` standard deviations (Cohen, 1988)."""
     freedom = sum(n) - 2
     shift = d * math.sqrt(n[0] * n[1] / sum(n))
     critical = float(scipy.special.stdtrit(freedom, (1 + level) / 2))

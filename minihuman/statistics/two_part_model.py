@@ -1,8 +1,9 @@
-"""A two-part comparison of a measure with mass at 0: how often it is above 0, and how large it is then.
+"""A two-part comparison of a measure that is often 0: how often it is above 0, and how large it then is.
 
-The mean of a reward that is 0 after a timeout mixes both: groups can differ in it and one cannot tell in what.
-Episodes of one person belong together: generalised estimating equations (Liang and Zeger, 1986) with an
-exchangeable correlation in each group, the bias-reduced covariance of Mancl and DeRouen (2001), and Welch's t.
+The mean of a reward that is 0 after a timeout mixes the two parts: a difference between groups does not show which part
+differs. Episodes of one person are correlated, so the comparison uses generalised estimating equations (Liang and
+Zeger, 1986) with an exchangeable correlation in each group, the bias-reduced covariance of Mancl and DeRouen (2001),
+and Welch's t.
 """
 
 import math
@@ -28,7 +29,10 @@ _LEAST_CORRELATION = -0.9  # over the most episodes of a person: what a correlat
 
 @dataclass(frozen=True, slots=True)
 class PartComparison:
-    """One part of a comparison, first against second; NaN and a reason where the data do not tell."""
+    """The comparison of two groups in one part of the model, first against second.
+
+    Numbers are NaN, with a reason, where the data do not suffice.
+    """
 
     estimate: float  # an odds ratio, or a difference
     interval: tuple[float, float]
@@ -38,7 +42,7 @@ class PartComparison:
 
 @dataclass(frozen=True, slots=True)
 class TwoPartComparison:
-    """Two groups compared in both parts."""
+    """The comparison of two groups in both parts of the model."""
 
     first: str
     second: str
@@ -50,13 +54,19 @@ class TwoPartComparison:
 
 
 def has_mass_at_zero(values: Values) -> bool:
-    """Say whether a measure of single episodes is 0 in some and above 0 in others."""
+    """Return whether a measure of single episodes is 0 in some episodes, above 0 in others, and never below 0."""
     known = values[~np.isnan(values)]
     return bool(len(known) and (known == 0).any() and (known > 0).any() and known.min() >= 0)
 
 
 def compare_two_parts(rows: pd.DataFrame, measure: str, groups: tuple[str, str]) -> TwoPartComparison:
-    """Compare two groups; ``rows`` has one row an episode, with group, participant and the measure."""
+    """Compare two groups in both parts of the model.
+
+    Args:
+        rows: one row per episode, with the columns ``group``, ``participant`` and the measure
+        measure: the measure's column
+        groups: the names of the two groups
+    """
     by_group = {group: rows[rows["group"].astype(str) == group] for group in groups}
     episodes = {group: _split_by_person(by_group[group], measure) for group in groups}
     above = {group: _keep_above_zero(people) for group, people in episodes.items()}
@@ -83,19 +93,19 @@ def compare_two_parts(rows: pd.DataFrame, measure: str, groups: tuple[str, str])
 
 
 def _keep_above_zero(people: Sequence[Values]) -> list[Values]:
-    """Keep each person's episodes above 0, of those who have any."""
+    """Return each person's values above 0, without the people who have none."""
     return [person[person > 0] for person in people if (person > 0).any()]
 
 
 def _share_above_zero(people: Sequence[Values]) -> float:
-    """Return the share of episodes above 0; NaN without episodes."""
+    """Return the share of episodes with a value above 0; NaN without episodes."""
     if not people:
         return math.nan
     return float(np.mean(np.concatenate(people) > 0))
 
 
 def _find_constant_group(groups: tuple[str, str], shares: tuple[float, float]) -> str:
-    """Say which group's episodes are all above 0, or all at 0; "" where neither group's are."""
+    """Return a phrase that names a group whose values are all above 0 or all 0; "" if neither group is like that."""
     for share, reason in ((1, "no episode of {} is at 0"), (0, "every episode of {} is at 0")):
         for name, group_share in zip(groups, shares, strict=True):
             if group_share == share:
@@ -105,7 +115,7 @@ def _find_constant_group(groups: tuple[str, str], shares: tuple[float, float]) -
 
 @dataclass(frozen=True, slots=True)
 class Marginal:
-    """One group's mean over its people's episodes, on the line of its link."""
+    """One group's mean over the episodes of its people, on the scale of the link function."""
 
     at: float  # the mean, or its log odds
     error: float
@@ -114,11 +124,15 @@ class Marginal:
 
 
 def fit_gee(people: Sequence[Values], *, odds: bool = False) -> Marginal:
-    """Fit a group's marginal mean by generalised estimating equations, of each of its people's episodes.
+    """Fit a group's marginal mean by generalised estimating equations.
 
-    With nothing but the group to tell episodes apart by, the equations come to a mean of people's means whose weights
-    depend on the correlation of one person's episodes; Mancl and DeRouen's correction divides each person's residual by
-    one less its weight.
+    Since only the group distinguishes episodes, the solution is a weighted mean of people's means, with weights that
+    depend on the correlation between one person's episodes. Mancl and DeRouen's correction divides each person's
+    residual by one minus the person's weight.
+
+    Args:
+        people: per person, the values of the person's episodes
+        odds: whether to return the log odds of the mean instead of the mean
     """
     values = np.concatenate(people)
     n = np.array([len(person) for person in people], float)
@@ -144,7 +158,7 @@ def fit_gee(people: Sequence[Values], *, odds: bool = False) -> Marginal:
 
 
 def _compare_marginals(a: Marginal, b: Marginal) -> PartComparison:
-    """Compare two groups' marginal means by Welch's t; log odds as an odds ratio."""
+    """Compare two groups' marginal means by Welch's t; return an odds ratio if the means are log odds."""
     parts = (a.error**2, b.error**2)
     if not sum(parts) > 0:
         return _missing("nobody differs from the others of the group")
@@ -158,7 +172,7 @@ def _compare_marginals(a: Marginal, b: Marginal) -> PartComparison:
 
 
 def _split_by_person(rows: pd.DataFrame, measure: str) -> list[Values]:
-    """Split a measure's values into one array per person, in the order of episodes."""
+    """Return one array per person with the measure's values, in the order of episodes."""
     known = rows.dropna(subset=[measure]).sort_values("participant", kind="stable")
     participants = known["participant"].to_numpy()
     if not len(known):
@@ -168,16 +182,23 @@ def _split_by_person(rows: pd.DataFrame, measure: str) -> list[Values]:
 
 
 def summarise_people(rows: pd.DataFrame, measure: str) -> Values:
-    """Summarise each person, (n, 2): the share of episodes above 0, and the mean of those; NaN without any."""
+    """Return each person's share of episodes above 0 and the mean of those episodes, of shape (people, 2).
+
+    The mean is NaN for a person without an episode above 0.
+    """
     above = rows[measure].where(rows[measure] > 0)
-    by_person = pd.DataFrame({"who": rows["participant"], "any": above.notna().astype(float), "amount": above}).groupby(
-        "who"
-    )
+    episodes = pd.DataFrame({"participant": rows["participant"], "any": above.notna().astype(float), "amount": above})
+    by_person = episodes.groupby("participant")
     return np.column_stack([by_person["any"].mean(), by_person["amount"].mean()])
 
 
 def two_parts_p(a: Values, b: Values) -> float:
-    """Return the p of no difference in either part; ``a`` and ``b`` have one row per person, (n, 2)."""
+    """Return the p of the null hypothesis that groups differ in neither part, by a permutation test.
+
+    Args:
+        a: the first group's summaries, of shape (people, 2), as from ``summarise_people``
+        b: the second group's summaries, of the same form
+    """
     together = np.concatenate([a, b])
     n = len(a)
     total = len(a) + len(b)
@@ -204,7 +225,7 @@ def two_parts_p(a: Values, b: Values) -> float:
 
 
 def _limit_p(together: Values, n: int, observed: float) -> float:
-    """Return the same p from the distribution that regroupings' totals tend to."""
+    """Return the p of ``two_parts_p`` from the normal distribution to which the regroupings' totals converge."""
     known = ~np.isnan(together)
     filled = np.where(known, together - np.nanmean(together, axis=0), 0.0)
     columns = np.concatenate([known, filled, filled**2], axis=1)
@@ -217,7 +238,12 @@ def _limit_p(together: Values, n: int, observed: float) -> float:
 
 
 def _sum_of_squares(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
-    """Add up squared Welch's t of both parts; ``values`` is (regroupings, people, 2)."""
+    """Return the sum of both parts' squared Welch's t for each regrouping.
+
+    Args:
+        values: an array of shape (regroupings, people, 2)
+        n: the number of people in the first group
+    """
     parts = [_welch_squared(values[:, :n, part], values[:, n:, part]) for part in (0, 1)]
     return parts[0] + parts[1]
 
@@ -232,7 +258,10 @@ def _welch_squared(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np
 
 
 def _mean_and_error(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each row's mean and its squared error, NaNs excluded; NaN where fewer than two are left."""
+    """Return the mean of each row and its squared standard error.
+
+    NaNs are ignored; a row with fewer than two other values has NaN in both.
+    """
     known = ~np.isnan(values)
     n = known.sum(axis=1)
     enough = n > 1

@@ -1,7 +1,7 @@
-"""The unit of analysis: a participant, or a team.
+"""The unit of analysis: a participant or a team.
 
-What members of one team did is not independent, so a team has one value, the mean over its members, and tests over
-participants become tests over teams: the permutation of |Welch's t| then regroups whole teams.
+The behaviour of a team's members is not independent. A team therefore has one value, the mean over its members, and
+tests over participants become tests over teams: the permutation of |Welch's t| regroups whole teams.
 """
 
 from collections.abc import Mapping
@@ -10,14 +10,16 @@ import pandas as pd
 
 
 def find_units(teams: pd.DataFrame) -> dict[str, str]:
-    """Return the unit of each participant who ever played with another person: all whom a chain of teams connects.
+    """Return the unit of analysis of each participant who ever played with another person.
+
+    A unit contains all people who are connected by a chain of teams. Participants whose partners were agents are units
+    of their own and are left out.
 
     Args:
-        teams: rows of the table "teams" of one block, with participant and team.
+        teams: rows of the table "teams" of one block, with the columns ``participant`` and ``team``
 
     Returns:
-        By participant, the unit's name: the id of one of its teams. Participants whose partners were agents are
-        units of their own, and left out.
+        By participant, the name of the unit: the id of one of its teams.
     """
     units: dict[str, str] = {}
     for team, rows in teams.groupby("team", sort=True):
@@ -31,5 +33,5 @@ def find_units(teams: pd.DataFrame) -> dict[str, str]:
 
 
 def name_units(rows: pd.DataFrame, units: Mapping[str, str]) -> pd.DataFrame:
-    """Put each row's unit in the place of its participant, so that what clusters by participant clusters by team."""
+    """Return the rows with each participant replaced by the participant's unit, so that analyses cluster by team."""
     return rows.assign(participant=rows["participant"].map(lambda code: units.get(str(code), str(code))))

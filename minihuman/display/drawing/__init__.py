@@ -1,1 +1,1 @@
-"""Drawings of every screen of a session: pure functions of the screen's values and of the window's size."""
+"""Drawings of every screen of a session, as pure functions of the screen and the window's size."""

@@ -1,7 +1,8 @@
-"""Draw screens that show a world: play, control shared with an agent, a film of an episode, and two films side by side.
+"""Drawings of the screens that show a world: play, shared control with an agent, and films of episodes.
 
-A frame around the picture and a line below say who is in control: dashed for an agent, solid for a person. They are
-drawn with every step, so by copying: the frame in NumPy, the line from a picture that is drawn once.
+In shared control, a frame around the picture and a line below it show who is in control: the frame is dashed for an
+agent and solid for a person. Both are redrawn with every step, so they are fast copies: the frame is painted in NumPy,
+and the line is a picture that is drawn once.
 """
 
 from dataclasses import dataclass
@@ -45,7 +46,7 @@ _MARKS = {"good": theme.GOOD, "bad": theme.BAD, "neutral": theme.MUTED_INK}
 
 @dataclass(frozen=True, slots=True)
 class PlayFrame:
-    """The parts of a play screen that stay while an episode is played."""
+    """The parts of a play screen that do not change during an episode."""
 
     mission: str
     progress: str
@@ -55,9 +56,10 @@ class PlayFrame:
 
 
 def picture_size_px(size_px: Size) -> Size:
-    """Return the room for a world's picture in a window: the largest width and height that are shown as they are.
+    """Return the largest width and height in pixels of a world's picture in a window.
 
-    It is 4:3, the shape of what agents see: on a wide screen a person would see more of a 3D world than they do.
+    The shape is 4:3, like that of agents' observations; on a wider picture, a person would see more of a 3D world than
+    they do.
     """
     width, height = size_px
     room_height = height - round(height * _TOP) - round(height * _BOTTOM)
@@ -66,7 +68,7 @@ def picture_size_px(size_px: Size) -> Size:
 
 
 def paint_picture(frame: NDArray[np.uint8], picture: NDArray[np.uint8]) -> Box:
-    """Put a world's picture into its place."""
+    """Paint a world's picture into a frame; return the box that it covers."""
     size_px = frame.shape[1], frame.shape[0]
     picture = _fit(picture, *picture_size_px(size_px))
     left, top, width, height = _place(picture.shape[1], picture.shape[0], size_px)
@@ -75,7 +77,7 @@ def paint_picture(frame: NDArray[np.uint8], picture: NDArray[np.uint8]) -> Box:
 
 
 def locate_picture(picture: NDArray[np.uint8], size_px: Size) -> Box:
-    """Return where a world's picture is drawn."""
+    """Return the box in which a world's picture is drawn."""
     fitted = _fit(picture, *picture_size_px(size_px))
     return _place(fitted.shape[1], fitted.shape[0], size_px)
 
@@ -87,9 +89,9 @@ def _place(width: int, height: int, size_px: Size) -> Box:
 
 
 def _fit(picture: NDArray[np.uint8], room_width: int, room_height: int) -> NDArray[np.uint8]:
-    """Enlarge by the largest whole number that fits, smoothly where that would leave much room empty.
+    """Scale a picture to a room by the largest whole factor, or smoothly if that would leave much of the room empty.
 
-    A picture too large for the room is averaged down into it.
+    A picture that is larger than the room is averaged down to it.
     """
     height, width = picture.shape[:2]
     scale = min(room_width // width, room_height // height)
@@ -107,7 +109,7 @@ def _fit(picture: NDArray[np.uint8], room_width: int, room_height: int) -> NDArr
 
 
 def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:
-    """Draw all of a play screen but the world."""
+    """Draw a play screen without the world's picture."""
     width, height = size_px
     sheet = Sheet(size_px, play_frame.locale)
     wide = width - 2 * height * MARGIN
@@ -119,9 +121,9 @@ def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:
 
 
 def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
-    """Draw a frame around the held picture in the outcome's colour, and its sign and sum below its upper edge.
+    """Draw the mark of an outcome: a coloured frame around the picture, with a sign and the score near the top.
 
-    The rest of the layer is clear.
+    The rest of the returned layer is transparent.
     """
     height, width = screen.picture.shape[:2]
     if width:
@@ -155,7 +157,7 @@ def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
 def _sign(
     draw: ImageDraw.ImageDraw, mark: str, place: tuple[float, float], reach: float, colour: theme.Colour, stroke: int
 ) -> None:
-    """Draw a tick, a cross or a bar, distinct without colour."""
+    """Draw a tick, a cross or a bar, which differ even without colour."""
     x, y = place
     if mark == "good":
         draw.line([(x - reach, y), (x - reach * 0.2, y + reach * 0.7), (x + reach, y - reach * 0.8)], colour, stroke)
@@ -167,7 +169,10 @@ def _sign(
 
 
 def _legend(sheet: Sheet, play_frame: PlayFrame) -> None:
-    """Draw keys and what they do, side by side in one centred line; smaller when there are many, then in several."""
+    """Draw the keys and their actions side by side in a centred line.
+
+    If there are many, the type is smaller, and then they are broken into several lines.
+    """
     width, height = sheet.size_px
     printed = {key: f"{above} {cap}".strip() for key, cap, above in play_frame.labels}
     keys = [(printed.get(key, key_label(key)), action.replace("_", " ")) for key, action in play_frame.legend]
@@ -193,7 +198,7 @@ def _legend(sheet: Sheet, play_frame: PlayFrame) -> None:
 
 
 def _rows(sheet: Sheet, keys: list[_Key], type_px: int, wide: float) -> list[list[_Key]]:
-    """Break keys into lines that are no longer than ``wide``."""
+    """Break keys into lines that are at most ``wide`` pixels long."""
     rows: list[list[_Key]] = [[]]
     for key in keys:
         if rows[-1] and _length(sheet, [*rows[-1], key], type_px) > wide:
@@ -203,12 +208,12 @@ def _rows(sheet: Sheet, keys: list[_Key], type_px: int, wide: float) -> list[lis
 
 
 def _cap_px(sheet: Sheet, cap: str, type_px: int) -> float:
-    """Return how wide a key is drawn."""
+    """Return the width of a drawn key in pixels."""
     return max(type_px * 2.0, (sheet.width_px(cap, type_px) + type_px) * 1.1)
 
 
 def _length(sheet: Sheet, keys: list[_Key], type_px: int) -> float:
-    """Return how long a line of the legend is."""
+    """Return the length of a line of the legend in pixels."""
     lengths = [_cap_px(sheet, cap, type_px) + type_px * 0.6 + sheet.width_px(word, type_px) for cap, word in keys]
     return sum(lengths) + type_px * _GAP * (len(keys) - 1)
 
@@ -229,7 +234,10 @@ _DASH = 4  # of the frame's thickness
 
 
 def draw_steering(frame: NDArray[np.uint8], screen: PlayScreen, picture: Box) -> Box:
-    """Draw who steers into a frame around the picture; return what may have changed, the picture included."""
+    """Draw the frame and the line that show who is in control; return the box that may have changed.
+
+    The box includes the picture.
+    """
     height, width = frame.shape[:2]
     stroke = max(3, height // 144)
     left, top, wide, high = picture
@@ -262,7 +270,7 @@ def _edges(frame: NDArray[np.uint8], box: Box, stroke: int, colour: sheet.Colour
 
 @lru_cache(maxsize=16)
 def _dashes(length: int, stroke: int, colour: sheet.Colour, gap: sheet.Colour) -> NDArray[np.uint8]:
-    """Draw a side of the frame, uint8[length, 3]: it begins and ends with a dash, so that corners are whole."""
+    """Draw a side of the frame as uint8[length, 3]; it begins and ends with a dash, so that corners are complete."""
     side = np.full((length, 3), colour, np.uint8)
     gaps = max(1, round((length / (stroke * _DASH) - 1) / 2))
     side[np.floor(np.arange(length) / length * (2 * gaps + 1)) % 2 == 1] = gap
@@ -273,7 +281,7 @@ def _dashes(length: int, stroke: int, colour: sheet.Colour, gap: sheet.Colour) -
 def _line(
     text: str, language: str, colour: sheet.Colour, ground: sheet.Colour, width: int, height: int
 ) -> NDArray[np.uint8]:
-    """Draw the line below the picture, uint8[height, width or more, 3]."""
+    """Draw the line of text below the picture as uint8[height, at least width, 3]."""
     faces = select_typefaces(language)
     size_px = max(8, round(height / _LINE * MIN_TYPE_SIZE))
     width = max(width, 2 * round(measure_width_px(text, faces, size_px) / 2 + size_px))
@@ -287,7 +295,7 @@ RectPx = tuple[float, float, float, float]  # left, top, right, bottom
 
 
 def paste_picture(sheet: Sheet, picture: NDArray[np.uint8], box: RectPx) -> None:
-    """Paste a picture as large as its half lets it be, with a thin line round it."""
+    """Paste a picture into a box, as large as possible, with a thin line around it."""
     left, top, right, bottom = box
     height, width = picture.shape[:2]
     if not height or not width:

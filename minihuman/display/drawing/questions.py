@@ -1,4 +1,4 @@
-"""Draw a question: its text, its answer controls, and the spots that can be pointed at."""
+"""Drawings of questions: the text, the answer controls, and the spots that a pointer can press."""
 
 from minihuman.display.drawing import sheet as theme
 from minihuman.display.drawing.sheet import LINE_HEIGHT, MIN_TYPE_SIZE, Sheet, Size, Spot
@@ -57,7 +57,7 @@ def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
 
 
 def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
-    """Whether its words fit in the smallest type there may be."""
+    """Return whether a question's text and answers fit the screen in the smallest readable type."""
     sheet = Sheet(size_px, screen.locale)
     room = _room(screen) * sheet.high
     wide = _WIDE * sheet.high
@@ -73,7 +73,7 @@ def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
 
 
 def _room(screen: QuestionScreen) -> float:
-    """Return how much of the height the question's own words have."""
+    """Return the share of the height that is reserved for the question's text."""
     if isinstance(screen.item, RatingMatrix):
         return 0.10
     if not isinstance(screen.item, OptionList):
@@ -84,7 +84,7 @@ def _room(screen: QuestionScreen) -> float:
 
 
 def _option_rows(sheet: Sheet, item: OptionList, wide: float, high: float) -> tuple[list[list[str]], int] | None:
-    """Return every option's lines and the type in which all of them fit; None if none does."""
+    """Return the lines of every option and the largest type size at which all options fit; None if there is none."""
     for type_px in range(round(sheet.high * _TYPE), sheet.min_type_px - 1, -1):
         rows = [sheet.wrap(option, type_px, wide - type_px * 4) for option in item.options]
         if sum(len(row) * type_px * 1.2 + type_px * 0.75 for row in rows) <= high:
@@ -93,7 +93,7 @@ def _option_rows(sheet: Sheet, item: OptionList, wide: float, high: float) -> tu
 
 
 def _choices(sheet: Sheet, item: OptionList, box: tuple[float, float, float, float]) -> None:
-    """Draw options below each other, each with its number and a circle, or a box to tick."""
+    """Draw options below each other, each with its number and a circle or, if several can be chosen, a tick box."""
     left, top, right, bottom = box
     fitted = _option_rows(sheet, item, right - left, bottom - top)
     type_px = sheet.min_type_px
@@ -122,7 +122,7 @@ def _choices(sheet: Sheet, item: OptionList, box: tuple[float, float, float, flo
 
 
 def _option_outline(sheet: Sheet, *, is_chosen: bool, has_cursor: bool) -> tuple[theme.Colour, int]:
-    """Return the colour and the width of the line round an option."""
+    """Return the colour and the width of the line around an option."""
     if is_chosen:
         return theme.HIGHLIGHT, max(1, round(sheet.high / 240))
     stroke = max(1, round(sheet.high / 450))
@@ -160,19 +160,19 @@ def _choice_outline(is_chosen: bool) -> theme.Colour:
 
 
 def _choice_ink(is_chosen: bool) -> theme.Colour:
-    """Return the colour of words on what can be chosen."""
+    """Return the colour of the text on an option."""
     if is_chosen:
         return theme.BACKGROUND
     return theme.INK
 
 
 def _has_words(scale: RatingScale | RatingMatrix) -> bool:
-    """Whether every point of a scale has words; else they are numbers."""
+    """Return whether every point of a scale has a text instead of a number."""
     return all(not point.isdecimal() for point in scale.points)
 
 
 def _scale(sheet: Sheet, item: RatingScale, box: tuple[float, float, float, float]) -> None:
-    """Draw points side by side in reading order; words at the ends, or below each point."""
+    """Draw the points of a scale side by side in reading order, with texts at the two ends or below each point."""
     left, top, right, _ = box
     count = len(item.points)
     unit = (right - left) / count
@@ -212,7 +212,7 @@ def _statement_lines(sheet: Sheet, item: RatingMatrix, wide: float) -> list[list
 
 
 def _matrix(sheet: Sheet, item: RatingMatrix, box: tuple[float, float, float, float]) -> None:
-    """Draw a row for each statement, its points beside it in reading order, and above them what they mean."""
+    """Draw a row for each statement with its points in reading order, below a head with the meaning of the points."""
     left, top, right, bottom = box
     small = sheet.min_type_px
     wide = right - left
@@ -235,7 +235,7 @@ def _matrix(sheet: Sheet, item: RatingMatrix, box: tuple[float, float, float, fl
 
 
 def _matrix_heads(sheet: Sheet, matrix: RatingMatrix, columns: tuple[float, float], top: float) -> float:
-    """Write what the points mean above their columns; return the height of it."""
+    """Write the meaning of the points above their columns; return the height of this head in pixels."""
     small = sheet.min_type_px
     if not _has_words(matrix):
         _ends(sheet, matrix.low, matrix.high, columns, top)
@@ -252,7 +252,7 @@ def _matrix_heads(sheet: Sheet, matrix: RatingMatrix, columns: tuple[float, floa
 def _matrix_points(
     sheet: Sheet, matrix: RatingMatrix, row: int, columns: tuple[float, float], y: float, tall: float
 ) -> None:
-    """Draw the points of one statement, and make each a spot."""
+    """Draw the points of one statement, and add a spot for each."""
     unit = (columns[1] - columns[0]) / len(matrix.points)
     reach = min(unit * 0.36, tall * 0.36)
     has_words = _has_words(matrix)
@@ -273,7 +273,7 @@ def _matrix_points(
 
 
 def _ends(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: float) -> None:
-    """Write words at a scale's two ends, each within its half."""
+    """Write the texts at the two ends of a scale, each within its half of the width."""
     left, right = sides
     small = round(sheet.high / 36)
     ends = [low, high]
@@ -285,7 +285,7 @@ def _ends(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: floa
 
 
 def _slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) -> None:
-    """Draw a line with ticks and a mark, which is not there until it is set."""
+    """Draw a line with ticks, and a mark on it once the slider has been set."""
     left, top, right, _ = box
     y = top + sheet.high * 0.12
     rtl = sheet.locale.rtl
@@ -312,7 +312,7 @@ def _slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) 
 
 
 def _shapes(sheet: Sheet, item: ShapeCanvas, box: tuple[float, float, float, float]) -> None:
-    """Draw boxes and ellipses with their labels, on the largest canvas there is room for."""
+    """Draw boxes and ellipses with their labels, on the largest canvas that fits."""
     left, top, right, bottom = box
     wide = min(right - left, (bottom - top) * item.aspect)
     left = (left + right - wide) / 2
@@ -336,7 +336,7 @@ def _shapes(sheet: Sheet, item: ShapeCanvas, box: tuple[float, float, float, flo
 
 
 def _entry(sheet: Sheet, item: TextField, box: tuple[float, float, float, float]) -> None:
-    """Draw a field with its text and the caret; a long text shows its last lines."""
+    """Draw a text field with its text and caret; of a long text, the last lines are visible."""
     left, top, right, bottom = box
     type_px = round(sheet.high * _TYPE)
     pad = type_px * 0.6
@@ -371,7 +371,7 @@ def _entry(sheet: Sheet, item: TextField, box: tuple[float, float, float, float]
 
 
 def _entry_lines(sheet: Sheet, text: str, type_px: int, wide: float) -> list[str]:
-    """Break a field's text into lines; an empty text has one."""
+    """Break the text of a field into lines; an empty text has one empty line."""
     if not text:
         return [""]
     return sheet.wrap(text, type_px, wide)

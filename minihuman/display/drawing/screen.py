@@ -1,7 +1,7 @@
-"""Compose every screen into one picture: a pure function of the screen's values and of the window's size.
+"""The composition of every screen into one picture, as a pure function of the screen and the window's size.
 
-Both toolkits only bring this picture to the display, so a study looks the same in either, and without a display. While
-playing, only the world's picture changes; the rest is drawn once per episode and cached.
+Window toolkits only bring this picture to the display, so a study looks the same in each of them, and without a
+display. While an episode is played, only the world's picture changes; the rest is drawn once per episode and cached.
 """
 
 from functools import lru_cache
@@ -48,7 +48,7 @@ __all__ = [
 
 
 def compose_screen(screen: Screen, size_px: Size) -> NDArray[np.uint8]:
-    """Draw a screen, uint8[H, W, 3]; the array is the caller's own."""
+    """Return the picture of a screen as uint8[H, W, 3]; the caller may change the array."""
     match screen:
         case PlayScreen():
             frame = _draw_play_frame(_play_frame(screen), size_px).copy()
@@ -68,12 +68,12 @@ def compose_screen(screen: Screen, size_px: Size) -> NDArray[np.uint8]:
 
 
 def repaint_screen(frame: NDArray[np.uint8], previous: Screen | None, screen: Screen) -> Box:
-    """Make a frame that shows one screen show the next one; the box is what changed, so only that need travel.
+    """Change a frame that shows one screen into the next one; return the box outside which nothing changed.
 
     Args:
-        frame: uint8[H, W, 3], written to.
-        previous: what it shows; None if nothing of use.
-        screen: what it is to show.
+        frame: the picture uint8[H, W, 3], which is changed in place
+        previous: the screen that the frame shows; None if its content is unknown
+        screen: the screen that the frame is to show
     """
     height, width = frame.shape[:2]
     if isinstance(previous, PlayScreen) and isinstance(screen, PlayScreen) and not (previous.mark or screen.mark):
@@ -85,7 +85,10 @@ def repaint_screen(frame: NDArray[np.uint8], previous: Screen | None, screen: Sc
 
 
 def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, float]:
-    """Find the spot at (x, y), 0..1 of the picture: its name, "" for none, and how far along it, 0..1."""
+    """Return the name of the spot at (x, y), "" if there is none, and the position along the spot from 0 to 1.
+
+    Coordinates are shares of the screen's width and height.
+    """
     if not isinstance(screen, PageScreen | QuestionScreen):
         return "", 0.0
     spot = next((spot for spot in _sheet(screen, size_px).spots if spot.holds(x * size_px[0], y * size_px[1])), None)
@@ -95,7 +98,10 @@ def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, f
 
 
 def locate_in_picture(screen: PlayScreen, size_px: Size, x: float, y: float) -> tuple[float, float] | None:
-    """Return where (x, y), 0..1 of the screen, lies in the world's picture, 0..1 of it; None beside it."""
+    """Return the position of a point in the world's picture; None if the point lies outside the picture.
+
+    Positions are shares of the width and height: (x, y) of the screen, and the result of the picture.
+    """
     left, top, width, height = locate_picture(screen.picture, size_px)
     inside = (x * size_px[0] - left) / width, (y * size_px[1] - top) / height
     if all(0 <= share < 1 for share in inside):
@@ -104,7 +110,10 @@ def locate_in_picture(screen: PlayScreen, size_px: Size, x: float, y: float) -> 
 
 
 def measure_along_spot(screen: Screen, size_px: Size, name: str, x: float) -> float:
-    """Return how far along a named spot x is, 0..1; also beside it, for a pointer that was pressed in it and moved."""
+    """Return the position of x along a named spot, from 0 to 1.
+
+    The point can lie outside the spot, if the pointer was pressed in the spot and then moved.
+    """
     if not isinstance(screen, PageScreen | QuestionScreen):
         return 0.0
     for spot in _sheet(screen, size_px).spots:
@@ -114,7 +123,7 @@ def measure_along_spot(screen: Screen, size_px: Size, name: str, x: float) -> fl
 
 
 def _paint(frame: NDArray[np.uint8], screen: PlayScreen) -> Box:
-    """Paint what changes while an episode is played: the world's picture, and who steers where an agent may."""
+    """Paint the parts that change during an episode: the world's picture and, in shared control, who is in control."""
     box = paint_picture(frame, screen.picture)
     if screen.controller:
         return draw_steering(frame, screen, box)
@@ -122,14 +131,14 @@ def _paint(frame: NDArray[np.uint8], screen: PlayScreen) -> Box:
 
 
 def _put(frame: NDArray[np.uint8], layer: Image.Image) -> None:
-    """Put a picture with transparency over a frame."""
+    """Paste a picture with transparency onto a frame."""
     image = Image.fromarray(frame)
     image.paste(layer, (0, 0), layer)
     frame[:] = np.asarray(image)
 
 
 def _play_frame(screen: PlayScreen) -> PlayFrame:
-    """Return what of a play screen stays while an episode is played."""
+    """Return the parts of a play screen that do not change during an episode."""
     return PlayFrame(screen.mission, screen.progress, screen.legend, screen.labels, screen.locale)
 
 
@@ -151,7 +160,7 @@ def _sheet(screen: PageScreen | QuestionScreen, size_px: Size) -> Sheet:
 
 
 def _blank(screen: BlankScreen, size_px: Size) -> Image.Image:
-    """Draw nothing, or a cross of a thirtieth of the height."""
+    """Draw an empty screen, with a cross of a thirtieth of the height if the screen has one."""
     blank = sheet.Sheet(size_px, screen.locale)
     if screen.cross:
         width, height = size_px

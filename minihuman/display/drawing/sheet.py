@@ -1,6 +1,6 @@
-"""The sheet that a screen is drawn on: colours, type sizes and clickable spots.
+"""The sheet on which a screen is drawn: colours, type sizes and clickable spots.
 
-Lengths are fractions of the height. Nothing that must be read is set smaller than 1/40 of it.
+Lengths are fractions of the height. Text that must be read is at least 1/40 of the height.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -49,14 +49,14 @@ OVERFLOW_TYPE_SIZE = 1 / 60  # a text too long even so is set smaller rather tha
 
 
 def find_colour(colour: Colour, theme: str) -> Colour:
-    """Return what a colour of the dark theme is in a theme."""
+    """Return the colour of a theme that corresponds to a colour of the dark theme."""
     if theme == "light":
         return LIGHT.get(colour, colour)
     return colour
 
 
 class LightDraw(ImageDraw.ImageDraw):
-    """Translates the dark theme's colours to the light theme's as it draws."""
+    """A drawing context that replaces the dark theme's colours by the light theme's."""
 
 
 def _draw_light(draw: Callable[..., None]) -> Callable[..., None]:
@@ -73,7 +73,7 @@ for _name in ("bitmap", "ellipse", "line", "rectangle", "rounded_rectangle"):
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """A box that can be pointed at, in pixels; with ``rtl``, ``along`` counts from the right."""
+    """A box in pixels that a pointer can press; if ``rtl``, positions along it count from the right."""
 
     name: str
     left: float
@@ -83,11 +83,11 @@ class Spot:
     rtl: bool = False
 
     def holds(self, x: float, y: float) -> bool:
-        """Whether a point lies in it."""
+        """Return whether a point lies in the spot."""
         return self.left <= x < self.right and self.top <= y < self.bottom
 
     def along(self, x: float) -> float:
-        """Return how far along it a point is, 0..1."""
+        """Return the position of x along the spot, from 0 to 1."""
         share = min(1.0, max(0.0, (x - self.left) / max(1.0, self.right - self.left)))
         if self.rtl:
             return 1.0 - share
@@ -95,7 +95,7 @@ class Spot:
 
 
 class Sheet:
-    """A page of a size, in a language."""
+    """A page of a given size on which text, buttons and shapes are drawn in a language's reading direction."""
 
     def __init__(self, size_px: Size, locale: TextLocale) -> None:
         self.size_px = size_px
@@ -112,38 +112,38 @@ class Sheet:
 
     @property
     def high(self) -> float:
-        """Return the height that lengths are shares of: a window narrower than 4:3 counts as lower than it is."""
+        """The height of which lengths are fractions; in a window narrower than 4:3, less than the window's height."""
         width, height = self.size_px
         return min(float(height), width * 3 / 4)
 
     @property
     def min_type_px(self) -> int:
-        """Return the smallest type for what must be read."""
+        """The smallest type size in pixels for text that must be read."""
         return max(8, round(self.high * MIN_TYPE_SIZE))
 
     # Reading order
 
     @property
     def start_anchor(self) -> str:
-        """Return the anchor of a line that begins where the language's lines do."""
+        """The anchor of a line at the side on which the language's lines begin: "l" or "r"."""
         if self.locale.rtl:
             return "r"
         return "l"
 
     def from_start(self, left: float, right: float, offset: float) -> float:
-        """Return the x that lies so far in from the side on which the language's lines begin."""
+        """Return the x at an offset from the side on which the language's lines begin."""
         if self.locale.rtl:
             return right - offset
         return left + offset
 
     def from_end(self, left: float, right: float, offset: float) -> float:
-        """Return the x that lies so far in from the side on which the language's lines end."""
+        """Return the x at an offset from the side on which the language's lines end."""
         if self.locale.rtl:
             return left + offset
         return right - offset
 
     def place_from_left(self, index: int, count: int) -> int:
-        """Return the place, from the left, of one of so many things side by side in reading order."""
+        """Return the place, counted from the left, of an element in a row in reading order."""
         if self.locale.rtl:
             return count - 1 - index
         return index
@@ -151,18 +151,21 @@ class Sheet:
     # Words
 
     def width_px(self, words: str, type_px: int) -> float:
-        """Return how long a line is."""
+        """Return the length of a line of text in pixels."""
         if EMPHASIS_MARK not in words:
             return measure_width_px(words, self.faces, type_px)
         return sum(measure_width_px(piece, faces, type_px) for piece, faces, _ in self._pieces(words))
 
     def _pieces(self, words: str) -> list[tuple[str, TypefaceSet, bool]]:
-        """Return the pieces of a line, with their typefaces and whether each is emphasised."""
+        """Return the pieces of a line, each with its typefaces and whether it is emphasised."""
         faces = (self.faces, self.bold)
         return [(piece, faces[number % 2], bool(number % 2)) for number, piece in enumerate(words.split(EMPHASIS_MARK))]
 
     def put(self, place: tuple[float, float], words: str, type_px: int, colour: Colour, anchor: str = "l") -> None:
-        """Set a line: ``place`` is the middle of its height at its left end, middle ("m") or right end ("r")."""
+        """Draw a line of text.
+
+        ``place`` is the middle of the line's height at its left end ("l"), its middle ("m") or its right end ("r").
+        """
         rtl = self.locale.rtl
         if EMPHASIS_MARK not in words:
             draw_line(self.draw, place, words, faces=self.faces, size_px=type_px, colour=colour, anchor=anchor, rtl=rtl)
@@ -179,7 +182,10 @@ class Sheet:
             x += measure_width_px(piece, faces, type_px)
 
     def put_line(self, place: tuple[float, float], words: str, type_px: int, wide: float, colour: Colour) -> None:
-        """Centre one line on a place, in smaller type if it would be too long; if it is even so, break it there."""
+        """Draw a line of text centred on a place, in smaller type if it is too long.
+
+        A line that is too long even in the smallest readable type is broken into several lines around the place.
+        """
         while type_px > self.min_type_px and self.width_px(words, type_px) > wide:
             type_px -= 1
         if self.width_px(words, type_px) <= wide:
@@ -193,7 +199,7 @@ class Sheet:
     def column(
         self, lines: list[str], left: float, right: float, top: float, type_px: int, colour: Colour = INK
     ) -> float:
-        """Set lines below each other from where the language begins them; returns where the next would be."""
+        """Draw lines below each other, aligned in the language's reading direction; return the y below the last."""
         for line in lines:
             y = top + type_px * LINE_HEIGHT / 2
             if self.locale.rtl:
@@ -204,11 +210,14 @@ class Sheet:
         return top
 
     def wrap(self, words: str, type_px: int, wide: float) -> list[str]:
-        """Break text into lines."""
+        """Break a text into lines that are at most ``wide`` pixels long."""
         return wrap_text(words, faces=self.faces, size_px=type_px, wide_px=wide)
 
     def fitted(self, words: str, type_px: int, wide: float, high: float) -> tuple[list[str], int]:
-        """Break text into lines in the largest type, not over ``type_px``, that fits; the last resort if none does."""
+        """Break a text into lines in the largest type, up to ``type_px``, at which it fits; return both.
+
+        If it fits at no size, the smallest size is used.
+        """
         smallest = max(8, round(self.high * OVERFLOW_TYPE_SIZE))
         for size in range(type_px, smallest - 1, -1):
             lines = self.wrap(words, size, wide)
@@ -217,7 +226,7 @@ class Sheet:
         return self.wrap(words, smallest, wide), smallest
 
     def buttons(self, buttons: tuple[Button, ...], y: float) -> None:
-        """Set buttons side by side around the middle, in reading order, and make each a spot."""
+        """Draw buttons side by side in reading order, centred on the page, and add a spot for each."""
         type_px = round(self.high / 34)
         pad = self.high * 0.025
         gap = self.high * 0.03
@@ -262,7 +271,7 @@ _MAIN_ROWS = 6
 
 @dataclass(frozen=True, slots=True)
 class Keycap:
-    """Where a key lies, in key widths, x to the right and y down."""
+    """The position of a key on a keyboard, in key widths from the left (x) and from the top (y)."""
 
     key: str
     x: float
@@ -285,9 +294,9 @@ _CAPS: Mapping[str, Keycap] = _layout()
 
 
 def arrange_keycaps(keys: Sequence[str]) -> tuple[list[Keycap], float, float]:
-    """Arrange keys as they lie on a keyboard, from (0, 0); return the caps, their width and height in key widths.
+    """Arrange keys as on a keyboard, starting at (0, 0); return the keycaps and their total size in key widths.
 
-    Rows without any of the keys are left out; keys this layout has no place for come in a row of their own.
+    Rows without any of the keys are left out; keys that are not in the layout are placed in a row of their own.
     """
     known = [_CAPS[key] for key in keys if key in _CAPS]
     left = min((cap.x for cap in known), default=0.0)
@@ -300,7 +309,10 @@ def arrange_keycaps(keys: Sequence[str]) -> tuple[list[Keycap], float, float]:
 
 
 def _fit_type(words: str, faces: TypefaceSet, size_px: int, least_px: int, wide: float) -> int:
-    """Return the largest type, up to ``size_px``, in which words are at most ``wide``; ``least_px`` if none is."""
+    """Return the largest type size, from ``size_px`` down to ``least_px``, at which a text fits into ``wide`` pixels.
+
+    If there is none, return ``least_px``.
+    """
     while size_px > least_px and measure_width_px(words, faces, size_px) > wide:
         size_px -= 1
     return size_px
@@ -316,9 +328,9 @@ def draw_keycap(
     pressed: bool = False,
     least_px: int = 6,
 ) -> None:
-    """Draw a key's cap into ``box`` (left, top, right, bottom): what is printed on it, and what tells it from another.
+    """Draw a key's cap into a box (left, top, right, bottom), with the key's label and a caption above the label.
 
-    A pressed one lights up and carries a tick. No type is smaller than ``least_px``.
+    A pressed key is lit and carries a tick. Type is at least ``least_px`` pixels.
     """
     left, top, right, bottom = box
     height = bottom - top
@@ -346,7 +358,7 @@ def draw_keycap(
 
 
 def _draw_tick(draw: ImageDraw.ImageDraw, place: tuple[float, float], height: float, colour: Colour) -> None:
-    """Draw the tick of a pressed key whose cap has that height."""
+    """Draw the tick of a pressed key; ``height`` is that of the keycap."""
     x, y = place
     reach = height * 0.07
     tick = [(x - reach, y), (x - reach * 0.2, y + reach * 0.8), (x + reach * 1.2, y - reach)]

@@ -1,6 +1,6 @@
-"""Draw text screens: a title with a few words and keys, the keyboard check, and the pages of a text.
+"""Drawings of text screens: short texts with a title, the keyboard check, and the pages of a longer text.
 
-A page has a title, a picture, running text broken as when the plan was made, buttons and a page number.
+A page has a title, a picture, running text with the line breaks of the plan, buttons and a page number.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ _MEASURE = 1.25  # longest line of running text
 
 
 def draw_text(screen: TextScreen, size_px: Size) -> Sheet:
-    """Draw a text screen."""
+    """Draw a text screen, with the keyboard check if it has keys."""
     width, height = size_px
     sheet = Sheet(size_px, screen.locale)
     wide = min(width - 4 * height * MARGIN, height * _MEASURE)
@@ -42,7 +42,7 @@ def draw_text(screen: TextScreen, size_px: Size) -> Sheet:
 
 
 def measure_text_box(screen: TextScreen, height: int) -> tuple[float, float]:
-    """Return where running text begins and ends."""
+    """Return the y in pixels at which running text begins and ends."""
     top = height * 0.08
     bottom = height * 0.80
     if screen.title:
@@ -53,7 +53,7 @@ def measure_text_box(screen: TextScreen, height: int) -> tuple[float, float]:
 
 
 def text_fits(screen: TextScreen, size_px: Size) -> bool:
-    """Whether its words fit in the smallest type there may be."""
+    """Return whether a screen's text fits in the smallest readable type."""
     sheet = Sheet(size_px, screen.locale)
     top, bottom = measure_text_box(screen, size_px[1])
     wide = min(size_px[0] - 4 * size_px[1] * MARGIN, size_px[1] * _MEASURE)
@@ -62,7 +62,7 @@ def text_fits(screen: TextScreen, size_px: Size) -> bool:
 
 
 def _paragraphs(sheet: Sheet, body: str, box: tuple[float, float, float, float]) -> None:
-    """Set running text in the largest type that fits the box, in its middle; three lines or fewer are centred."""
+    """Draw running text in the middle of a box, in the largest type that fits; up to three lines are centred."""
     left, top, right, bottom = box
     lines, type_px = sheet.fitted(body, round(sheet.size_px[1] * BODY_TYPE_SIZE), right - left, bottom - top)
     lines = text.style_lines(sheet.wrap(body, type_px, _narrowest(sheet, body, type_px, right - left, len(lines))))
@@ -77,7 +77,10 @@ def _paragraphs(sheet: Sheet, body: str, box: tuple[float, float, float, float])
 
 
 def _narrowest(sheet: Sheet, body: str, type_px: int, wide: float, lines: int) -> float:
-    """Find the narrowest column, to a letter or so, that needs no more lines, so that no last word stands alone."""
+    """Return the width of the narrowest column that needs no additional lines, so that no last word stands alone.
+
+    A text of more than three lines keeps the full width. The width is exact to about a letter.
+    """
     if lines > 3:
         return wide
     while len(sheet.wrap(body, type_px, wide - type_px)) <= lines and wide > 12 * type_px:
@@ -86,7 +89,7 @@ def _narrowest(sheet: Sheet, body: str, type_px: int, wide: float, lines: int) -
 
 
 def _keyboard(sheet: Sheet, screen: TextScreen, box: tuple[float, float, float, float]) -> None:
-    """Draw the keys to be checked as they lie on a keyboard; pressed ones are lit."""
+    """Draw the keys to check in their places on a keyboard, with pressed keys lit."""
     left, top, right, bottom = box
     pressed = dict(screen.keys)
     printed = {key: (cap, above) for key, cap, above in screen.labels}
@@ -109,7 +112,7 @@ def _keyboard(sheet: Sheet, screen: TextScreen, box: tuple[float, float, float, 
 
 
 def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
-    """Draw a page. Its lines break as in the reference, whatever the window's size; only their size changes."""
+    """Draw a page; its lines break as in the reference, and only their size depends on the window's size."""
     sheet = Sheet(size_px, screen.locale)
     width, height = size_px
     high = sheet.high
@@ -146,7 +149,7 @@ def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
 
 
 def _type_px(sheet: Sheet, lines: list[str], wide: float) -> int:
-    """Return the reference's type for this height; a pixel less where hinting would make a line too long."""
+    """Return the page's type size in pixels for the sheet's height; smaller if hinting makes a line too long."""
     type_px = max(8, round(sheet.high * text.PAGE_TYPE_SIZE))
     while type_px > 8 and any(sheet.width_px(line, type_px) > wide * 1.03 for line in lines):
         type_px -= 1
@@ -156,7 +159,7 @@ def _type_px(sheet: Sheet, lines: list[str], wide: float) -> int:
 def _picture(
     sheet: Sheet, picture: NDArray[np.uint8], marks: tuple[PictureLabel, ...], box: tuple[float, float, float, float]
 ) -> None:
-    """Paste a picture as large as the box lets it be, with words beside what they are about and a line to it."""
+    """Paste a picture into a box, as large as possible, with labels at its sides and lines to what they describe."""
     left, top, right, bottom = box
     height, width = picture.shape[:2]
     share = 1.0
@@ -182,7 +185,7 @@ def _mark(
     size: tuple[int, int],
     sides: tuple[float, float],
 ) -> None:
-    """Write a picture's label beside it, with a line to what it is about."""
+    """Draw a label next to a picture, with a line to the point that it describes."""
     x = picture_box[0] + mark.x * size[0]
     y = picture_box[1] + mark.y * size[1]
     reach = sheet.high * 0.02

@@ -1,1 +1,1 @@
-"""Windows: where screens are shown and keys come from."""
+"""Windows, which show screens and receive keys."""

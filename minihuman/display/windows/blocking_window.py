@@ -1,7 +1,8 @@
-"""Windows on a real display: what they have in common, and how one is opened by name.
+"""The common part of windows on a real display, and the opening of a window by name.
 
-Common are blocking until a deadline, auto-repeat made from held keys on the session's clock (the same on every toolkit
-and desktop), and the picture of a screen. Labs register windows in the entry-point group ``minihuman.windows``.
+Common to all toolkits are waiting for input until a deadline, auto-repeat of held keys on the session's clock (the same
+on every toolkit and desktop), and the picture of a screen. Laboratories can register windows in the entry-point group
+``minihuman.windows``.
 """
 
 import abc
@@ -52,10 +53,10 @@ class _RepeatingKey:
 
 
 class KeyRepeater:
-    """Turns what a toolkit says about keys into presses, releases and repeats.
+    """Converts a toolkit's key events into presses, releases and repeats.
 
-    The system's own auto-repeat is a press of a key that is down already; it is dropped, since toolkits disagree on
-    whether and how to show it. The key pressed last repeats until it, or the focus, goes.
+    The system's own auto-repeat, a press of a key that is already down, is dropped, since toolkits disagree on whether
+    and how to report it. The key that was pressed last repeats until it is released or the window loses the focus.
     """
 
     def __init__(self) -> None:
@@ -63,11 +64,11 @@ class KeyRepeater:
         self._repeating: _RepeatingKey | None = None
 
     def is_down(self, key: str) -> bool:
-        """Whether a key is down, so that another press of it is the system's auto-repeat."""
+        """Return whether a key is down, so that another press of it is the system's auto-repeat."""
         return key in self._down
 
     def press(self, t_ns: int, key: str, symbol: str, cause: PressCause = "finger") -> list[KeyDown]:
-        """Press a key; [] if it is down already. What no finger pressed here repeats nothing."""
+        """Return the press of a key; [] if the key is already down. Only a press with the cause "finger" repeats."""
         if key in self._down:
             return []
         self._down[key] = symbol
@@ -78,7 +79,10 @@ class KeyRepeater:
         return [KeyDown(t_ns, key, symbol, cause=cause)]
 
     def release(self, t_ns: int, key: str, symbol: str) -> list[KeyDown | KeyUp]:
-        """Release a key; where its press was never seen, it was down before the focus, and that is said first."""
+        """Return the release of a key.
+
+        If the press was never seen, the key was down before the window had the focus; a press that says so comes first.
+        """
         if self._repeating and self._repeating.key == key:
             self._repeating = None
         if self._down.pop(key, None) is None:
@@ -86,7 +90,7 @@ class KeyRepeater:
         return [KeyUp(t_ns, key, symbol)]
 
     def release_all(self, t_ns: int) -> list[KeyUp]:
-        """Release every key as the focus goes: the release itself goes to another window."""
+        """Return the release of every key as the window loses the focus; real releases go to another window."""
         self._repeating = None
         keys = self._down
         self._down = {}
@@ -96,13 +100,13 @@ class KeyRepeater:
 
     @property
     def next_repeat_ns(self) -> int | None:
-        """Return when the held key repeats next; None: no key is held."""
+        """The time in nanoseconds of the held key's next repeat; None if no key repeats."""
         if self._repeating is None:
             return None
         return self._repeating.due_ns
 
     def repeats(self, now_ns: int) -> list[KeyDown]:
-        """Return the repeat that is due, if one is. A loop that came late gets one, not all that it missed."""
+        """Return the repeat that is due, if any; a loop that is late gets one repeat instead of all that it missed."""
         repeating = self._repeating
         if repeating is None or now_ns < repeating.due_ns:
             return []
@@ -119,7 +123,10 @@ _FRAME_NS = 16_666_667  # at 60 Hz: a view that moves is drawn for the next fram
 
 
 class BlockingWindow(Window):
-    """A window whose toolkit can block for input; a toolkit adds three methods and the port's last two."""
+    """A window whose toolkit can wait for input.
+
+    A subclass implements this class's abstract methods, and ``facts`` and ``close`` of `Window`.
+    """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -137,41 +144,46 @@ class BlockingWindow(Window):
     @property
     @abc.abstractmethod
     def size_px(self) -> Size:
-        """Return width and height of what is drawn."""
+        """The width and height of the drawn picture."""
 
     @abc.abstractmethod
     def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
-        """Bring uint8[H, W, 3] of the window's size to the display; return when it is there.
+        """Bring a frame uint8[H, W, 3] of the window's size to the display; return once it is displayed.
 
-        Outside the box ``changed`` the frame is as it was at the last call.
+        Outside the box ``changed``, the frame is the same as at the last call.
         """
 
     @abc.abstractmethod
     def _arrived(self, timeout_ns: int | None) -> list[Input]:
-        """Block until something comes or time is up (None: for ever), and say what came, stamped; [] is no promise."""
+        """Wait until inputs arrive or the time is up (None: no limit); return the inputs with their times.
+
+        The list can be empty before the time is up.
+        """
 
     @abc.abstractmethod
     def _want(self, *, text: bool, pointer: bool) -> None:
-        """Turn the input method on or off, show or hide the pointer; inputs come only while wanted."""
+        """Turn text input and the pointer on or off; their inputs are reported only while they are on."""
 
     @abc.abstractmethod
     def post_key(self, key: str) -> None:
-        """Put a press and a release of a key into the toolkit's queue; from any thread, to measure with."""
+        """Put a press and a release of a key into the toolkit's queue, to measure delays; any thread can call this."""
 
     @property
     def picture_px(self) -> Size:
-        """Return the largest picture of a world there is room for."""
+        """The size of the largest world's picture that fits the window."""
         return picture_size_px(self.size_px)
 
     def show(self, screen: Screen) -> ScreenShown:
-        """Draw a screen, flip, and say when it was submitted and when the flip returned."""
+        """Draw and display a screen; return the times at which it was submitted and the flip returned."""
         return self.show_after(screen, lambda: None)
 
     def show_after(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown:
-        """Draw a screen, wait for ``await_log``, and flip. One that moves goes on while the window waits for input.
+        """Draw a screen, wait for ``await_log``, and display the screen.
+
+        A moving screen continues to move while the window waits for input.
 
         Raises:
-            LogError: as ``await_log`` does; the display stays as it is.
+            LogError: if ``await_log`` raises it; the display does not change then.
         """
         if isinstance(screen, PlayScreen) and screen.motion:
             self._moving = screen
@@ -183,7 +195,7 @@ class BlockingWindow(Window):
         return self._put(screen, await_log)
 
     def _on_its_way(self, moving: PlayScreen) -> PlayScreen:
-        """Return a moving screen as it will be a frame from now; at the end, the screen itself."""
+        """Return a moving screen as it will look one frame from now; after the motion, the screen itself."""
         assert moving.motion is not None
         share = (self._clock() + _FRAME_NS - self._moves_from_ns) / moving.motion.lasts_ns
         if share < 1:
@@ -214,7 +226,7 @@ class BlockingWindow(Window):
         return ScreenShown(t_ns=flip_ns, submit_ns=submit_ns, flip_ns=flip_ns)
 
     def _repaint(self) -> None:
-        """Bring what is shown to the display once more, all of it: it was covered, or the window has another size."""
+        """Display the whole current screen again, after it was covered or the window's size changed."""
         if self._screen is None:
             return
         width, height = self.size_px
@@ -222,7 +234,7 @@ class BlockingWindow(Window):
         self._flip(self._frame, (0, 0, width, height))
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Block until an input comes or the clock reaches ``until_ns``; what has arrived is returned even so."""
+        """Wait until inputs arrive or the clock reaches ``until_ns``, and return the inputs, [] if there are none."""
         while True:
             due_ns = min((t for t in (until_ns, self._repeater.next_repeat_ns) if t is not None), default=None)
             timeout_ns = None
@@ -242,24 +254,24 @@ class BlockingWindow(Window):
                 return []
 
     def _key(self, down: bool, key: str, symbol: str, t_ns: int, cause: PressCause = "finger") -> list[Input]:
-        """Convert a key event to inputs. Its time is at least a nanosecond after that of the key before."""
+        """Convert a key event to inputs, at least a nanosecond later than the previous key event."""
         t_ns = max(t_ns, self._last_key_ns + 1)
         if down:
             return self._ordered(self._repeater.press(t_ns, key, symbol, cause))
         return self._ordered(self._repeater.release(t_ns, key, symbol))
 
     def _ordered(self, inputs: Sequence[KeyDown | KeyUp]) -> list[Input]:
-        """Take note of the last key's time."""
+        """Return key inputs after noting the time of the last one."""
         if inputs:
             self._last_key_ns = inputs[-1].t_ns
         return [*inputs]
 
     def _find_held_keys(self) -> Sequence[str]:
-        """Find the keys that were down when the window got the focus; none where the toolkit cannot know."""
+        """Return the keys that were down when the window got the focus; none if the toolkit cannot know."""
         return ()
 
     def _typed(self, text: str) -> list[Input]:
-        """Convert typed text to inputs; control characters come as keys."""
+        """Convert typed text to inputs; control characters are left out, since they arrive as keys."""
         printable = "".join(letter for letter in text if letter.isprintable())
         if printable and self._accepts[0]:
             return [TextInput(self._clock(), printable)]
@@ -273,7 +285,7 @@ class BlockingWindow(Window):
         t_ns: int,
         cause: PointerCause = "finger",
     ) -> list[Input]:
-        """Convert an event of the main mouse button at (x, y), 0..1 of the picture from its top left."""
+        """Convert an event of the main mouse button to inputs; x and y are shares of the picture from its top left."""
         if not self._accepts[1] or self._screen is None or (kind is PointerPressed) != (self._pressed_in is None):
             return []
         if isinstance(self._screen, PlayScreen):
@@ -295,7 +307,7 @@ class BlockingWindow(Window):
         return [kind(t_ns, x, y, target, along, cause)]
 
     def _focus(self, t_ns: int, focused: bool) -> list[Input]:
-        """Convert a focus event; toolkits repeat themselves, and report a loss before any gain."""
+        """Convert a focus event to inputs; repeated events of the same kind are ignored."""
         if focused == self._focused:
             return []
         self._focused = focused
@@ -315,14 +327,14 @@ _FIRST_CHOICE = ("pygame", "pyglet")  # pygame knows every key by position, on e
 
 
 def list_windows() -> tuple[str, ...]:
-    """List what can be asked for beside "auto", in the order in which auto tries them."""
+    """Return the names of the registered windows, in the order in which "auto" tries them."""
     installed = set(list_plugin_names(WINDOW_GROUP))
     first = tuple(name for name in _FIRST_CHOICE if name in installed)
     return first + tuple(sorted(installed.difference(first)))
 
 
 def open_window(name: str, clock: Clock, *, fullscreen: bool = False, size_px: Size = DEFAULT_SIZE_PX) -> Window:
-    """Open a window by name; "auto" takes the first that opens.
+    """Open the window with a name; "auto" opens the first window that works.
 
     Raises:
         WindowError: if the name is unknown, or no window can be opened here.

@@ -1,10 +1,9 @@
-"""The keyboard: where a key is, from what each toolkit reports.
+"""The names of keys by their positions on the keyboard, from what each toolkit reports.
 
-SDL gives USB positions (scancodes), X11 gives positions by name through XKB, pyglet elsewhere gives only symbols. A key
-without a name of ours is called after its number, so that it still reaches the log. An X keycode is the server's
-private number; the name of a position ("AE01": row E, first key) is the same everywhere.
-
-Structures and masks as in X11/extensions/XKBstr.h and XKB.h.
+SDL reports USB positions (scancodes), X11 the names of positions through XKB, and pyglet on other systems only symbols.
+A key without a name of ours is named by its number, so that it still reaches the log. An X keycode is a private number
+of the server, while the name of a position ("AE01": row E, first key) is the same everywhere. Structures and masks
+follow X11/extensions/XKBstr.h and XKB.h.
 """
 
 import ctypes
@@ -74,22 +73,22 @@ _BY_SYMBOL: Mapping[str, str] = (
 
 
 def key_from_scancode(scancode: int) -> str:
-    """Return our name for an SDL scancode; "scancode_50" for one without."""
+    """Return the key name of an SDL scancode; "scancode_50" for a key without a name."""
     return _BY_SCANCODE.get(scancode, f"scancode_{scancode}")
 
 
 def key_to_scancode(key: str) -> int:
-    """Return the SDL scancode of one of our names."""
+    """Return the SDL scancode of a key name."""
     return next(scancode for scancode, name in _BY_SCANCODE.items() if name == key)
 
 
 def key_from_xkb(position: str, keycode: int) -> str:
-    """Return our name for XKB's name of a position; "keycode_94" for one without."""
+    """Return the key name of an XKB position; "keycode_94" for a key without a name."""
     return _BY_XKB.get(position, f"keycode_{keycode}")
 
 
 def key_from_symbol(name: str) -> str:
-    """Return our name for a pyglet symbol by its place on a US keyboard; "symbol_plus" for one without."""
+    """Return the key name of a pyglet symbol by its place on a US keyboard; "symbol_plus" for a key without a name."""
     known = _BY_SYMBOL.get(name, name.lower())
     if known in KEY_NAMES:
         return known
@@ -131,11 +130,11 @@ class _Description(ctypes.Structure):
 
 
 def read_key_positions(xlib: Any, display: Any) -> dict[int, str]:
-    """Ask the X server for the position ("AE01", "SPCE") of each keycode; empty if it does not speak XKB.
+    """Return the X server's position ("AE01", "SPCE") of each keycode; {} if the server does not support XKB.
 
     Args:
-        xlib: the loaded libX11.
-        display: a pointer to the open ``Display``.
+        xlib: the loaded library libX11
+        display: a pointer to the open ``Display``
     """
     opaque = ctypes.cast(display, ctypes.c_void_p)
     get_map = _function(xlib.XkbGetMap, ctypes.POINTER(_Description), ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)

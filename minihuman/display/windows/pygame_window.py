@@ -1,4 +1,4 @@
-"""The window in pygame-ce (SDL 2). Keys are identified by position (scancode), whatever the layout."""
+"""The window in pygame-ce (SDL 2), which identifies keys by position (scancode), independently of the layout."""
 
 import os
 import sys
@@ -58,10 +58,10 @@ GAMEPAD_EVENTS = (
 
 
 class Gamepad:
-    """The first gamepad that is connected; another takes its place if it goes.
+    """The first connected gamepad; if it is disconnected, the next one takes its place.
 
     Raises:
-        WindowError: if none is connected.
+        WindowError: if no gamepad is connected.
     """
 
     def __init__(self) -> None:
@@ -82,7 +82,7 @@ class Gamepad:
         return controller.Controller(numbers[0])
 
     def facts(self) -> dict[str, str]:
-        """Return device, axes, dead zone and how often it is read."""
+        """Return the gamepad's name, axes, dead zone and polling rate."""
         assert self._pad is not None
         return {
             "gamepad": self._pad.name,
@@ -92,7 +92,7 @@ class Gamepad:
         }
 
     def read(self, event: pygame.event.Event) -> Iterator[tuple[str, bool | float]]:
-        """Yield the buttons that an event presses (True) or releases (False), and the axis that it moves, by name."""
+        """Yield by name the buttons that an event presses (True) or releases (False), and the new value of an axis."""
         match event.type:
             case pygame.CONTROLLERBUTTONDOWN | pygame.CONTROLLERBUTTONUP:
                 if event.button < len(_BUTTONS) and _BUTTONS[event.button]:
@@ -110,12 +110,15 @@ class Gamepad:
                 self._pad = self._open()
 
     def lose_focus(self) -> list[str]:
-        """Return the axes that are moved as the focus goes; they say nothing more until they have been at rest."""
+        """Return the axes that are not at rest when the window loses the focus.
+
+        They report nothing until they have been at rest again.
+        """
         self._held_axes.update(self._axes.moved)
         return self._axes.moved
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close SDL's gamepad support."""
         controller.quit()
 
 
@@ -149,12 +152,12 @@ _EVENTS = (
 
 
 class PygameWindow(BlockingWindow):
-    """A pygame window, or the whole screen.
+    """A pygame window, or a full screen.
 
     Args:
-        clock: stamps inputs and flips.
-        fullscreen: take the whole screen; ``size_px`` is then the screen's.
-        size_px: width and height of a window; smaller on a screen that is smaller.
+        clock: the clock that stamps inputs and flips
+        fullscreen: whether to use the full screen, which determines the size
+        size_px: the width and height of a window, which is at most as large as the screen
 
     Raises:
         WindowError: if there is no display.
@@ -197,7 +200,7 @@ class PygameWindow(BlockingWindow):
 
     @staticmethod
     def _open(size_px: Size, *, fullscreen: bool) -> None:
-        """Open with vsync where the display has a refresh rate and the driver grants it, else without."""
+        """Open the window, with vsync if the display has a refresh rate and the driver permits it."""
         screen_px = pygame.display.get_desktop_sizes()[0]
         if fullscreen:
             flags = pygame.FULLSCREEN
@@ -215,7 +218,7 @@ class PygameWindow(BlockingWindow):
 
     @property
     def size_px(self) -> Size:
-        """Return width and height of what is drawn."""
+        """The width and height of the drawn picture."""
         return _surface().get_size()
 
     def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
@@ -239,7 +242,10 @@ class PygameWindow(BlockingWindow):
         return [*inputs, *self._release_unseen(t_ns)]
 
     def _release_unseen(self, t_ns: int) -> list[Input]:
-        """Release keys that were down as the focus came: SDL drops the release of a key whose press it did not see."""
+        """Return releases of keys that were down when the window got the focus and are up now.
+
+        SDL drops the release of a key whose press it did not see.
+        """
         if self._record is None:
             return []
         unseen = [key for key in self._down_at_focus if key not in self._down_in_sdl]
@@ -253,7 +259,7 @@ class PygameWindow(BlockingWindow):
         return []
 
     def _timed(self, events: list[pygame.event.Event]) -> Iterator[tuple[pygame.event.Event, KeyMove]]:
-        """Yield each event with what the X server, if any, says of it: SDL tells no times, and invents some moves."""
+        """Yield each event with the X server's record of it, since SDL reports no times and invents some events."""
         names = [name for name in map(_name_move, events) if name is not None]
         moves: Iterator[KeyMove] = iter(())
         if self._record and names:
@@ -265,7 +271,7 @@ class PygameWindow(BlockingWindow):
             yield event, move
 
     def _inputs(self, event: pygame.event.Event, move: KeyMove, now_ns: int) -> list[Input]:
-        """Convert an event to inputs; what the X server does not time is stamped ``now_ns``."""
+        """Convert an event to inputs; events without a time of the X server get the time ``now_ns``."""
         t_ns = move.t_ns
         if t_ns is None:
             t_ns = now_ns
@@ -291,7 +297,10 @@ class PygameWindow(BlockingWindow):
         return []
 
     def _press_key(self, event: pygame.event.Event, move: KeyMove, now_ns: int) -> list[Input]:
-        """Convert a press; before it, release the key if it was down as the focus came and SDL dropped its release."""
+        """Convert a key press to inputs.
+
+        If the key was down when the window got the focus and SDL dropped its release, a release comes first.
+        """
         cause = self._find_cause(event, move)
         key = key_from_scancode(event.scancode)
         pressed_ns = now_ns  # no press of this window has the time of one that was held before
@@ -304,7 +313,7 @@ class PygameWindow(BlockingWindow):
         return [*released, *self._key(True, key, _symbol(event), pressed_ns, cause)]
 
     def _lose_focus(self, now_ns: int) -> list[Input]:
-        """Bring the gamepad's axes to rest, and release every key."""
+        """Return inputs that bring the gamepad's axes to rest and release every key."""
         self._down_in_sdl.clear()
         axes: list[str] = []
         if self._gamepad is not None:
@@ -324,7 +333,10 @@ class PygameWindow(BlockingWindow):
         return self._pointer(PointerPressed, *self._along(event.pos), t_ns, cause)
 
     def _find_cause(self, event: pygame.event.Event, move: KeyMove) -> PressCause:
-        """Tell whether a key was pressed here, before, or beside Ctrl, Alt or Meta, which AltGr is not."""
+        """Return the cause of a key press: a finger, a press before the focus, or a shortcut with Ctrl, Alt or Meta.
+
+        AltGr does not make a press a shortcut.
+        """
         if not move.is_in_window:
             return "held_before_focus"
         modifiers = getattr(event, "mod", 0) & _SHORTCUT_MODIFIERS  # a posted event has no such field
@@ -352,10 +364,10 @@ class PygameWindow(BlockingWindow):
         return self._down_at_focus
 
     def open_gamepad(self) -> dict[str, str]:
-        """Take inputs of the first gamepad that is connected.
+        """Receive inputs of the first connected gamepad from now on; return its description.
 
         Raises:
-            WindowError: if there is none.
+            WindowError: if no gamepad is connected.
         """
         self._gamepad = Gamepad()
         return self._gamepad.facts()
@@ -378,12 +390,12 @@ class PygameWindow(BlockingWindow):
             pygame.event.set_blocked(_POINTER)
 
     def post_key(self, key: str) -> None:
-        """Put a press and a release of a key into SDL's queue; from any thread."""
+        """Put a press and a release of a key into SDL's queue; any thread can call this."""
         for kind in (pygame.KEYDOWN, pygame.KEYUP):
             pygame.event.post(pygame.event.Event(kind, scancode=key_to_scancode(key), key=pygame.K_UNKNOWN))
 
     def facts(self) -> dict[str, str]:
-        """Return toolkit, version, display size, refresh rate, and how keys are identified."""
+        """Return the toolkit, its version, the display's size and refresh rate, and how keys are identified."""
         width, height = self.size_px
         return {
             "window": "pygame",
@@ -398,7 +410,7 @@ class PygameWindow(BlockingWindow):
         }
 
     def close(self) -> None:
-        """Give the display back."""
+        """Close the window; a second call does nothing."""
         if not self._closed:
             self._closed = True
             if self._gamepad is not None:
@@ -409,7 +421,7 @@ class PygameWindow(BlockingWindow):
 
 
 def _open_record(clock: Clock) -> X11InputRecord | None:
-    """Open the X server's record of keys; None where there is none."""
+    """Return the X server's record of keys for the window; None if there is none."""
     try:
         return X11InputRecord(clock, pygame.display.get_wm_info()["window"])
     except OSError:
@@ -417,14 +429,14 @@ def _open_record(clock: Clock) -> X11InputRecord | None:
 
 
 def _surface() -> pygame.Surface:
-    """Return what is drawn on; another one after each change of size."""
+    """Return the surface to draw on, which can be another one after each change of size."""
     surface = pygame.display.get_surface()
     assert surface is not None, "the window is open"
     return surface
 
 
 def _name_move(event: pygame.event.Event) -> tuple[str, bool] | None:
-    """Name the key, or the mouse's main button, of an event, and say whether it went down; None: neither."""
+    """Return the key, or the main mouse button, of an event and whether it went down; None for other events."""
     if event.type in _KEYS:
         return key_from_scancode(event.scancode), event.type == pygame.KEYDOWN
     is_click = event.type in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP) and event.button == pygame.BUTTON_LEFT
@@ -436,7 +448,10 @@ def _name_move(event: pygame.event.Event) -> tuple[str, bool] | None:
 def _drop_invented_releases(
     timed: list[tuple[pygame.event.Event, KeyMove]],
 ) -> list[tuple[pygame.event.Event, KeyMove]]:
-    """Drop the releases that SDL makes up as the focus goes, just before it says so: the window marks its own."""
+    """Drop the key releases that SDL invents just before it reports that the window loses the focus.
+
+    The window adds releases of its own, which are marked as such.
+    """
     real_moves: list[tuple[pygame.event.Event, KeyMove]] = []
     for event, move in timed:
         if event.type == pygame.WINDOWFOCUSLOST:
@@ -448,5 +463,5 @@ def _drop_invented_releases(
 
 
 def _symbol(event: pygame.event.Event) -> str:
-    """Return what the key is called on this layout, without modifiers."""
+    """Return the key's name on the current layout, without modifiers."""
     return pygame.key.name(event.key, use_compat=False)

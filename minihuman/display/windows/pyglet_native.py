@@ -1,6 +1,6 @@
-"""A pyglet window that reports key positions and shows finished pictures. Works with pyglet 1.5 and 2.
+"""A pyglet window that reports key positions and shows finished pictures, for pyglet 1.5 and 2.
 
-Importing this opens pyglet's connection to the display, so only ``pyglet_window`` does, when a window is opened.
+Importing this module opens pyglet's connection to the display, so ``pyglet_window`` imports it only to open a window.
 """
 
 import ctypes
@@ -34,33 +34,33 @@ EVENT_HANDLED = pyglet.event.EVENT_HANDLED
 
 
 def find_screen() -> Any:
-    """Find the screen that windows open on."""
+    """Return the screen on which windows open."""
     if hasattr(pyglet, "canvas"):  # pyglet 1.5
         return pyglet.canvas.get_display().get_default_screen()
     return pyglet.display.get_display().get_default_screen()
 
 
 def _is_modifier(keysym: int) -> bool:
-    """Whether a key is Shift, Control, Meta, a lock and so on, as X11/keysymdef.h and Xutil.h have it."""
+    """Return whether a key is Shift, Control, Meta, a lock or another modifier, as in X11/keysymdef.h and Xutil.h."""
     return 0xFFE1 <= keysym <= 0xFFEE or 0xFE01 <= keysym <= 0xFE13 or keysym in (0xFF7E, 0xFF7F)
 
 
 def _is_grab(event: Any) -> bool:
-    """Whether the focus stays where it is, while a window manager listens for the rest of a shortcut."""
+    """Return whether a focus event only means that a window manager reads the rest of a shortcut."""
     return ON_X11 and event.type in (xlib.FocusIn, xlib.FocusOut) and event.xfocus.mode in _GRABS
 
 
 class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 has no types
-    """Dispatches ``on_key(down, key, symbol, server_ms, is_shortcut)`` in our key names, beside pyglet's own events.
+    """A pyglet window that also dispatches ``on_key(down, key, symbol, server_ms, is_shortcut)`` with our key names.
 
-    On X11 the key is read from the keycode of the X event, before pyglet reduces it to a symbol and drops what it
-    takes for auto-repeat, and so is its time. Elsewhere pyglet's symbol is all there is, and ``server_ms`` is None.
+    On X11, the key and its time are read from the X event, before pyglet reduces the key to a symbol and drops what it
+    takes for auto-repeat. On other systems, only pyglet's symbol is known, and ``server_ms`` is None.
     """
 
     _enable_event_queue = False  # deliver at once and in order, as pyglet's own event loop has it
 
     def __init__(self, title: str, size_px: Size | None) -> None:
-        """Open a window of that size, no larger than the screen; None takes the whole screen."""
+        """Open a window of a size, at most as large as the screen; None opens a full screen."""
         self._positions: dict[int, str] = {}
         self.accepts_text = False
         self._key_reported = False  # of the key event that pyglet looks at now
@@ -81,7 +81,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
     # Keys on X11
 
     def dispatch_platform_event(self, event: Any) -> None:
-        """Take key events of the window; the rest, and what text a key makes, is pyglet's."""
+        """Handle key events of the window; pyglet handles other events and the text that keys produce."""
         if _is_grab(event):
             return
         self._key_reported = self._key_of_x11(event)
@@ -90,7 +90,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         self._key_reported = False
 
     def dispatch_platform_event_view(self, event: Any) -> None:
-        """Take key events of the area inside the window; the rest, and what text a key makes, is pyglet's."""
+        """Handle key events of the window's inner area; pyglet handles other events and the text that keys produce."""
         self._key_reported = self._key_of_x11(event)
         if not self._key_reported or self.accepts_text:
             super().dispatch_platform_event_view(event)
@@ -116,11 +116,11 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
     # Keys elsewhere
 
     def on_key_press(self, symbol: int, modifiers: int) -> bool:
-        """Say which key pyglet means; its own handler would close the window at Escape."""
+        """Report the pressed key; pyglet's own handler would close the window at Escape."""
         return self._key_of_symbol(True, symbol, modifiers)
 
     def on_key_release(self, symbol: int, modifiers: int) -> bool:
-        """Say which key pyglet means."""
+        """Report the released key."""
         return self._key_of_symbol(False, symbol, modifiers)
 
     def _key_of_symbol(self, down: bool, symbol: int, modifiers: int) -> bool:
@@ -134,7 +134,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
 
     @property
     def x11_window(self) -> int | None:
-        """Return the X server's number of the window; None on other systems."""
+        """The X server's id of the window; None on other systems."""
         if not ON_X11:
             return None
         return int(self._window)
@@ -142,9 +142,10 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
     # Pictures
 
     def present(self, frame: NDArray[np.uint8], changed: Box) -> None:
-        """Show uint8[H, W, 3] of the framebuffer's size, new only in the box; return when the display has it.
+        """Show a frame uint8[H, W, 3] of the framebuffer's size, changed only in a box; return once it is displayed.
 
-        A copy between framebuffers needs no shader and turns the picture the right way up, in either major's OpenGL.
+        A copy between framebuffers needs no shader and turns the picture upright, in the OpenGL of either pyglet
+        version.
         """
         height, width = frame.shape[:2]
         self.switch_to()
@@ -158,7 +159,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         gl.glFinish()  # a flip only queues the frame
 
     def _make_frame(self, width: int, height: int) -> None:
-        """Make a texture for the frame, bound for reading until a frame has another size."""
+        """Make a texture for frames of a size, and bind it for reading."""
         for delete, name in ((gl.glDeleteFramebuffers, self._framebuffer), (gl.glDeleteTextures, self._texture)):
             delete(1, ctypes.byref(name))  # 0, which there is before the first, is passed over
         texture, framebuffer = self._texture, self._framebuffer = gl.GLuint(), gl.GLuint()
@@ -173,11 +174,11 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         self._frame_size = (width, height)
 
     def renderer(self) -> str:
-        """Return who draws, as OpenGL names it."""
+        """Return OpenGL's name of the renderer."""
         return (ctypes.cast(gl.glGetString(gl.GL_RENDERER), ctypes.c_char_p).value or b"unknown").decode()
 
     def refresh_hz(self) -> str:
-        """Return the rate that the display claims; "unknown" where it claims none."""
+        """Return the refresh rate that the display reports; "unknown" if it reports none."""
         mode = self.screen.get_mode()
         if mode is not None and mode.rate:
             return str(mode.rate)

@@ -1,4 +1,4 @@
-"""The window in pyglet 1.5 or 2. Keys are identified by position on X11; elsewhere pyglet gives only the symbol."""
+"""The window in pyglet 1.5 or 2, which identifies keys by position on X11 and by symbol on other systems."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -36,15 +36,15 @@ _LEFT = 1  # pyglet's name for the main button
 
 
 class PygletWindow(BlockingWindow):
-    """A pyglet window, or the whole screen.
+    """A pyglet window, or a full screen.
 
     Args:
-        clock: stamps inputs and flips.
-        fullscreen: take the whole screen; ``size_px`` is then the screen's.
-        size_px: width and height of a window; smaller on a screen that is smaller.
+        clock: the clock that stamps inputs and flips
+        fullscreen: whether to use the full screen, which determines the size
+        size_px: the width and height of a window, which is at most as large as the screen
 
     Raises:
-        WindowError: if there is no display, or none with OpenGL 3.
+        WindowError: if there is no display, or no display with OpenGL 3.
     """
 
     def __init__(self, clock: Clock, *, fullscreen: bool = False, size_px: Size = DEFAULT_SIZE_PX) -> None:
@@ -78,7 +78,7 @@ class PygletWindow(BlockingWindow):
 
     @property
     def size_px(self) -> Size:
-        """Return width and height of what is drawn."""
+        """The width and height of the drawn picture."""
         width, height = self._window.get_framebuffer_size()
         return int(width), int(height)
 
@@ -113,7 +113,7 @@ class PygletWindow(BlockingWindow):
             self._inputs += self._key(True, key, symbol, t_ns, cause)
 
     def _is_press_in_window(self, name: str, server_ms: int | None) -> bool:
-        """Tell whether a press was made in this window; where the X server says nothing of it, it was."""
+        """Return whether a press was made in this window; True if the X server does not report it."""
         if self._record is None or server_ms is None:
             return True
         return self._record.is_press_in_window(name, server_ms)
@@ -159,14 +159,14 @@ class PygletWindow(BlockingWindow):
         return True  # handled: pyglet is not to close it itself
 
     def post_key(self, key: str) -> None:
-        """Put a press and a release of a key into pyglet's queue; from any thread."""
+        """Put a press and a release of a key into pyglet's queue; any thread can call this."""
         import pyglet
 
         for down in (True, False):
             pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "", None, False)
 
     def facts(self) -> dict[str, str]:
-        """Return toolkit, version, display size, refresh rate, and how keys are identified."""
+        """Return the toolkit, its version, the display's size and refresh rate, and how keys are identified."""
         import pyglet
 
         from minihuman.display.windows.pyglet_native import ON_X11
@@ -186,7 +186,7 @@ class PygletWindow(BlockingWindow):
         }
 
     def close(self) -> None:
-        """Give the display back."""
+        """Close the window; a second call does nothing."""
         if self._native is not None:
             if self._record is not None:
                 self._record.close()
@@ -195,7 +195,7 @@ class PygletWindow(BlockingWindow):
 
 
 def _open_record(clock: Clock, window: int | None) -> X11InputRecord | None:
-    """Open the X server's record of keys; None where there is none."""
+    """Return the X server's record of keys for the window; None if there is none."""
     if window is None:
         return None
     try:

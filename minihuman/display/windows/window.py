@@ -1,7 +1,7 @@
-"""The window port, and a scripted window that plays inputs at given times on a virtual clock.
+"""The window interface, and a scripted window that plays inputs at given times on a virtual clock.
 
-Every window implements the port: pygame, pyglet, scripted; one contract suite runs them all. The scripted one serves
-tests and the replay of sessions.
+The pygame, pyglet and scripted windows implement the interface, and one contract suite tests them all. The scripted
+window serves tests and the replay of sessions.
 """
 
 import abc
@@ -15,74 +15,75 @@ Clock = Callable[[], int]  # ns on the session's monotonic clock, 0 at session s
 
 
 class Window(abc.ABC):
-    """Shows screens and yields inputs, stamped on receipt with the clock it was made with."""
+    """A window that shows screens and returns inputs, each stamped by the session's clock when it is received."""
 
     @abc.abstractmethod
     def show(self, screen: Screen) -> ScreenShown:
-        """Draw a screen, flip, and say when it was submitted and when the flip returned."""
+        """Draw and display a screen; return the times at which it was submitted and the flip returned."""
 
     def show_after(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown | None:
-        """Show a screen once ``await_log`` has returned; until then a window may draw it, but not flip.
+        """Display a screen once ``await_log`` has returned; before that, a window can draw it but not display it.
 
-        None where another thread shows it: that it was is then one of the inputs of `wait`.
+        The result is None if another thread displays the screen; then `wait` returns an input that says when it was
+        shown.
 
         Raises:
-            LogError: as ``await_log`` does; then the screen is not shown.
+            LogError: if ``await_log`` raises it; the screen is not shown then.
         """
         await_log()
         return self.show(screen)
 
     @abc.abstractmethod
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Block until an input comes or the clock reaches ``until_ns`` (None: for ever); [] at the deadline.
+        """Wait until inputs arrive or the clock reaches ``until_ns`` (None: no limit); return [] at the deadline.
 
-        Every input that has arrived is returned, in order of arrival; none is dropped or doubled.
+        All inputs that have arrived are returned in order of arrival, without loss or duplicates.
         """
 
     @abc.abstractmethod
     def facts(self) -> dict[str, str]:
-        """Return toolkit, version, display size, refresh rate, and how keys are identified; no personal names."""
+        """Return toolkit, version, display size, refresh rate and how keys are identified, but no personal names."""
 
     def open_gamepad(self) -> dict[str, str]:
-        """Take inputs of a gamepad from now on; return device, axes, dead zone and polling, for the log.
+        """Receive inputs of a gamepad from now on; return its name, axes, dead zone and polling rate for the log.
 
         Raises:
-            WindowError: if none is connected, or the window's toolkit reads none.
+            WindowError: if no gamepad is connected, or the window's toolkit does not support gamepads.
         """
         raise WindowError(f"a {type(self).__name__} reads no gamepad, which the protocol needs; use --window pygame")
 
     @property
     def picture_px(self) -> tuple[int, int] | None:
-        """Return the room for a world's picture, width and height; None: no picture is drawn."""
+        """The largest width and height of a world's picture in pixels; None if the window draws no picture."""
         return None
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Give the display back. A second call does nothing."""
+        """Close the window; a second call does nothing."""
 
 
 class VirtualClock:
-    """A clock that moves only by ``advance_to``; calling it returns its time, ns."""
+    """A clock that moves only by ``advance_to``; calling it returns its time in nanoseconds."""
 
     def __init__(self) -> None:
         self.now_ns = 0
 
     def __call__(self) -> int:
-        """Return the time, ns."""
+        """Return the time in nanoseconds."""
         return self.now_ns
 
     def advance_to(self, t_ns: int) -> None:
-        """Move on; a time that has passed changes nothing."""
+        """Advance the clock to a time; a time in the past changes nothing."""
         self.now_ns = max(self.now_ns, t_ns)
 
 
 class ScriptedWindow(Window):
-    """Hands out the script's inputs when the clock reaches them, and closes at the script's end.
+    """A window that returns a script's inputs when the clock reaches them, and stops the session at the script's end.
 
     Args:
-        script: inputs in order of time.
-        clock: the virtual clock the session runs on; waiting moves it.
-        frame_ns: how long a flip takes.
+        script: the inputs to return
+        clock: the virtual clock of the session, which waiting advances
+        frame_ns: the duration of a flip in nanoseconds
     """
 
     def __init__(self, script: Iterable[Input], clock: VirtualClock, *, frame_ns: int = 0) -> None:
@@ -92,14 +93,14 @@ class ScriptedWindow(Window):
         self._frame_ns = frame_ns
 
     def show(self, screen: Screen) -> ScreenShown:
-        """Keep the screen; the flip returns one frame later."""
+        """Record the screen; the flip returns one frame later."""
         self.screens.append(screen)
         submit_ns = self._clock()
         self._clock.advance_to(submit_ns + self._frame_ns)
         return ScreenShown(t_ns=self._clock(), submit_ns=submit_ns, flip_ns=self._clock())
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Move the clock to the next input or to ``until_ns``; all inputs of that moment come together."""
+        """Advance the clock to the next input or to ``until_ns``; return all inputs of that time together."""
         if not self._script:
             return [Stop(self._clock(), "window_closed", "the script has ended")]
         due_ns = max(self._script[0].t_ns, self._clock())
@@ -112,8 +113,8 @@ class ScriptedWindow(Window):
         return list(arrived)
 
     def facts(self) -> dict[str, str]:
-        """Return that it is a script."""
+        """Return that the window is scripted."""
         return {"window": "scripted"}
 
     def close(self) -> None:
-        """Do nothing: there is nothing to give back."""
+        """Do nothing, since there is no display to close."""

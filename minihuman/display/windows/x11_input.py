@@ -1,8 +1,8 @@
-"""The X server's record of keys and of the mouse's main button: when they moved, and whether the window had the focus.
+"""The X server's record of key and mouse-button events: their times, and whether the window had the focus.
 
-The X server stamps each event as it comes, whatever this process is busy with. Its stamps are whole milliseconds of
-CLOCK_MONOTONIC, which we use too, if server and session run on the same machine; that is tested once, by having the
-server stamp something. Structures and masks as in X11/extensions/XInput2.h.
+The X server stamps each event when it occurs, even while this process is busy. Its stamps are whole milliseconds of
+CLOCK_MONOTONIC, the session's clock, if the server and the session run on the same machine. This is checked once, by
+requesting a stamp from the server. Structures and masks follow X11/extensions/XInput2.h.
 """
 
 import ctypes
@@ -107,9 +107,9 @@ class _Event(ctypes.Union):
 
 
 def convert_server_time(server_ms: int, clock: Clock) -> int:
-    """Return the session's time of an event that the server stamped: never too early, at most a millisecond late.
+    """Return the session time of an event that the server stamped: never early, and at most a millisecond late.
 
-    A stamp that cannot be true (of the future, over a minute old) gives the time now.
+    For a stamp that cannot be correct (in the future, or over a minute old), return the present time.
     """
     now_ns = clock()
     monotonic_ns = time.monotonic_ns()
@@ -121,10 +121,10 @@ def convert_server_time(server_ms: int, clock: Clock) -> int:
 
 
 class _Server:
-    """A connection of our own to the X server, whose clock is ours.
+    """A separate connection to an X server that uses the same clock as the session.
 
     Raises:
-        OSError: if there is no such server, or its clock is another.
+        OSError: if there is no such server, or it uses another clock.
     """
 
     def __init__(self) -> None:
@@ -179,7 +179,7 @@ class _Server:
             setattr(self._x, name, function)
 
     def _same_clock(self) -> bool:
-        """Compare the server's time stamp of an event with our time."""
+        """Return whether the server's stamp of an event lies between the session's times before and after it."""
         window = self._x.XCreateSimpleWindow(self._display, self._root, 0, 0, 1, 1, 0, 0, 0)
         self._x.XSelectInput(self._display, window, _PROPERTY_CHANGE_MASK)
         atom = self._x.XInternAtom(self._display, b"MINIHUMAN_TIME", 0)
@@ -194,7 +194,7 @@ class _Server:
 
 
 def has_shared_clock() -> bool:
-    """Whether there is an X server that stamps its events by our own clock."""
+    """Return whether there is an X server that stamps events with the session's clock."""
     try:
         _Server().close()
     except OSError:
@@ -204,7 +204,7 @@ def has_shared_clock() -> bool:
 
 @dataclass(slots=True)
 class _Move:
-    """A key, or the mouse's main button, went down or up."""
+    """A press or release of a key or of the main mouse button."""
 
     key: str
     down: bool
@@ -213,14 +213,20 @@ class _Move:
 
 
 class KeyMove(NamedTuple):
-    """The time of a key's move, and whether it was in the window; None and True where the server does not report it."""
+    """The time of a key's press or release, and whether it was made in the window.
+
+    The fields are None and True if the server does not report the event.
+    """
 
     t_ns: int | None
     is_in_window: bool
 
 
 def _match_moves(keys: Sequence[tuple[str, bool]], recorded: Sequence[_Move]) -> list[int | None]:
-    """Find each key move (name, down) in the record, the latest before the next one's; None where it is not there."""
+    """Return the index in the record of each key event (name, down); None if the record does not have it.
+
+    Each is the latest matching event before that of the following key event.
+    """
     places: list[int | None] = []
     end = len(recorded)
     for key_move in reversed(keys):
@@ -239,16 +245,16 @@ def _find_last_move(key_move: tuple[str, bool], recorded: Sequence[_Move]) -> in
 
 
 class X11InputRecord(_Server):
-    """Records each event of a key or the mouse's main button, and whether the window had the focus then.
+    """A record of the events of keys and the main mouse button, with whether the window had the focus at each.
 
-    The server sends them, and the window's changes of focus, in the order in which they happened.
+    The server sends these events, and the window's focus changes, in the order in which they happened.
 
     Args:
-        clock: the session's.
-        window: the X server's number of the window.
+        clock: the session's clock
+        window: the X server's id of the window
 
     Raises:
-        OSError: if there is no such server, it does not speak XInput 2, or its clock is another than ours.
+        OSError: if there is no such server, it does not support XInput 2, or it uses another clock.
     """
 
     def __init__(self, clock: Clock, window: int) -> None:
@@ -269,10 +275,10 @@ class X11InputRecord(_Server):
         self._watch(window)
 
     def find_moves(self, keys: Sequence[tuple[str, bool]]) -> list[KeyMove]:
-        """Find when these keys moved (name, down), in the order a window received them.
+        """Return the recorded time of key events (name, down), given in the order in which a window received them.
 
-        Each is the latest such event before the next one's: what was typed elsewhere lies before, and is forgotten. A
-        press that the toolkit made up is none of them: then what is known of the key's last press counts.
+        Each is the latest matching event before that of the following one; earlier events were typed in other windows
+        and are discarded. For a press that the toolkit invented, the record of the key's last press is used.
         """
         self._read()
         if keys and keys[-1] not in [(move.key, move.down) for move in self._moves]:
@@ -293,14 +299,14 @@ class X11InputRecord(_Server):
         return KeyMove(convert_server_time(move.server_ms, self._clock), move.is_in_window)
 
     def _describe_unrecorded(self, key: str, down: bool) -> KeyMove:
-        """Describe a move that the server does not report, by the last press of its key."""
+        """Return the record of an event that the server does not report, according to the last press of its key."""
         presses = self._presses.get(key)
         if down and presses:
             return KeyMove(None, presses[-1].is_in_window)
         return KeyMove(None, True)
 
     def is_press_in_window(self, key: str, server_ms: int) -> bool:
-        """Whether a press that a window received was made in it; a repeat is the press's that it repeats."""
+        """Return whether a press that a window received was made in it; a repeat counts like its first press."""
         self._read()
         if not any(move.server_ms == server_ms for move in self._presses[key]):
             self._wait()
@@ -316,7 +322,7 @@ class X11InputRecord(_Server):
 
     @property
     def has_alt_graph(self) -> bool:
-        """Whether the right Alt key makes letters on the present layout, so that it is no modifier of a shortcut."""
+        """Whether the right Alt key types letters on the current layout, so that it does not make shortcuts."""
         self._read()
         codes = {name: code for code, name in self._positions.items()}
         # LVL3 is no key of a keyboard's: it says AltGr on every layout.
@@ -324,12 +330,12 @@ class X11InputRecord(_Server):
         return self._x.XkbKeycodeToKeysym(self._display, keycode, 0, 0) in _ALT_GRAPH_KEYSYMS
 
     def is_down(self, key: str) -> bool:
-        """Whether a key is down, in whichever window it was pressed."""
+        """Return whether a key is down, regardless of the window in which it was pressed."""
         self._read()
         return key in self._down
 
     def find_held_keys(self) -> list[str]:
-        """Find the keys that were down when the window got the focus, and still are."""
+        """Return the keys that were down when the window got the focus and are still down."""
         self._read()
         if not self._focus_is_new:
             self._wait()
@@ -353,7 +359,7 @@ class X11InputRecord(_Server):
         self._x.XFlush(self._display)
 
     def _watch(self, window: int) -> None:
-        """Hear of the window's focus from now on; what is down now was pressed before there was a window."""
+        """Record focus changes of a window from now on; keys that are down now count as pressed before."""
         self._x.XSelectInput(self._display, window, _FOCUS_CHANGE_MASK)
         keys_down = (ctypes.c_ubyte * 32)()
         self._x.XQueryKeymap(self._display, keys_down)
@@ -370,12 +376,12 @@ class X11InputRecord(_Server):
         return key_from_xkb(self._positions.get(keycode, ""), keycode)
 
     def _wait(self) -> None:
-        """Give the server a moment: it tells the toolkit and us at once, but one of us first."""
+        """Wait briefly for the server, which can report an event to the toolkit before it reports it here."""
         select.select([self._socket_fd], [], [], _EVENT_TIMEOUT_S)
         self._read()
 
     def _read(self) -> None:
-        """Take in what has come."""
+        """Record all events that have arrived."""
         event = _Event()
         while self._x.XPending(self._display):
             self._x.XNextEvent(self._display, ctypes.byref(event))
@@ -394,7 +400,7 @@ class X11InputRecord(_Server):
             self._x.XFreeEventData(self._display, ctypes.byref(cookie))
 
     def _name_raw_event(self, raw: "_Raw") -> str | None:
-        """Name the key or the main button that an event is of; None for a repeat, or another button."""
+        """Return the name of an event's key or "main_button"; None for a repeat or another button."""
         if raw.kind in (_RAW_PRESSES[0], _RAW_RELEASES[0]):
             if raw.flags & _KEY_REPEAT:
                 return None
@@ -404,7 +410,7 @@ class X11InputRecord(_Server):
         return None
 
     def _change_focus(self, event: "_Focus") -> None:
-        """Take a change of focus. While a window manager grabs the keyboard, what is typed is the manager's."""
+        """Record a focus change; while a window manager grabs the keyboard, typed keys belong to the manager."""
         if event.detail in _FOCUS_DETAILS_OF_OTHERS:
             return
         self._focused = self._focus_is_new = event.type == _FOCUS_IN

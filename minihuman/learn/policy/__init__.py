@@ -1,1 +1,1 @@
-"""One policy: what it observes, its network, its file, and how it acts and is evaluated."""
+"""Policies: their observations, networks and files, and how they act."""

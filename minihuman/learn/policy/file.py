@@ -1,4 +1,4 @@
-"""A policy file: its weights, and everything needed to know where it may play and how it was made."""
+"""Policy files: a policy's weights, with a card that says how the policy was trained and where it can play."""
 
 import io
 import math
@@ -35,7 +35,7 @@ MAX_VALUES = 2**23  # of a policy's weights together, and of an image
 
 @dataclass(frozen=True, slots=True)
 class PolicyCard:
-    """A policy's description in plain values, stored beside the weights."""
+    """A policy's description in plain values, stored next to its weights."""
 
     world: str  # a Gymnasium id
     world_options: dict[str, Any]
@@ -52,12 +52,12 @@ class PolicyCard:
 
     @property
     def worlds(self) -> tuple[str, ...]:
-        """Return the worlds in which it may play."""
+        """The ids of the worlds in which the policy can play."""
         return (self.world, *self.other_worlds)
 
     @property
     def observation_space(self) -> spaces.Dict:
-        """Return the space of what the network takes."""
+        """The observation space of the policy's network."""
         image = spaces.Box(0, 255, self.image_shape, np.uint8)
         if not self.eyesight.missions:
             return spaces.Dict({"image": image})
@@ -65,24 +65,24 @@ class PolicyCard:
 
 
 def get_versions() -> dict[str, str]:
-    """Return the versions that numbers here depend on."""
+    """Return the versions of the packages on which a policy's results depend."""
     packages = ("torch", "stable-baselines3", "gymnasium", "numpy")
     ours = {"python": platform.python_version(), "minihuman": __version__}  # a checkout need not be installed
     return ours | {name: version(name) for name in packages}
 
 
 def save_policy(policy: BasePolicy, card: PolicyCard, path: Path) -> None:
-    """Write a policy file, over one that exists: a caller that must not replace it checks first."""
+    """Write a policy file, replacing any existing file."""
     save_atomically(
         {"format": FORMAT, "card": asdict(card), "versions": get_versions(), "weights": policy.state_dict()}, path
     )
 
 
 def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
-    """Read a policy file, ready to act on the CPU.
+    """Read a policy file; return the policy, ready to act on the CPU, and its card.
 
     Raises:
-        LearnError: if the file is missing or is not a policy of ours.
+        LearnError: if the file is missing or is not a policy file of minihuman.
     """
     content = read_policy_file(path)
     card = _read_card(content, path)
@@ -101,7 +101,10 @@ def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
 
 
 def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
-    """Say why no network of a policy's card can have these weights, without making one of a size that may be huge."""
+    """Return why weights do not fit the network that a card describes; None if they fit.
+
+    No network is built, since a card can name one of any size.
+    """
     if not isinstance(weights, dict) or not weights:
         return f"weights is a {type(weights).__name__}"
     for name, value in weights.items():
@@ -136,10 +139,10 @@ def _is_plain_tensor(value: Any) -> bool:
 
 
 def read_policy_file(path: Path) -> dict[str, Any]:
-    """Read a policy file's content: format, card, versions and weights.
+    """Return the content of a policy file: format, card, versions and weights.
 
     Raises:
-        LearnError: if the file is missing or is not a policy of ours.
+        LearnError: if the file is missing or is not a policy file of minihuman.
     """
     if not path.is_file():
         raise LearnError(f"policy file {path} does not exist; make one with `minihuman learn`")
@@ -161,12 +164,12 @@ def read_policy_file(path: Path) -> dict[str, Any]:
 
 
 def _require_small_archive(path: Path) -> None:
-    """Refuse what is not a ZIP archive as PyTorch writes it, of a bounded size once it is unpacked.
+    """Check that a file is a ZIP archive, as PyTorch writes it, whose unpacked size is limited.
 
     Raises:
-        ValueError: if it is something else.
-        OSError: if it cannot be read.
-        zipfile.BadZipFile: if it is no archive.
+        ValueError: if the archive is too large.
+        OSError: if the file cannot be read.
+        zipfile.BadZipFile: if the file is not a ZIP archive.
     """
     with zipfile.ZipFile(path) as archive:
         entries = archive.infolist()
@@ -184,10 +187,10 @@ def _read_card(content: dict[str, Any], path: Path) -> PolicyCard:
 
 
 def save_atomically(value: Any, path: Path) -> None:
-    """Write a file with ``torch.save`` so that a crash leaves the old one or the new one, whole.
+    """Write a file with ``torch.save`` so that a crash leaves either the old file or the complete new one.
 
     Raises:
-        OSError: if it cannot be written; it names ``path``.
+        OSError: if the file cannot be written; the error names ``path``.
     """
     content = io.BytesIO()  # a disk that is full is a RuntimeError to torch
     torch.save(value, content)
@@ -196,10 +199,10 @@ def save_atomically(value: Any, path: Path) -> None:
 
 
 def read_checkpoint(checkpoint: Path) -> dict[str, Any]:
-    """Read a checkpoint's content: tensors and plain values.
+    """Return the content of a checkpoint: tensors and plain values.
 
     Raises:
-        LearnError: if it was written by another version; it is left as it is.
+        LearnError: if another version wrote the checkpoint; the file is left as it is.
     """
     try:
         # weights_only: a study's folder from elsewhere must not be able to run code

@@ -1,8 +1,8 @@
-"""The policy network: mission to 32, image to 64, 96 together; and a fast forward pass for one
-observation.
+"""The policy network, and a fast forward pass for one observation.
 
-The forward pass takes half the time of the layers one after another, since an image of one row gains nothing from
-what they prepare for batches. The sums are the same in another order; a test holds them to 1e-6.
+The network computes 32 features of the mission and 64 of the image. The forward pass takes half the time of calling the
+layers one after another, since an image of one row gains nothing from what layers prepare for batches. It computes the
+same sums in another order, with differences of at most 1e-6.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ ACTOR_HEAD = "action_net."
 
 
 class GridEncoder(nn.Sequential):
-    """Three 2x2 convolutions (16, 32, 64) and a linear layer: for views of a few cells."""
+    """An image encoder for views of a few cells: three 2x2 convolutions (16, 32, 64) and a linear layer."""
 
     def __init__(self, space: spaces.Box) -> None:
         channels, height, width = space.shape
@@ -47,7 +47,7 @@ class GridEncoder(nn.Sequential):
 
 
 class MapEncoder(nn.Sequential):
-    """Three 3x3 convolutions (16, 32, 64) of stride 2 and a linear layer: for a whole grid seen from above."""
+    """An image encoder for a whole grid from above: three 3x3 convolutions (16, 32, 64) of stride 2, a linear layer."""
 
     def __init__(self, space: spaces.Box) -> None:
         channels, height, width = space.shape
@@ -55,7 +55,7 @@ class MapEncoder(nn.Sequential):
 
 
 def _padded_convolutions(channels: int, n_flat: int, *, first_stride: int) -> list[nn.Module]:
-    """Make three 3x3 convolutions (16, 32, 64), the last two of stride 2, and a linear layer."""
+    """Return the layers of three 3x3 convolutions (16, 32, 64), the last two with stride 2, and a linear layer."""
     return [
         nn.Conv2d(channels, 16, 3, stride=first_stride, padding=1),
         nn.ReLU(),
@@ -70,7 +70,10 @@ def _padded_convolutions(channels: int, n_flat: int, *, first_stride: int) -> li
 
 
 class PlaneEncoder(nn.Sequential):
-    """Two 3x3 convolutions (32, 32) and a linear layer: for a kitchen's planes, whose numbers it takes as they are."""
+    """An image encoder for a kitchen's planes: two 3x3 convolutions (32, 32) and a linear layer.
+
+    The planes keep their original scale.
+    """
 
     def __init__(self, space: spaces.Box) -> None:
         channels, height, width = space.shape
@@ -85,16 +88,16 @@ class PlaneEncoder(nn.Sequential):
         )
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """Return float32[batch, 64] of planes in 0 to 1."""
+        """Return features float32[batch, 64] of planes with values in 0 to 1."""
         features: torch.Tensor = super().forward(image * 255)  # type: ignore[no-untyped-call]
         return features
 
 
 class CodeEncoder(nn.Module):
-    """Each cell's kind, colour and state as zeros and ones, and two linear layers (128, 64).
+    """An image encoder for spread grid codes: the one-hot kind, colour and state of each cell, and two linear layers.
 
-    For spread grid codes of some ten cells on a side: a tenth of the convolutions' time, and quicker to learn from few
-    steps.
+    The layers have 128 and 64 units. On grids of some ten cells on a side, this encoder takes a tenth of the time of
+    convolutions and learns more from few steps.
     """
 
     spread: torch.Tensor
@@ -110,20 +113,20 @@ class CodeEncoder(nn.Module):
         return nn.Sequential(nn.Linear(inputs, 128), nn.ReLU(), nn.Linear(128, IMAGE_FEATURES), nn.ReLU())
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """Return float32[batch, 64] of spread codes in 0 to 1."""
+        """Return features float32[batch, 64] of spread codes with values in 0 to 1."""
         features: torch.Tensor = self.layers(torch.cat([hot.flatten(1) for hot in self._hot(image)], dim=1).float())
         return features
 
     def _hot(self, image: torch.Tensor) -> list[torch.Tensor]:
-        """Return kind, colour and state as zeros and ones, each int64[batch, rows, columns, values]."""
+        """Return one-hot kinds, colours and states, each int64[batch, rows, columns, values]."""
         codes = (image * 255 / self.spread).round_().long()
         return [nn.functional.one_hot(codes[:, part], size) for part, size in enumerate(CODES)]
 
 
 class LocalCodeEncoder(CodeEncoder):
-    """The same zeros and ones, three 3x3 convolutions (16, 32, 64), two of them of stride 2, and a linear layer.
+    """An image encoder for remembered cells around the agent: one-hot cells, convolutions and a linear layer.
 
-    For what is remembered around the agent: a gap in a wall is the same thing wherever it lies.
+    Three 3x3 convolutions (16, 32, 64), the last two with stride 2, treat a gap in a wall alike wherever it lies.
     """
 
     def _layers(self, space: spaces.Box) -> nn.Sequential:
@@ -132,7 +135,7 @@ class LocalCodeEncoder(CodeEncoder):
         return nn.Sequential(*_padded_convolutions(sum(CODES), n_flat, first_stride=1))
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """Return float32[batch, 64] of spread codes in 0 to 1."""
+        """Return features float32[batch, 64] of spread codes with values in 0 to 1."""
         features: torch.Tensor = self.layers(torch.cat(self._hot(image), dim=3).float().permute(0, 3, 1, 2))
         return features
 
@@ -148,7 +151,10 @@ _ENCODERS: dict[EncoderName, Callable[[spaces.Box], nn.Module]] = {
 
 
 class MissionImageExtractor(BaseFeaturesExtractor):
-    """Features of an observation {"image", "mission"}: the image's 64, then the mission's 32 where there is one."""
+    """A feature extractor for observations {"image", "mission"}.
+
+    It returns the image's 64 features, followed by the mission's 32 if the observation has a mission.
+    """
 
     def __init__(self, observation_space: spaces.Dict, eyes: EncoderName) -> None:
         image = observation_space["image"]
@@ -168,7 +174,7 @@ class MissionImageExtractor(BaseFeaturesExtractor):
             self.mission = nn.Linear(mission.shape[0], MISSION_FEATURES)
 
     def forward(self, observation: dict[str, torch.Tensor]) -> torch.Tensor:
-        """Return the features, float32[batch, 64 or 96]."""
+        """Return features float32[batch, 64 or 96]."""
         # a third faster on the CPU, the same numbers
         image: torch.Tensor = self.image(observation["image"].contiguous(memory_format=torch.channels_last))
         if self.mission is None:
@@ -177,9 +183,9 @@ class MissionImageExtractor(BaseFeaturesExtractor):
 
 
 class Policy(MultiInputActorCriticPolicy):
-    """Stable-Baselines3's actor-critic for {"image", "mission"}, without its distribution objects.
+    """Stable-Baselines3's actor-critic for observations {"image", "mission"}, without its distribution objects.
 
-    The same numbers (a test compares them); choosing an action takes half the time, which is a quarter of a step.
+    The numbers are the same. Choosing an action takes half the time, which saves a quarter of a step.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -192,7 +198,7 @@ class Policy(MultiInputActorCriticPolicy):
         obs: dict[str, torch.Tensor],  # type: ignore[override]
         deterministic: bool = False,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Draw actions int64[batch]; return them, values float32[batch, 1], and log-probabilities float32[batch]."""
+        """Draw actions; return actions int64[batch], values float32[batch, 1] and log-probabilities float32[batch]."""
         log_probs, values = self.think(obs)
         if deterministic:
             actions = log_probs.argmax(dim=1, keepdim=True)
@@ -205,17 +211,17 @@ class Policy(MultiInputActorCriticPolicy):
         obs: dict[str, torch.Tensor],  # type: ignore[override]
         actions: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return values, the actions' log-probabilities, and the entropy of each choice."""
+        """Return the values of states, the log-probabilities of actions, and the entropy of each distribution."""
         log_probs, values = self.think(obs)
         chosen = log_probs.gather(1, actions.long().unsqueeze(1)).squeeze(1)
         return values, chosen, -(log_probs.exp() * log_probs).sum(dim=1)
 
     def probabilities(self, observation: Observation) -> torch.Tensor:
-        """Return the probability of each action for one observation, float32[actions]."""
+        """Return the probability float32[actions] of each action for one observation."""
         return self.think_of(observation)[0].exp()
 
     def log_probabilities(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
-        """Return the logarithm of each action's probability, float32[batch, actions]; gradients flow."""
+        """Return the log-probability float32[batch, actions] of each action; gradients flow."""
         return self.think(obs)[0]
 
     def think(self, obs: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
@@ -223,9 +229,10 @@ class Policy(MultiInputActorCriticPolicy):
         return self._judge(self._see(obs))
 
     def think_of(self, observation: Observation) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the same for one observation: log-probabilities float32[actions], value float32[1]; no gradients.
+        """Return log-probabilities float32[actions] and the value float32[1] for one observation, without gradients.
 
-        A memory takes it in: call this once at each step, and `forget` where an episode begins.
+        A policy with a memory remembers the observation: call this once per step, and call `forget` when an episode
+        begins.
         """
         with torch.no_grad():
             obs = {name: torch.as_tensor(part)[None] for name, part in observation.items()}
@@ -233,18 +240,18 @@ class Policy(MultiInputActorCriticPolicy):
         return log_probs[0], values[0]
 
     def forget(self) -> None:
-        """Clear the memory: an episode begins."""
+        """Clear the memory at the beginning of an episode."""
         self._hidden = torch.zeros(1, self.features_dim)
 
     def think_on(
         self, obs: dict[str, torch.Tensor], hidden: torch.Tensor, starts: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Do what `think` does for one step of several episodes; return what is remembered afterwards, too.
+        """Return log-probabilities, values and the new memory for one step of several episodes.
 
         Args:
-            obs: what is seen.
-            hidden: what is remembered, float32[batch, features]; left alone without a memory.
-            starts: 1.0 where an episode begins, float32[batch].
+            obs: the observations of the step
+            hidden: the memory float32[batch, features]; returned unchanged by a policy without a memory
+            starts: 1.0 where an episode begins, float32[batch]
         """
         features = self._see(obs)
         if self.memory is not None:
@@ -254,9 +261,9 @@ class Policy(MultiInputActorCriticPolicy):
     def think_through(
         self, obs: dict[str, torch.Tensor], hidden: torch.Tensor, starts: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Do what `think` does for consecutive steps, float32 or uint8[steps, batch, ...]; the results are flattened.
+        """Return log-probabilities and values for consecutive steps, with steps and batch flattened into one dimension.
 
-        Gradients flow through the memory.
+        Observations are float32 or uint8[steps, batch, ...]. Gradients flow through the memory.
         """
         features = self._see({name: part.flatten(0, 1) for name, part in obs.items()})
         if self.memory is not None:
@@ -277,7 +284,7 @@ class Policy(MultiInputActorCriticPolicy):
 
 
 def get_policy_settings(eyes: EncoderName) -> dict[str, object]:
-    """Return keyword arguments for Stable-Baselines3: two layers of 64 tanh units each for actor and critic."""
+    """Return keyword arguments for Stable-Baselines3: actor and critic have two layers of 64 tanh units each."""
     return {
         "features_extractor_class": MissionImageExtractor,
         "features_extractor_kwargs": {"eyes": eyes},
@@ -289,7 +296,7 @@ def get_policy_settings(eyes: EncoderName) -> dict[str, object]:
 
 
 def build_policy(observation_space: spaces.Dict, actions: int, eyes: EncoderName, *, memory: bool = False) -> Policy:
-    """Build a policy without a training algorithm round it, on the CPU."""
+    """Build a policy on the CPU, without a training algorithm."""
     policy = Policy(
         observation_space,
         spaces.Discrete(actions),
@@ -305,10 +312,10 @@ ForwardPass = tuple[torch.Tensor, torch.Tensor]  # logits float32[actions], valu
 
 
 def make_forward(policy: Policy) -> Callable[[Observation], ForwardPass]:
-    """Make a policy's forward pass for one observation, on the CPU, with its present weights: make it again after an
-    update.
+    """Return a function that computes a policy's forward pass for one observation, on the CPU.
 
-    Eyes with padded convolutions, or with none, are gone through layer by layer.
+    The function uses the policy's present weights, so make it again after an update. Encoders with padded convolutions,
+    or without convolutions, are computed layer by layer.
     """
     features = policy.features_extractor
     assert isinstance(features, MissionImageExtractor)
@@ -335,7 +342,7 @@ def make_forward(policy: Policy) -> Callable[[Observation], ForwardPass]:
 
 
 def _image_features(eyes: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
-    """Make the pass from uint8[channels, height, width] to the image's features."""
+    """Return a function from an image uint8[channels, height, width] to its features."""
     convolutions = [layer for layer in eyes.modules() if isinstance(layer, nn.Conv2d)]
     if not convolutions or any(layer.padding != (0, 0) for layer in convolutions):
         return lambda image: eyes(image[None].float() / 255)[0]

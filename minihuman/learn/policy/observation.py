@@ -1,4 +1,7 @@
-"""What a policy observes: a picture or the grid's codes, channels first, and the mission one-hot. No torch."""
+"""A policy's observations: a picture or a grid's codes, channels first, and the one-hot mission.
+
+This module does not import torch.
+"""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -27,10 +30,10 @@ _QUARTER_TURNS = (3, 2, 1, 0)  # that bring what is ahead to the top, by directi
 
 
 def encode_mission(mission: str) -> NDArray[np.float32]:
-    """Encode a mission such as "go to the red ball" one-hot, float32[9]: six colours, then three kinds of object.
+    """Return a mission such as "go to the red ball" as one-hot float32[9]: six colours, then three kinds of object.
 
     Raises:
-        LearnError: if the words name no colour or no object of the pair of worlds.
+        LearnError: if the mission does not name exactly one known colour and one known kind of object.
     """
     words = mission.lower().split()
     numbers = np.zeros(len(COLOURS) + len(KINDS), dtype=np.float32)
@@ -47,7 +50,7 @@ def encode_mission(mission: str) -> NDArray[np.float32]:
 
 @dataclass(frozen=True, slots=True)
 class ObservationEncoder:
-    """Turns a world's observations into a policy's."""
+    """Settings of how a world's observations are encoded for a policy."""
 
     missions: bool  # whether the mission differs between episodes and is observed
     scaling: Scaling = "spread"  # what becomes of grid codes; pictures are left as they are
@@ -56,10 +59,10 @@ class ObservationEncoder:
     sight: ViewMode = "view"
 
     def space(self, world: Any) -> spaces.Dict:
-        """Return the agent's observation space in a world.
+        """Return the policy's observation space in a world.
 
         Raises:
-            LearnError: if the world shows no image, or is not a grid where the whole is asked for.
+            LearnError: if the world has no image, or is not a grid although the sight is the whole grid.
         """
         image = spaces.Box(0, 255, self._image_shape(world), np.uint8)
         if not self.missions:
@@ -67,16 +70,17 @@ class ObservationEncoder:
         return spaces.Dict({"image": image, "mission": spaces.Box(0, 1, (len(COLOURS) + len(KINDS),), np.float32)})
 
     def episode_encoder(self) -> "EpisodeEncoder":
-        """Make an encoder for an agent's episodes, which may remember."""
+        """Return an encoder for the episodes of one agent, which can remember cells."""
         return EpisodeEncoder(self)
 
     def encode(self, world: Any, raw: Any, remembered: NDArray[np.bool_] | None = None) -> Observation:
-        """Encode one observation for the network; use an `episode_encoder` where cells are remembered.
+        """Encode one observation for the network; use an `episode_encoder` if cells are remembered.
 
         Args:
-            world: The world.
-            raw: Its own observation.
-            remembered: Cells that were in view before, by x * height + y; where the sight is "remembered" alone.
+            world: the world that is observed
+            raw: the world's own observation
+            remembered: a flag for each cell that was in view before, indexed by x * height + y; only for the sight
+                "remembered"
         """
         # a grid's cells, not a picture
         codes = isinstance(raw, dict) or isinstance(getattr(world, "team", None), TeamGrid)
@@ -126,16 +130,16 @@ class ObservationEncoder:
 
 
 def get_image_shape(space: spaces.Dict) -> tuple[int, int, int]:
-    """Return channels, height and width of an observation space's image."""
+    """Return the channels, height and width of the image in an observation space."""
     shape = space["image"].shape
     assert shape is not None
     return shape[0], shape[1], shape[2]
 
 
 class EpisodeEncoder:
-    """Encodes the observations of one agent, episode by episode, and remembers cells where the encoder asks for it.
+    """An encoder for the observations of one agent, which remembers cells during an episode if its settings ask for it.
 
-    Call `encode` once at each step. An episode begins where its world has made no step yet.
+    Call `encode` once per step. An episode begins when the world has made no step yet.
     """
 
     def __init__(self, eyesight: ObservationEncoder) -> None:
@@ -143,10 +147,10 @@ class EpisodeEncoder:
         self._memory: Any = None
 
     def encode(self, world: Any, raw: Any) -> Observation:
-        """Encode the present observation; ``raw`` is the world's own.
+        """Encode the world's present observation ``raw``.
 
         Raises:
-            LearnError: if the mission is observed and names no known colour or object.
+            LearnError: if the mission is observed but names no known colour or object.
         """
         if self._eyesight.sight != "remembered":
             return self._eyesight.encode(world, raw)
@@ -159,28 +163,32 @@ class EpisodeEncoder:
         return self._eyesight.encode(world, raw, self._memory.seen)
 
     def save(self) -> NDArray[np.bool_] | None:
-        """Return a copy of the remembered cells; None if nothing is remembered."""
+        """Return a copy of the remembered cells; None if no cells are remembered."""
         if self._memory is None:
             return None
         cells: NDArray[np.bool_] = self._memory.seen.copy()
         return cells
 
     def restore(self, saved: NDArray[np.bool_] | None) -> None:
-        """Restore the memory saved in the same episode."""
+        """Restore remembered cells that were saved in the same episode."""
         if saved is not None:
             self._memory.seen[:] = saved
 
 
 def encode_whole_grid(world: GridEngine) -> NDArray[np.uint8]:
-    """Encode the whole grid, uint8[2 n - 1, 2 n - 1, 3], the agent in the middle, what is ahead of it upwards.
+    """Return the codes of a whole grid, centred on the agent and turned so that the agent faces up.
 
-    n is the longer side of the grid; outside it everything is 0 (unseen). Indexed [x, y] like Minigrid's views.
+    The array is uint8[2 n - 1, 2 n - 1, 3], where n is the longer side of the grid. It is indexed [x, y], like
+    Minigrid's views, and is 0 (unseen) outside the grid.
     """
     return _around(world, max(world.state.width, world.state.height) - 1, _codes(world.state.cells))
 
 
 def encode_remembered_grid(world: GridEngine, explored_cells: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Encode the cells that were seen, at most ``REACH`` to each side; the agent's cell shows what it carries."""
+    """Return the codes of the cells that were seen, up to ``REACH`` cells from the agent on each side.
+
+    The array is centred and turned like that of `encode_whole_grid`. The agent's cell shows the object it carries.
+    """
     state = world.state
     codes = _codes(state.cells) * explored_cells.reshape(state.width, state.height, 1)
     codes[state.position] = _codes(state.row[CARRYING])
@@ -188,7 +196,7 @@ def encode_remembered_grid(world: GridEngine, explored_cells: NDArray[np.bool_])
 
 
 def _codes(cells: Any) -> NDArray[np.uint8]:
-    """Unpack kind, colour and state of cells, uint8[..., 3]: the packed numbers' readers take arrays too."""
+    """Return the kind, colour and state of packed cells as uint8[..., 3]."""
     return np.stack((kind_of(cells), colour_of(cells), state_of(cells)), axis=-1).astype(np.uint8)
 
 

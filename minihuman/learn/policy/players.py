@@ -1,5 +1,6 @@
-"""A policy file as a player: the simulated participant `policy:FILE`, and the agent that advises or plays beside a
-person. `policy:FOLDER` plays each world with the folder's file that was trained in it.
+"""Policy files as players: the simulated participant `policy:FILE`, and an agent that advises or plays with a person.
+
+`policy:FOLDER` plays each world with the folder's policy that was trained in it.
 """
 
 from pathlib import Path
@@ -20,13 +21,13 @@ DELAY_MS = 250.0
 
 
 class PolicyPlayer(SimulatedParticipant):
-    """Draws each action from the policy's probabilities, among the actions that have a key."""
+    """A simulated participant that draws actions from a policy's probabilities, among the actions that have a key."""
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
-        """Load the policy file that the argument names, or all of a folder.
+        """Load the policy file that the argument names, or all policy files in a folder.
 
         Raises:
-            LearnError: if there is none.
+            LearnError: if no policy file can be loaded.
         """
         if not argument:
             raise LearnError("player 'policy' needs a policy file; add it after a colon, as in policy:clone.pt")
@@ -37,10 +38,10 @@ class PolicyPlayer(SimulatedParticipant):
         self._keys: list[tuple[int, str]] = []  # action of the policy, key
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
-        """Find the keys of the policy's actions.
+        """Begin an episode: choose the policy for its world and find the keys of the policy's actions.
 
         Raises:
-            LearnError: if the policy was trained for another world, or none of its actions has a key.
+            LearnError: if the policy was trained in another world, or none of its actions has a key.
         """
         path, self._policy, card = self._find_file(plan.world)
         _require_world(path, card, plan, world)
@@ -54,14 +55,14 @@ class PolicyPlayer(SimulatedParticipant):
             )
 
     def _find_file(self, world_id: str) -> tuple[Path, Policy, PolicyCard]:
-        """Find the file that was trained in a world; the first one where none was."""
+        """Return the first loaded policy that was trained in a world; the first of all if there is none."""
         for path, policy, card in self._files:
             if world_id in card.worlds:
                 return path, policy, card
         return self._files[0]
 
     def press(self, world: World) -> KeyPress:
-        """Press the key of an action, drawn from the policy."""
+        """Return a press of the key of an action that is drawn from the policy."""
         observation = self._encoder.encode(world.unwrapped, world.observation)
         key_weights = self._policy.probabilities(observation).double().numpy()[[action for action, _ in self._keys]]
         _, key = self._keys[self._rng.choice(len(self._keys), p=key_weights / key_weights.sum())]
@@ -69,10 +70,10 @@ class PolicyPlayer(SimulatedParticipant):
 
 
 class PolicyAgent(BaseAgent):
-    """The agent of a policy file.
+    """An agent that acts by the policy in a file.
 
     Raises:
-        LearnError: if the file is none.
+        LearnError: if the file is not a policy file.
     """
 
     def __init__(self, argument: str) -> None:
@@ -84,10 +85,10 @@ class PolicyAgent(BaseAgent):
         self._encoder = self._card.eyesight.episode_encoder()
 
     def begin(self, plan: EpisodePlan, world: World) -> None:
-        """Find the policy's actions in the world.
+        """Begin an episode: find the world's number of each of the policy's actions.
 
         Raises:
-            LearnError: if it was trained in another world, or with other eyes or actions.
+            LearnError: if the policy was trained in another world, or with other observations or actions.
         """
         card = self._card
         _require_world(self._path, card, plan, world)
@@ -101,7 +102,7 @@ class PolicyAgent(BaseAgent):
         self._places = [world.action_names.index(name) for name in card.action_names]
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """Return the policy's probabilities; 0 for actions that it does not have."""
+        """Return the policy's probability of each of the world's actions; 0 for actions that the policy lacks."""
         chances = np.zeros(len(world.action_names), np.float32)
         observation = self._encoder.encode(world.unwrapped, world.observation)
         chances[self._places] = self._policy.probabilities(observation).numpy()[: len(self._places)]

@@ -1,1 +1,1 @@
-"""Teaching: policies that learn from a person who takes over, corrects, compares and rates."""
+"""Teaching: policies that learn from a person's takeovers, corrections, comparisons and ratings."""

@@ -1,7 +1,7 @@
-"""A teaching dataset: what an agent and a person were shown and did, and the person's ratings and comparisons, as
-plain arrays.
+"""A teaching dataset: the observations and actions of agents and people, with people's ratings and comparisons.
 
-Knows nothing of logs: `log_dataset` makes one from a study, a simulation makes one as it goes.
+The module holds plain arrays and knows nothing of logs: `log_dataset` reads a dataset from a study, and a simulation
+makes one as it runs.
 """
 
 import hashlib
@@ -23,7 +23,7 @@ NO_QUERY = -1  # as a policy's action: none was there to be asked
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lesson:
-    """One episode, or a correction of one. All arrays have ``n`` rows, one per step."""
+    """One episode, or a person's correction of an episode; every array has ``n`` rows, one per step."""
 
     name: str  # "sub-01_ses-01:3" for its third episode
     participant: str
@@ -39,26 +39,29 @@ class Lesson:
     corrects: tuple[str, int] | None = None  # the lesson and the step from which this one shows it better
 
     def __post_init__(self) -> None:
-        """Refuse arrays that do not belong together.
+        """Check that all arrays have one row per step.
 
         Raises:
-            LearnError: if one has another number of rows.
+            LearnError: if an array has another number of rows.
         """
         n = len(self.actions)
         rows = {name: len(part) for name, part in self.observations.items()}
         rows |= {name: len(getattr(self, name)) for name in ("by_person", "policy_actions", "shown_ns", "rewards")}
         if self.policy_probabilities is not None:
             rows["policy_probabilities"] = len(self.policy_probabilities)
-        if odd := next((name for name, count in rows.items() if count != n), None):
-            raise LearnError(f"lesson {self.name}: {odd} has {rows[odd]} rows for {n} actions; give one row per action")
+        for name, count in rows.items():
+            if count != n:
+                raise LearnError(
+                    f"lesson {self.name}: {name} has {count} rows for {n} actions; give one row per action"
+                )
 
     @property
     def is_demonstration(self) -> bool:
-        """Whether a person steered all the way from the start of an episode."""
+        """Whether a person steered the whole episode from its start."""
         return self.corrects is None and bool(self.by_person.all())
 
     def part(self, first: int, last: int) -> "Lesson":
-        """Return the steps from ``first`` to ``last``, the last included."""
+        """Return a lesson with the steps from ``first`` to ``last``, inclusive."""
         chosen = slice(first, last + 1)
         probabilities = self.policy_probabilities
         if probabilities is not None:
@@ -77,7 +80,7 @@ class Lesson:
 
 @dataclass(frozen=True, slots=True)
 class LessonRating:
-    """A press for good or bad. Assigning it to a step is left to the learner."""
+    """A key press that rates the agent as good or bad; learners decide which step it refers to."""
 
     t_ns: int  # session time of the press
     value: float  # 1 for good, -1 for bad
@@ -86,7 +89,7 @@ class LessonRating:
 
 @dataclass(frozen=True, slots=True)
 class LessonFragment:
-    """Some steps of a lesson, the last included."""
+    """Consecutive steps of a lesson, from ``first`` to ``last``, inclusive."""
 
     lesson: str
     first: int
@@ -102,7 +105,7 @@ class Comparison:
     answer: Answer
 
     def __post_init__(self) -> None:
-        """Refuse an unknown answer.
+        """Check the answer.
 
         Raises:
             LearnError: if the answer is unknown.
@@ -115,7 +118,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A log that something was taken from."""
+    """A log from which lessons were read."""
 
     name: str  # "sub-01_ses-01"
     sha256: str  # of the finished file; "" while it is still being written, or where there is none
@@ -124,7 +127,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dataset:
-    """Everything taught in one world, under one set of options."""
+    """All lessons, ratings and comparisons in one world with the same options."""
 
     world: str
     options: dict[str, Any]
@@ -139,10 +142,10 @@ class Dataset:
     selection: tuple[str, ...] = field(default=())  # lines that say what counts and what was left out
 
     def __post_init__(self) -> None:
-        """Refuse references to missing lessons or steps.
+        """Check that ratings and comparisons refer to existing lessons and steps, and that every action has a name.
 
         Raises:
-            LearnError: if a reference is missing, or an action has no name.
+            LearnError: if a reference or an action is invalid.
         """
         steps = {lesson.name: len(lesson.actions) for lesson in self.lessons}
         for rating in self.ratings:
@@ -167,16 +170,16 @@ class Dataset:
 
     @property
     def steps(self) -> int:
-        """Return how many steps there are."""
+        """The number of steps in all lessons."""
         return sum(len(lesson.actions) for lesson in self.lessons)
 
     @property
     def labelled_steps(self) -> int:
-        """Return how many of the steps a person steered."""
+        """The number of steps in which a person steered."""
         return int(sum(lesson.by_person.sum() for lesson in self.lessons))
 
     def lesson(self, name: str) -> Lesson:
-        """Return the lesson of a name."""
+        """Return the lesson with a name."""
         return next(lesson for lesson in self.lessons if lesson.name == name)
 
     def with_more(
@@ -185,7 +188,7 @@ class Dataset:
         ratings: Sequence[LessonRating] = (),
         comparisons: Sequence[Comparison] = (),
     ) -> "Dataset":
-        """Return this data set with further lessons, ratings and comparisons."""
+        """Return the dataset with additional lessons, ratings and comparisons."""
         return replace(
             self,
             lessons=(*self.lessons, *lessons),
@@ -194,7 +197,7 @@ class Dataset:
         )
 
     def sha256(self) -> str:
-        """Return a digest of everything a learner can see; equal data have equal digests."""
+        """Return a SHA-256 digest of all data that a learner can use; equal data have equal digests."""
         digest = hashlib.sha256()
         # words that policy files carry the digest of: a format, whatever the classes are called
         sees = self.eyesight
@@ -234,7 +237,7 @@ def _comparison_words(comparison: Comparison) -> str:
 
 
 def _tuple_words(items: Iterable[str]) -> str:
-    """Write a tuple of texts as Python does: one alone has a comma behind it."""
+    """Return texts in the form of a Python tuple, in which a single element is followed by a comma."""
     words = list(items)
     if len(words) == 1:
         return f"({words[0]},)"

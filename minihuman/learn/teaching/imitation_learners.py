@@ -1,7 +1,7 @@
-"""Learners that do what the person did: cloning, HG-DAgger and intervention-weighted regression.
+"""Learners that imitate people: cloning, HG-DAgger and intervention-weighted regression.
 
-They differ in which steps they take and how much each weighs. All start from fresh weights at every call, as
-published: what a policy becomes depends on the data alone.
+The learners differ in the steps that they use and in the weights of these steps. As published, each starts from fresh
+weights every time, so that a policy depends on the data alone.
 """
 
 import abc
@@ -26,23 +26,23 @@ from minihuman.learn.teaching.learner import (
 
 
 class ImitationLearner(Learner, abc.ABC):
-    """Fits a policy to steps of a person."""
+    """A learner that fits a policy to the steps of lessons."""
 
     settings_type = FittingSettings
 
     @abc.abstractmethod
     def takes(self, lesson: Lesson) -> bool:
-        """Whether to learn from a lesson at all."""
+        """Return whether the learner uses a lesson."""
 
     @abc.abstractmethod
     def weigh(self, steps: LabelledSteps) -> NDArray[np.float64]:
-        """Return how much each step weighs."""
+        """Return the weight of each step."""
 
     def learn(self, request: LearningRequest) -> LearningResult:
-        """Learn from fresh weights; the policy so far is not looked at.
+        """Learn from fresh weights, ignoring the previous policy.
 
         Raises:
-            LearnError: if a person steered at no step that it takes.
+            LearnError: if none of the lessons that the learner uses has a step of a person.
         """
         lessons = [lesson for lesson in request.dataset.lessons if len(lesson.actions) and self.takes(lesson)]
         if not any(lesson.by_person.any() for lesson in lessons):
@@ -63,57 +63,59 @@ class ImitationLearner(Learner, abc.ABC):
 
 
 class Cloning(ImitationLearner):
-    """Behaviour cloning: what a person did in whole demonstrations, every step alike.
+    """Behaviour cloning: a learner that imitates every step of whole demonstrations equally.
 
-    Pomerleau (1989), ALVINN, NIPS 1. Adam at 1e-3 with weight decay 1e-4 in minibatches of 64, as in ``learn clone``;
-    a fixed number of updates in place of its validation participants, of whom a session with one person has none.
+    Source: Pomerleau (1989), ALVINN, NIPS 1. The optimiser is Adam at 1e-3 with weight decay 1e-4 and minibatches of
+    64, as in ``learn clone``. The number of updates is fixed, since a session with one person has no validation
+    participants.
     """
 
     name: ClassVar[str] = "cloning"
 
     def takes(self, lesson: Lesson) -> bool:
-        """Take whole demonstrations alone."""
+        """Return whether a lesson is a whole demonstration."""
         return lesson.is_demonstration
 
     def weigh(self, steps: LabelledSteps) -> NDArray[np.float64]:
-        """Weigh all steps alike."""
+        """Return the same weight for all steps."""
         return np.ones(len(steps.actions))
 
 
 class HgDagger(ImitationLearner):
-    """Human-gated DAgger: what a person did in demonstrations, takeovers and corrections, every step alike.
+    """Human-gated DAgger: a learner that imitates people's demonstrations, takeovers and corrections equally.
 
-    Kelly, Sidrane, Driggs-Campbell and Kochenderfer (2019), ICRA, algorithm 1: the person decides when to steer, only
-    the person's steps are added, and the policy is trained anew on all of them after each round. Their doubt of an
-    ensemble, by which they say where a policy is safe, is not part of the policy and is left out.
+    Source: Kelly, Sidrane, Driggs-Campbell and Kochenderfer (2019), ICRA, algorithm 1. The person decides when to
+    steer, only the person's steps are added, and the policy is trained anew on all of them after each round. The
+    authors also estimate where a policy is safe, by the doubt of an ensemble; that is not part of the policy and is
+    left out.
     """
 
     name: ClassVar[str] = "hg-dagger"
 
     def takes(self, lesson: Lesson) -> bool:
-        """Take every lesson in which a person made a step."""
+        """Return whether a lesson has a step of a person."""
         return bool(lesson.by_person.any())
 
     def weigh(self, steps: LabelledSteps) -> NDArray[np.float64]:
-        """Weigh the person's steps alike, and the agent's not at all."""
+        """Return weight 1 for the person's steps and 0 for the agent's."""
         return steps.by_person.astype(np.float64)
 
 
 class InterventionWeighted(ImitationLearner):
-    """Intervention-weighted regression: the person's steps and the agent's own, each half of the weight.
+    """Intervention-weighted regression: a learner that gives people's steps and the agent's half of the weight each.
 
-    Mandlekar, Xu, Martin-Martin, Zhu, Fei-Fei and Savarese (2020), arXiv:2012.06733: minibatches are drawn with equal
-    share from interventions and from the rest, so that what a person let pass counts as good. Demonstrations are
-    interventions here.
+    Source: Mandlekar, Xu, Martin-Martin, Zhu, Fei-Fei and Savarese (2020), arXiv:2012.06733. Half of each minibatch
+    comes from interventions and half from the other steps, so that agent's steps with which a person did not interfere
+    count as good. Demonstrations count as interventions here.
     """
 
     name: ClassVar[str] = "intervention-weighted"
 
     def takes(self, lesson: Lesson) -> bool:
-        """Take every lesson."""
+        """Return True, since the learner uses every lesson."""
         return True
 
     def weigh(self, steps: LabelledSteps) -> NDArray[np.float64]:
-        """Give half of the weight to the person's steps, and half to the agent's if there are any."""
+        """Return weights of which the person's steps and the agent's steps each have half, if there are both."""
         person = steps.by_person
         return np.asarray(np.where(person, 1 / max(1, person.sum()), 1 / max(1, (~person).sum())))

@@ -1,7 +1,6 @@
-"""The learner port and what learners share: seeded, resumable gradient updates and supervised fitting of labelled
-steps.
+"""The interface of learners, with what they share: resumable gradient updates and supervised fitting of steps.
 
-A learner takes a dataset and the policy so far and gives a better policy. Other packages register theirs in the
+A learner takes a dataset and the previous policy and returns a better policy. Other packages register learners in the
 entry-point group `minihuman.learners`.
 """
 
@@ -32,7 +31,7 @@ Loss = Callable[[torch.Generator], torch.Tensor]  # of one minibatch, which it d
 
 @contextlib.contextmanager
 def seed_torch(rng: np.random.Generator) -> Iterator[None]:
-    """Seed torch's own generator from ``rng``; restore it afterwards."""
+    """Seed torch's global generator from ``rng`` inside a context, and restore the generator afterwards."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(int(rng.integers(2**63)))
         yield
@@ -52,25 +51,25 @@ def minimise_loss(
     budget_s: float = float("inf"),
     checkpoint: Path | None = None,
 ) -> tuple[int, float]:
-    """Make updates with Adam until all are made or time is up; at least one.
+    """Minimise a loss with Adam until all updates are made or the time is up; make at least one update.
 
     Args:
-        parameters: What is fitted, in place.
-        loss_of: The loss of a minibatch, drawn with the generator that it is given.
-        rng: Seeds that generator.
-        updates: How many updates are wanted.
-        learning_rate: Adam's.
-        weight_decay: Adam's.
-        most_norm: Gradients longer than this are clipped to it; 0 leaves them.
-        warm_up: The learning rate grows to its full value over so many updates: Adam's first steps are as long as any,
-            and can push the units of a convolutional network so far that most of them never respond again.
-        averaged: The decay per update of a running average of the weights, which replaces the last ones in the end; 0
-            leaves the last ones. It may not depend on the number of updates.
-        budget_s: Seconds.
-        checkpoint: A file to resume from; written every so often, and removed at the end.
+        parameters: the network to fit, in place
+        loss_of: a function that draws a minibatch with a given generator and returns its loss
+        rng: the source of that generator's seed
+        updates: the number of updates to make
+        learning_rate: the learning rate of Adam
+        weight_decay: the weight decay of Adam
+        most_norm: the norm to which longer gradients are clipped; 0 for no clipping
+        warm_up: the number of updates over which the learning rate grows to its full value. Adam's first steps are as
+            long as any, and can move units of a convolutional network so far that most of them never respond again
+        averaged: the decay per update of a running average that replaces the weights in the end; 0 for no average. It
+            must not depend on the number of updates
+        budget_s: the time limit in seconds
+        checkpoint: a file to resume from, which is written every ``SAVE_EVERY`` updates and removed at the end
 
     Returns:
-        The updates that were made, those before the checkpoint included, and the mean loss of the last fifty.
+        The number of updates, including those before the checkpoint, and the mean loss of the last fifty updates.
     """
     minimiser = _Minimiser(parameters, rng, learning_rate, weight_decay, averaged)
     if checkpoint is not None and checkpoint.exists():
@@ -87,14 +86,14 @@ def minimise_loss(
 
 
 class _Minimiser:
-    """Adam's updates of a network, which a checkpoint saves and resumes.
+    """A sequence of Adam updates of a network, which a checkpoint can save and resume.
 
     Args:
-        parameters: What is fitted, in place.
-        rng: Seeds the generator of minibatches.
-        learning_rate: Adam's.
-        weight_decay: Adam's.
-        averaged: As in ``minimise_loss``.
+        parameters: the network to fit, in place
+        rng: the source of the seed of the minibatches' generator
+        learning_rate: the learning rate of Adam
+        weight_decay: the weight decay of Adam
+        averaged: the decay per update of the weights' running average, as in ``minimise_loss``
     """
 
     def __init__(
@@ -120,7 +119,7 @@ class _Minimiser:
 
     @property
     def mean_loss(self) -> float:
-        """Return the mean loss of the last fifty updates; NaN before the first."""
+        """The mean loss of the last fifty updates; NaN before the first one."""
         if not self._losses:
             return float("nan")
         return float(np.mean(self._losses))
@@ -143,7 +142,7 @@ class _Minimiser:
         self._losses = [*self._losses[-49:], loss.item()]
 
     def finish(self) -> None:
-        """Put the average in the place of the last weights, where they are averaged."""
+        """Replace the weights by their running average, if they are averaged."""
         with torch.no_grad():
             for name, average in self._average.items():
                 self._parameters.get_parameter(name).copy_(average / (1 - self._averaged**self.updates))
@@ -152,7 +151,7 @@ class _Minimiser:
         """Write a checkpoint.
 
         Raises:
-            OSError: if it cannot be written.
+            OSError: if the file cannot be written.
         """
         save_atomically(
             {
@@ -167,10 +166,10 @@ class _Minimiser:
         )
 
     def resume(self, checkpoint: Path) -> None:
-        """Continue from a checkpoint.
+        """Resume from a checkpoint.
 
         Raises:
-            LearnError: if it was written by another version.
+            LearnError: if another version wrote the checkpoint.
         """
         saved = read_checkpoint(checkpoint)
         self._parameters.load_state_dict(saved["weights"])
@@ -195,19 +194,19 @@ class FittingSettings:
 
 @dataclass(frozen=True, slots=True)
 class LabelledSteps:
-    """Steps of many lessons, one row each."""
+    """The steps of many lessons, with one row per step."""
 
     observations: dict[str, torch.Tensor]
     actions: torch.Tensor  # int64[n]
     by_person: NDArray[np.bool_]  # (n,)
 
     def pick(self, rows: torch.Tensor) -> dict[str, torch.Tensor]:
-        """Return the observations of some steps."""
+        """Return the observations of the steps in some rows."""
         return {name: values[rows] for name, values in self.observations.items()}
 
 
 def collect_steps(lessons: Sequence[Lesson]) -> LabelledSteps:
-    """Join all steps of some lessons, one lesson after the other."""
+    """Return the steps of all given lessons, one lesson after the other."""
     names = lessons[0].observations
     return LabelledSteps(
         {name: torch.as_tensor(np.concatenate([lesson.observations[name] for lesson in lessons])) for name in names},
@@ -226,10 +225,10 @@ def fit_policy(
     budget_s: float,
     checkpoint: Path | None,
 ) -> tuple[int, float]:
-    """Fit a policy, in place, to the actions; steps are drawn in proportion to their weights.
+    """Fit a policy in place to the actions of steps, which are drawn in proportion to their weights.
 
     Returns:
-        Updates made and the mean cross-entropy of the last of them, in nats.
+        The number of updates, and the mean cross-entropy of the last fifty updates in nats.
     """
     chances = torch.as_tensor(weights)
 
@@ -272,7 +271,7 @@ class LearningRequest:
 
 @dataclass(frozen=True, slots=True)
 class LearningResult:
-    """A policy, and the settings that give the same policy again without a time limit."""
+    """A learned policy, with settings that reproduce it without a time limit."""
 
     policy: Policy
     settings: dict[str, Any]
@@ -281,18 +280,20 @@ class LearningResult:
 
 @dataclass(frozen=True, slots=True)
 class NoSettings:
-    """The settings of a learner that has none."""
+    """The settings of a learner that has no settings."""
 
 
 class Learner(abc.ABC):
-    """Turns a teaching dataset into a policy. The same data, policy and seed give the same weights.
+    """A method that learns a policy from a teaching dataset.
+
+    The same data, policy and seed give the same weights.
 
     Args:
-        argument: The text after the colon of its name ("updates=400" of "hg-dagger:updates=400"), read into
-            ``settings_type``: a dataclass of numbers. Settings that are not named keep their defaults.
+        argument: the text after the colon of the learner's name, such as "updates=400" in "hg-dagger:updates=400". It
+            is read into ``settings_type``, a dataclass of numbers; settings that it does not name keep their defaults
 
     Raises:
-        LearnError: if the text names no setting, or gives no number.
+        LearnError: if the text names an unknown setting, or a value is not a number.
     """
 
     name: ClassVar[str]
@@ -304,24 +305,24 @@ class Learner(abc.ABC):
 
     @abc.abstractmethod
     def learn(self, request: LearningRequest) -> LearningResult:
-        """Learn until done or out of time.
+        """Learn a policy until learning is complete or the time is up.
 
         Raises:
-            LearnError: if the dataset has nothing to learn from.
+            LearnError: if the dataset contains nothing to learn from.
         """
 
 
 def make_learner(name: str) -> Learner:
-    """Make a learner from its name; what follows a colon are settings ("hg-dagger:updates=400").
+    """Return the learner with a name, which settings can follow after a colon ("hg-dagger:updates=400").
 
     Raises:
-        LearnError: if no learner has that name, or its settings are wrong.
+        LearnError: if no learner has that name, or its settings are invalid.
     """
     return make_plugin(GROUP, name, Learner, LearnError, noun="learner")  # type: ignore[type-abstract]
 
 
 def choose_encoder(dataset: Dataset) -> EncoderName:
-    """Choose the network that suits the observations."""
+    """Return the name of the network that suits the observations of a dataset."""
     if get_image_shape(dataset.space)[1] >= SMALLEST_PICTURE:
         if dataset.eyesight.sight == "whole":
             return "map"
@@ -332,16 +333,16 @@ def choose_encoder(dataset: Dataset) -> EncoderName:
 
 
 def make_fresh_policy(dataset: Dataset, rng: np.random.Generator) -> Policy:
-    """Make a policy with fresh weights, drawn from ``rng``."""
+    """Return a policy for a dataset, with fresh weights drawn from ``rng``."""
     with seed_torch(rng):
         return build_policy(dataset.space, len(dataset.action_names), choose_encoder(dataset))
 
 
 def copy_policy(policy: Policy, dataset: Dataset) -> Policy:
-    """Copy a policy, for training that may not change it.
+    """Return a copy of a policy, for training that must not change the original.
 
     Raises:
-        LearnError: if it has another network than the data set needs.
+        LearnError: if the policy's network is not the one that the dataset needs.
     """
     copy = build_policy(dataset.space, len(dataset.action_names), choose_encoder(dataset))
     try:

@@ -1,7 +1,8 @@
-"""The learner's process: one line of JSON asks for a policy, one line answers. The session host starts it.
+"""The main program of the learner process, which answers requests for policies.
 
-It has the lowest priority, is the first that the system ends when memory is short, and has a memory limit of its
-own, so that no frame waits for it.
+The session host starts the process. Each request and each answer is one line of JSON. The process has the lowest
+priority, is the first that the system ends when memory is short, and has a memory limit of its own, so that no frame of
+the session waits for it.
 """
 
 import json
@@ -20,7 +21,7 @@ SHARE = 0.5  # of the machine's memory that it may have
 
 
 def main() -> None:
-    """Answer until there are no more questions."""
+    """Answer requests from standard input until it is closed."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
     os.dup2(2, 1)  # whatever prints must not be taken for an answer
     lower_process_priority()

@@ -1,5 +1,6 @@
-"""Read a teaching dataset from logs: episodes are replayed and checked, steering, ratings and comparisons are read
-beside them.
+"""Reading a teaching dataset from logs.
+
+Episodes are replayed and checked against the logs; steering, ratings and comparisons are read with them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -48,19 +49,19 @@ ANSWERS: dict[PairAnswer, Answer] = {
 def read_session_dataset(
     logs: Sequence[Path], block: str, episodes: int, *, eyesight: ObservationEncoder = VIEW
 ) -> Dataset:
-    """Read everything taught in one block of a session, in its first episodes; the session may still be running.
+    """Return the dataset of one block of a session, which can still be running, up to a given episode.
 
-    Corrections of these episodes are read too, and comparisons, if they are of episodes of the same world; those
-    episodes are read with them.
+    Corrections of these episodes are included. So are comparisons of episodes of the same world, with the episodes that
+    they compare.
 
     Args:
-        logs: The session's logs, finished or live, all in one folder.
-        block: The block's name.
-        episodes: Episodes of the session from this one on, counted from 0, are left out.
-        eyesight: What the policy is to see.
+        logs: the session's logs, finished or live, all in one folder
+        block: the block's name
+        episodes: the number of episodes from the session's start that can be included
+        eyesight: the settings of the policy's observations
 
     Raises:
-        LearnError: if there is no such episode, or one does not replay.
+        LearnError: if there is no such episode, or an episode does not replay.
     """
     log = read_log(logs[0].parent)
     played = [episode for episode in log.episodes if episode.plan.episode < episodes and len(episode.actions)]
@@ -92,10 +93,10 @@ def read_session_dataset(
 def read_study_dataset(
     source: Path, world: str, *, eyesight: ObservationEncoder = VIEW, selection: Selection | None = None
 ) -> Dataset:
-    """Read everything taught in one world in a study's logs, in the included episodes.
+    """Return the dataset of all included episodes of one world in a study's logs.
 
     Raises:
-        LearnError: if there is none, they were made under different options, or one does not replay.
+        LearnError: if there is no such episode, episodes have different options, or an episode does not replay.
     """
     selected, summary = select_episodes(source, world, selection or Selection())
     logs = {log.path: sum(other.path == log.path for other, _ in selected) for log, _ in selected}
@@ -104,7 +105,7 @@ def read_study_dataset(
 
 
 def _describe_source(path: Path, lessons: int) -> Source:
-    """Describe a log; one that is still being written has no digest."""
+    """Return a log's name and digest; the digest is "" while the log is still being written."""
     sha256 = ""
     if path.is_file():
         sha256 = hash_file(path)
@@ -174,7 +175,7 @@ def _lessons(
 
 
 def _corrected(episodes: Sequence[LoggedEpisode]) -> Iterator[tuple[SessionLog, CorrectionRecord]]:
-    """Yield the corrections of selected episodes."""
+    """Yield the corrections of selected episodes, each with its session's log."""
     episode_keys = {(log.path, episode.plan.episode, episode.attempt) for log, episode in episodes}
     for log in {log.path: log for log, _ in episodes}.values():
         for correction in log.corrections:
@@ -219,7 +220,10 @@ def _corrections(episodes: Sequence[LoggedEpisode], world: World, encoder: Episo
 
 
 def _shown_ns(episode: EpisodeLog) -> NDArray[np.int64]:
-    """Find when the picture before each step reached the display; where it never did, when the step before was made."""
+    """Return the session time at which the frame before each step was displayed, in nanoseconds.
+
+    If a frame was never displayed, its time is that of the previous step.
+    """
     display_times_ns = np.array(episode.t_ns[:-1], np.int64)
     steps = episode.frames.column("step")
     flips = episode.frames.column("flip_ns")
@@ -237,7 +241,7 @@ def _ratings(episodes: Sequence[LoggedEpisode]) -> Iterator[LessonRating]:
 
 
 def _comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
-    """Yield the comparisons of which both episodes are selected."""
+    """Yield the comparisons whose two episodes are both selected."""
     names = {(log.path, episode.plan.episode, episode.attempt): _name(log, episode) for log, episode in episodes}
     for log in {log.path: log for log, _ in episodes}.values():
         for comparison in log.comparisons:
@@ -251,7 +255,7 @@ def _comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
 
 
 def make_fragment(side: EpisodeClip, lesson: str) -> LessonFragment:
-    """Make a fragment of a lesson from a clip that was shown."""
+    """Return the fragment of a lesson that a clip showed."""
     return LessonFragment(lesson, side.first, len(side.actions) - 1)
 
 
@@ -264,7 +268,7 @@ def _session(log: SessionLog) -> str:
 
 
 def make_lesson_name(session: str, episode: int, attempt: int) -> str:
-    """Name an episode's lesson, as in "sub-01_ses-01:3"; ``episode`` is 0 for the session's first."""
+    """Return the name of an episode's lesson, such as "sub-01_ses-01:3"; ``episode`` counts from 0 in the session."""
     name = f"{session}:{episode + 1}"
     if attempt > 1:
         name += f":{attempt}"

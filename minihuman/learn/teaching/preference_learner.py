@@ -1,6 +1,4 @@
-"""Learning from preferences: which fragments to compare, a reward model from the comparisons, and a policy trained on
-it with PPO.
-"""
+"""Learning from preferences: pairs to compare, a reward model fitted to the answers, and a policy trained on it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -41,7 +39,7 @@ MAX_CACHED = 4096  # rewards of single steps that are kept, for small worlds sho
 
 @dataclass(frozen=True, slots=True)
 class RewardFitting:
-    """The settings of fitting a reward model."""
+    """The settings for fitting a reward model."""
 
     members: int = 3  # networks that disagree where they know little: Christiano and others' number
     updates: int = 600  # of each
@@ -51,10 +49,11 @@ class RewardFitting:
 
 
 class RewardModel:
-    """Networks that give a step's reward from what was seen and done; their mean, brought to a scale.
+    """An ensemble of networks that predict a step's reward from its observation and action.
 
-    Comparisons of stretches of one length say nothing of what is added to every step. As published, each network's
-    rewards have mean 0 and one spread over the steps looked at, and so has their mean.
+    The reward is the networks' mean. Comparisons of fragments of equal length do not determine a constant that is added
+    to every step. As published, the rewards of each network are therefore standardised over the given steps, and their
+    mean is scaled to a fixed standard deviation.
     """
 
     def __init__(self, members: Sequence[nn.Module], steps: LabelledSteps) -> None:
@@ -66,7 +65,7 @@ class RewardModel:
         self._reward_cache: dict[tuple[bytes, ...], float] = {}
 
     def rewards(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
-        """Return the rewards of many steps, (n,)."""
+        """Return the rewards of many steps, of shape (n,)."""
         standardised = (self._raw(observations, actions) - self._shifts) / self._scales
         return np.asarray(self._scale * standardised.mean(axis=0))
 
@@ -81,7 +80,7 @@ class RewardModel:
         return self._reward_cache[key]
 
     def chances(self, dataset: Dataset, pairs: Sequence[tuple[LessonFragment, LessonFragment]]) -> NDArray[np.float64]:
-        """Return each member's probability that the right side of each pair is better, (members, pairs)."""
+        """Return each member's probability that a pair's right fragment is better, of shape (members, pairs)."""
         steps = collect_steps(dataset.lessons)
         first = get_first_rows(dataset)
         raw = torch.as_tensor(self._raw(steps.observations, steps.actions))
@@ -94,7 +93,7 @@ class RewardModel:
         return np.asarray(torch.sigmoid(longest * torch.stack(gains)))
 
     def _raw(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
-        """Return each member's value of each step, (members, n)."""
+        """Return each member's reward of each step before standardisation, of shape (members, n)."""
         with torch.no_grad():
             member_rewards = [member(observations).gather(1, actions[:, None])[:, 0] for member in self._members]
         return np.asarray(torch.stack(member_rewards).double())
@@ -108,24 +107,23 @@ def fit_reward(
     budget_s: float = float("inf"),
     checkpoint: Path | None = None,
 ) -> tuple[RewardModel, int]:
-    """Fit a reward model to a data set's comparisons; "cannot tell" is excluded.
+    """Fit a reward model to a dataset's comparisons, except those answered "cannot tell".
 
-    After Christiano, Leike, Brown, Martic, Legg and Amodei (2017), NeurIPS: the chance of an answer is a softmax of the
-    stretches' summed rewards (Bradley and Terry, 1952), one answer in ten is taken to be pressed without looking, and
-    equal counts half for either. Two things differ. Each member of the ensemble learns from all comparisons and has
-    first weights and an order of its own, as in Lakshminarayanan, Pritzel and Blundell (2017), NeurIPS; theirs learns
-    from as many drawn with replacement, which leaves a third of few answers out. And their weight decay is chosen by
-    comparisons held out; here it is given. Stretches of unequal length are compared by their mean, so that what is
-    added to every step says nothing there either.
+    The method follows Christiano, Leike, Brown, Martic, Legg and Amodei (2017), NeurIPS: the probability of an answer
+    is a softmax of the fragments' summed rewards (Bradley and Terry, 1952), one answer in ten is assumed to be random,
+    and "equal" counts half for each side. It differs in three ways. Each member of the ensemble learns from all
+    comparisons, with its own initial weights and order, as in Lakshminarayanan, Pritzel and Blundell (2017), NeurIPS; a
+    bootstrap sample would leave out a third of few answers. Weight decay is fixed, not chosen by held-out comparisons.
+    Fragments of unequal length are compared by their mean rewards, so that a constant reward per step has no effect.
 
-    The first member has its share of the time; the others make as many updates as it did, so that one number says how
-    to make the very same model again.
+    The first member has its share of the time, and the others make as many updates as it did, so that one number
+    reproduces the model.
 
     Returns:
-        The model, and the updates of each member.
+        The model, and the number of updates of each member.
 
     Raises:
-        LearnError: if there is no comparison that says something.
+        LearnError: if no comparison prefers a fragment or rates two as equal.
     """
     comparisons = [comparison for comparison in dataset.comparisons if comparison.answer in SHARES]
     if not comparisons:
@@ -159,7 +157,7 @@ def fit_reward(
 
 @dataclass(frozen=True, slots=True)
 class _EncodedAnswers:
-    """Comparisons as tensors."""
+    """Comparisons and their answers as tensors."""
 
     rows: torch.Tensor  # int64[2, comparisons, longest] of the left and right fragments' steps
     inside: torch.Tensor  # float32 of the same shape, 1 where a fragment has that step
@@ -167,7 +165,7 @@ class _EncodedAnswers:
 
     @property
     def longest(self) -> int:
-        """Return the length of the longest fragment."""
+        """The number of steps of the longest fragment."""
         return self.rows.shape[2]
 
 
@@ -189,7 +187,7 @@ def _preference_loss(
     batch_size: int,
     generator: torch.Generator,
 ) -> torch.Tensor:
-    """Compute the cross-entropy of a minibatch of answers, drawn with the generator."""
+    """Return the cross-entropy of a minibatch of answers that is drawn with the generator."""
     minibatch = torch.randint(len(answers.shares), (batch_size,), generator=generator)
     rows = answers.rows[:, minibatch].flatten(0, 1)
     left, right = _mean_rewards(member, steps, equal_steps, rows, answers.inside[:, minibatch].flatten(0, 1)).chunk(2)
@@ -203,7 +201,7 @@ def _longest(sides: Sequence[LessonFragment]) -> int:
 
 
 def get_first_rows(dataset: Dataset) -> dict[str, int]:
-    """Return each lesson's first row among all steps."""
+    """Return the row of each lesson's first step among the steps of all lessons, by the lesson's name."""
     starts = np.cumsum([0, *(len(lesson.actions) for lesson in dataset.lessons)])
     return {lesson.name: int(start) for lesson, start in zip(dataset.lessons, starts[:-1], strict=True)}
 
@@ -211,7 +209,7 @@ def get_first_rows(dataset: Dataset) -> dict[str, int]:
 def _rows(
     stretches: Sequence[LessonFragment], first: dict[str, int], longest: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the rows of fragments' steps, int64[n, longest], and which of them exist, float32 of the same shape."""
+    """Return the rows of each fragment's steps int64[n, longest], and a mask float32[n, longest] of the rows in use."""
     rows = torch.zeros(len(stretches), longest, dtype=torch.int64)
     inside = torch.zeros(len(stretches), longest)
     for place, side in enumerate(stretches):
@@ -225,24 +223,27 @@ def _rows(
 def _mean_rewards(
     member: nn.Module, steps: LabelledSteps, equal_steps: torch.Tensor, rows: torch.Tensor, inside: torch.Tensor
 ) -> torch.Tensor:
-    """Compute a member's mean reward of each fragment."""
+    """Return one network's mean reward over the steps of each fragment."""
     different, place = equal_steps[rows.flatten()].unique(return_inverse=True)  # type: ignore[no-untyped-call]
     step_rewards = member(steps.pick(different))[place, steps.actions[rows.flatten()]]
     return _mean_inside(step_rewards.view(rows.shape), inside)
 
 
 def _find_equal_steps(steps: LabelledSteps) -> torch.Tensor:
-    """Find for each step the first that shows the same, int64[n]: a small world shows little, so each is run once."""
+    """Return for each step the row of the first step with the same observation, int64[n].
+
+    Observations recur often in small worlds, so the network evaluates each of them once.
+    """
     flat_observations = [
         np.ascontiguousarray(part.numpy()).reshape(len(part), -1) for part in steps.observations.values()
     ]
-    first: dict[bytes, int] = {}
-    return torch.tensor(
-        [
-            first.setdefault(b"".join(part[row].tobytes() for part in flat_observations), row)
-            for row in range(len(steps.actions))
-        ]
-    )
+    first_rows: dict[bytes, int] = {}
+    equal_rows = []
+    for row in range(len(steps.actions)):
+        observation = b"".join(part[row].tobytes() for part in flat_observations)
+        first_rows.setdefault(observation, row)
+        equal_rows.append(first_rows[observation])
+    return torch.tensor(equal_rows)
 
 
 def _mean_inside(step_rewards: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
@@ -254,7 +255,7 @@ EVERY_EPISODE = 2**31
 
 
 def compute_disagreement(model: RewardModel, dataset: Dataset, pairs: Sequence[Pair]) -> NDArray[np.float64]:
-    """Compute how much members disagree on each pair: the variance of the probability they give to the right side."""
+    """Return the ensemble's disagreement on each pair: the variance of the probability of its right side."""
     return np.asarray(model.chances(dataset, pairs).var(axis=0))
 
 
@@ -265,16 +266,16 @@ def choose_disputed_pair(
     *,
     seed: int,
 ) -> int:
-    """Return the index of the pair that the ensemble disagrees on most; 0 before the first answer.
+    """Return the index of the pair on which the ensemble disagrees most; 0 before the first answer.
 
     Args:
-        logs: The session's logs, finished or live, all in one folder.
-        block: Whose episodes are compared.
-        pairs: Stretches of its episodes.
-        seed: Of the ensemble.
+        logs: the session's logs, finished or live, all in one folder
+        block: the name of the block whose episodes are compared
+        pairs: pairs of clips of the block's episodes
+        seed: the seed of the ensemble
 
     Raises:
-        LearnError: if the block has no episode, or one does not replay.
+        LearnError: if the block has no episode, or an episode does not replay.
     """
     dataset = read_session_dataset(logs, block, EVERY_EPISODE)
     if not any(comparison.answer in SHARES for comparison in dataset.comparisons):
@@ -291,12 +292,12 @@ RewardFunction = Callable[[Observation, int, Any], float]  # of a step: what was
 
 
 class RewardModelEnv(TrainingEnv):
-    """A world under training with rewards from a reward function, and without an end.
+    """A world for training that takes rewards from a reward function and never terminates.
 
-    Where an episode ends by itself the next begins, and the learner is not told: as in Christiano and others' Atari
-    games, where the end of a game is no end. Comparisons say nothing of what is added to every step; without an end
-    nothing depends on it, and with one a policy would put the goal off where steps are worth more than 0, and hurry to
-    its end where they are worth less. An episode that takes too long is broken off, which says nothing either.
+    When an episode terminates, the next one begins without the learner being told, as Christiano and others did with
+    Atari games. Comparisons do not determine a constant reward per step. If episodes terminated, a policy would
+    postpone the goal where the constant is positive and hurry to an end where it is negative; without termination, the
+    constant has no effect. An episode that takes too long is truncated, which has no effect either.
     """
 
     def __init__(self, dataset: Dataset, reward_function: RewardFunction, *, seed: int) -> None:
@@ -319,7 +320,7 @@ class RewardModelEnv(TrainingEnv):
         return self._before, info
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Make a step, and judge it by the reward function."""
+        """Step the world; return the reward function's reward, and begin the next episode if this one terminated."""
         before = self._before
         observation, _, terminated, truncated, _ = super().step(action)
         reward = self._reward_function(before, action, self.world)
@@ -332,7 +333,7 @@ class RewardModelEnv(TrainingEnv):
 
 @dataclass(frozen=True, slots=True)
 class PreferenceSettings:
-    """Settings of learning from preferences."""
+    """The settings of learning from preferences."""
 
     reward_updates: int = 600
     steps: int = 4096  # of PPO
@@ -346,20 +347,22 @@ class PreferenceSettings:
 class PreferenceLearner(Learner):
     """Deep reinforcement learning from human preferences.
 
-    Christiano, Leike, Brown, Martic, Legg and Amodei (2017), NeurIPS 30: see ``fit_reward`` and ``RewardModelEnv``.
-    Theirs trains with A2C or TRPO while comparisons come in. Here PPO (Schulman and others, 2017) continues from the
-    last policy after each round of comparisons, with rollouts of 512 steps, ten passes and a learning rate of 0.001,
-    which learn small grids soonest.
+    Source: Christiano, Leike, Brown, Martic, Legg and Amodei (2017), NeurIPS 30; see ``fit_reward`` and
+    ``RewardModelEnv``. The authors train with A2C or TRPO while comparisons come in. Here, PPO (Schulman and others,
+    2017) continues from the previous policy after each round of comparisons, with rollouts of 512 steps, ten passes and
+    a learning rate of 0.001, which learn small grids fastest.
     """
 
     name: ClassVar[str] = "preferences"
     settings_type = PreferenceSettings
 
     def learn(self, request: LearningRequest) -> LearningResult:
-        """Continue from the policy so far, or from fresh weights. The time limit is the reward model's.
+        """Fit a reward model, then train the previous policy, or a fresh one, on its rewards.
+
+        The time limit applies to the reward model alone.
 
         Raises:
-            LearnError: if no comparison says something.
+            LearnError: if no comparison prefers a fragment or rates two as equal.
         """
         settings: PreferenceSettings = self.settings
         model, updates = fit_reward(
@@ -388,7 +391,7 @@ def optimise_policy(
     seed: int,
     start: Policy | None = None,
 ) -> Policy:
-    """Train a policy with PPO on rewards that ``worth`` gives, from ``start`` on or from fresh weights."""
+    """Return a policy trained with PPO on the rewards of ``worth``, starting from ``start`` or from fresh weights."""
     world = RewardModelEnv(dataset, worth, seed=seed)
     ppo = PpoSettings(n_steps=settings.n_steps, n_epochs=settings.n_epochs, learning_rate=settings.learning_rate)
     state = np.random.get_state()

@@ -1,6 +1,4 @@
-"""Provenance of a taught policy: what it was made from, written into its file, and the proof by making it again with
-equal weights.
-"""
+"""The provenance of a taught policy: the record of its training in its file, and a check by reproducing its weights."""
 
 import hashlib
 from dataclasses import asdict, dataclass
@@ -28,7 +26,7 @@ HASHED_FOLDERS = ("learn", "worlds")  # on which weights depend, beside the data
 
 @dataclass(frozen=True, slots=True)
 class PolicyArtifact:
-    """A policy's file."""
+    """A policy file that was written, with its digest and card."""
 
     path: Path
     sha256: str
@@ -45,19 +43,19 @@ def make_policy(
     budget_s: float = UNLIMITED_S,
     checkpoint: Path | None = None,
 ) -> PolicyArtifact:
-    """Learn, and write the policy with all that it was made from. The file is whole or not there.
+    """Learn a policy and write it, with its provenance, to a file that is either complete or absent.
 
     Args:
-        dataset: All that was taught so far.
-        learner: Its name, with settings after a colon.
-        out: The policy's file.
-        seed: Of all chance in it.
-        start: The file of the policy played last, for learners that go on from it.
-        budget_s: Seconds of learning, at most.
-        checkpoint: A file from which a learner that was stopped goes on.
+        dataset: the dataset to learn from
+        learner: the learner's name, with settings after a colon
+        out: the policy file to write
+        seed: the seed of all random draws
+        start: the previous policy's file, for learners that continue from it
+        budget_s: the longest learning time in seconds
+        checkpoint: a file from which an interrupted learner resumes
 
     Raises:
-        LearnError: if there is nothing to learn from, or ``start`` is of another world.
+        LearnError: if there is nothing to learn from, or ``start`` was trained in another world.
     """
     torch.set_num_threads(1)  # such small networks are faster so, and sums come in one order
     before = _load_start(start, dataset)
@@ -69,9 +67,9 @@ def make_policy(
 
 
 def reproduce_policy(path: Path, dataset: Dataset, *, start: Path | None = None) -> list[str]:
-    """Learn a policy once more from the data it names; return what differs, in words, nothing if weights are equal.
+    """Learn a policy again from its training data; return the differences in words, none if the weights are equal.
 
-    Where the weights differ and other code made it, the first lines say so.
+    If the weights differ and other code made the policy, the first lines name that code.
 
     Raises:
         LearnError: if the file has no record of its training data, or nothing can be learned.
@@ -106,7 +104,7 @@ def reproduce_policy(path: Path, dataset: Dataset, *, start: Path | None = None)
 
 @cache
 def get_code_versions() -> dict[str, str]:
-    """Return what identifies the code that weights depend on: versions, and a fingerprint of our own sources."""
+    """Return what identifies the code on which weights depend: package versions and a digest of the sources."""
     digest = hashlib.sha256()
     for folder in HASHED_FOLDERS:
         sources = sorted((PACKAGE / folder).rglob("*.py"))
@@ -124,10 +122,10 @@ def _hash_start(start: Path | None) -> str:
 
 
 def _load_start(start: Path | None, dataset: Dataset) -> Policy | None:
-    """Load the policy to start from, if there is one.
+    """Return the policy to start from; None if there is no file.
 
     Raises:
-        LearnError: if it is of another world.
+        LearnError: if the policy was trained in another world.
     """
     if start is None:
         return None

@@ -1,10 +1,10 @@
-"""Learning from ratings: TAMER, Deep COACH, and which step a press was about.
+"""Learning from ratings: TAMER, Deep COACH, and the assignment of a rating to a step.
 
-TAMER models how a person rates each action and takes the one that would be rated best. For Deep COACH ratings are
-advantages: a policy's actions become more likely the better they were rated. Both need credit assignment: the picture
-that shows a step's outcome is seen from the moment it is shown, so a press of a person who takes `d` ms is about the
-step whose outcome was seen `d` ms before. The delay can be found from the presses: their times after a picture tell it
-up to a whole number of steps, and of these the right one explains best how steps were rated.
+TAMER models how a person rates each action and takes the action with the best expected rating. For Deep COACH, ratings
+are advantages: the better a policy's actions are rated, the more likely they become. Both need credit assignment. A
+step's outcome can be seen from the moment its frame is displayed, so if a person takes `d` ms to react, a key press
+rates the step whose outcome was displayed `d` ms before. The delay can be estimated from the presses: their times after
+a frame determine it up to a whole number of steps, and the right number is the one that best explains the ratings.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ RIDGE = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Presses:
-    """Presses and the steps that each may be about."""
+    """Rating key presses, with the steps to which each can refer."""
 
     values: NDArray[np.float64]  # (presses,) 1 good, -1 bad
     steps: NDArray[np.int64]  # (presses, candidates) rows of all lessons' steps; -1 where there is no more
@@ -48,7 +48,10 @@ class Presses:
     period_ms: float  # between pictures
 
     def match_steps(self, delay_ms: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Match each press with the step that fits a delay best, or -1; return the steps' rows and their delays."""
+        """Return for each press the row of the step that best fits a delay, and the press's delay after that step.
+
+        The row is -1 if no step is within a period of the delay.
+        """
         away = np.abs(self.after_ms - delay_ms)
         away[np.isnan(away)] = np.inf
         best = away.argmin(axis=1)
@@ -58,10 +61,10 @@ class Presses:
 
 
 def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
-    """Collect a data set's ratings beside its steps.
+    """Return a dataset's ratings as presses, with the steps to which they refer.
 
     Raises:
-        LearnError: if it has none that follows a step's picture.
+        LearnError: if no rating follows a step's frame.
     """
     lessons = [lesson for lesson in dataset.lessons if len(lesson.actions)]
     if not lessons:
@@ -95,7 +98,10 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
 
 
 def _order_outcomes(lessons: Sequence[Lesson], period_ns: int) -> dict[str, NDArray[np.int64]]:
-    """Return, by session, when each step's outcome was seen and the step's row, int64[2, steps], in order of time."""
+    """Return by session the time at which each step's outcome was displayed and the step's row, in order of time.
+
+    Each array is int64[2, steps].
+    """
     first = 0
     outcomes_by_session = dict[str, list[NDArray[np.int64]]]()
     for lesson in lessons:
@@ -108,12 +114,12 @@ def _order_outcomes(lessons: Sequence[Lesson], period_ns: int) -> dict[str, NDAr
 
 
 def _session(lesson: str) -> str:
-    """Return the session on whose clock a lesson's times are: each session's begins at 0."""
+    """Return the name of a lesson's session, within which times are comparable."""
     return lesson.partition(":")[0]
 
 
 def find_delay(presses: Presses, steps: LabelledSteps) -> float | None:
-    """Find the mean delay in ms; None where there are too few presses to tell."""
+    """Return the mean delay of presses in milliseconds; None if there are too few presses to estimate it."""
     newest = presses.after_ms[:, 0]
     if len(newest) < MIN_PRESSES or not presses.period_ms:
         return None
@@ -127,9 +133,10 @@ def find_delay(presses: Presses, steps: LabelledSteps) -> float | None:
 
 
 def _predict_error(presses: Presses, steps: LabelledSteps, delay_ms: float) -> float:
-    """Compute the mean square error of predicting each press from the others, given this delay.
+    """Return the mean squared error of predicting each press from the others, assuming a delay.
 
-    By ridge regression with a kernel that is 1 for the same action on the same picture, 0 for different actions.
+    The prediction is a ridge regression with a kernel that is 1 for the same action on the same image, less for other
+    images, and 0 for different actions.
     """
     step_rows, _ = presses.match_steps(delay_ms)
     fits = np.flatnonzero(step_rows >= 0)[-MAX_PRESSES:]
@@ -147,7 +154,10 @@ def _predict_error(presses: Presses, steps: LabelledSteps, delay_ms: float) -> f
 
 
 def get_credit_weights(after_ms: NDArray[np.float64], delay_ms: float, spread_ms: float) -> NDArray[np.float64]:
-    """Return how much of each press belongs to each candidate step: a normal density of delays, each row's sum 1."""
+    """Return the share of each press that each candidate step receives, by a normal density of delays.
+
+    The shares of a press sum to 1.
+    """
     density = np.exp(-0.5 * ((after_ms - delay_ms) / spread_ms) ** 2)
     density = np.nan_to_num(density)
     sums = density.sum(axis=1, keepdims=True)
@@ -155,7 +165,7 @@ def get_credit_weights(after_ms: NDArray[np.float64], delay_ms: float, spread_ms
 
 
 class ActionValues(nn.Module):
-    """A policy's actor as a number per action: its logits, before they become probabilities."""
+    """A policy's actor as a network that returns one value per action: the policy's logits."""
 
     def __init__(self, policy: Policy) -> None:
         super().__init__()
@@ -164,7 +174,7 @@ class ActionValues(nn.Module):
         self.head = policy.action_net
 
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
-        """Return the actions' values, float32[batch, actions]."""
+        """Return the values float32[batch, actions] of all actions."""
         values: torch.Tensor = self.head(
             self.actor(self.eyes({**observations, "image": observations["image"].float() / 255}))
         )
@@ -173,7 +183,7 @@ class ActionValues(nn.Module):
 
 @dataclass(frozen=True, slots=True)
 class TamerSettings:
-    """Settings of TAMER."""
+    """The settings of TAMER."""
 
     updates: int = 150
     batch_size: int = 64
@@ -185,21 +195,22 @@ class TamerSettings:
 
 
 class Tamer(Learner):
-    """Training an agent manually via evaluative reinforcement.
+    """TAMER: training an agent manually via evaluative reinforcement.
 
-    Knox and Stone (2009), K-CAP: a model of the person's rating of an action is fitted to the ratings, each shared
-    among the steps it may be about by a density of delays, and the agent does what is expected to be rated best. The
-    form is Deep TAMER's (Warnell, Waytowich, Lawhern and Stone, 2018, AAAI): a network, squared error weighted by that
-    density (of each press in a minibatch one step is drawn by it), minibatches of all ratings so far. Here the density
-    is normal and its mean is found from the presses, where TAMER takes 200 to 800 ms as given; and actions are drawn,
-    not the best one taken, so that an agent whose memory is its view leaves the corner it stands in.
+    In Knox and Stone (2009), K-CAP, a model of the person's rating of an action is fitted to the ratings. A density of
+    delays distributes each rating over the steps to which it can refer, and the agent takes the action with the best
+    expected rating. The form here is that of Deep TAMER (Warnell, Waytowich, Lawhern and Stone, 2018, AAAI): a network
+    with a squared error weighted by that density (one step is drawn from it for each press in a minibatch), and
+    minibatches of all ratings so far. Two things differ. The density is normal and its mean is estimated from the
+    presses, where TAMER assumes 200 to 800 ms. Actions are drawn, instead of taking the best one, so that an agent
+    whose only memory is its view can leave a corner.
     """
 
     name: ClassVar[str] = "tamer"
     settings_type = TamerSettings
 
     def learn(self, request: LearningRequest) -> LearningResult:
-        """Learn from fresh weights; the policy so far is not looked at.
+        """Learn from fresh weights, ignoring the previous policy.
 
         Raises:
             LearnError: if there is no rating.
@@ -255,7 +266,7 @@ TRACE_STEPS = 4  # before the step a press is about that have a share in it
 
 @dataclass(frozen=True, slots=True)
 class CoachSettings:
-    """Settings of Deep COACH."""
+    """The settings of Deep COACH."""
 
     updates: int = 60
     batch_size: int = 64
@@ -267,21 +278,22 @@ class CoachSettings:
 
 
 class DeepCoach(Learner):
-    """Deep reinforcement learning from policy-dependent human feedback.
+    """Deep COACH: deep reinforcement learning from policy-dependent human feedback.
 
-    Arumugam, Lee, Saskin and Littman (2019), arXiv:1902.04257, after COACH (MacGlashan and others, 2017, ICML): a
-    rating is an advantage under the policy that was rated, so the gradient of an action's log-probability is scaled by
-    it, steps before share in it by a trace that decays with 0.35, each action by how much likelier it has become since,
-    and the policy's entropy is kept up. They take a delay of one step of 250 ms, minibatches of 16 windows of 10 steps,
-    a learning rate of 0.00025 and an entropy weight of 1.5, and learn after every press. Here updates come between
-    episodes, from all ratings so far, which is what the ratio of likelihoods is for; it is cut at 10.
+    In Arumugam, Lee, Saskin and Littman (2019), arXiv:1902.04257, after COACH (MacGlashan and others, 2017, ICML), a
+    rating is an advantage under the policy that was rated. It scales the gradient of an action's log-probability;
+    earlier steps receive a share, by an eligibility trace that decays with 0.35; each action is weighted by the ratio
+    of its present to its past probability; and an entropy term keeps the policy's entropy up. The authors assume a
+    delay of one step of 250 ms, use minibatches of 16 windows of 10 steps, a learning rate of 0.00025 and an entropy
+    weight of 1.5, and learn after every press. Here, updates are made between episodes from all ratings so far, for
+    which the ratio of probabilities corrects; it is limited to 10.
     """
 
     name: ClassVar[str] = "deep-coach"
     settings_type = CoachSettings
 
     def learn(self, request: LearningRequest) -> LearningResult:
-        """Continue from the policy so far, or start with fresh weights.
+        """Continue from the previous policy, or from fresh weights if there is none.
 
         Raises:
             LearnError: if there is no rating.
@@ -332,7 +344,7 @@ def _copy_or_make_policy(request: LearningRequest) -> Policy:
 
 
 def _find_past_probabilities(dataset: Dataset) -> NDArray[np.float64]:
-    """Return the probability of each action when it was taken; 1 where it is unknown."""
+    """Return the probability of each action at the time it was taken, at least 0.05; 1 where it is unknown."""
     chances: list[NDArray[Any]] = []
     for lesson in dataset.lessons:
         n = len(lesson.actions)

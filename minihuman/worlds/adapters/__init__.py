@@ -1,1 +1,1 @@
-"""Adapters: any Gymnasium environment behind one face."""
+"""Adapters that give any Gymnasium environment one interface."""

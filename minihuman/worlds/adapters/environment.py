@@ -1,4 +1,4 @@
-"""Makes the environment behind a world, and checks that it says what a world has to know."""
+"""Construction of the environment of a world, and checks that it states what a world must know."""
 
 import re
 from collections.abc import Collection, Mapping
@@ -21,7 +21,7 @@ _UNEXPECTED_ARGUMENT = re.compile(r"unexpected keyword argument '(\w+)'")
 
 
 def has_own_rule(native: Any) -> bool:
-    """Return whether the author says, by the ``reward_and_done`` of our classes, which end earns a reward."""
+    """Return whether the author defines which end earns a reward, by the method ``reward_and_done`` of our classes."""
     if isinstance(native, SeatEnv):
         inner = native.team
     else:
@@ -30,7 +30,7 @@ def has_own_rule(native: Any) -> bool:
 
 
 def is_built_in(env: gymnasium.Env[Any, Any]) -> bool:
-    """Tell whether a world and all wrappers around it are this package's own, or Gymnasium's wrappers."""
+    """Return whether a world and all of its wrappers are part of this package or are Gymnasium's wrappers."""
     while isinstance(env, gymnasium.Wrapper):
         if not type(env).__module__.startswith(("minihuman.", "gymnasium.wrappers.")):
             return False
@@ -40,10 +40,10 @@ def is_built_in(env: gymnasium.Env[Any, Any]) -> bool:
 
 
 def make_environment(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
-    """Make an environment that draws pictures, by its id.
+    """Make an environment that can draw pictures, from its id.
 
     Raises:
-        WorldError: if it cannot be made, or has no render mode for pictures.
+        WorldError: if the environment cannot be made, or has no render mode for pictures.
     """
     try:
         seat = make_seat(world_id, options)
@@ -77,7 +77,7 @@ def make_environment(world_id: str, options: dict[str, Any]) -> gymnasium.Env[An
 
 
 def _explain_arguments(error: TypeError, options: Mapping[str, Any]) -> str:
-    """Explain a TypeError of a constructor, which is mostly one of its arguments."""
+    """Return the text of an error for a constructor's TypeError, which is mostly about one of its arguments."""
     missing = _MISSING_ARGUMENTS.search(str(error))
     if missing:
         return f"its constructor needs {missing[1]}; give it in the block, as options = {{ NAME = VALUE }}"
@@ -92,7 +92,7 @@ def _explain_arguments(error: TypeError, options: Mapping[str, Any]) -> str:
 
 
 def _render_modes(world_id: str, env: gymnasium.Env[Any, Any]) -> Collection[Any]:
-    """Return the render modes that an environment states."""
+    """Return the render modes in an environment's metadata."""
     if isinstance(env.metadata, Mapping):
         modes = env.metadata.get("render_modes", ())
     else:
@@ -105,10 +105,10 @@ def _render_modes(world_id: str, env: gymnasium.Env[Any, Any]) -> Collection[Any
 
 
 def require_stated_space(world_id: str, env: gymnasium.Env[Any, Any], name: str) -> None:
-    """Refuse an environment that does not say what it takes, or what it shows.
+    """Check that an environment states one of its spaces.
 
     Raises:
-        WorldError: if the space of that name is none of Gymnasium's.
+        WorldError: if the attribute ``name`` is not a space of Gymnasium.
     """
     space = getattr(env, name, None)
     if not isinstance(space, gymnasium.Space):

@@ -1,6 +1,7 @@
-"""The border to code that is not ours: whatever a foreign world raises becomes a WorldCodeError that says where.
+"""The boundary to foreign code: what a foreign world raises becomes a WorldCodeError that names the place.
 
-A world may not end the program either: SystemExit, and a KeyboardInterrupt that no Ctrl-C caused, are its errors.
+A world must not end the program either: SystemExit, and a KeyboardInterrupt without Ctrl-C, count as errors of the
+world.
 """
 
 import dis
@@ -15,11 +16,11 @@ _MOST_TEXT = 200  # characters of what a world's error says
 
 
 class WorldCodeError(WorldError):
-    """The code of a world that is not ours raised something, which is the cause, or tried to end the program."""
+    """An error for a foreign world's code that raised an exception, which is the cause, or tried to end the program."""
 
     @property
     def log_text(self) -> str:
-        """Return the text for a log: the world's own message, without its place in a file."""
+        """The error's text for a log: the world's own message without its place in a file."""
         cause = self.__cause__
         if not isinstance(cause, Exception):
             return str(self)
@@ -29,11 +30,11 @@ class WorldCodeError(WorldError):
 
 
 class RemoteCodeError(WorldCodeError):
-    """The code of a world raised something in a process of its own, or that process ended.
+    """An error for a foreign world's code that failed in its own process, or for the end of that process.
 
     Args:
-        message: what failed, and where.
-        log_text: what a log has of it.
+        message: what failed, and where
+        log_text: the text for a log; the message if it is empty
     """
 
     def __init__(self, message: str, log_text: str = "") -> None:
@@ -42,16 +43,16 @@ class RemoteCodeError(WorldCodeError):
 
     @property
     def log_text(self) -> str:
-        """Return the text for a log."""
+        """The error's text for a log."""
         return self._log_text
 
 
 class contain_errors:  # noqa: N801 - used as `contextlib.suppress` is
-    """Turn what a foreign world's code raises inside into a WorldCodeError; our own errors pass.
+    """A context manager that turns the exceptions of a foreign world's code into a WorldCodeError; our own errors pass.
 
     Args:
-        world_id: the world's id.
-        call: what of it was called: "step()".
+        world_id: the world's id
+        call: the call that runs the code, such as "step()"
     """
 
     __slots__ = ("_call", "_world_id")
@@ -69,7 +70,7 @@ class contain_errors:  # noqa: N801 - used as `contextlib.suppress` is
 
 
 def describe_error(error: BaseException) -> str:
-    """Describe what a world's code raised, and where: "raised ValueError: no such cell (maze.py:31)"."""
+    """Return what a world's code raised and where, such as "raised ValueError: no such cell (maze.py:31)"."""
     frames = traceback.extract_tb(error.__traceback__)
     if frames:
         place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
@@ -97,14 +98,14 @@ def describe_error(error: BaseException) -> str:
 
 
 def _is_unpacking(frame: traceback.FrameSummary) -> bool:
-    """Tell whether one of Gymnasium's wrappers took a world's tuple apart there."""
+    """Return whether the frame is a wrapper of Gymnasium that unpacks what a world returned."""
     return Path(frame.filename).parent.name == "wrappers" and "= self.env." in (frame.line or "")
 
 
 def _is_from_user(error: BaseException) -> bool:
-    """Tell whether Ctrl-C was pressed: then no instruction of the interrupted code raised the error.
+    """Return whether an error came from Ctrl-C: then no instruction of the interrupted code raised it.
 
-    Python has signals handled in the main thread alone.
+    Python handles signals in the main thread only.
     """
     if not isinstance(error, KeyboardInterrupt) or threading.current_thread() is not threading.main_thread():
         return False

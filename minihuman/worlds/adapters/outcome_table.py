@@ -1,7 +1,7 @@
-"""What an end means in Gymnasium's own environments, ALE's, Minigrid's and Miniworld's, by their documentation.
+"""The meaning of an episode's end in environments of Gymnasium, ALE, Minigrid and Miniworld, by their documentation.
 
-An id counts only where nothing but its own package can have registered it: alone, or after that package's name. A
-rule holds for the environment as it is registered; a block whose options change rewards or ends states its own.
+An id counts only if no other package can have registered it: alone, or after its package's name. A rule holds for the
+environment as it is registered; a block whose options change rewards or ends states its own rule.
 """
 
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ from minihuman.worlds.outcomes import LAST_REWARD, NO_RULE
 
 
 class TableEntry(NamedTuple):
-    """A rule, and where it is documented."""
+    """An outcome rule with its reason and source."""
 
     rule: str
     reason: str  # what the documentation says
@@ -129,7 +129,7 @@ _FAMILIES = {  # by package: how its ids begin, and the rule of all
 
 
 def find_table_entry(world_id: str) -> TableEntry | None:
-    """Find what the table says of a world; None of one that it does not know."""
+    """Return the table's entry for a world; None if there is none."""
     module, _, name = world_id.rpartition(":")
     package = module.partition(".")[0]
     if package in ("", "gymnasium") and name in GYMNASIUM_RULES:

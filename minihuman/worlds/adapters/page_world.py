@@ -1,7 +1,7 @@
-"""Worlds that a page computes too: the digest of each step, and episodes of a page's played again.
+"""Worlds that a web page can compute, too: the digest of each step, and the verification of a page's episodes.
 
-A digest covers the state after a step, what the agent sees then, the reward and the end: 64 bits by which two sides see
-whether they computed the same. It is no signature: whoever has the rules can compute it.
+A digest covers the state after a step, the agent's observation, the reward and the end: 64 bits by which two sides can
+see whether they computed the same. It is not a signature, since anyone who has the rules can compute it.
 """
 
 import struct
@@ -29,7 +29,7 @@ _OUTCOME = struct.Struct("<dQ")
 
 
 class PageWorld(World):
-    """A world that a page may compute too: it keeps what its last step led to, which a digest is over."""
+    """A world that a page can compute, too, and that keeps its last step's state for a digest."""
 
     def __init__(self, world_id: str, options: dict[str, Any] | None = None) -> None:
         super().__init__(world_id, options)
@@ -38,7 +38,7 @@ class PageWorld(World):
         self._stepped: tuple[NDArray[Any], ...] = ()
 
     def step(self, action: Action) -> StepResult:
-        """Do an action, as any world does."""
+        """Step the world, as `World.step`, and keep the state that the step led to."""
         result = super().step(action)
         if self._keeps_steps:  # a copy: an episode that has ended gives its world to the next one
             env = self.unwrapped
@@ -49,7 +49,7 @@ class PageWorld(World):
         return result
 
     def digest(self, reward: float, *, terminated: bool, truncated: bool) -> str:
-        """Return the digest of the last step and its outcome, 16 hexadecimal digits."""
+        """Return the digest of the last step and its outcome as 16 hexadecimal digits."""
         digest: Any = digest_step if self._is_grid else digest_state
         end = 0
         if terminated:
@@ -62,9 +62,9 @@ class PageWorld(World):
 
 @dataclass(frozen=True, slots=True)
 class ActionsVerification:
-    """What playing a page's actions again gave.
+    """The result of replaying a page's actions.
 
-    ``difference`` is the first, in a sentence, "" if there is none; the other fields are of the steps up to it.
+    ``difference`` describes the first difference, or is "" if there is none; the other fields cover the steps up to it.
     """
 
     steps: int
@@ -76,7 +76,7 @@ class ActionsVerification:
 
     @property
     def ok(self) -> bool:
-        """Return whether the actions, played from the seed by the rules here, gave these digests and rewards."""
+        """Whether the actions, replayed from the seed by the rules installed here, gave these digests and rewards."""
         return not self.difference
 
 
@@ -89,20 +89,20 @@ def verify_actions(
     rewards: Sequence[float] | None = None,
     options: dict[str, Any] | None = None,
 ) -> ActionsVerification:
-    """Play a page's actions again from the seed, and compare each step's digest.
+    """Replay a page's actions from the seed, and compare each step's digest.
 
-    It shows that these actions lead to these digests by the rules installed here, not who pressed the keys, nor when.
+    This shows that the actions lead to the digests by the rules installed here, not who pressed the keys or when.
 
     Args:
-        world: a Gymnasium id; ``minihuman/`` may be left out.
-        seed: of the episode.
-        actions: their numbers, in order.
-        digests: one for each action, 16 hexadecimal digits.
-        rewards: compared too, if they are given.
-        options: keyword arguments of ``gymnasium.make``, as the page had them.
+        world: a Gymnasium id; the prefix ``minihuman/`` is optional
+        seed: the seed of the episode
+        actions: the numbers of the actions, in order
+        digests: the digest of each step, 16 hexadecimal digits
+        rewards: the reward of each step; None if rewards are not to be compared
+        options: the keyword arguments of ``gymnasium.make`` on the page
 
     Raises:
-        ValueError: if there is not one digest, or reward, for each action, or the seed is negative.
+        ValueError: if the number of digests or rewards differs from that of actions, or the seed is negative.
         WorldError: if the world cannot be made, or no page computes it.
     """
     if len(digests) != len(actions) or (rewards is not None and len(rewards) != len(actions)):

@@ -1,7 +1,7 @@
-"""A team world as PettingZoo's parallel API: ``minihuman.parallel_env("minihuman/Team-FourRooms-v0")``.
+"""Team worlds with PettingZoo's parallel API: ``minihuman.parallel_env("minihuman/Team-FourRooms-v0")``.
 
-Agents are called "body_0", "body_1", ... PettingZoo itself is not needed; where it is installed, the environment is
-one of its `ParallelEnv`.
+Agents are named "body_0", "body_1", and so on. PettingZoo is optional; where it is installed, the environment is a
+subclass of its `ParallelEnv`.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -24,11 +24,11 @@ AgentObservations = dict[str, NDArray[Any]]
 
 
 class TeamParallelEnv(_Base):  # type: ignore[misc]  # only known where PettingZoo is installed
-    """A team world with PettingZoo's parallel API. An end is an end for all agents.
+    """A team world with PettingZoo's parallel API, in which an episode ends for all agents at once.
 
     Args:
-        world: The team world; `unwrapped.world` gives it back.
-        world_id: What it is called.
+        world: the team world, which is also available as `unwrapped.world`
+        world_id: the world's id
     """
 
     def __init__(self, world: TeamWorld, world_id: str) -> None:
@@ -42,17 +42,20 @@ class TeamParallelEnv(_Base):  # type: ignore[misc]  # only known where PettingZ
         self._seeds = np.random.default_rng()
 
     def observation_space(self, agent: str) -> spaces.Box:
-        """Return what an agent can observe."""
+        """Return an agent's observation space."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Discrete:
-        """Return what an agent can do."""
+        """Return an agent's action space."""
         return self.action_spaces[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[AgentObservations, dict[str, dict[str, Any]]]:
-        """Begin an episode: observations and empty infos. Without a seed, one is drawn from the last seed's stream."""
+        """Begin an episode; return observations and empty infos by agent.
+
+        Without a seed, one is drawn from the random stream of the last seed.
+        """
         if seed is not None:
             self._seeds = np.random.default_rng(seed)
         self.world.reset(int(self._seeds.integers(2**63)) if seed is None else seed)
@@ -62,7 +65,7 @@ class TeamParallelEnv(_Base):  # type: ignore[misc]  # only known where PettingZ
     def step(
         self, actions: dict[str, int]
     ) -> tuple[AgentObservations, dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Make one joint step; an agent that gives no action idles."""
+        """Make one joint step; an agent without an action idles."""
         idle = self.world.idle_action
         agents = self.agents
         joint_step = self.world.step([int(actions.get(agent, idle)) for agent in self.possible_agents])
@@ -87,13 +90,13 @@ class TeamParallelEnv(_Base):  # type: ignore[misc]  # only known where PettingZ
         return self.world.frame(0, 640, 480)
 
     def close(self) -> None:
-        """Do nothing: there is nothing to close."""
+        """Do nothing, since there is nothing to close."""
 
 
 def parallel_env(world_id: str, **options: Any) -> TeamParallelEnv:
     """Make a team world with PettingZoo's parallel API.
 
     Raises:
-        WorldError: as `make_team`.
+        WorldError: if the world cannot be made, as for `make_team`.
     """
     return TeamParallelEnv(make_team(world_id, **options), world_id)

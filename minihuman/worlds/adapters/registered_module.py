@@ -1,10 +1,10 @@
-"""Which module an environment is registered from, by Gymnasium's registry. Imports none of them."""
+"""The modules of environments, looked up in Gymnasium's registry without importing them."""
 
 import gymnasium
 
 
 def find_registered_module(world_id: str) -> str:
-    """Return the module that has an environment: its entry point's, else the one that its id names; "" for neither."""
+    """Return the module of an environment's entry point, or else the module in its id; "" if there is neither."""
     module, _, name = world_id.rpartition(":")
     spec = gymnasium.registry.get(name)
     if spec is None:

@@ -1,6 +1,7 @@
-"""What a foreign world returns, checked where it comes in: the tuples of reset and step, rewards, flags and pictures.
+"""Checks of what a foreign world returns: the tuples of reset and step, rewards, flags and pictures.
 
-Errors say what came back, what has to come back, and what to write instead. Knows no world's name and keeps nothing.
+Errors state what was returned, what must be returned, and what to write instead. The module knows no world's name and
+keeps no state.
 """
 
 import math
@@ -18,7 +19,7 @@ _RESET_VALUES = "(observation, info)"
 
 
 def describe_value(value: Any) -> str:
-    """Describe a value in words for an error: "an array of shape (2,)", "nothing (None)", "the text 'left'"."""
+    """Return a value in words for an error, such as "an array of shape (2,)", "nothing (None)" or "the text 'left'"."""
     match value:
         case None:
             return "nothing (None)"
@@ -38,10 +39,10 @@ def describe_value(value: Any) -> str:
 
 
 def read_reset(returned: Any) -> tuple[Any, Mapping[str, Any]]:
-    """Return the observation and the info of a reset.
+    """Return the observation and info that a reset returned.
 
     Raises:
-        WorldError: if it is not these two.
+        WorldError: if the reset did not return these two values.
     """
     if not isinstance(returned, tuple | list) or len(returned) != 2:
         raise WorldError(f"reset() returned {describe_value(returned)}; it must return {_RESET_VALUES}")
@@ -50,10 +51,10 @@ def read_reset(returned: Any) -> tuple[Any, Mapping[str, Any]]:
 
 
 def read_step(returned: Any) -> tuple[Any, float, bool, bool, Mapping[str, Any]]:
-    """Return the observation, reward, flags and info of a step.
+    """Return the observation, reward, flags and info that a step returned.
 
     Raises:
-        WorldError: if it is not these five, or one of them is of another kind.
+        WorldError: if the step did not return these five values, or one of them has the wrong type.
     """
     if not isinstance(returned, tuple | list) or len(returned) != 5:
         old = isinstance(returned, tuple | list) and len(returned) == 4
@@ -79,10 +80,10 @@ def _read_info(info: Any, call: str) -> Mapping[str, Any]:
 
 
 def read_reward(reward: Any) -> float:
-    """Return a reward as a float; NaN and infinities too, as a log can hold them.
+    """Return a reward as a float, which may be NaN or infinite, since a log can store these.
 
     Raises:
-        WorldError: if it is not one real number.
+        WorldError: if the reward is not one real number.
     """
     if not isinstance(reward, str | bytes):
         try:
@@ -95,10 +96,10 @@ def read_reward(reward: Any) -> float:
 
 
 def read_flag(flag: Any, name: str) -> bool:
-    """Return a flag as a bool; None counts as false.
+    """Return a flag as a bool; None counts as False.
 
     Raises:
-        WorldError: if it could be read in two ways.
+        WorldError: if the value is ambiguous.
     """
     if isinstance(flag, np.ndarray) and flag.size == 1 and flag.dtype.kind in "biu":
         flag = flag.item()
@@ -108,19 +109,19 @@ def read_flag(flag: Any, name: str) -> bool:
 
 
 def read_onset(info: Mapping[str, Any]) -> bool:
-    """Tell whether the next picture shows a stimulus onset, by ``info["onset"]``.
+    """Return whether the next picture shows a stimulus onset, according to ``info["onset"]``.
 
     Raises:
-        WorldError: if it is there and no flag.
+        WorldError: if that value is not a flag.
     """
     return "onset" in info and read_flag(info["onset"], "info['onset']")
 
 
 def read_picture(picture: Any) -> NDArray[np.uint8]:
-    """Return a picture as uint8[H, W, 3]. Other types count where they hold 0 to 255; fractions are cut off.
+    """Return a picture as uint8[H, W, 3]; other types are accepted with values of 0 to 255, without their fractions.
 
     Raises:
-        WorldError: if it has another shape, or would be shown black or in wrong colours.
+        WorldError: if the picture has another shape, or would be shown black or in wrong colours.
     """
     if not isinstance(picture, np.ndarray):
         raise WorldError(f"render() returned {describe_value(picture)}; return a uint8 array of shape [H, W, 3]")
@@ -148,7 +149,7 @@ def _explain_shape(shape: tuple[int, ...]) -> str:
 
 
 def _convert_picture(picture: NDArray[Any]) -> NDArray[np.uint8]:
-    """Take a picture of another type over, where that cannot go wrong."""
+    """Convert a picture of another type to uint8, if its values are unambiguous."""
     kind = picture.dtype.kind
     if kind not in "iuf":
         raise WorldError(f"render() returned a picture of type {picture.dtype}; return uint8 values from 0 to 255")
@@ -167,7 +168,7 @@ def _convert_picture(picture: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def explain_unhashable(value: Any, name: str = "the observation") -> str:
-    """Say which part of an observation a log cannot hash, and what to use instead; "" if there is none."""
+    """Return which part of an observation a log cannot hash, and what to use instead; "" if there is no such part."""
     match value:
         case dict():
             if any(not isinstance(key, str | int) for key in value) or len({type(key) for key in value}) > 1:

@@ -1,7 +1,7 @@
-"""A seat: one body of a team world as a Gymnasium environment, so that whatever plays one body plays a team's.
+"""A seat: one body of a team world as a Gymnasium environment, so that any player of one body can play in a team.
 
-`joint` is the next step's joint action, where a session knows it; `script` holds those of a recorded episode. A body
-that neither of them names does the world's idle action.
+`joint` is the joint action of the next step, if a session knows it; `script` holds the joint actions of a recorded
+episode. A body in neither of them takes the world's idle action.
 """
 
 import math
@@ -23,12 +23,12 @@ SCRIPT_OPTION = "script"
 
 
 class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
-    """One body of a team world.
+    """An environment that plays one body of a team world.
 
     Args:
-        team: the world.
-        seat: which body it is, 0 for the first.
-        script: joint actions by step, one action per body.
+        team: the team world
+        seat: the body's number, 0 for the first
+        script: the joint action of each step, with one action per body
 
     Raises:
         WorldError: if the world has no such body.
@@ -53,7 +53,7 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
 
     @property
     def max_steps(self) -> int:
-        """Return the world's own limit on an episode's steps."""
+        """The world's step limit per episode."""
         return self.team.max_steps
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -67,12 +67,12 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         return self.team.observation(self.seat), {}
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Make a joint step; this body's action is ``action``."""
+        """Make a joint step in which this body takes ``action``."""
         reward, terminated, truncated, info = self._advance(action)
         return self.team.observation(self.seat), reward, terminated, truncated, info
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
-        """Make a step without its observation."""
+        """Make a step without computing an observation; return reward, terminated and truncated."""
         return self._advance(action)[:3]
 
     def _advance(self, action: int) -> tuple[float, bool, bool, dict[str, Any]]:
@@ -93,15 +93,15 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         return joint_step.rewards[self.seat], joint_step.terminated, joint_step.truncated, {**joint_step.info, **own}
 
     def render(self) -> Any:
-        """Return what this body's person sees."""
+        """Return what the person in this body sees."""
         return self.picture()
 
     def pose(self) -> Pose:
-        """Return where this body stands."""
+        """Return this body's pose."""
         return self.team.pose(self.seat)
 
     def poses(self) -> tuple[Pose, ...]:
-        """Return where each body stands, by seat; nothing where that is unknown."""
+        """Return the pose of each body by seat, without unknown poses."""
         poses = map(self.team.pose, range(self.team.bodies))
         return tuple(pose for pose in poses if not math.isnan(pose.x))
 
@@ -110,19 +110,19 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         return self.team.map()
 
     def state_hash(self) -> int:
-        """Return the team's hash, the same for each seat."""
+        """Return the hash of the team's state, which is the same for each seat."""
         return self.team.state_hash()
 
     def scene_hash(self) -> int:
-        """Return the team's hash, the same for each seat."""
+        """Return the hash of the team's state without the step count, which is the same for each seat."""
         return self.team.scene_hash()
 
     def save(self) -> Any:
-        """Return the team's state and what belongs to the seat."""
+        """Return a copy of the team's state and of the seat's own state."""
         return self.team.save(), self.steps, self.rewards
 
     def restore(self, saved: Any) -> None:
-        """Go back to a saved state."""
+        """Restore a saved state."""
         state, self.steps, self.rewards = saved
         self.team.restore(state)
         self.joint = None
@@ -130,14 +130,14 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Return the picture that this body's person sees; a world that can show either view shows this one."""
+        """Return the picture for the person in this body, in the given view if the world supports it."""
         if hasattr(self.team, "view"):
             self.team.view = view
         return self.team.frame(self.seat, *size_px, palette=palette)
 
 
 def make_seat(world_id: str, options: dict[str, Any]) -> SeatEnv | None:
-    """Make a seat of a team world from its id; None where the id is of a world of one body, or of none.
+    """Return a seat of the team world with an id; None if the id is not that of a team world.
 
     Raises:
         WorldError: if the world cannot be made with the options.

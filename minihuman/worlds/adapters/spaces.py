@@ -1,7 +1,8 @@
-"""Action spaces as things that keys can do: a few elementary actions with names, and what several of them at once are.
+"""Action spaces as actions that keys can do: a few named elementary actions, and their combinations.
 
-A Discrete space has its own actions; two held together are one where the environment says so. The values of any other
-space are vectors: rest, and elements that each move one component away from it. Knows no keys and no time.
+A Discrete space has its own actions; two keys held together are another action if the environment says so. The actions
+of any other space are vectors: a rest vector, and elements that each move one component away from rest. The module
+knows neither keys nor time.
 """
 
 import tomllib
@@ -30,7 +31,7 @@ MAX_BOUND_AXES = 4  # of a Box; two for each hand
 
 @dataclass(frozen=True, slots=True)
 class ActionElement:
-    """What one key does to a vector: a component and the value it takes."""
+    """The effect of one key on an action vector: a component and the value that it takes."""
 
     name: str
     component: int
@@ -38,12 +39,12 @@ class ActionElement:
 
 
 class DiscreteActions:
-    """Numbered actions.
+    """The numbered actions of a Discrete space.
 
     Args:
-        names: one per action, in order.
-        first: the space's own number of the first.
-        chords: the action that several held together are, by their numbers.
+        names: the name of each action, in order
+        first: the space's number of the first action
+        chords: the action that several actions held together stand for, by their numbers
     """
 
     is_discrete = True
@@ -55,22 +56,22 @@ class DiscreteActions:
 
     @property
     def numbers(self) -> range:
-        """Return the actions that a key can do."""
+        """The numbers of the actions that a key can do."""
         return range(len(self.names))
 
     def combine(self, numbers: Sequence[int]) -> tuple[int, ActionVector]:
-        """Return the action of several pressed keys, the latest last: the environment's own chord, or the latest's."""
+        """Return the action of several pressed keys: the environment's chord, or else the action of the latest key."""
         return self.chords.get(frozenset(numbers), numbers[-1]), ()
 
     def resolve(self, action: Action) -> tuple[int, ActionVector]:
-        """Return an action's number and vector, which is ()."""
+        """Return the number of an action and its vector, which is ()."""
         return action, ()  # type: ignore[return-value]
 
     def value(self, action: Action) -> Any:
-        """Return what the environment's ``step`` takes.
+        """Return an action in the form that the environment's ``step`` takes.
 
         Raises:
-            WorldError: if there is no such action.
+            WorldError: if the action does not exist.
         """
         if isinstance(action, tuple) or not 0 <= action < len(self.names):
             raise WorldError(f"action {action!r} does not exist; actions are 0 to {len(self.names) - 1}")
@@ -78,16 +79,16 @@ class DiscreteActions:
 
 
 class VectorActions:
-    """Actions that are vectors: Box, MultiBinary and MultiDiscrete, and Dict and Tuple of these and Discrete.
+    """Actions that are vectors: of Box, MultiBinary and MultiDiscrete, and of Dict and Tuple of these and Discrete.
 
-    ``names`` are rest, one per element, and ``chord`` for what no single element is. The components of a Dict or Tuple
-    are those of its spaces one after the other, in the order in which Gymnasium has them.
+    ``names`` are rest, one per element, and ``chord`` for any other vector. The components of a Dict or Tuple are those
+    of its spaces one after the other, in Gymnasium's order.
 
     Args:
-        space: the environment's.
+        space: the environment's action space
 
     Raises:
-        WorldError: if it is another kind of space.
+        WorldError: if the space is of another kind.
     """
 
     is_discrete = False
@@ -141,16 +142,16 @@ class VectorActions:
 
     @property
     def unbound(self) -> int:
-        """Return how many components no element moves; they stay at rest."""
+        """The number of components that no element moves, and that stay at rest."""
         return len(self.rest) - len({element.component for element in self._elements})
 
     @property
     def numbers(self) -> range:
-        """Return the actions that a key can do: rest and the elements."""
+        """The numbers of the actions that a key can do: rest and the elements."""
         return range(len(self._elements) + 1)
 
     def combine(self, numbers: Sequence[int]) -> tuple[int, ActionVector]:
-        """Return the vector of several pressed elements, the latest last, and its number among ``names``."""
+        """Return the number and vector of several pressed elements, of which the latest comes last."""
         vector = list(self.rest)
         for number in numbers:
             if number not in self.numbers:
@@ -167,12 +168,12 @@ class VectorActions:
         return self._number(clipped), clipped
 
     def move(self, vector: ActionVector, component: int, share: float) -> ActionVector:
-        """Return a vector with one component moved by a share (-1..1) of the way from rest to an end.
+        """Return a vector with one component moved by a share (-1 to 1) of the way from rest to its bound.
 
-        One that takes whole numbers alone is rounded.
+        A component with whole numbers is rounded.
 
         Raises:
-            WorldError: if there is no such component.
+            WorldError: if the component does not exist.
         """
         self.require_component(component)
         end = (self._high if share > 0 else self._low)[component]
@@ -185,10 +186,12 @@ class VectorActions:
         return tuple(np.clip(moved, self._low, self._high).tolist())
 
     def point(self, vector: ActionVector, component: int, share: float) -> ActionVector:
-        """Return a vector with one component at 0..1 of its range; whole numbers take the cell with the point.
+        """Return a vector with one component at a share (0 to 1) of its range.
+
+        A component with whole numbers takes the number of the cell in which the point lies.
 
         Raises:
-            WorldError: if there is no such component, or it has no range.
+            WorldError: if the component does not exist or has no bounds.
         """
         self.require_component(component)
         low = self._low[component]
@@ -202,18 +205,22 @@ class VectorActions:
         return (*vector[:component], float(value), *vector[component + 1 :])
 
     def require_component(self, component: int) -> None:
-        """Raise WorldError if there is no such component."""
+        """Check that a component exists.
+
+        Raises:
+            WorldError: if it does not.
+        """
         if not 0 <= component < len(self.rest):
             raise WorldError(f"component {component} does not exist; {self._space} has {len(self.rest)}, from 0")
 
     def resolve(self, action: Action) -> tuple[int, ActionVector]:
-        """Return an action's number and vector."""
+        """Return the number and vector of an action."""
         if isinstance(action, tuple):
             return (self._number(action), action)
         return self.combine([action])
 
     def _number(self, vector: ActionVector) -> int:
-        """Return a vector's number among ``names``: rest, the element that it is, or ``chord``."""
+        """Return the index in ``names`` of a vector: that of rest, of the element that it equals, or of ``chord``."""
         moved = [
             place
             for place, (now, rest_component) in enumerate(zip(vector, self.rest, strict=True))
@@ -229,10 +236,10 @@ class VectorActions:
         return next(single, len(self.names) - 1)
 
     def value(self, action: Action) -> Any:
-        """Return what the environment's ``step`` takes, of its own type and shape.
+        """Return an action in the form that the environment's ``step`` takes, with the space's type and shape.
 
         Raises:
-            WorldError: if there is no such action.
+            WorldError: if the action does not exist.
         """
         vector = self.resolve(action)[1]
         if len(vector) != len(self.rest):
@@ -246,7 +253,7 @@ class VectorActions:
 
 
 def _list_leaves(space: gymnasium.Space[Any]) -> list[gymnasium.Space[Any]]:
-    """List the leaves of nested Dict and Tuple spaces, depth first; of another space, the space itself."""
+    """Return the leaves of nested Dict and Tuple spaces, depth first; any other space is its own leaf."""
     match space:
         case spaces.Dict() | spaces.Tuple():
             inner = space.spaces.values() if isinstance(space, spaces.Dict) else space.spaces
@@ -255,7 +262,7 @@ def _list_leaves(space: gymnasium.Space[Any]) -> list[gymnasium.Space[Any]]:
 
 
 def _assemble(space: gymnasium.Space[Any], components: Iterator[float]) -> Any:
-    """Assemble a value of a space from its components."""
+    """Return a value of a space, assembled from its components."""
     match space:
         case spaces.Dict():
             return {name: _assemble(part, components) for name, part in space.spaces.items()}
@@ -277,7 +284,7 @@ def _axis_elements(
     start: int,
     most: int,
 ) -> list[ActionElement]:
-    """Return both directions of the first axes, each to its bound; an axis without a bound moves by 1."""
+    """Return elements for both directions of the first ``most`` axes, each to its bound, or by 1 without a bound."""
     elements = []
     for axis in range(max(0, min(len(low), most))):
         for sign, end in (("minus", low[axis]), ("plus", high[axis])):
@@ -291,9 +298,9 @@ def _axis_elements(
 
 
 def find_chords(env: gymnasium.Env[Any, Any], count: int, first: int) -> dict[frozenset[int], int]:
-    """Find which actions, pressed together, mean another one, by the environment's own ``get_keys_to_action``.
+    """Return which actions stand for another action when pressed together, by the environment's ``get_keys_to_action``.
 
-    The keys themselves are not taken over: a key alone names an action, several keys the chord of their actions.
+    The keys themselves are not used: a single key names an action, and several keys the chord of their actions.
     """
     table = getattr(env, "get_keys_to_action", None)
     if not callable(table):
@@ -315,10 +322,10 @@ def find_chords(env: gymnasium.Env[Any, Any], count: int, first: int) -> dict[fr
 
 
 def build_actions(world_id: str, env: gymnasium.Env[Any, Any]) -> ActionInterface:
-    """Build the actions of an environment from its space, and name them.
+    """Return the named actions of an environment's action space.
 
     Raises:
-        WorldError: if keys cannot do them, or not all of them have a name.
+        WorldError: if keys cannot do the actions, or not all actions have a name.
     """
     space = env.action_space
     native = env.unwrapped
@@ -336,7 +343,7 @@ def build_actions(world_id: str, env: gymnasium.Env[Any, Any]) -> ActionInterfac
 
 
 def _action_names(env: Any, count: int, first: int) -> tuple[str, ...]:
-    """Return the world's own names, in order; numbers where it has none."""
+    """Return the names that the environment gives its actions, in order; their numbers if it names none."""
     names = getattr(env, "action_names", None)
     if names is not None:
         return tuple(str(name) for name in names)[:count]
@@ -358,5 +365,5 @@ def _action_names(env: Any, count: int, first: int) -> tuple[str, ...]:
 
 @cache
 def _load_names() -> dict[str, list[str]]:
-    """Return the names that Gymnasium's own environments do not have, by class."""
+    """Return action names for environments of Gymnasium that state none, by the environment's class."""
     return tomllib.loads(files(__package__).joinpath("action_names.toml").read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Read what a world says of success in its ``info``, and what of ``info`` a log keeps."""
+"""Reading of success from a world's ``info``, and of the values of ``info`` that a log stores."""
 
 import json
 import math
@@ -13,11 +13,11 @@ _MISSING = object()
 
 
 def read_success(info: Mapping[str, Any], key: str = "") -> bool | None:
-    """Read whether ``info`` says success; None where it does not say, or says no one yes or no.
+    """Return whether ``info`` says that the episode succeeded; None if it does not say so unambiguously.
 
     Args:
-        info: a step's.
-        key: where to look, with dots where dictionaries are nested; "" looks where the usual keys are.
+        info: the info of a step
+        key: the key to read, with dots between the keys of nested dictionaries; "" reads the usual keys
     """
     if key:
         return convert_to_flag(find_info(info, key))
@@ -28,7 +28,7 @@ def read_success(info: Mapping[str, Any], key: str = "") -> bool | None:
 
 
 def find_info(info: Mapping[str, Any], key: str) -> Any:
-    """Find a key of ``info``, itself or level by level at its dots; a value of our own where there is none."""
+    """Return the value of a key of ``info``, looked up directly or by levels at its dots; ``_MISSING`` if absent."""
     if key in info:
         return info[key]
     inner: Any = info
@@ -45,7 +45,10 @@ def has_info(info: Mapping[str, Any], key: str) -> bool:
 
 
 def convert_to_flag(content: Any) -> bool | None:
-    """Convert a yes or no in any of its usual forms: a number 0 or 1, an array, sequence or dictionary of one such."""
+    """Return a yes or no in any usual form as a bool: a number 0 or 1, or an array, sequence or dictionary of one such.
+
+    Anything else is None.
+    """
     if isinstance(content, Mapping):
         if len(content) == 1:
             return convert_to_flag(next(iter(content.values())))
@@ -65,13 +68,13 @@ def convert_to_flag(content: Any) -> bool | None:
 
 
 def encode_info(info: Mapping[str, Any], keys: Sequence[str]) -> str:
-    """Encode chosen keys of ``info`` as JSON; a key that is not there is left out, what no table holds is null."""
+    """Return chosen keys of ``info`` as JSON; missing keys are left out, and values that no table can hold are null."""
     chosen = {key: _to_plain(find_info(info, key)) for key in keys if has_info(info, key)}
     return json.dumps(chosen, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
 
 
 def can_keep(content: Any) -> bool:
-    """Return whether a log can keep a value of ``info`` whole."""
+    """Return whether a log can store a value of ``info`` completely."""
     if isinstance(content, Mapping):
         return all(isinstance(key, str) and can_keep(inner) for key, inner in content.items())
     if isinstance(content, list | tuple):

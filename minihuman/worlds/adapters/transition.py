@@ -1,4 +1,4 @@
-"""What a world's reset and step gave, as a session needs it."""
+"""The results of a world's reset and step, in the form that a session needs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from minihuman.worlds.outcomes import OutcomeRule, StepFacts
 
 @dataclass(frozen=True, slots=True)
 class ResetResult:
-    """What a reset gave."""
+    """The result of a reset."""
 
     observation_hash: int
     mission: str  # "" where the world states none
@@ -19,7 +19,7 @@ class ResetResult:
 
 @dataclass(frozen=True, slots=True)
 class StepResult:
-    """What a step gave."""
+    """The result of a step."""
 
     reward: float
     terminated: bool
@@ -30,9 +30,9 @@ class StepResult:
     is_own: bool = False  # of a laboratory's own world, whose end with a reward above 0 is success
 
     def find_success(self, rule: OutcomeRule) -> bool | None:
-        """Return what the world says of success, where a rule asks it; None where none asks, or it does not say.
+        """Return whether the world says that the episode succeeded; None if it does not say, or the rule does not ask.
 
-        What ``info`` says comes before what the reward of a laboratory's own world says.
+        ``info`` takes precedence over the reward of a laboratory's own world.
         """
         if not rule.asks_world:
             return None
@@ -42,9 +42,9 @@ class StepResult:
         return self.terminated and self.reward > 0
 
     def collect_facts(self, rule: OutcomeRule, *, return_: float, spent: bool = False) -> StepFacts:
-        """Collect what a rule looks at; ``spent`` says that the last step of a limit was made."""
+        """Return what a rule examines; ``spent`` says whether this was the last step of a limit."""
         return StepFacts(self.reward, return_, self.terminated, self.truncated or spent, self.find_success(rule))
 
     def encode_info(self, keys: Sequence[str]) -> str:
-        """Encode chosen keys of ``info`` as JSON."""
+        """Return chosen keys of ``info`` as JSON."""
         return encode_info(self.info, keys)

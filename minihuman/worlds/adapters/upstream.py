@@ -1,7 +1,7 @@
-"""Pose, map, hashes, save and restore of worlds built like Minigrid's or Miniworld's, without importing either.
+"""Adapters for worlds built like Minigrid's or Miniworld's, without importing either package.
 
-A world counts as Minigrid-like if it has a `grid` of cells, an `agent_pos` and an `agent_dir`; as Miniworld-like if it
-has an `agent` with `pos` and `dir`, `rooms` and `entities`.
+They give pose, map, hashes, save and restore. A world is Minigrid-like if it has a `grid` of cells, an `agent_pos` and
+an `agent_dir`; it is Miniworld-like if it has an `agent` with `pos` and `dir`, `rooms` and `entities`.
 """
 
 import abc
@@ -30,46 +30,46 @@ _MINIGRID_COLOURS = {
 
 
 def is_minigrid_like(env: Any) -> bool:
-    """Return whether an unwrapped environment keeps its state the way Minigrid's do."""
+    """Return whether an unwrapped environment stores its state as Minigrid's environments do."""
     return all(hasattr(env, name) for name in ("grid", "agent_pos", "agent_dir", "get_frame")) and hasattr(
         env.grid, "encode"
     )
 
 
 class _Adapter(NativeWorld):
-    """An environment seen through our contract; the environment keeps the state."""
+    """An environment with the interface of native worlds; the environment keeps the state."""
 
     def __init__(self, env: Any) -> None:
         self._env = env
 
     def state_hash(self) -> int:
-        """Hash everything in the environment that decides the future, the random stream included."""
+        """Return a hash of everything that determines the environment's future, including its random stream."""
         return hash64(self._scene() | {"steps": int(self._env.step_count)})
 
     def scene_hash(self) -> int:
-        """Return the same hash without the step count."""
+        """Return the hash of the state without the step count."""
         return hash64(self._scene())
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
-        """Make a step; the environment knows none without an observation."""
+        """Make a step and return reward, terminated and truncated; the environment also computes an observation."""
         _, reward, terminated, truncated, _ = self._env.step(action)
         return float(reward), bool(terminated), bool(truncated)
 
     @abc.abstractmethod
     def _scene(self) -> dict[str, Any]:
-        """Return what is hashed."""
+        """Return the values to hash."""
 
 
 class MinigridAdapter(_Adapter):
-    """A Minigrid-like environment; its hash covers cells, box contents, pose, load, mission and steps."""
+    """A Minigrid-like environment; its hash covers cells, box contents, pose, carried object, mission and steps."""
 
     def pose(self) -> Pose:
-        """Return column, 0, row and heading."""
+        """Return the agent's pose: column, 0, row and heading."""
         column, row = self._env.agent_pos
         return Pose(x=float(column), y=0.0, z=float(row), yaw_rad=_YAW_RAD[int(self._env.agent_dir)])
 
     def map(self) -> Map:
-        """Return walls as the outlines of wall cells; every other cell's content as a thing."""
+        """Return the floor plan: walls are the outlines of wall cells, and the contents of other cells are things."""
         grid = self._env.grid
         is_wall = np.zeros((grid.width, grid.height), dtype=np.bool_)
         things: list[Thing] = []
@@ -102,7 +102,7 @@ class MinigridAdapter(_Adapter):
         return copy.deepcopy(vars(self._env))
 
     def restore(self, saved: Any) -> None:
-        """Put a copy of the saved attributes back."""
+        """Restore the environment's attributes from a copy of the saved ones."""
         if not isinstance(saved, dict):
             raise WorldError(f"{saved!r} was not saved by this world; pass what save() returned")
         vars(self._env).clear()
@@ -111,7 +111,7 @@ class MinigridAdapter(_Adapter):
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Return the environment's own drawing; it knows only the classic palette, so ``palette`` changes nothing."""
+        """Return the environment's own picture, which has only the classic palette."""
         env = self._env
         columns, rows = (env.agent_view_size,) * 2 if view == "partial" else (env.width, env.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
@@ -119,7 +119,7 @@ class MinigridAdapter(_Adapter):
 
 
 def _nested(thing: Any) -> list[Any] | None:
-    """Return a thing's code and, inside it, that of what it contains."""
+    """Return an object's code and, recursively, those of its contents; None for no object."""
     if thing is None:
         return None
     return [[int(code) for code in thing.encode()], _nested(thing.contains)]
@@ -129,20 +129,20 @@ _MINIWORLD_COLOURS = {name: hex_colour(rgb) for name, rgb in RGB_BY_COLOUR.items
 
 
 def is_miniworld_like(env: Any) -> bool:
-    """Return whether an unwrapped environment keeps its state the way Miniworld's do."""
+    """Return whether an unwrapped environment stores its state as Miniworld's environments do."""
     return all(hasattr(env, name) for name in ("agent", "rooms", "entities", "render_obs", "render_top_view"))
 
 
 class MiniworldAdapter(_Adapter):
-    """A Miniworld-like environment; its hash covers agent, entities, walls, load and steps."""
+    """A Miniworld-like environment; its hash covers agent, entities, walls, carried object and steps."""
 
     def pose(self) -> Pose:
-        """Return the agent's own position and direction, digit for digit."""
+        """Return the agent's position and direction, exactly as the environment has them."""
         x, y, z = self._env.agent.pos
         return Pose(float(x), float(y), float(z), float(self._env.agent.dir))
 
     def map(self) -> Map:
-        """Return the walls that stop the agent, and everything that stands in the rooms but the agent."""
+        """Return the floor plan, with the walls that stop the agent and all entities but the agent."""
         env = self._env
         walls = tuple((float(a[0]), float(a[2]), float(b[0]), float(b[2])) for a, b in env.wall_segs)
         things = tuple(_thing(entity) for entity in env.entities if entity is not env.agent)
@@ -159,20 +159,20 @@ class MiniworldAdapter(_Adapter):
         }
 
     def save(self) -> Any:
-        """Return refuse: its state is tied to an OpenGL context and cannot be copied."""
+        """Raise WorldError, since the state is tied to an OpenGL context and cannot be copied."""
         raise WorldError(
             f"{type(self._env).__name__} cannot be saved in the middle of an episode; use the minihuman/ world of the "
             "same name"
         )
 
     def restore(self, saved: Any) -> None:
-        """Refuse: nothing can have been saved."""
+        """Raise WorldError, since no state can have been saved."""
         self.save()
 
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Return the environment's own drawing, of the size it was made with; only the classic palette."""
+        """Return the environment's own picture, in the size and palette with which it was made."""
         if view == "partial":
             draw = self._env.render_obs
         else:

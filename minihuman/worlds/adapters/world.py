@@ -1,7 +1,8 @@
-"""World: any Gymnasium environment, as a session needs it.
+"""World: any Gymnasium environment with the interface that a session needs.
 
-Native worlds answer for themselves; worlds built like Minigrid's or Miniworld's are read from their attributes; any
-other world plays too, without pose and map. Knows no keys and no time. A world is imported only from a trusted module.
+Native worlds implement the interface themselves. Worlds built like Minigrid's or Miniworld's are read through their
+attributes. Any other world can be played, too, without pose and map. The module knows neither keys nor time. A world is
+imported only from a trusted module.
 """
 
 import copy
@@ -42,15 +43,15 @@ T = TypeVar("T")
 
 
 class World:
-    """A Gymnasium environment behind one face. Made at once; ``reset`` before anything else.
+    """A Gymnasium environment with one interface, which must be reset before any other use.
 
     Args:
-        world_id: a Gymnasium id, with the module that registers it before a colon where needed.
-        options: keyword arguments of ``gymnasium.make``.
-        trusted: the user named it, not a protocol or a log: import it from any module.
+        world_id: a Gymnasium id, if needed after the module that registers it and a colon
+        options: the keyword arguments of ``gymnasium.make``
+        trusted: whether the user named the world, not a protocol or a log, so that any module is imported for it
 
     Raises:
-        WorldError: if it cannot be made, is not trusted, has actions that keys cannot do, or cannot draw itself.
+        WorldError: if the world cannot be made, is not trusted, has actions that keys cannot do, or cannot draw itself.
     """
 
     has_portable_copies: ClassVar[bool] = True  # another world of its id and options can restore its copies
@@ -76,43 +77,43 @@ class World:
 
     @property
     def unwrapped(self) -> Any:
-        """Return the environment itself, for agents that may look behind the picture."""
+        """The environment itself, for agents that may use more than the picture."""
         return self._env.unwrapped
 
     @property
     def env(self) -> gymnasium.Env[Any, Any]:
-        """Return the environment with its wrappers, for checks of what they change."""
+        """The environment with its wrappers, for checks of what the wrappers change."""
         return self._env
 
     @property
     def is_compiled(self) -> bool:
-        """Return whether compiled kernels alone step and draw it, and no wrapper changes that; then a page can, too."""
+        """Whether only compiled kernels step and draw the world, without wrappers, so that a page can compute it."""
         env = self._env.unwrapped
         return isinstance(env, NativeWorld) and env.is_compiled and not self._wrappers.any
 
     @property
     def knows_state(self) -> bool:
-        """Return whether the environment reveals all its state; else hashes cover what is seen of it."""
+        """Whether the environment reveals its whole state; otherwise, hashes cover what can be observed."""
         return self._known is not None
 
     @property
     def observation(self) -> Any:
-        """Return the latest observation."""
+        """The latest observation."""
         return self._observation
 
     @property
     def observation_space(self) -> gymnasium.Space[Any]:
-        """Return the space of its observations."""
+        """The space of the world's observations."""
         return self._env.observation_space
 
     @property
     def action_space(self) -> gymnasium.Space[Any]:
-        """Return the space of its actions."""
+        """The space of the world's actions."""
         return self._env.action_space
 
     @property
     def step_limit(self) -> int | None:
-        """Return the environment's own limit on an episode's steps; None where it states no number."""
+        """The environment's own step limit per episode; None if it states no number."""
         if self.is_built_in:
             return step_limit_of(self._env)
         own = self._call("max_steps", getattr, self._env.unwrapped, "max_steps", None)
@@ -124,7 +125,7 @@ class World:
         return min((int(limit) for limit in limits if math.isfinite(limit)), default=None)
 
     def name_actions(self, chosen: Iterable[str]) -> None:
-        """Call the actions by number where a plan does, as it may be older than their names; else by name."""
+        """Name the actions by their numbers if a plan does, since it may be older than the names; else by names."""
         numbers = tuple(str(number) for number in range(len(self.actions.names)))
         named = set(chosen)
         if named and named <= set(numbers):
@@ -133,7 +134,7 @@ class World:
             self.action_names = self.actions.names
 
     def reset(self, seed: int) -> ResetResult:
-        """Begin an episode from a seed, with wrappers as they were made."""
+        """Begin an episode from a seed, with the wrappers in their initial state."""
         self._wrappers.begin()
         self._observation, onset = self._call("reset()", self._reset_env, seed)
         self._known = self._call("its code", _known, self._env.unwrapped)
@@ -146,10 +147,10 @@ class World:
         return observation, read_onset(info)
 
     def step(self, action: Action) -> StepResult:
-        """Do an action: a number from 0 in the order of ``action_names``, or a vector where actions are vectors.
+        """Step the world by an action: its number in ``action_names``, or a vector if actions are vectors.
 
         Raises:
-            WorldError: if there is no such action; or if a foreign world raises, or returns what no session can hold.
+            WorldError: if the action does not exist, or a foreign world raises an error or returns an invalid value.
         """
         value = self._action_value(action)
         info: Mapping[str, Any]
@@ -176,7 +177,11 @@ class World:
         return observation, reward, terminated, truncated, read_onset(info), info
 
     def _call(self, name: str, function: Callable[..., T], *arguments: Any) -> T:
-        """Call what runs the world's code: a foreign world's errors are named, those of ours are bugs."""
+        """Call a function that runs the world's code.
+
+        Errors of a foreign world are raised as WorldError with the world's id. Errors of a built-in world are bugs and
+        pass unchanged.
+        """
         if self.is_built_in:
             return function(*arguments)
         with contain_errors(self.id, name):
@@ -188,19 +193,19 @@ class World:
                 raise self._named(error) from error
 
     def _named(self, error: WorldError) -> WorldError:
-        """Return the error with the world's id in front."""
+        """Return the error with the world's id at the start of its message."""
         if str(error).startswith(f"{self.id}: "):
             return error
         return WorldError(f"{self.id}: {error}")
 
     def advance(self, action: Action) -> tuple[bool, bool]:
-        """Act without making an observation, where the world is native and no wrapper needs one.
+        """Step the world without computing an observation, if it is native and no wrapper needs one.
 
         Returns:
-            Whether the episode terminated and whether it was truncated. `observation` stays what it was.
+            Whether the episode terminated, and whether it was truncated. `observation` does not change.
 
         Raises:
-            WorldError: as ``step``.
+            WorldError: in the same cases as ``step``.
         """
         env = self._env.unwrapped
         if not isinstance(env, NativeWorld) or self._wrappers.any:
@@ -212,7 +217,7 @@ class World:
         return bool(terminated), bool(truncated)
 
     def pose(self) -> Pose | None:
-        """Return where the agent stands; None where that is unknown."""
+        """Return the agent's pose; None if it is unknown."""
         if self._known:
             pose = self._call("pose()", self._known.pose)
         else:
@@ -222,7 +227,7 @@ class World:
         return pose
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
-        """Return the clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
+        """Return the clauses of the episode's instruction, each with the step that fulfilled it, or 0 if not yet."""
         if isinstance(self._known, NativeWorld):
             return self._call("subgoals()", self._known.subgoals)
         return ()
@@ -234,9 +239,9 @@ class World:
         return None
 
     def state_hash(self) -> int:
-        """Hash everything that decides the future to a uint64.
+        """Return a uint64 hash of everything that determines the world's future.
 
-        Of a world that does not reveal its state it covers observation, random stream and steps.
+        If the world does not reveal its state, the hash covers the observation, the random stream and the step count.
         """
         if self._known:
             return self._with_wrappers(self._call("state_hash()", self._known.state_hash))
@@ -245,7 +250,7 @@ class World:
         return self._with_wrappers(hash64(observable))
 
     def scene_hash(self) -> int:
-        """Return the same hash without the number of steps taken, where the state is known."""
+        """Return the hash of the state without the step count; if the state is unknown, with it."""
         if not self._known:
             return self.state_hash()
         return self._with_wrappers(self._call("scene_hash()", self._known.scene_hash))
@@ -260,9 +265,9 @@ class World:
         return stream.bit_generator.state
 
     def shortest_path(self) -> tuple[str, ...] | None:
-        """Return the names of actions that lead to success from here, turns counted; empty if there are none.
+        """Return the names of actions, turns included, that lead to success from here; () if none do.
 
-        None where the world has no planner.
+        The result is None if the world has no planner.
 
         Raises:
             WorldError: if planning would take too long.
@@ -276,7 +281,7 @@ class World:
         return tuple(self.action_names[action] for action in actions)
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return bounds on the steps that success takes from here."""
+        """Return bounds on the number of steps from here to success."""
         if self._known:
             return self._call("path_length_bounds()", self._known.path_length_bounds)
         return UNKNOWN_BOUNDS
@@ -287,12 +292,13 @@ class World:
         size_px: tuple[int, int] = (640, 480),
         palette: Palette = "classic",
     ) -> NDArray[np.uint8]:
-        """Draw what a person sees, uint8[H, W, 3], at most ``size_px`` (width, height) where the world can choose.
+        """Return what a person sees as uint8[H, W, 3], at most ``size_px`` (width, height) if the world can choose.
 
-        Where a wrapper draws anew, it is what the wrapper renders, whatever the view; ``text`` is a picture of `text`.
+        If a wrapper redraws the picture, it is what the wrapper renders, in any view. The view "text" is a picture of
+        `text`.
 
         Raises:
-            WorldError: if the environment does not draw a picture, or has no words for what the agent observes.
+            WorldError: if the environment does not draw a picture, or has no text for the agent's observation.
         """
         if view == "text":
             return draw_text(self.text(), size_px)
@@ -305,11 +311,11 @@ class World:
 
     @property
     def draws_itself(self) -> bool:
-        """Return whether a participant sees what its own ``render`` returns."""
+        """Whether a participant sees what the environment's own ``render`` returns."""
         return self._known is None or self._wrappers.redraw
 
     def render(self, size_px: tuple[int, int]) -> Any:
-        """Return what the environment itself draws, as it is; within ``size_px`` where it draws at any size."""
+        """Return the environment's own picture unchanged; within ``size_px`` if it can draw at any size."""
         if hasattr(self._env.unwrapped, "picture_size_px"):
             self._env.unwrapped.picture_size_px = size_px
         picture: Any = self._env.render()
@@ -318,14 +324,14 @@ class World:
     def picture_tiles(
         self, view: View | Literal["text"], size_px: tuple[int, int], palette: Palette
     ) -> PictureTiles | None:
-        """Return the picture of `frame` as tiles; None where it is not a team world's that has some."""
+        """Return the picture of `frame` as tiles; None if the world is not a team world with tiles."""
         seat = self._env.unwrapped
         if not isinstance(seat, SeatEnv) or view == "text" or self._wrappers.redraw:
             return None
         return self._call("picture_tiles()", lambda: seat.team.picture_tiles(seat.seat, *size_px, palette=palette))
 
     def text(self) -> str:
-        """Return what the agent of a grid world observes now, as a diagram and as sentences.
+        """Return the present observation of a grid world's agent, as a diagram and as sentences.
 
         Raises:
             WorldError: if the world has no grid observation.
@@ -341,7 +347,7 @@ class World:
             raise WorldError(f"{self.id}: {error}") from error
 
     def save(self) -> Any:
-        """Copy the state exactly, in mid-episode.
+        """Return an exact copy of the state, also in the middle of an episode.
 
         Raises:
             WorldError: if the world cannot be copied.
@@ -354,7 +360,7 @@ class World:
         return inside, elapsed_steps(self._env), self._wrappers.save(), observed, self._steps
 
     def _copy_foreign(self) -> dict[str, Any]:
-        """Copy all attributes of a foreign environment; much of what is written in C cannot be copied."""
+        """Return a copy of all attributes of a foreign environment; many objects written in C cannot be copied."""
         try:
             return self._call("the copy of its attributes", self._known.save if self._known else self._copy_attributes)
         except WorldCodeError as error:
@@ -365,7 +371,7 @@ class World:
         return copy.deepcopy(vars(self._env.unwrapped))
 
     def restore(self, saved: Any) -> None:
-        """Go back to a saved state; the copy is not consumed."""
+        """Restore a saved state, which can be restored again."""
         inside, limits, wrappers, observation, self._steps = saved
         self._observation = self._copy_observation(observation[0])
         self._has_advanced = observation[1]
@@ -383,7 +389,7 @@ class World:
             attributes.update(copy.deepcopy(inside))
 
     def _copy_observation(self, observation: Any) -> Any:
-        """Copy the observation: a foreign world or wrapper may use its arrays again; a native world makes new ones."""
+        """Return a copy of the observation if its arrays can change: a native world makes new ones for each step."""
         if self._wrappers.any or self._known is not self.unwrapped:
             return copy.deepcopy(observation)
         return observation

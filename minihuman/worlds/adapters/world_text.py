@@ -1,9 +1,9 @@
-"""What an agent of a grid world sees, in words: for models that read, and drawn for people who get the same text.
+"""The observation of a grid world's agent in words, for language models, and drawn for people who get the same text.
 
-The wording is the one that BabyAI-Text (Carta et al., 2023) introduced and BALROG (Paglieri et al., 2025) evaluates
-with, composed here from the observation alone; ``tests/models/test_world_text.py`` holds it to BALROG's.
+The wording is the one that BabyAI-Text (Carta et al., 2023) introduced and BALROG (Paglieri et al., 2025) uses for
+evaluation, composed here from the observation alone; ``tests/models/test_world_text.py`` compares it with BALROG's.
 
-The format is theirs, the code is ours. BabyAI-Text: Copyright (c) 2023 Flowers Team, MIT licence
+The format is theirs; the code is ours. BabyAI-Text: Copyright (c) 2023 Flowers Team, MIT licence
 (github.com/flowersteam/Grounding_LLMs_with_online_RL); BALROG's copy of it: github.com/BartekCupial/Minigrid, Apache
 License 2.0.
 """
@@ -36,10 +36,10 @@ _LINES = 18  # of a picture, unless there are more
 
 
 def describe_observation(observation: Any, kinds: Sequence[ObjectKind] = ()) -> str:
-    """Describe an observation of a grid world as a diagram and, after an empty line, as sentences.
+    """Return an observation of a grid world as a diagram and, after an empty line, as sentences.
 
     Raises:
-        WorldError: if it is no grid observation.
+        WorldError: if it is not a grid observation.
     """
     if isinstance(observation, Mapping):
         image = observation.get("image")
@@ -54,7 +54,7 @@ def describe_observation(observation: Any, kinds: Sequence[ObjectKind] = ()) -> 
 
 
 def draw_text(text: str, size_px: tuple[int, int]) -> NDArray[np.uint8]:
-    """Draw a text of `describe_observation`, uint8[H, W, 3]; the diagram's characters stand in columns."""
+    """Return a picture uint8[H, W, 3] of a text of `describe_observation`, with the diagram's characters in columns."""
     diagram, _, sentences = text.partition("\n\n")
     rows = diagram.split("\n")
     lines = sentences.split("\n")
@@ -77,11 +77,11 @@ def draw_text(text: str, size_px: tuple[int, int]) -> NDArray[np.uint8]:
 
 
 def describe_view(image: NDArray[np.integer[Any]]) -> Iterator[str]:
-    """Yield one line per wall ahead and beside, and per thing in sight, as BALROG's BabyAI prompts list them.
+    """Yield a line for each wall ahead or at the sides and for each visible object, as in BALROG's BabyAI prompts.
 
     Args:
-        image: int[columns, rows, 3]: kind, colour and state of each cell; the agent is at the bottom's middle and looks
-            up, and what it carries is in its own cell.
+        image: an array int[columns, rows, 3] with the kind, colour and state of each cell. The agent is at the middle
+            of the bottom row and looks up; its cell contains the object that it carries
     """
     kinds = image[..., 0]
     columns, rows = kinds.shape

@@ -1,4 +1,4 @@
-"""What the wrappers around a world keep: saved, restored and hashed with its state. Knows no world and no session."""
+"""The state of a world's wrappers, which is saved, restored and hashed with the world's state."""
 
 import copy
 from collections import deque
@@ -24,10 +24,11 @@ _ABSENT = object()
 
 
 class WrapperState:
-    """What the wrappers around a world keep, from outside in, and whether they redraw the picture.
+    """The state of the wrappers around a world, from the outermost in, and whether they redraw the picture.
 
-    An episode begins with wrappers as they were made, so that nothing leaks from one to the next; what they change in
-    it counts as state: numbers, texts, arrays, tuples, lists, dicts, sets and deques of them, and random streams.
+    An episode begins with the wrappers in their initial state, so that nothing leaks from one episode to the next. What
+    they change during an episode is state: numbers, texts, arrays, random streams, and tuples, lists, dicts, sets and
+    deques of these.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
@@ -43,15 +44,15 @@ class WrapperState:
         self._copies = self.save()
 
     def begin(self) -> None:
-        """Bring the wrappers back to how they were made."""
+        """Restore the wrappers' initial state."""
         if self.changes():
             self.restore(self._copies)
 
     def changes(self) -> list[Any]:
-        """Return the attributes that changed since the wrappers were made, to be hashed; empty if none did.
+        """Return the attributes that have changed since the wrappers were made, for hashing; [] if none has.
 
         Raises:
-            WorldError: if a wrapper holds something that cannot be hashed.
+            WorldError: if a wrapper holds a value that cannot be hashed.
         """
         changes = []
         for place, wrapper in enumerate(self._wrappers):
@@ -69,14 +70,14 @@ class WrapperState:
         return changes
 
     def save(self) -> list[dict[str, Any]]:
-        """Copy all attributes that can change."""
+        """Return copies of all attributes that can change."""
         return [
             {name: copy.deepcopy(value) for name, value in _attributes(wrapper) if _digest(value) is not None}
             for wrapper in self._wrappers
         ]
 
     def restore(self, saved: list[dict[str, Any]]) -> None:
-        """Go back to a copy, which is not consumed."""
+        """Restore saved attributes, which can be restored again."""
         for wrapper, attributes in zip(self._wrappers, saved, strict=True):
             for name, value in list(_attributes(wrapper)):
                 if name not in attributes and _digest(value) is not None:

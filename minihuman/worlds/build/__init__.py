@@ -1,1 +1,1 @@
-"""What kernels are, and their compilation by Numba; ``kernel_build`` beside the package compiles them ahead of time."""
+"""The definition of kernels and their compilation by Numba; ``kernel_build`` compiles them ahead of time."""

@@ -1,12 +1,12 @@
-"""What Numba makes of kernels and of what they call, and the SIMD vectors in them: LLVM's vector instructions.
+"""The compilation of kernels with Numba, and of their SIMD vectors to LLVM's vector instructions.
 
-`minihuman.worlds.simd` says what each operation of vectors does.
+`minihuman.worlds.simd` describes each vector operation.
 
-What is used of Numba beyond its documented interface, and what breaks when it changes:
+These undocumented parts of Numba are used, with what breaks if they change:
 
-- the options ``_nrt``, ``no_cfunc_wrapper``, ``no_cpython_wrapper``: compile time and the cost of a call alone.
-- `np.arrayobj.populate_array`, ``context.make_array``, ``array._getvalue()``: `array_at` and `llvm_function`, so all
-  of the first-person renderer.
+- the options ``_nrt``, ``no_cfunc_wrapper``, ``no_cpython_wrapper``: only compile time and the cost of a call.
+- `np.arrayobj.populate_array`, ``context.make_array``, ``array._getvalue()``: `array_at` and `llvm_function`, and thus
+  the whole first-person renderer.
 """
 
 import inspect
@@ -31,7 +31,7 @@ BUILDING = "MINIHUMAN_BUILDING"  # in the environment: Python calls no kernel of
 
 
 def compiled(source: KernelSource) -> Any:
-    """Compile a kernel with Numba, for any arguments or for its signatures alone; return the dispatcher."""
+    """Compile a kernel with Numba, for any arguments or only for its declared signatures; return the dispatcher."""
     options = _OPTIONS | dict(source.options) | ({"no_cpython_wrapper": True} if BUILDING in os.environ else {})
     variables = {name: numba.from_dtype(np.dtype(kind)) for name, kind in source.variables.items()}
     function = source.function
@@ -50,7 +50,7 @@ def compiled(source: KernelSource) -> Any:
 
 
 def _for_numba(names: dict[str, Any]) -> dict[str, Any]:
-    """Return a module's names, each kernel replaced by what Numba compiles it to."""
+    """Return the names of a module with each kernel replaced by its compiled form."""
     replaced = _FOR_NUMBA.get(id(names))
     if replaced is None:
         replaced = _FOR_NUMBA[id(names)] = dict(names)
@@ -61,7 +61,7 @@ def _for_numba(names: dict[str, Any]) -> dict[str, Any]:
 
 
 def _passed_as(kind: Any) -> Any:
-    """Return Numba's type by which vector code is passed an argument: arrays as they are, numbers in 64 bits."""
+    """Return Numba's type for an argument of vector code: arrays keep their type, numbers have 64 bits."""
     if isinstance(kind, types.Array):
         return kind
     if isinstance(kind, types.Integer):
@@ -70,7 +70,7 @@ def _passed_as(kind: Any) -> Any:
 
 
 def llvm_function(write: Callable[..., Any], plain: Callable[..., Any], *, counts: bool) -> Any:
-    """Compile `minihuman.worlds.kernels.llvm_function`."""
+    """Return the Numba implementation of `minihuman.worlds.kernels.llvm_function`."""
 
     def typed(context: Any, *arguments: Any) -> Any:
         kinds = [_passed_as(argument) for argument in arguments]
@@ -98,7 +98,7 @@ def llvm_function(write: Callable[..., Any], plain: Callable[..., Any], *, count
 
 
 def array_at(kind: type[np.generic]) -> Any:
-    """Compile `minihuman.worlds.kernels.array_at`."""
+    """Return the Numba implementation of `minihuman.worlds.kernels.array_at`."""
     size = np.dtype(kind).itemsize
     array = types.Array(numba.from_dtype(np.dtype(kind)), 1, "C")
 
@@ -128,17 +128,17 @@ _WHOLE = ir.IntType(64)
 
 
 def llvm_operations(builder: Any) -> "_Operations":
-    """Return the operations for vector code."""
+    """Return the operations that vector code can use."""
     return _Operations(builder)
 
 
 def llvm_arguments(builder: Any, typed_values: Sequence[tuple[str, Any]]) -> list[Any]:
-    """Convert the arguments of vector code: numbers by kind and LLVM's value, arrays as they are."""
+    """Convert the arguments of vector code: numbers become vectors of their kind, arrays are unchanged."""
     return [SimdVector(builder, value, kind) if kind in (F64, I64) else value for kind, value in typed_values]
 
 
 def _operator(integer_instruction: str, real_instruction: str, *, turned: bool = False) -> Any:
-    """Make a method that adds the integer or the real instruction; with ``turned`` the other operand comes first."""
+    """Return a method that emits the integer or real instruction; if ``turned``, the operands are swapped."""
 
     def add(self: "SimdVector", other: Any) -> "SimdVector":
         a, b = (self._like(other), self.value) if turned else (self.value, self._like(other))
@@ -148,7 +148,7 @@ def _operator(integer_instruction: str, real_instruction: str, *, turned: bool =
 
 
 class SimdVector:
-    """Numbers side by side in a kernel that is being compiled; operators add instructions."""
+    """A vector of numbers in a kernel that is being compiled; its operators emit instructions."""
 
     def __init__(self, builder: Any, value: Any, kind: str) -> None:
         self.builder = builder
@@ -157,7 +157,7 @@ class SimdVector:
 
     @property
     def count(self) -> int:
-        """Return the number of lanes."""
+        """The number of lanes."""
         return int(self.value.type.count)
 
     def _with(self, value: Any, kind: str | None = None) -> "SimdVector":

@@ -1,9 +1,9 @@
-"""Which kernels are built ahead of time, and how each is called: the table of its arguments.
+"""The kernels that are built ahead of time, and the table of arguments with which each is called.
 
-Every exported function has one C signature, ``int32 name(const void *table, int32 number)``. The table is int64
-numbers: for each argument in turn where an array starts, followed by its extents, or a number itself. The whole number
-whose name is `NUMBER` is not in the table; it is the second argument. Results come after the arguments, eight bytes
-each, whole numbers as int64 and others as float64; the first is returned too if it is whole.
+Every exported function has the C signature ``int32 name(const void *table, int32 number)``. The table consists of int64
+numbers: for each argument in turn, a number itself, or the start of an array followed by its extents. The whole number
+whose name is `NUMBER` is not in the table, since it is the second argument. Results follow the arguments, eight bytes
+each, whole numbers as int64 and others as float64; the first result is also returned if it is whole.
 """
 
 from collections.abc import Callable, Mapping
@@ -28,7 +28,7 @@ NUMBER = "action"  # the parameter that is passed beside the table
 
 @kernel("(uint8[::1], uint8[::1])", hold_gil=True)
 def write_rgba(picture: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
-    """Write bytes of red, green and blue as a canvas takes them: with a fourth that says opaque."""
+    """Convert RGB bytes to RGBA bytes for a canvas, with full opacity."""
     for pixel in range(len(out) // 4):
         out[4 * pixel] = picture[3 * pixel]
         out[4 * pixel + 1] = picture[3 * pixel + 1]

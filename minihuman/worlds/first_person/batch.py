@@ -1,6 +1,7 @@
-"""FirstPersonBatch: many first-person worlds of one kind in one call, their pictures drawn on all cores.
+"""FirstPersonBatch: many first-person worlds of one kind, stepped in one call and drawn on all cores.
 
-Each world of a batch is the world it would be alone. Also how Gymnasium makes the worlds of the catalogue, one or many.
+Each world of a batch behaves as it would alone. The module also has the functions with which Gymnasium makes the
+catalogue's worlds, single or in batches.
 """
 
 import os
@@ -33,20 +34,20 @@ Stepped = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], 
 
 
 class FirstPersonBatchSnapshot(NamedTuple):
-    """An exact copy of a batch's worlds in mid-episode; made by ``save`` and read by ``restore`` only."""
+    """An exact copy of the state of a batch's worlds; only ``save`` makes one and only ``restore`` reads it."""
 
     worlds: tuple[FirstPersonSnapshot, ...]
     over: NDArray[np.bool_]
 
 
 class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArray[Any]], VectorNames):
-    """A batch of ``num_envs`` worlds, all alike but for their seeds.
+    """A batch of ``num_envs`` worlds that differ only in their seeds.
 
     Args:
-        make: makes one of them.
-        num_envs: how many.
-        autoreset_mode: what happens after an episode's end, in Gymnasium's words: "NextStep", "SameStep", "Disabled".
-        threads: how many pictures are drawn at once; None for one per core.
+        make: a function that makes one of the worlds
+        num_envs: the number of worlds
+        autoreset_mode: what happens after an episode's end, in Gymnasium's terms: "NextStep", "SameStep" or "Disabled"
+        threads: the number of pictures that are drawn at once; None for one per core
     """
 
     readable: ClassVar[frozenset[str]] = frozenset(
@@ -94,19 +95,19 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
 
     @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one per world too
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """Return each world's random stream."""
+        """The random stream of each world."""
         return tuple(world.np_random for world in self.worlds)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """Return the seed each world was last given, or drew; -1 before its first reset."""
+        """The seed that each world was last given or drew; -1 before its first reset."""
         seeds = [world._np_random_seed for world in self.worlds]
         return tuple(-1 if seed is None else seed for seed in seeds)
 
     def reset(self, *, seed: BatchSeeds = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin new episodes, in all worlds or in those of ``options["reset_mask"]`` (bool[n]).
+        """Begin new episodes in all worlds, or in those marked in ``options["reset_mask"]`` (bool[n]).
 
-        World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without one it goes on drawing.
+        World ``i`` takes the seed ``seed + i`` or ``seed[i]``. Without a seed, its random stream continues.
         """
         seeds = seeds_per_world(seed, self.num_envs)
         chosen = np.ones(self.num_envs, np.bool_)
@@ -121,11 +122,11 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return self._observed(range(self.num_envs))
 
     def step(self, actions: ArrayLike) -> Stepped:
-        """Act in every world.
+        """Step every world by its action.
 
         Raises:
-            WorldError: if the actions are not one number per world in range, before ``reset``, and, where autoreset is
-                disabled, after an episode's end. No world has been changed then.
+            WorldError: before ``reset``, if the actions are not one valid number per world, or after an episode's end
+                if autoreset is disabled. No world has changed then.
         """
         joint = self._joint
         if joint is not None and not joint.is_current():
@@ -158,10 +159,12 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return observations, rewards, *ends, infos | self._final(final)
 
     def _check_actions(self, actions: ArrayLike, *, one_by_one: bool) -> NDArray[Any]:
-        """Return the actions as an array; ``one_by_one`` every world checks its own, as it does if any is out of range.
+        """Return the actions as an array after checking them; if ``one_by_one``, every world checks its own action.
+
+        Worlds also check one by one if any action is out of range.
 
         Raises:
-            WorldError: as `step` says.
+            WorldError: in the same cases as `step`.
         """
         action_array = np.asarray(actions)
         if action_array.shape != (self.num_envs,) or action_array.dtype.kind not in "iu":
@@ -178,33 +181,33 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return action_array
 
     def render(self) -> tuple[NDArray[np.uint8] | None, ...] | None:  # type: ignore[override]
-        """Return render each world; None without a render mode."""
+        """Return the rendered picture of each world; None without a render mode."""
         if self.render_mode is None:
             return None
         return tuple(helper_threads(os.getpid()).map(lambda world: world.render(), self.worlds))
 
     @property
     def envs(self) -> list[FirstPersonEnv]:
-        """Return the worlds."""
+        """The worlds of the batch."""
         return self.worlds
 
     def is_readable(self, name: str) -> bool:
-        """Return whether `get_attr` gives an attribute: a listed one, or one that a world's build() sets on itself."""
+        """Return whether `get_attr` can read an attribute: a listed one, or one that a world's build() sets."""
         return name in self.readable or name in self.worlds[0].own_attributes()
 
     def worlds_in_turn(self) -> Iterator[FirstPersonEnv]:
-        """Give each world in turn."""
+        """Yield each world in turn."""
         return iter(self.worlds)
 
     def save(self) -> FirstPersonBatchSnapshot:
-        """Copy every world exactly, in mid-episode; the copy may be pickled, and restored into a batch as large."""
+        """Return an exact copy of every world's state, for pickling or for restoring into a batch of the same size."""
         return FirstPersonBatchSnapshot(tuple(world.save() for world in self.worlds), self._over.copy())
 
     def restore(self, saved: FirstPersonBatchSnapshot) -> None:
-        """Go back to a saved state; the copy is not consumed.
+        """Restore a saved state, which can be restored again.
 
         Raises:
-            WorldError: if it was saved by a batch of another size, or of another kind of world.
+            WorldError: if the state comes from a batch of another size or another kind of world.
         """
         if not isinstance(saved, FirstPersonBatchSnapshot) or len(saved.worlds) != self.num_envs:
             raise WorldError(f"this was not saved by a batch of {self.num_envs} such worlds; pass what save() returned")
@@ -213,7 +216,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         self._over = saved.over.copy()
 
     def _observed(self, changed: Sequence[int]) -> tuple[Any, dict[str, Any]]:
-        """Return observations and infos; ``changed`` are the worlds whose views no kernel has aimed."""
+        """Return observations and infos; ``changed`` are the indices of worlds whose views no kernel has aimed."""
         if not self._draws_together:
             return self._apart(), self._infos()
         if self._joint is None:
@@ -225,7 +228,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return batch, self._infos()
 
     def _apart(self) -> Any:
-        """Collect the observations of worlds that define their own: more than a picture, or another one."""
+        """Return the observations of worlds that define their own kind of observation."""
         # each thread takes neighbours, so that it is asked once and not for every world
         ends = [self.num_envs * nth // self._threads for nth in range(self._threads + 1)]
         shares = [self.worlds[first:last] for first, last in pairwise(ends) if first < last]
@@ -253,7 +256,10 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
 
 
 class JointStep:
-    """Steps the worlds of a batch in one call, where kernels alone step them; each world's things hear of it."""
+    """A joint step of a batch's worlds in one call, for worlds that only kernels step.
+
+    The worlds' entities are updated afterwards.
+    """
 
     def __init__(self, worlds: Sequence[FirstPersonEnv]) -> None:
         count = len(worlds)
@@ -272,11 +278,11 @@ class JointStep:
         return JointStep, (self._worlds,)
 
     def is_current(self) -> bool:
-        """Return whether nothing else has changed the worlds since they were aimed."""
+        """Return whether nothing else has changed the worlds since their views were aimed."""
         return self._latest == LATEST_CHANGE[0] and self._counts == self._count()
 
     def step(self, actions: NDArray[np.int64], rewards: NDArray[np.float64], statuses: NDArray[np.int64]) -> None:
-        """Step every world whose action is not -1; write what each earned, and its status as `rules.act` gives it."""
+        """Step every world whose action is not -1; write each world's reward, and its status as in `rules.act`."""
         self._latest = -1  # until all are aimed
         own = self._own
         scored = bool(self._flats[0].score)
@@ -298,7 +304,10 @@ class JointStep:
                     flat.take(world, status)
 
     def aim_targets(self, changed: Sequence[int]) -> list[RenderTarget]:
-        """Return all worlds' targets; Python aims those of worlds that something other than a move has changed."""
+        """Return the render targets of all worlds.
+
+        Python aims those of worlds that something other than a step has changed.
+        """
         for i in changed:
             world = self._worlds[i]
             flat = world.flat_state()
@@ -331,7 +340,7 @@ _MOVED_LAYOUTS = {  # as data sets that were exported earlier name them
 
 
 def make_world(layout: str, **options: Any) -> FirstPersonEnv:
-    """Make a world that a module of this package describes: ``make_world("layouts.mazes:Maze", num_rows=3)``."""
+    """Make a world that a module of this package defines, as in ``make_world("layouts.mazes:Maze", num_rows=3)``."""
     module, _, name = _MOVED_LAYOUTS.get(layout, layout).partition(":")
     if "params" in options:
         options["parameters"] = read_parameters(options.pop("params"))
@@ -341,7 +350,7 @@ def make_world(layout: str, **options: Any) -> FirstPersonEnv:
 
 
 def make_batch(layout: str, **options: Any) -> FirstPersonBatch:
-    """Make a batch of such worlds, for ``gymnasium.make_vec``."""
+    """Make a batch of the worlds that `make_world` makes, for ``gymnasium.make_vec``."""
     settings = {name: options.pop(name) for name in {"num_envs", "autoreset_mode", "threads"} & options.keys()}
     return FirstPersonBatch(lambda: make_world(layout, **options), **settings)
 

@@ -1,4 +1,4 @@
-"""A step of many worlds in one call: where each one's arrays are stands in a row of numbers."""
+"""A step of many worlds in one call, with the addresses of each world's arrays in a row of numbers."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,7 @@ _floats_at = array_at(np.float64)
 def act_together(rows: I64, actions: NDArray[np.int64], own: F64, statuses: NDArray[np.int64]) -> None:
     """Step each world whose action is not negative, as `rules.act` does, and aim its view as `RenderTarget` does.
 
-    The view's pitch and all else that a step does not change is in it already. The status of the others becomes -1.
+    The view already contains its pitch and all else that a step does not change. The other worlds' status becomes -1.
     """
     for nth in range(len(actions)):
         action = actions[nth]

@@ -1,9 +1,9 @@
-"""Entities: what can stand in a world, how wide and high it is and what it looks like; the agent among them.
+"""Entities: the things that can stand in a world, with their sizes and looks, and the agent.
 
-A position is on the floor, under the middle of the entity; of a frame it is the middle of its back, on the wall. The
-extents of meshes are those of the files that Miniworld ships: they decide how wide a thing is once it is scaled to its
-height, and how many textures there are to draw one from, and so which moves collide and which numbers a seed yields.
-Knows no rules and draws nothing.
+A position is on the floor, below the middle of the entity; for a frame, it is the middle of its back, on the wall. The
+extents of meshes are those of the files that Miniworld ships. They determine a thing's width once it is scaled to its
+height, and the number of textures to draw one from; so they affect which moves collide and which numbers a seed yields.
+The module knows no rules and draws nothing.
 """
 
 import itertools
@@ -45,7 +45,7 @@ _CHARACTER_VARIANTS = 9
 
 
 def mesh_extents(mesh: str) -> tuple[np.float32, np.float32, np.float32] | None:
-    """Return half width, height and half depth of a mesh of ours, in single precision; None for another's."""
+    """Return the half width, height and half depth of a built-in mesh, in single precision; None for other meshes."""
     stem = next((name for name in _COLOURED if mesh.startswith(f"{name}_") and mesh != "keycard"), mesh)
     if stem not in _EXTENTS:
         return None
@@ -54,7 +54,7 @@ def mesh_extents(mesh: str) -> tuple[np.float32, np.float32, np.float32] | None:
 
 
 def texture_variants(texture: str) -> int:
-    """Count the pictures that a texture name stands for when worlds are randomised."""
+    """Return the number of pictures from which a texture name's picture is drawn when worlds are randomised."""
     if texture.startswith("chars/"):
         return _CHARACTER_VARIANTS
     return _SEVERAL.get(texture, 1)
@@ -65,7 +65,7 @@ _changes = itertools.count(1)
 
 
 def note_change() -> None:
-    """Say that what copies of things' attributes were made of may be other than it was."""
+    """Record that attributes of entities may have changed, so that copies of them are out of date."""
     LATEST_CHANGE[0] = next(_changes)
 
 
@@ -81,9 +81,9 @@ _INSTEAD = {
 
 
 class Entity:
-    """A thing with a place, a heading (``dir``, radians, 0 = +x, counter-clockwise), a radius and a height.
+    """A thing with a position, a heading (``dir``, in radians, counter-clockwise from +x), a radius and a height.
 
-    A static one cannot be picked up and never moves.
+    A static entity cannot be picked up and never moves.
     """
 
     static: bool = False
@@ -103,16 +103,16 @@ class Entity:
         LATEST_CHANGE[0] = next(_changes)  # as `note_change`, but a call costs as much as all of this
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
-        """Draw what varies from episode to episode; without a stream, take the defaults."""
+        """Draw the properties that vary between episodes; without a random stream, use the defaults."""
 
     @property
     def colour(self) -> str:
-        """Return the colour it has on a map, "#rrggbb"."""
+        """The entity's colour on a map, "#rrggbb"."""
         return "#808080"
 
     @property
     def forward(self) -> tuple[float, float]:
-        """Return where it heads, as a step of length 1 in (x, z)."""
+        """Return the unit vector of the entity's heading, (x, z)."""
         if self.trig:
             return cosine(self.dir), -sine(self.dir)
         return math.cos(self.dir), -math.sin(self.dir)
@@ -121,23 +121,23 @@ class Entity:
 
     @property
     def dir_vec(self) -> NDArray[np.float64]:
-        """Return `forward` as Miniworld has it, float64[3]: x, 0, z."""
+        """The unit vector of the entity's heading in Miniworld's form, float64[3]: x, 0, z."""
         x, z = self.forward
         return np.array((x, 0.0, z))
 
     @property
     def right_vec(self) -> NDArray[np.float64]:
-        """Return a step of length 1 to its right, float64[3]: x, 0, z."""
+        """The unit vector to the entity's right, float64[3]: x, 0, z."""
         x, z = self.forward
         return np.array((-z, 0.0, x))
 
     @property
     def is_static(self) -> bool:
-        """Return `static`."""
+        """Whether the entity is static."""
         return self.static
 
     def state(self) -> tuple[object, ...]:
-        """Return everything that tells this thing from another: its kind, place and looks."""
+        """Return everything that distinguishes this entity from others: its kind, position and looks."""
         looks = tuple(getattr(self, name) for name in self.looks)
         return self.name, *self.pos, self.dir, float(self.radius), float(self.height), self.static, *looks
 
@@ -153,7 +153,7 @@ define_names(Entity, _INSTEAD, _refuse_name)
 
 
 class Box(Entity):
-    """A coloured box, ``size`` metres along each side, or one size a side (x, y, z)."""
+    """A coloured box; ``size`` is the length of its sides in metres, or one length per side (x, y, z)."""
 
     looks = ("size", "rgb")
 
@@ -172,7 +172,7 @@ class Box(Entity):
         self.rgb: Rgb = RGB_BY_COLOUR[colour]
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
-        """Draw the shade of the colour."""
+        """Draw the shade of the box's colour."""
         bias = parameters.triple("obj_color_bias", rng)
         shade = [
             min(max(part + add, 0.0), 1.0) for part, add in zip(RGB_BY_COLOUR[self.colour_name], bias, strict=True)
@@ -181,12 +181,12 @@ class Box(Entity):
 
     @property
     def colour(self) -> str:
-        """Return the colour it has on a map, "#rrggbb"."""
+        """The box's colour on a map, "#rrggbb"."""
         return hex_colour(self.rgb)
 
     @property
     def color(self) -> str:
-        """Return the name of its colour."""
+        """The name of the box's colour."""
         return self.colour_name
 
     @color.setter
@@ -195,14 +195,14 @@ class Box(Entity):
 
     @property
     def color_vec(self) -> NDArray[np.float64]:
-        """Return its red, green and blue, 0 to 1, float64[3]."""
+        """The box's red, green and blue in 0 to 1, float64[3]."""
         return np.array(self.rgb)
 
 
 class Mesh(Entity):
-    """A thing drawn from a mesh scaled to a height in metres; the mesh decides how wide it is.
+    """An entity drawn from a mesh that is scaled to a height in metres; the mesh determines its width.
 
-    A mesh of a world's own folder is known by name only; it is measured when the thing is placed.
+    A mesh in a world's own folder is known by name only; it is measured when the entity is placed.
     """
 
     looks = ("mesh",)
@@ -220,12 +220,12 @@ class Mesh(Entity):
             self.measure(*extents)
 
     def measure(self, half_width: Length, own_height: Length, half_depth: Length) -> None:
-        """Make it as wide as its mesh says, given the mesh's size in its own units."""
+        """Set the entity's width from the extents of its mesh in the mesh's own units."""
         self.radius = math.sqrt(half_width * half_width + half_depth * half_depth) * (self.height / own_height)
 
 
 class ColouredMesh(Mesh):
-    """A mesh that comes in the six colours and can be carried."""
+    """A mesh that exists in the six colours and can be carried."""
 
     def __init__(self, kind: str, colour: str, height: float) -> None:
         super().__init__(f"{kind}_{check_colour(colour)}", height, static=False)
@@ -235,26 +235,26 @@ class ColouredMesh(Mesh):
 
     @property
     def colour(self) -> str:
-        """Return the colour it has on a map, "#rrggbb"."""
+        """The entity's colour on a map, "#rrggbb"."""
         return hex_colour(RGB_BY_COLOUR[self.colour_name])
 
 
 class Ball(ColouredMesh):
-    """A ball that can be carried, ``size`` metres across."""
+    """A ball of ``size`` metres in diameter, which can be carried."""
 
     def __init__(self, colour: str, size: float = 0.6) -> None:
         super().__init__("ball", colour, size)
 
 
 class Key(ColouredMesh):
-    """A key that can be carried, ``size`` metres high."""
+    """A key of ``size`` metres in height, which can be carried."""
 
     def __init__(self, colour: str, size: float = 0.35) -> None:
         super().__init__("key", colour, size)
 
 
 class ImageFrame(Entity):
-    """A framed picture on a wall, facing ``dir``; ``aspect`` is the picture's height over its width."""
+    """A framed picture on a wall, facing ``dir``; ``aspect`` is the picture's height divided by its width."""
 
     static = True
     looks = ("texture", "width", "depth")
@@ -273,7 +273,7 @@ class ImageFrame(Entity):
 
 
 class TextFrame(Entity):
-    """A line of letters and digits on a wall, facing ``dir``, each as wide as it is high."""
+    """A framed line of letters and digits on a wall, facing ``dir``; each character is as wide as it is high."""
 
     static = True
     looks = ("text", "variants")
@@ -293,7 +293,7 @@ class TextFrame(Entity):
 
     @property
     def textures(self) -> list[str | None]:
-        """Return the texture of each character, None for a space."""
+        """The texture of each character; None for a space."""
         return [None if letter == " " else f"chars/ch_0x{ord(letter)}" for letter in self.text]
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
@@ -305,7 +305,7 @@ class TextFrame(Entity):
 
 
 class Agent(Entity):
-    """The one who acts. Lengths are metres, camera angles degrees."""
+    """The agent; its lengths are in metres and its camera angles in degrees."""
 
     name = "agent"
     looks = ("cam_height", "cam_fwd_disp", "cam_pitch", "cam_fov_y")
@@ -322,21 +322,21 @@ class Agent(Entity):
 
     @property
     def cam_pos(self) -> NDArray[np.float64]:
-        """Return where its eye is, float64[3]: x, y, z."""
+        """The position of the agent's camera, float64[3]: x, y, z."""
         up = np.array((0.0, self.cam_height, 0.0))
         eye: NDArray[np.float64] = np.array(self.pos) + self.dir_vec * self.cam_fwd_disp + up
         return eye
 
     @property
     def cam_dir(self) -> NDArray[np.float64]:
-        """Return where its eye looks, float64[3]: a step of length 1."""
+        """The unit vector of the camera's direction, float64[3]."""
         pitch_rad = math.radians(self.cam_pitch)
         upwards = np.array((0.0, math.sin(pitch_rad), 0.0))
         ahead: NDArray[np.float64] = self.dir_vec * math.cos(pitch_rad) + upwards
         return ahead
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
-        """Draw where the camera sits and how it looks."""
+        """Draw the position and angles of the camera."""
         self.cam_height = parameters.number("cam_height", rng)
         self.cam_fwd_disp = parameters.number("cam_fwd_disp", rng)
         self.cam_pitch = parameters.number("cam_pitch", rng)

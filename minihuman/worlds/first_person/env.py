@@ -1,7 +1,7 @@
 """FirstPersonEnv: a first-person world as a Gymnasium environment.
 
-A subclass says what stands where (`build`), and by a termination rule that kernels know what a step earns and when the
-episode ends.
+A subclass places rooms and entities in `build`, and returns a termination rule, which kernels apply, for the reward of
+a step and the end of the episode.
 """
 
 from collections.abc import Mapping, Sequence
@@ -60,29 +60,30 @@ FrameT = TypeVar("FrameT", ImageFrame, TextFrame)
 
 
 class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
-    """Base of all first-person worlds.
+    """The base class of all first-person worlds.
 
-    ``build`` says what stands where, ``termination_rule`` what a step earns and when the episode ends; a rule of one's
-    own is ``reward_and_done``, in Python, which no page computes. What they set on ``self`` is part of the state: it is
-    saved, restored and hashed with the rest, so it is made of numbers, text, entities, arrays, and tuples, lists and
-    dicts of them.
+    ``build`` places rooms and entities, and ``termination_rule`` returns the rule for rewards and ends. A custom rule
+    is ``reward_and_done``, in Python, which no page can compute. Attributes that these methods set on ``self`` are part
+    of the state: they are saved, restored and hashed with it, so they consist of numbers, text, entities, arrays, and
+    tuples, lists and dicts of these.
 
     Args:
-        max_steps: an episode is truncated after so many steps; None for never.
-        actions: the names of the discrete actions, out of ``rules.ACTIONS``.
-        obs_width: width of an observation in pixels.
-        obs_height: height of an observation in pixels.
-        render_mode: "rgb_array", "human" for a window that shows every reset and step, or None.
-        window_width: width of what ``render`` draws, pixels.
-        window_height: height of what ``render`` draws, pixels.
-        view: what ``render`` draws: the "agent"'s eyes or the world from the "top".
-        parameters: step length, turn, camera and light, with their ranges; or the values of some, which then are fixed.
-        domain_rand: draw the parameters from their ranges.
-        assets: a folder with ``textures/NAME.png``, ``meshes/NAME.obj`` and ``meshes/NAME.glb`` to draw with beside our
-            own; None for the class's ``assets``.
-        trig: whose sine and cosine turn things and eyes: 0 the host's, 1 our own, the same on every machine and page.
-        contact_shadows: darken the ground around things that stand on it; Miniworld's pictures have no shadows.
-        look: how pictures are drawn: "classic", or "display" for people's eyes: sharper, steadier, with depth.
+        max_steps: the number of steps after which an episode is truncated; None for never
+        actions: the names of the discrete actions, out of ``rules.ACTIONS``
+        obs_width: the width of an observation in pixels
+        obs_height: the height of an observation in pixels
+        render_mode: "rgb_array", "human" for a window that shows every reset and step, or None
+        window_width: the width of a rendered picture in pixels
+        window_height: the height of a rendered picture in pixels
+        view: what ``render`` draws: the "agent"'s view, or the world from the "top"
+        parameters: step length, turn, camera and light with their ranges; or fixed values of some of them
+        domain_rand: whether parameters are drawn from their ranges
+        assets: a folder with ``textures/NAME.png``, ``meshes/NAME.obj`` and ``meshes/NAME.glb``, in addition to the
+            built-in assets; None for the class's ``assets``
+        trig: the sine and cosine that turn entities and cameras: 0 for the host's, 1 for our own, which are the same on
+            every machine and page
+        contact_shadows: whether the ground is darker around entities that stand on it, unlike in Miniworld's pictures
+        look: the style of pictures: "classic", or "display" for people: sharper, steadier, with depth
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
@@ -147,28 +148,28 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
     # What a world defines.
 
     def build(self) -> None:
-        """Add rooms, connect them, place things and the agent. Called at every reset, on an empty stage."""
+        """Add rooms, connect them, and place entities and the agent; called at every reset with an empty world."""
         raise NotImplementedError(f"{type(self).__name__} has no build(); define it to lay out rooms and entities")
 
     def termination_rule(self) -> TerminationRule:
-        """Return the rule by which a step earns and ends the episode; by default none does."""
+        """Return the rule for the reward of a step and the end of an episode; by default, a rule without either."""
         return TerminationRule()
 
     def reward_and_done(self, action: str) -> tuple[float, bool]:
-        """Return what a step earned and whether it ended the episode; by default by ``termination_rule``."""
+        """Return the reward of a step and whether it ended the episode, by default by the ``termination_rule``."""
         flat = self.flat_state()
         flat.take_rule(self)
         status = flat.step(self, self.action_names.index(action), rules.JUDGE)
         return flat.reward, bool(status & rules.TERMINATED)
 
     def info(self) -> dict[str, Any]:
-        """Return what ``reset`` and ``step`` return as info."""
+        """Return the info of ``reset`` and ``step``."""
         return {}
 
     def targets(self) -> tuple[Entity, ...]:
-        """Return the things that must be seen before a path is taken; a simulated person looks round for them.
+        """Return the entities that a simulated person must see before taking a path, and for which it looks around.
 
-        Without any, it takes the world's shortest path at once.
+        Without any, the simulated person takes the world's shortest path at once.
         """
         return ()
 
@@ -177,25 +178,25 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         return ()
 
     def observe(self) -> Any:
-        """Return what the agent observes: its view, uint8[obs_height, obs_width, 3]."""
+        """Return the agent's observation, by default its view as uint8[obs_height, obs_width, 3]."""
         return self.see()
 
     def see(self, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
-        """Draw the agent's view, uint8[obs_height, obs_width, 3], into ``out`` if there is one."""
+        """Draw the agent's view, uint8[obs_height, obs_width, 3], into ``out`` if given."""
         return self._pictures.observation(self.stage, out)
 
     def aim_target(self) -> RenderTarget:
-        """Return where the agent's view is drawn, everything in its place, to draw many worlds' views together."""
+        """Return the render target of the agent's view with all entities in place, for drawing many worlds together."""
         return self._pictures.aim_target(self.stage)
 
     def staged(self, palette: Palette, size_px: tuple[int, int]) -> tuple[Sequence[Entity], RenderTarget]:
-        """Return the things of the scene, those that are gone too, and where the agent's view is drawn."""
+        """Return the entities of the scene, including removed ones, and the render target of the agent's view."""
         return self._pictures.staged(self.stage, palette, size_px)
 
     # What ``build`` calls.
 
     def add_rect_room(self, *, min_x: float, max_x: float, min_z: float, max_z: float, **looks: Any) -> Room:
-        """Add a rectangular room; ``looks`` as in ``add_room``."""
+        """Add a rectangular room; ``looks`` are the other arguments of ``add_room``."""
         return self.add_room(rectangle(min_x, max_x, min_z, max_z), **looks)
 
     def add_room(
@@ -207,12 +208,12 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         wall: str = "concrete",
         ceiling: str | None = "concrete_tiles",
     ) -> Room:
-        """Add a room with corners (x, z) in metres, convex and counter-clockwise as seen from above.
+        """Add a convex room with corners (x, z) in metres, counter-clockwise as seen from above.
 
-        ``floor``, ``wall`` and ``ceiling`` are names of textures; ``ceiling=None`` is open to the sky.
+        ``floor``, ``wall`` and ``ceiling`` are names of textures; a room with ``ceiling=None`` is open to the sky.
 
         Raises:
-            WorldError: if the outline does not close, is not convex, or goes round the wrong way.
+            WorldError: if the outline does not close, is not convex, or is clockwise.
         """
         if isinstance(outline, RoomOutline):
             shape = outline
@@ -231,10 +232,10 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         max_z: float | None = None,
         max_y: float | None = None,
     ) -> None:
-        """Open two rooms to each other between two x or two z, up to ``max_y`` (None: as high as the walls).
+        """Make an opening between two rooms, between two x or two z, up to ``max_y`` (None: as high as the walls).
 
         Raises:
-            WorldError: if the rooms do not face each other or the opening does not fit their walls.
+            WorldError: if the rooms do not face each other, or the opening does not fit their walls.
         """
         self.stage.connect_rooms(a, b, limits=OpeningLimits(min_x, max_x, min_z, max_z), top=max_y)
 
@@ -250,20 +251,20 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         min_z: float | None = None,
         max_z: float | None = None,
     ) -> EntityT:
-        """Place a thing at ``pos``, or by chance where it touches nothing, and give it back.
+        """Place an entity at ``pos``, or at a random position where it touches nothing, and return it.
 
         Args:
-            entity: the thing.
-            room: the room it may stand in; None for any, drawn by floor area.
-            pos: an exact place (x, y, z), where it may touch anything.
-            dir: its heading in radians; None draws one.
-            min_x: with max_x, min_z and max_z: the part of the room it may stand in.
-            max_x: see min_x.
-            min_z: see min_x.
-            max_z: see min_x.
+            entity: the entity to place
+            room: the room in which it may stand; None for a room drawn by floor area
+            pos: an exact position (x, y, z), at which it may touch anything
+            dir: its heading in radians; None for a random one
+            min_x: the smallest x at which it may stand
+            max_x: the largest x at which it may stand
+            min_z: the smallest z at which it may stand
+            max_z: the largest z at which it may stand
 
         Raises:
-            WorldError: if no free place is found.
+            WorldError: if no free position is found.
         """
         self._pictures.measure(entity)
         if pos is None:
@@ -273,12 +274,12 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         return entity
 
     def hang(self, frame: FrameT) -> FrameT:
-        """Hang a frame on a wall, where it was made to hang, and give it back."""
+        """Place a frame at its own position on a wall, and return it."""
         self.stage.put(frame, frame.pos, frame.dir)
         return frame
 
     def place_agent(self, **placement: Any) -> Agent:
-        """Place the agent; ``placement`` as in ``place_entity``."""
+        """Place the agent; ``placement`` are arguments of ``place_entity``."""
         return self.place_entity(self.agent, **placement)
 
     def success_reward(self) -> float:
@@ -289,7 +290,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
 
     @property
     def stage(self) -> WorldState:
-        """Return the episode's world.
+        """The state of the episode.
 
         Raises:
             WorldError: before the first reset.
@@ -300,34 +301,34 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
 
     @property
     def agent(self) -> Agent:
-        """Return the agent."""
+        """The agent."""
         return self.stage.agent
 
     @property
     def entities(self) -> list[Entity]:
-        """Return everything placed, in order, the agent included."""
+        """All placed entities in order, including the agent."""
         return self.stage.entities
 
     # Gymnasium.
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Build a new episode; the same seed builds the same one. There are no options."""
+        """Build a new episode, which is the same for the same seed; there are no options."""
         self.begin(seed=seed)
         self._show()
         return self.observe(), self.info()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Do one action.
+        """Step the world by an action.
 
         Raises:
-            WorldError: if the action is not one of the action space, or before the first reset.
+            WorldError: if the action is not in the action space, or before the first reset.
         """
         reward, terminated, truncated = self.advance(action)
         self._show()
         return self.observe(), reward, terminated, truncated, self.info()
 
     def begin(self, *, seed: int | None = None) -> None:
-        """Begin an episode without its observation."""
+        """Begin an episode without computing an observation."""
         super().reset(seed=seed)
         self.step_count = 0
         self._over = False
@@ -345,7 +346,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         self._stage.randomise()
 
     def advance(self, action: Any) -> tuple[float, bool, bool]:
-        """Make a step without its observation: reward, terminated, truncated."""
+        """Make a step without computing an observation; return reward, terminated and truncated."""
         number = self.check(action)
         if self._over:
             raise WorldError(f"no episode is running in {type(self).__name__}; call reset() first")
@@ -365,13 +366,13 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         return reward, terminated, truncated
 
     def check(self, action: Any) -> int:
-        """Return an action's number, or raise what ``step`` would raise for it now; nothing changes."""
+        """Return an action's number, or raise the error that ``step`` would raise; the world does not change."""
         if self._stage is None:
             raise self._not_reset()
         return check_action(action, len(self.action_names))
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the view set at construction, uint8[window_height, window_width, 3]; None without a render mode."""
+        """Return the view chosen at construction, uint8[window_height, window_width, 3]; None without a render mode."""
         if self.render_mode == "human":
             self.show_in_window(self._rendered)
             return None
@@ -390,18 +391,18 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
 
     @property
     def is_compiled(self) -> bool:
-        """Return whether kernels alone step it, by our own sine: without its own `reward_and_done` or `advance`."""
+        """Whether kernels alone step the world with our own sine, without its own `reward_and_done` or `advance`."""
         own = type(self)
         plain = own.advance is FirstPersonEnv.advance and own.step is FirstPersonEnv.step
         return bool(self.trig) and plain and self.kernels_judge and len(self.action_names) <= rules.MOST_ACTIONS
 
     @property
     def kernels_judge(self) -> bool:
-        """Return whether kernels say what a step earned: the world has no `reward_and_done` of its own."""
+        """Whether kernels determine the reward of a step, since the world has no `reward_and_done` of its own."""
         return type(self).reward_and_done is FirstPersonEnv.reward_and_done
 
     def flat_state(self) -> FlatState:
-        """Return the present state as kernels take it; the next step uses the same arrays."""
+        """Return the present state in the arrays of the kernels, which the next step changes."""
         flat = self._flat
         if flat is None or flat.stage is not self._stage:
             flat = self._flat = FlatState(self)
@@ -410,24 +411,24 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         return flat
 
     def pose(self) -> Pose:
-        """Return where the agent's feet are, metres, and where it heads; the heading is not wrapped to one turn."""
+        """Return the position of the agent's feet in metres and its heading, which is not reduced to one turn."""
         x, y, z = self.agent.pos
         return Pose(x, y, z, self.agent.dir)
 
     def map(self) -> Map:
-        """Return the walls that stop a body, and everything placed but the agent."""
+        """Return the floor plan: the walls that stop a body, and all entities but the agent."""
         return floor_map(self.stage)
 
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Draw the agent's view or the world from above, uint8[H, W, 3] of exactly ``size_px`` (width, height)."""
+        """Return the agent's view, or the world from above, uint8[H, W, 3] of exactly ``size_px`` (width, height)."""
         return self._pictures.draw(self.stage, view=view, size_px=size_px, palette=palette)
 
     def picture_between(
         self, before: Pose, share: float, *, size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Draw the agent's view a share (0..1) of the way from an earlier pose to its own, without moving it."""
+        """Return the view at a share (0 to 1) of the way from an earlier pose to the agent's, which stays unchanged."""
         agent = self.agent
         carried = self.agent.carrying
         pose = self.pose()
@@ -447,25 +448,25 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
                 thing.dir = heading
 
     def state_hash(self) -> int:
-        """Hash floor plan, things, step count, random stream and the world's own attributes to a uint64."""
+        """Return a uint64 hash of floor plan, entities, step count, random stream and the world's own attributes."""
         return state_hash(type(self).__name__, self._state())
 
     def scene_hash(self) -> int:
-        """Return the same hash without the step count."""
+        """Return the hash of the state without the step count."""
         state = self._state()
         del state["step_count"]
         return state_hash(type(self).__name__, state)
 
     def save(self) -> FirstPersonSnapshot:
-        """Copy the state exactly; the copy may be pickled, and restored into any world of the same class."""
+        """Return an exact copy of the state, which can be pickled and restored into any world of the same class."""
         _ = self.stage  # or there is nothing to save
         return save_state(type(self).__name__, self._over, self._state())
 
     def restore(self, saved: Any) -> None:
-        """Go back to a saved state.
+        """Restore a saved state.
 
         Raises:
-            WorldError: if it was saved by another kind of world.
+            WorldError: if the state comes from another kind of world.
         """
         if not isinstance(saved, FirstPersonSnapshot) or saved.world != type(self).__name__:
             raise WorldError(f"{saved!r} was not saved by a {type(self).__name__}; pass what save() returned")

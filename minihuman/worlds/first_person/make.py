@@ -1,4 +1,4 @@
-"""The entry point's former place: data sets that were exported earlier name it in their environment's spec."""
+"""The former module of the entry point, which data sets exported earlier name in their environment's spec."""
 
 from minihuman.worlds.first_person.batch import make_world as make
 

@@ -1,8 +1,8 @@
-"""Miniworld's names for what a first-person world is: code written for Miniworld's worlds keeps running.
+"""Miniworld's names for the properties of a first-person world, so that code written for Miniworld's worlds works.
 
-They are views of the present state. What can be set writes into it; what cannot is refused, and so is a name of
-Miniworld's that has no meaning here, with what to use. Positions are tuples, not arrays: ``np.subtract(agent.pos,
-box.pos)``.
+The names are views of the present state. Setting one changes the state if that is possible, and is an error otherwise;
+a name of Miniworld that has no meaning here is an error that says what to use. Positions are tuples, not arrays: use
+``np.subtract(agent.pos, box.pos)``.
 """
 
 import math
@@ -47,7 +47,7 @@ INSTEAD: Mapping[str, str] = MappingProxyType(
 
 
 class FrameSize(NamedTuple):
-    """What stands for a frame buffer of Miniworld's: how large the pictures are that are drawn into it."""
+    """A stand-in for a frame buffer of Miniworld: the size of the pictures drawn into it."""
 
     width: int
     height: int
@@ -66,7 +66,7 @@ def _colour_or_place(name: str, value: ArrayLike, low: float, high: float) -> tu
 
 
 class MiniworldCompat:
-    """Mixed into every first-person world."""
+    """A mixin of every first-person world that adds Miniworld's names."""
 
     reward_range: tuple[float, float] = (-math.inf, math.inf)  # as Miniworld gives it: nothing reads it
     obs_disp_width = 256  # of the small picture in Miniworld's window: nothing reads it
@@ -84,7 +84,7 @@ class MiniworldCompat:
 
     @property
     def max_steps(self) -> int | None:
-        """Return the number of steps after which an episode is truncated; None for never."""
+        """The number of steps after which an episode is truncated; None for never."""
         return self._max_steps
 
     @max_steps.setter
@@ -97,7 +97,7 @@ class MiniworldCompat:
 
     @property
     def domain_rand(self) -> bool:
-        """Return whether parameters are drawn from their ranges."""
+        """Whether parameters are drawn from their ranges."""
         return self._domain_rand
 
     @domain_rand.setter
@@ -109,55 +109,55 @@ class MiniworldCompat:
 
     @UpstreamName
     def obs_disp_height(self: Any) -> float:
-        """Return the height of the small picture in Miniworld's window."""
+        """The height of the small picture in Miniworld's window."""
         frame = self.obs_fb
         return float(frame.height * (self.obs_disp_width / frame.width))
 
     @UpstreamName
     def actions(self: Any) -> type[IntEnum]:
-        """Return the actions by name: Miniworld's eight where the world takes the first of them, or the world's own."""
+        """The actions by name: Miniworld's eight if the world has the first of them, or else the world's own."""
         own = tuple(self.action_names)
         return _actions(ACTIONS if own == ACTIONS[: len(own)] else own)
 
     @set_instead("make the world with render_mode='human'")
     def window(self: Any) -> Any:
-        """Return the window of ``render_mode="human"``; None while there is none."""
+        """The window of ``render_mode="human"``; None if there is none."""
         return self._window
 
     @set_instead(_BUILD)
     def rooms(self: Any) -> list[Room]:
-        """Return the rooms in the order they were added, passages between them included."""
+        """The rooms in the order in which they were added, including passages between them."""
         return list(self.stage.rooms)
 
     @set_instead(_BUILD)
     def wall_segs(self: Any) -> NDArray[np.float64]:
-        """Return the walls that stop a body, float64[n, 2, 3]: where each starts and ends, x, 0, z."""
+        """The start and end (x, 0, z) of the walls that stop a body, float64[n, 2, 3]."""
         ends = self.stage.floor.walls.reshape(-1, 2, 2)
         return np.insert(ends, 1, 0.0, axis=2)
 
     @set_instead(_BUILD)
     def min_x(self: Any) -> float:
-        """Return where the rooms begin along x, metres."""
+        """The smallest x of the rooms in metres."""
         return float(self.stage.floor.bounds[0])
 
     @set_instead(_BUILD)
     def min_z(self: Any) -> float:
-        """Return where the rooms begin along z, metres."""
+        """The smallest z of the rooms in metres."""
         return float(self.stage.floor.bounds[1])
 
     @set_instead(_BUILD)
     def max_x(self: Any) -> float:
-        """Return where the rooms end along x, metres."""
+        """The largest x of the rooms in metres."""
         return float(self.stage.floor.bounds[2])
 
     @set_instead(_BUILD)
     def max_z(self: Any) -> float:
-        """Return where the rooms end along z, metres."""
+        """The largest z of the rooms in metres."""
         return float(self.stage.floor.bounds[3])
 
     @UpstreamName
     def max_episode_steps(self: Any) -> float:
-        """Return the steps after which an episode is truncated; infinity for never."""
+        """The number of steps after which an episode is truncated; infinity for never."""
         if self.max_steps is None:
             return math.inf
         return float(self.max_steps)
@@ -168,7 +168,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def max_forward_step(self: Any) -> float:
-        """Return the longest step, metres."""
+        """The length of the longest step in metres."""
         return float(self.stage.reach)
 
     @max_forward_step.setter
@@ -178,7 +178,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def params(self: Any) -> ParameterNames:
-        """Return the world's parameters; setting one counts from the next step on."""
+        """The world's parameters; a parameter that is set takes effect from the next step on."""
         return ParameterNames(self.parameters, self._take_parameters)
 
     @params.setter
@@ -187,7 +187,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def sky_color(self: Any) -> NDArray[np.float64]:
-        """Return the colour of the sky in this episode, float64[3], 0 to 1."""
+        """The colour of the sky in this episode, float64[3] in 0 to 1."""
         return np.array(self.stage.sky_colour)
 
     @sky_color.setter
@@ -197,7 +197,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def light_pos(self: Any) -> NDArray[np.float64]:
-        """Return where the light of this episode comes from, float64[3], metres."""
+        """The position of the light in this episode, float64[3] in metres."""
         return np.array(self.stage.light_pos)
 
     @light_pos.setter
@@ -207,7 +207,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def light_color(self: Any) -> NDArray[np.float64]:
-        """Return the colour of the light in this episode, float64[3], 0 to 1."""
+        """The colour of the light in this episode, float64[3] in 0 to 1."""
         return np.array(self.stage.light_colour)
 
     @light_color.setter
@@ -217,7 +217,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def light_ambient(self: Any) -> NDArray[np.float64]:
-        """Return the colour of the light that is everywhere, float64[3], 0 to 1."""
+        """The colour of the ambient light, float64[3] in 0 to 1."""
         return np.array(self.stage.light_ambient)
 
     @light_ambient.setter
@@ -227,16 +227,16 @@ class MiniworldCompat:
 
     @set_instead("give obs_width and obs_height when the world is made")
     def obs_fb(self: Any) -> FrameSize:
-        """Return the size of an observation."""
+        """The size of an observation."""
         return FrameSize(*self._pictures.size_px)
 
     @set_instead("give window_width and window_height when the world is made")
     def vis_fb(self: Any) -> FrameSize:
-        """Return the size of the pictures that `render` draws."""
+        """The size of the pictures that `render` draws."""
         return FrameSize(*self.window_px)
 
     def move_agent(self: Any, fwd_dist: float, fwd_drift: float) -> bool:
-        """Move the agent, and what it carries, so many metres ahead and to the right; whether the way was free."""
+        """Move the agent, with what it carries, some metres ahead and to the right; return whether the way was free."""
         agent = self.agent
         x, _, z = np.add(agent.pos, agent.dir_vec * fwd_dist + agent.right_vec * fwd_drift).tolist()
         place: Position = (x, agent.pos[1], z)
@@ -252,7 +252,7 @@ class MiniworldCompat:
         return True
 
     def turn_agent(self: Any, turn_angle: float) -> bool:
-        """Turn the agent, and what it carries, so many degrees to the left; whether nothing was in the way."""
+        """Turn the agent, with what it carries, some degrees to the left; return whether nothing was in the way."""
         agent = self.agent
         heading = self.agent.dir
         carried = agent.carrying
@@ -268,30 +268,30 @@ class MiniworldCompat:
         return True
 
     def intersect(self: Any, ent: Entity, pos: Sequence[float], radius: Length) -> Entity | Literal[True] | None:
-        """Return what a thing of this radius would touch at (x, y, z): True for a wall, another thing, or None."""
+        """Return what an entity of a radius would touch at (x, y, z): True for a wall, another entity, or None."""
         touched: Entity | str | None = self.stage.blocker(ent, float(pos[0]), float(pos[2]), radius)
         if isinstance(touched, Entity):
             return touched
         return True if touched == WALL else None
 
     def near(self: Any, a: Entity, b: Entity | None = None) -> bool:
-        """Return whether a thing is within a step of touching another, or the agent."""
+        """Return whether an entity is within a step of touching another one, or the agent."""
         return bool(self.stage.near(a, b or self.agent))
 
     def depth(self: Any, *, size_px: tuple[int, int] = (80, 60)) -> NDArray[np.float32]:
-        """Return the depth of the agent's view, metres along its axis, float32[H, W]."""
+        """Return the depth of the agent's view in metres along its axis, float32[H, W]."""
         return np.asarray(self._pictures.depth(self.stage, size_px=size_px))
 
     def visible_entities(self: Any) -> list[Entity]:
-        """Return the things of which some part is in the agent's view, in the order they were placed."""
+        """Return the entities that are at least partly in the agent's view, in the order in which they were placed."""
         return list(self._pictures.visible(self.stage))
 
     def own_attributes(self: Any) -> frozenset[str]:
-        """Return the names of what the world's build() sets on itself."""
+        """Return the names of the attributes that the world's build() sets."""
         return frozenset(name for name in self._state() if not name.startswith("_"))
 
     def render_obs(self: Any, frame_buffer: FrameSize | None = None) -> NDArray[np.uint8]:
-        """Draw what the agent sees: `see`, or a picture as large as `vis_fb` or another frame."""
+        """Return the agent's view as `see` does, or in the size of `vis_fb` or another frame."""
         if frame_buffer is None:
             return np.asarray(self.see())
         return np.asarray(self.picture(size_px=(frame_buffer.width, frame_buffer.height)))
@@ -299,10 +299,10 @@ class MiniworldCompat:
     def render_top_view(
         self: Any, frame_buffer: FrameSize | None = None, render_agent: bool = True, return_scale: bool = False
     ) -> NDArray[np.uint8]:
-        """Draw the world from above, as large as an observation, or as `vis_fb` or another frame.
+        """Return the world from above, in the size of an observation, of `vis_fb` or of another frame.
 
         Raises:
-            WorldError: if the agent is not to be drawn, or Miniworld's scale is asked for.
+            WorldError: if the agent is not to be drawn, or Miniworld's scale is requested.
         """
         if not render_agent or return_scale:
             raise WorldError("render_top_view draws the agent and returns the picture alone; map() has the coordinates")
@@ -313,7 +313,7 @@ class MiniworldCompat:
         return np.asarray(self.picture(view="full", size_px=(frame.width, frame.height)))
 
     def render_depth(self: Any, frame_buffer: FrameSize | None = None) -> NDArray[np.float32]:
-        """Return the depth of the agent's view, metres, float32[height, width, 1]: `depth`."""
+        """Return the depth of the agent's view in metres, float32[height, width, 1], as `depth` does."""
         if frame_buffer is None:
             frame = self.obs_fb
         else:
@@ -321,15 +321,15 @@ class MiniworldCompat:
         return np.asarray(self.depth(size_px=(frame.width, frame.height)))[..., None]
 
     def get_visible_ents(self: Any) -> set[Entity]:
-        """Return the things of which some part is in the agent's view: `visible_entities`."""
+        """Return the entities that are at least partly in the agent's view, as `visible_entities` does."""
         return set(self.visible_entities())
 
     def _get_carry_pos(self: Any, agent_pos: Position, ent: Entity) -> NDArray[np.float64]:
-        """Return where a carried thing floats when the agent stands at a place."""
+        """Return the position of a carried entity when the agent is at a position."""
         return np.array(self.stage.carrying_position(agent_pos, ent))
 
     def _reward(self: Any) -> float:
-        """Return what success would earn now."""
+        """Return the reward that success would earn now."""
         return float(self.success_reward())
 
     def _take_parameters(self: Any, parameters: Parameters) -> None:
@@ -339,12 +339,12 @@ class MiniworldCompat:
             self.forget_flat_state()
 
     def forget_flat_state(self: Any) -> None:
-        """Have the next step read everything anew."""
+        """Discard the kernels' arrays, so that the next step reads the whole state again."""
         self._flat = None
         note_change()
 
     def forget_pictures(self: Any) -> None:
-        """Have the next picture drawn of everything as it is then."""
+        """Discard the scene, so that the next picture shows the whole state as it then is."""
         self._pictures.forget()
         note_change()
 

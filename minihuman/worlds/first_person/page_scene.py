@@ -1,4 +1,4 @@
-"""What a page needs of a first-person world: its state in flat arrays, and its scene, cut down to what is in it."""
+"""The data of a first-person world for a web page: its state in flat arrays, and its scene, reduced to what is seen."""
 
 import math
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class PageState(NamedTuple):
-    """The arrays of `rules.step`, and of how many things the scene is made."""
+    """The arrays of `rules.step`, and the number of entities in the scene."""
 
     things: F64
     numbers: F64
@@ -35,7 +35,7 @@ class PageState(NamedTuple):
 
 
 class PageLook(NamedTuple):
-    """What no step changes: the things that the scene is made of, and the numbers of camera and shadows."""
+    """The parts that no step changes: the entities of the scene, and the numbers of camera and shadows."""
 
     entities: Sequence[Entity]
     numbers: F64  # at `_OF_LOOK`
@@ -45,14 +45,14 @@ _OF_LOOK = [rules.CAMERA_AHEAD, rules.COS_PITCH, rules.SIN_PITCH, rules.TAN_FOV,
 
 
 class PageScene(NamedTuple):
-    """Arrays by the names of `cover`'s and `colour`'s parameters, and the pixels of each texture, uint8[h, w, 3]."""
+    """Arrays named as the parameters of `cover` and `colour`, and the pixels of each texture, uint8[h, w, 3]."""
 
     tables: dict[str, NDArray[np.generic]]
     textures: tuple[NDArray[np.uint8], ...]
 
 
 def copy_state(env: "FirstPersonEnv") -> tuple[F64, F64, RngState]:
-    """Copy what a step changes: things, numbers, and the random stream, all 0 where no step draws from it."""
+    """Return copies of what a step changes: entities, numbers, and the random stream (0 if no step draws from it)."""
     flat = env.flat_state()
     rng_state = np.zeros(6, np.uint64)
     numbers = flat.numbers.copy()
@@ -76,7 +76,7 @@ def locate(env: "FirstPersonEnv", look: PageLook) -> tuple[F64, F64, RngState]:
 def describe(
     env: "FirstPersonEnv", palette: Palette, size_px: tuple[int, int]
 ) -> tuple[PageState, PageScene, PageLook]:
-    """Return an episode's state and scene in the form that a page takes; pictures may have any size."""
+    """Return an episode's state and scene in the form for a page; pictures can have any size."""
     entities, target = env.staged(palette, size_px)
     agent = env.agent
     floor = env.stage.floor
@@ -95,11 +95,11 @@ def describe(
 
 
 def cut_scene(layout: SceneTables, view: F64) -> PageScene:
-    """Keep of a scene's tables the faces and textures that it shows; they have other numbers then.
+    """Return a scene's tables with only the faces and textures that it shows, which are numbered anew.
 
     Args:
-        layout: The scene.
-        view: What of it does not change: light and sky.
+        layout: the tables of the scene
+        view: the numbers of the view that do not change: light and sky
     """
     room_floats, room_wholes = (table.copy() for table in layout.packed_rooms)
     things = layout.things.copy()
@@ -170,7 +170,7 @@ def _part(faces: FaceTable, first: int, last: int) -> FaceTable:
 
 
 def _pixels(textures: TextureTable, row: int) -> NDArray[np.uint8]:
-    """Return the largest size of a texture, first row on top."""
+    """Return the largest size of a texture, with the first row on top."""
     begin, extents = (int(number) for number in textures.table[2 * MOST_SIZES * row :][:2])
     width = extents & 0xFFFF
     height = extents >> 16

@@ -1,4 +1,4 @@
-"""A world's parameters by Miniworld's names: what `params` of a world is, and what `params=` of `make` takes."""
+"""A world's parameters by Miniworld's names, for a world's attribute `params` and the argument `params` of `make`."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ PARAMETER_NAMES = (
 
 
 class ParameterRange(NamedTuple):
-    """A parameter as Miniworld shows it: numbers, or arrays of three."""
+    """A parameter in Miniworld's form: numbers, or arrays of three."""
 
     default: Any
     min: Any
@@ -25,11 +25,11 @@ class ParameterRange(NamedTuple):
 
 
 class ParameterNames:
-    """A table of parameters with Miniworld's methods; setting one of a world's counts from its next step on.
+    """A table of parameters with Miniworld's methods; setting a world's parameter takes effect from its next step on.
 
     Args:
-        table: The parameters.
-        change: Told the new table when one is set; None for a table of no world.
+        table: the parameters
+        change: a function that receives the new table when a parameter is set; None for a table without a world
     """
 
     def __init__(self, table: Parameters, change: Callable[[Parameters], None] | None = None) -> None:
@@ -38,15 +38,15 @@ class ParameterNames:
 
     @property
     def params(self) -> dict[str, ParameterRange]:
-        """Return every parameter by name; a copy."""
+        """A copy of all parameters by name."""
         return {name: _shown(self.table[name]) for name in PARAMETER_NAMES}
 
     def copy(self) -> "ParameterNames":
-        """Return a table of no world."""
+        """Return a copy of the table that belongs to no world."""
         return ParameterNames(self.table)
 
     def no_random(self) -> "ParameterNames":
-        """Return a table of no world in which nothing varies."""
+        """Return a copy of the table that belongs to no world and in which nothing varies."""
         return ParameterNames(self.table.fixed())
 
     def set(
@@ -57,10 +57,10 @@ class ParameterNames:
         max: ArrayLike | None = None,
         type: str = "float",
     ) -> None:
-        """Set a parameter's default and the range it is drawn from; without a range it does not vary.
+        """Set a parameter's default and the range from which it is drawn; without a range, it does not vary.
 
         Raises:
-            WorldError: if there is no such parameter, or its numbers are out of range.
+            WorldError: if there is no such parameter, or its numbers are invalid.
         """
         if type != "float":
             raise WorldError(f"the type of {name} is {type!r}; every parameter is a 'float'")
@@ -75,23 +75,23 @@ class ParameterNames:
         return _shown(self.table[name]).max
 
     def sample(self, rng: np.random.Generator | None, name: str) -> Any:
-        """Return a value of the range, drawn as Miniworld draws it, or the default without a stream."""
+        """Return a value from the range, drawn as Miniworld does, or the default without a random stream."""
         value = self.table[name].sample(rng)
         if isinstance(value, tuple):
             return np.array(value)
         return value
 
     def sample_many(self, rng: np.random.Generator | None, target_obj: Any, param_names: list[str]) -> None:
-        """Set attributes of an object to values of parameters of the same names."""
+        """Set attributes of an object to sampled values of the parameters with the same names."""
         for name in param_names:
             setattr(target_obj, name, self.sample(rng, name))
 
 
 def read_parameters(params: Any) -> Parameters:
-    """Return the table of what Miniworld's `params` or ours is.
+    """Return the parameters in a table of Miniworld's or our form.
 
     Raises:
-        WorldError: if it is neither.
+        WorldError: if the table has neither form.
     """
     if isinstance(params, ParameterNames):
         return params.table

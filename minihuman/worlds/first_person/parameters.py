@@ -1,9 +1,8 @@
-"""The parameters of a world that may vary per episode or step (domain randomisation): step length, turn, camera,
-light.
+"""The parameters of a world that can vary per episode or step: step length, turn, camera and light.
 
-`forward_step` is how far one step goes, in metres. Draws from a random stream are made here in arithmetic that is the
-same on every machine: NumPy's `Generator.uniform` may fuse the multiply and the add where the processor can; these
-never do.
+`forward_step` is the length of a step in metres. Random values are computed by arithmetic that is the same on every
+machine. NumPy's `Generator.uniform` may fuse the multiplication and the addition where the processor can; the functions
+here never do.
 """
 
 from bisect import bisect_right
@@ -18,17 +17,17 @@ from minihuman.worlds.options import MAX_METRES, check_number
 
 
 def uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """Draw one number in [low, high)."""
+    """Return a random number in [low, high)."""
     return low + (high - low) * rng.random()
 
 
 def weighted(rng: np.random.Generator, cumulative: Sequence[float]) -> int:
-    """Draw an index by weights given as their running sum; the last is 1."""
+    """Return a random index with given weights, which are passed as their running sum, ending at 1."""
     return bisect_right(cumulative, rng.random())
 
 
 def running_sum(weights: Sequence[float]) -> tuple[float, ...]:
-    """Return the running sum of weights, scaled to end at 1, rounded as ``Generator.choice`` rounds it."""
+    """Return the running sum of weights, scaled to end at 1 and rounded like that of ``Generator.choice``."""
     shares = np.array(weights, dtype=float)
     sums = np.cumsum(shares / np.sum(shares))
     return tuple((sums / sums[-1]).tolist())
@@ -39,7 +38,7 @@ Value = float | tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A default, and the range it is drawn from (evenly) when a world is randomised."""
+    """A parameter's default, and the range of its uniform distribution when a world is randomised."""
 
     default: Value
     low: Value
@@ -51,7 +50,7 @@ class Parameter:
             raise WorldError(f"{self!r} must have low <= default <= high, all of the same length")
 
     def sample(self, rng: np.random.Generator | None) -> Value:
-        """Draw a value from the range, or return the default where there is no stream to draw from."""
+        """Return a random value from the range, or the default without a random stream."""
         if rng is None:
             return self.default
         match self.low, self.high:
@@ -64,7 +63,7 @@ class Parameter:
 
 
 class Parameters:
-    """A frozen table of parameters by name."""
+    """An immutable table of parameters by name."""
 
     __slots__ = ("_table",)
 
@@ -85,30 +84,30 @@ class Parameters:
         return self
 
     def fixed(self, **defaults: Value) -> "Parameters":
-        """Return a copy in which nothing varies, with some defaults replaced: ``DEFAULTS.fixed(forward_step=0.7)``."""
+        """Return a copy without variation and with some new defaults, as in ``DEFAULTS.fixed(forward_step=0.7)``."""
         table = {name: Parameter(p.default, p.default, p.default) for name, p in self._table.items()}
         fixed_values = {name: tuple(value) if isinstance(value, list) else value for name, value in defaults.items()}
         table |= {name: Parameter(value, value, value) for name, value in fixed_values.items() if self[name]}
         return Parameters(table)
 
     def varied(self, **ranges: Parameter) -> "Parameters":
-        """Return a copy with some parameters replaced: ``DEFAULTS.varied(turn_step=Parameter(30, 20, 40))``."""
+        """Return a copy with some new parameters, as in ``DEFAULTS.varied(turn_step=Parameter(30, 20, 40))``."""
         return Parameters(self._table | {name: value for name, value in ranges.items() if self[name]})
 
     def number(self, name: str, rng: np.random.Generator | None) -> float:
-        """Sample a parameter that is one number."""
+        """Return a sampled value of a parameter that is one number."""
         value = self[name].sample(rng)
         assert not isinstance(value, tuple), name
         return value
 
     def triple(self, name: str, rng: np.random.Generator | None) -> tuple[float, float, float]:
-        """Sample a parameter that is three numbers."""
+        """Return a sampled value of a parameter that is three numbers."""
         value = self[name].sample(rng)
         assert isinstance(value, tuple), name
         return value
 
     def largest(self, name: str) -> float:
-        """Return the upper end of a number's range."""
+        """Return the upper end of the range of a parameter that is one number."""
         value = self[name].high
         assert not isinstance(value, tuple), name
         return value

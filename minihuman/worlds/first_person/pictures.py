@@ -1,6 +1,6 @@
-"""Pictures of a first-person state: what the agent sees, how far away it is, the world from above.
+"""Pictures of a first-person state: the agent's view, its depth, and the world from above.
 
-Turns the state into the scene that the renderer draws.
+The module turns the state into the scene that the renderer draws.
 """
 
 import math
@@ -48,25 +48,28 @@ def light(stage: WorldState) -> Light:
 
 
 def places(stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
-    """Return where the things are now, (n, 4) x, y, z, yaw_rad; not a number for one that left the stage."""
+    """Return the present places of entities, (n, 4) x, y, z, yaw_rad; NaN for an entity that was removed."""
     present = set(map(id, stage.entities))
     rows = [(*thing.pos, thing.dir) if id(thing) in present else GONE for thing in things]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
 def shaded(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return where the shadows of things are: below them; not a number where a thing is not on the ground."""
+    """Return the places of entities' shadows, below them; NaN for an entity that is not on the ground."""
     return np.where(places[:, 1:2] == 0.0, places, np.nan)
 
 
 def shadow(thing: Entity) -> ShadowLook:
-    """Return a thing's shadow: of a box round its corners, of others narrower than what collides; none of frames."""
+    """Return an entity's shadow; frames have none.
+
+    A box's shadow surrounds its corners, and those of other entities are narrower than their radius.
+    """
     part = {Box: 1.1, ImageFrame: 0.0, TextFrame: 0.0}.get(type(thing), 0.7)
     return ShadowLook(part * float(thing.radius))
 
 
 def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) -> tuple[FaceTable, RoomTable]:
-    """Build the renderer's tables of a floor plan's rooms: floor, ceiling, pieces of wall, and the openings."""
+    """Return the renderer's tables of a floor plan's rooms: floors, ceilings, pieces of wall, and openings."""
     edges = floor.edges
     first = floor.first_edge
     heights = np.array([room.wall_height for room in floor.rooms])
@@ -95,7 +98,7 @@ def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) ->
 
 
 def _coverings(floor: FloorPlan, library: Library) -> tuple[I64, F64]:
-    """Return for each room's floor, wall and ceiling the texture's row, and the metres it covers, right and up."""
+    """Return the texture row of each room's floor, wall and ceiling, and the metres that it covers right and up."""
     numbers: dict[tuple[str | None, ...], int] = {}  # rooms covered alike share one
     which = [numbers.setdefault(_covering(room), len(numbers)) for room in floor.rooms]
     rows = [[-1 if name is None else library.texture_row(name) for name in names] for names in numbers]
@@ -104,7 +107,7 @@ def _coverings(floor: FloorPlan, library: Library) -> tuple[I64, F64]:
 
 
 def _covering(room: RoomPlan) -> tuple[str | None, ...]:
-    """Return the textures of floor, wall and ceiling, None for no ceiling."""
+    """Return the textures of a room's floor, wall and ceiling; None without a ceiling."""
     wall, floor, ceiling = room.pictures
     if room.ceiling is None:
         above = None
@@ -114,15 +117,15 @@ def _covering(room: RoomPlan) -> tuple[str | None, ...]:
 
 
 def variant(texture: str, number: int) -> str:
-    """Return the name of one picture of a texture, counted from 0."""
+    """Return the name of one picture of a texture, numbered from 0."""
     return f"{texture}_{number + 1}"
 
 
 def look(thing: Entity, palette: Palette, library: Library) -> Look:
-    """Return what a thing looks like; only our own balls and keys come in the colours of every palette.
+    """Return the look of an entity; only built-in balls and keys exist in the colours of every palette.
 
     Raises:
-        WorldError: if it is of a kind that cannot be drawn.
+        WorldError: if the entity is of a kind that cannot be drawn.
     """
     match thing:
         case Box():
@@ -147,7 +150,7 @@ _MOST_EASELS = 8  # palettes and sizes; a window that is drawn larger passes man
 
 
 class WorldRenderer:
-    """Draws one world. It keeps the scene between steps; a copy of a world starts with nothing kept."""
+    """The renderer of one world, which keeps the scene between steps; a copy of a world starts without a scene."""
 
     def __init__(
         self, size_px: tuple[int, int], assets: str | None, *, shadows: bool = False, display: bool = False
@@ -165,12 +168,12 @@ class WorldRenderer:
         return partial(WorldRenderer, shadows=self.shadows, display=self.display), (self.size_px, self.assets)
 
     def forget(self) -> None:
-        """Keep nothing of what was drawn: the next picture is of everything as it is then."""
+        """Discard the scene, so that the next picture shows the whole state as it then is."""
         self._staged.clear()
         self._easels.clear()
 
     def measure(self, entity: Entity) -> None:
-        """Say how wide a thing is whose mesh is the folder's.
+        """Set the width of an entity whose mesh is in the world's folder.
 
         Raises:
             WorldError: if there is no such mesh.
@@ -180,13 +183,13 @@ class WorldRenderer:
                 entity.measure(*asset_library(self.assets).mesh_extents(entity.mesh))
 
     def observation(self, stage: WorldState, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
-        """Draw what the agent sees, in the size of an observation, into ``out`` if there is one."""
+        """Draw the agent's view in the size of an observation, into ``out`` if given."""
         return self.aim_target(stage).draw(out)
 
     def aim_target(
         self, stage: WorldState, palette: Palette = "classic", size_px: tuple[int, int] | None = None
     ) -> RenderTarget:
-        """Return where the agent's view is drawn next, all in its place; of an observation's size if none is given."""
+        """Return the render target of the agent's view with all entities in place, by default in observation size."""
         key = palette, size_px or self.size_px
         observed = self._easels.get(key)
         if observed is None or observed.stage is not stage or observed.entities != stage.entities:
@@ -199,7 +202,7 @@ class WorldRenderer:
         return observed.aim_target()
 
     def draw(self, stage: WorldState, *, view: View, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
-        """Draw what the agent sees, or the world from above with the agent in it."""
+        """Return the agent's view, or the world from above with the agent in it."""
         if min(size_px) < 1:
             raise WorldError(f"a picture cannot be {size_px[0]} x {size_px[1]} pixels; each side must be 1 or more")
         if view == "partial":
@@ -207,18 +210,18 @@ class WorldRenderer:
         return render_top(self.scene(stage, palette), *size_px, agent=Pose(*stage.agent.pos, stage.agent.dir))
 
     def depth(self, stage: WorldState, *, size_px: tuple[int, int]) -> NDArray[np.float32]:
-        """Return the depth of the agent's view, metres along its axis."""
+        """Return the depth of the agent's view in metres along its axis."""
         return render_depth(self.scene(stage), camera(stage), *size_px)
 
     def staged(
         self, stage: WorldState, palette: Palette, size_px: tuple[int, int]
     ) -> tuple[Sequence[Entity], RenderTarget]:
-        """Return the things of the scene, those that are gone too, and where what the agent sees is drawn."""
+        """Return the entities of the scene, including removed ones, and the render target of the agent's view."""
         target = self.aim_target(stage, palette, size_px)
         return self._staged[palette][1], target
 
     def visible(self, stage: WorldState) -> list[Entity]:
-        """Return the things in the agent's view, in the order they were placed."""
+        """Return the entities in the agent's view, in the order in which they were placed."""
         scene = self.scene(stage)
         things = self._staged["classic"][1]
         numbers = visible_things(scene, camera(stage), *self.size_px)
@@ -228,7 +231,7 @@ class WorldRenderer:
         return [entity for entity in stage.entities if id(entity) in visible_ids]
 
     def scene(self, stage: WorldState, palette: Palette = "classic") -> Scene:
-        """Build the scene: anew for a new stage or a new thing, otherwise with its things moved."""
+        """Return the scene, built anew for a new state or a new entity, and otherwise with its entities moved."""
         if self._floor is not stage.floor:
             with library_lock:
                 rooms = room_tables(stage.floor, asset_library(self.assets), display=self.display)
@@ -264,7 +267,7 @@ class WorldRenderer:
 
 
 class _Observed:
-    """The observations of a stage on which the same things are; it knows where each was at the last one."""
+    """The observations of a state whose set of entities is constant, with their places at the last observation."""
 
     def __init__(self, stage: WorldState, things: Sequence[Entity], target: RenderTarget, *, shadows: bool) -> None:
         self.stage = stage
@@ -295,7 +298,7 @@ class _Observed:
 
 
 def camera(stage: WorldState, pos: Position | None = None, yaw_rad: float | None = None) -> Camera:
-    """Return the agent's eye, where the agent stands or as if it stood elsewhere."""
+    """Return the agent's camera, at the agent's place or as if the agent were at another."""
     agent = stage.agent
     x, y, z = agent.pos if pos is None else pos
     yaw = agent.dir if yaw_rad is None else yaw_rad

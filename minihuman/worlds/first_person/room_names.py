@@ -1,4 +1,4 @@
-"""Miniworld's names for what a room is, to read."""
+"""Miniworld's names for the properties of a room, for reading."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ _INSTEAD = {
 
 
 class RoomNames:
-    """Mixed into every room."""
+    """A mixin of every room that adds Miniworld's names."""
 
     __slots__ = ()
 
@@ -28,61 +28,61 @@ class RoomNames:
 
     @property
     def mid_x(self) -> float:
-        """Return the middle of the room along x."""
+        """The middle of the room along x."""
         return float(self.outline.max_x + self.outline.min_x) / 2
 
     @property
     def mid_z(self) -> float:
-        """Return the middle of the room along z."""
+        """The middle of the room along z."""
         return float(self.outline.max_z + self.outline.min_z) / 2
 
     @property
     def area(self) -> float:
-        """Return the area of the rectangle around the room, m²."""
+        """The area of the rectangle around the room in m²."""
         return float(self.outline.area)
 
     @property
     def num_walls(self) -> int:
-        """Return how many walls the room has."""
+        """The number of the room's walls."""
         return len(self.outline.edges)
 
     @property
     def edge_dirs(self) -> NDArray[np.float64]:
-        """Return where each wall leads, float64[n, 3]: a step of length 1."""
+        """The unit vector along each wall, float64[n, 3]."""
         return np.insert(np.array([edge.direction for edge in self.outline.edges]), 1, 0.0, axis=1)
 
     @property
     def edge_norms(self) -> NDArray[np.float64]:
-        """Return where each wall faces, float64[n, 3]: a step of length 1 into the room."""
+        """The unit normal of each wall into the room, float64[n, 3]."""
         return np.insert(np.array([edge.normal for edge in self.outline.edges]), 1, 0.0, axis=1)
 
     @property
     def neighbors(self) -> list[Any]:
-        """Return an empty list, as in Miniworld, which fills none; ``portals`` say where the room leads."""
+        """An empty list, as in Miniworld; ``portals`` say where the room leads."""
         return []
 
     @property
     def wall_tex_name(self) -> str:
-        """Return the texture of the walls."""
+        """The texture of the walls."""
         return self.wall
 
     @property
     def floor_tex_name(self) -> str:
-        """Return the texture of the floor."""
+        """The texture of the floor."""
         return self.floor
 
     @property
     def ceil_tex_name(self) -> str | None:
-        """Return the texture of the ceiling; None without one."""
+        """The texture of the ceiling; None without a ceiling."""
         return self.ceiling
 
     @property
     def no_ceiling(self) -> bool:
-        """Return whether the room is open to the sky."""
+        """Whether the room is open to the sky."""
         return self.ceiling is None
 
     def point_inside(self, p: ArrayLike) -> bool:
-        """Return whether a point (x, y, z) is in the room, not on a wall."""
+        """Return whether a point (x, y, z) is in the room and not on a wall."""
         x, _, z = np.asarray(p, np.float64).tolist()
         return bool(self.outline.contains(x, z))
 

@@ -1,8 +1,8 @@
 """Rooms: convex outlines, portals between rooms that touch or lie apart, and the finished floor plan.
 
-An outline is listed counter-clockwise as seen from above (x right, z towards the reader), so that what it encloses lies
-to the left of every edge. A room stands on the ground; so does every portal. A floor plan is what no step changes:
-rooms, the walls that stop a body, and how likely each room is to be drawn. Lengths are metres.
+An outline is counter-clockwise as seen from above (x to the right, z towards the reader), so its inside is to the left
+of every edge. Every room and every portal starts at the ground. A floor plan is what no step changes: rooms, the walls
+that stop a body, and the probability with which each room is drawn. Lengths are in metres.
 """
 
 import math
@@ -27,7 +27,7 @@ Point = tuple[float, float]  # x, z
 
 
 class OutlineEdge(NamedTuple):
-    """One side of an outline: where it starts and ends, its length, its direction, and its normal inwards."""
+    """One side of an outline: its start, end, length, direction and inward normal."""
 
     start: Point
     end: Point
@@ -36,13 +36,13 @@ class OutlineEdge(NamedTuple):
     normal: Point
 
     def at(self, distance: float) -> Point:
-        """Return the point so far along the edge."""
+        """Return the point at a distance along the edge."""
         return self.start[0] + distance * self.direction[0], self.start[1] + distance * self.direction[1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoomOutline:
-    """A shape; made by ``outline_of`` and ``rectangle`` only, which give the same one for the same corners."""
+    """The shape of a room; only ``outline_of`` and ``rectangle`` make one, the same object for the same corners."""
 
     corners: tuple[Point, ...]
     edges: tuple[OutlineEdge, ...]
@@ -54,11 +54,11 @@ class RoomOutline:
 
     @property
     def area(self) -> float:
-        """Return the area of the bounding rectangle, m²: what a room weighs when one is drawn by chance."""
+        """The area of the bounding rectangle in m², by which rooms are weighted when one is drawn."""
         return (self.max_x - self.min_x) * (self.max_z - self.min_z)
 
     def contains(self, x: float, z: float) -> bool:
-        """Return whether the point is inside, not on an edge."""
+        """Return whether a point is inside the outline and not on an edge."""
         return all(nx * (x - ax) + nz * (z - az) > 0 for (ax, az), _, _, _, (nx, nz) in self.edges)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -67,10 +67,10 @@ class RoomOutline:
 
 @lru_cache(maxsize=KEPT)
 def outline_of(corners: tuple[Point, ...]) -> RoomOutline:
-    """Make the shape with these corners (x, z).
+    """Return the outline with given corners (x, z).
 
     Raises:
-        WorldError: if it does not close.
+        WorldError: if the outline does not close.
     """
     if len(corners) < 3:
         raise WorldError(f"the outline {list(corners)} has fewer than 3 corners; a room needs 3 or more")
@@ -84,10 +84,10 @@ def outline_of(corners: tuple[Point, ...]) -> RoomOutline:
 
 @lru_cache(maxsize=KEPT)
 def rectangle(min_x: float, max_x: float, min_z: float, max_z: float) -> RoomOutline:
-    """Make a rectangle; its edges are east (0), north (1), west (2) and south (3).
+    """Return a rectangular outline, whose edges are east (0), north (1), west (2) and south (3).
 
     Raises:
-        WorldError: if it has no width or no depth.
+        WorldError: if its width or depth is not positive.
     """
     if not (min_x < max_x and min_z < max_z):
         raise WorldError(
@@ -99,7 +99,7 @@ def rectangle(min_x: float, max_x: float, min_z: float, max_z: float) -> RoomOut
 
 @lru_cache(maxsize=KEPT)
 def check_convex(shape: RoomOutline) -> None:
-    """Raise if the outline turns the wrong way anywhere.
+    """Check that an outline is convex and counter-clockwise.
 
     Raises:
         WorldError: if it is clockwise, crosses itself or has a dent.
@@ -123,7 +123,7 @@ def check_convex(shape: RoomOutline) -> None:
 
 
 def distance(a: Point, b: Point) -> float:
-    """Measure the distance of two points."""
+    """Return the distance between two points."""
     dx = b[0] - a[0]
     dz = b[1] - a[1]
     return math.sqrt(dx * dx + dz * dz)
@@ -147,9 +147,9 @@ WALL_HEIGHT = 2.74
 
 
 class Portal(NamedTuple):
-    """An opening in the wall along one edge of a room, from ``start`` to ``end`` along it, up to ``top``.
+    """An opening in the wall on one edge of a room, from ``start`` to ``end`` along the edge, up to the height ``top``.
 
-    ``into`` is the number of the room behind it, None where it leads outside.
+    ``into`` is the number of the room behind it; None if it leads outside.
     """
 
     edge: int
@@ -161,7 +161,7 @@ class Portal(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class Room(RoomNames):
-    """One room: a shape, how high its walls are, what covers them, and the portals cut so far."""
+    """One room: its shape, the height and textures of its walls, and its portals."""
 
     outline: RoomOutline
     wall_height: float = WALL_HEIGHT
@@ -180,33 +180,34 @@ class Room(RoomNames):
 
     @property
     def min_x(self) -> float:
-        """Return where the room begins along x."""
+        """The smallest x of the room."""
         return self.outline.min_x
 
     @property
     def max_x(self) -> float:
-        """Return where the room ends along x."""
+        """The largest x of the room."""
         return self.outline.max_x
 
     @property
     def min_z(self) -> float:
-        """Return where the room begins along z."""
+        """The smallest z of the room."""
         return self.outline.min_z
 
     @property
     def max_z(self) -> float:
-        """Return where the room ends along z."""
+        """The largest z of the room."""
         return self.outline.max_z
 
     def contains(self, x: float, z: float) -> bool:
-        """Return whether the point is inside the room, not on a wall."""
+        """Return whether a point is inside the room and not on a wall."""
         return self.outline.contains(x, z)
 
     def open(self, edge: int, start: float, end: float, *, top: float | None = None, into: int | None = None) -> None:
-        """Cut a portal into a wall, from the ground up, between two distances along it; None is as high as the wall.
+        """Cut a portal into a wall, between two distances along it and up to ``top`` (None: as high as the wall).
 
         Raises:
-            WorldError: if the portal reaches past its wall or into another portal, or has no width or no height.
+            WorldError: if the portal extends past its wall or into another portal, or its width or height is not
+                positive.
         """
         sides = self.outline.edges
         if not 0 <= edge < len(sides):
@@ -237,7 +238,7 @@ _OVERLAPPING = 0.05  # metres that rooms may reach into each other: Miniworld's 
 
 
 class OpeningLimits(NamedTuple):
-    """Where two rooms open to each other: from one x to another, or from one z to another."""
+    """The limits of an opening between two rooms: from one x to another, or from one z to another."""
 
     min_x: float | None = None
     max_x: float | None = None
@@ -246,7 +247,7 @@ class OpeningLimits(NamedTuple):
 
 
 class FacingSpan(NamedTuple):
-    """From where to where along which edge of an outline."""
+    """An edge of an outline, and the start and end of a part of it."""
 
     edge: int
     start: float
@@ -254,9 +255,9 @@ class FacingSpan(NamedTuple):
 
 
 class Joint(NamedTuple):
-    """Where two shapes open to each other, and the shape of the gap between them; None where they touch.
+    """The opening between two shapes, and the shape of the gap between them; None if they touch.
 
-    The gap's edge 1 runs along the first shape, its edge 3 along the second.
+    Edge 1 of the gap runs along the first shape, and edge 3 along the second.
     """
 
     a: FacingSpan
@@ -265,12 +266,12 @@ class Joint(NamedTuple):
 
 
 def find_passage(a: Room, b: Room, *, limits: OpeningLimits, top: float | None, number: int) -> Room | None:
-    """Cut facing portals into two rooms and give the passage between them, or None where they touch.
+    """Cut facing portals into two rooms, and return the passage between them; None if they touch.
 
     The passage takes its textures from ``a``, and is as high as its portals.
 
     Raises:
-        WorldError: if the rooms do not face each other or the portal does not fit a wall.
+        WorldError: if the rooms do not face each other, or the portal does not fit a wall.
     """
     at = find_joint(a.outline, b.outline, limits)
     if at.gap is None:
@@ -287,10 +288,10 @@ def find_passage(a: Room, b: Room, *, limits: OpeningLimits, top: float | None, 
 
 @lru_cache(maxsize=KEPT)
 def find_joint(a: RoomOutline, b: RoomOutline, limits: OpeningLimits) -> Joint:
-    """Find where two shapes open to each other within limits.
+    """Return the opening between two shapes within limits.
 
     Raises:
-        WorldError: if they do not face each other or the limits do not fit an edge.
+        WorldError: if the shapes do not face each other, or the limits do not fit an edge.
     """
     index_a, index_b = _facing_edges(a, b)
     edge_a = a.edges[index_a]
@@ -307,7 +308,7 @@ def find_joint(a: RoomOutline, b: RoomOutline, limits: OpeningLimits) -> Joint:
 
 
 def _facing_edges(a: RoomOutline, b: RoomOutline) -> tuple[int, int]:
-    """Find the first pair of edges that face each other."""
+    """Return the first pair of edges that face each other."""
     for index_a, edge_a in enumerate(a.edges):
         nx, nz = edge_a.normal
         ax, az = edge_a.start
@@ -323,7 +324,7 @@ def _facing_edges(a: RoomOutline, b: RoomOutline) -> tuple[int, int]:
 
 
 def _stretch(edge: OutlineEdge, limits: OpeningLimits) -> tuple[float, float]:
-    """Return from where to where along an edge the limits reach."""
+    """Return the start and end of the part of an edge that lies within the limits."""
     match limits:
         case (float() | int() as low, float() | int() as high, None, None):
             axis = 0
@@ -354,7 +355,7 @@ I64 = NDArray[np.int64]
 
 
 class RoomPlan(NamedTuple):
-    """One finished room."""
+    """One finished room of a floor plan."""
 
     outline: RoomOutline
     wall_height: float
@@ -367,7 +368,7 @@ class RoomPlan(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FloorPlan:
-    """Rooms with their portals cut; nothing here ever changes, so worlds with the same plan share it."""
+    """Rooms with their portals; it is immutable, so worlds with the same plan share it."""
 
     rooms: tuple[RoomPlan, ...]
     first_edge: I64  # (rooms + 1,)
@@ -387,7 +388,7 @@ class FloorPlan:
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
-        """Return the smallest rectangle around all rooms: x0, z0, x1, z1."""
+        """The smallest rectangle around all rooms: x0, z0, x1, z1."""
         shapes = [room.outline for room in self.rooms]
         return (
             min(shape.min_x for shape in shapes),
@@ -398,15 +399,15 @@ class FloorPlan:
 
     @cached_property
     def fingerprint(self) -> int:
-        """Hash the whole plan to a uint64."""
+        """A uint64 hash of the whole plan."""
         return hash64([(room.outline.table, *room[1:]) for room in self.rooms])
 
 
 def finish_floor_plan(rooms: list[Room], rng: np.random.Generator | None) -> FloorPlan:
-    """Close a floor plan; with a stream to draw from, each room gets a picture of each of its textures by chance.
+    """Return the finished floor plan; with a random stream, each room gets random pictures of its textures.
 
     Raises:
-        WorldError: if there is no room, or two overlap.
+        WorldError: if there is no room, or two rooms overlap.
     """
     if not rooms:
         raise WorldError("the world has no rooms; add one before placing anything or ending build()")
@@ -415,10 +416,10 @@ def finish_floor_plan(rooms: list[Room], rng: np.random.Generator | None) -> Flo
 
 
 def _check_overlap(rooms: list[Room]) -> None:
-    """Refuse rooms that overlap: the walls of each would stand in the other, where they cannot be seen.
+    """Check that no rooms overlap, since the walls of each would stand in the other, where they cannot be seen.
 
     Raises:
-        WorldError: if two do.
+        WorldError: if two rooms overlap.
     """
     low_x, high_x, low_z, high_z = (
         np.array([getattr(room.outline, name) for room in rooms]) for name in ("min_x", "max_x", "min_z", "max_z")
@@ -437,7 +438,10 @@ def _check_overlap(rooms: list[Room]) -> None:
 
 
 def _overlap(a: RoomOutline, b: RoomOutline) -> bool:
-    """Tell whether two convex outlines share more than an edge: no edge of either has the other all outside it."""
+    """Return whether two convex outlines share more than an edge.
+
+    They do if no edge of either outline has the whole other outline on its outer side.
+    """
     return all(
         max(nx * (x - edge.start[0]) + nz * (z - edge.start[1]) for x, z in other.corners) > _OVERLAPPING
         for outline, other in ((a, b), (b, a))
@@ -452,7 +456,7 @@ def _describe_room(number: int, room: Room) -> str:
 
 @lru_cache(maxsize=_PLANS_KEPT)
 def floor_plan(rooms: tuple[RoomPlan, ...]) -> FloorPlan:
-    """Return the plan of these rooms; the same plan for the same rooms."""
+    """Return the plan of rooms; the same object for the same rooms."""
     tables = [room.outline.table for room in rooms]
     first_edge = np.cumsum([0, *map(len, tables)])
     edges = np.concatenate(tables)

@@ -1,8 +1,8 @@
-"""What the eight actions do to a state, and what a step earns: Miniworld's rules exactly, over flat arrays.
+"""The effects of the eight actions on a state, and the reward of a step: Miniworld's exact rules, over flat arrays.
 
-`things` has a row for each thing on the stage in the order they were placed, the agent among them, and after them those
-that are not on it but are carried or are a rule's. `numbers` is the rest of an episode; the rule's own come last. Whole
-moves happen or do not. Python passes the sines of the heading, as logs without `trig` were played by the host's.
+`things` has a row for each placed entity in the order in which they were placed, including the agent, followed by those
+that are carried or belong to a rule. `numbers` is the rest of an episode, ending with the rule's numbers. A move
+happens completely or not at all. Python passes the sines of the heading, since logs without `trig` used the host's.
 """
 
 import math
@@ -97,7 +97,7 @@ _B = np.uint64(0x85EBCA77)
 
 @inline
 def _sum(a: float, b: float, single: bool) -> float:
-    """Add two lengths; in single precision if one of them is, as NumPy does."""
+    """Return the sum of two lengths, in single precision if either has it, as in NumPy."""
     if single:
         return np.float64(np.float32(a) + np.float32(b))
     return a + b
@@ -114,7 +114,7 @@ def _blocker(
     radius: float,
     single: bool,
 ) -> int:
-    """Find the row of the first thing that one of this radius would touch at a place; WALL, or NOTHING."""
+    """Return the row of the first entity that one of a radius would touch at a place; WALL, or NOTHING."""
     if touches_wall(walls, x, z, radius):
         return WALL
     for row in range(int(numbers[COUNT])):
@@ -129,7 +129,7 @@ def _blocker(
 
 @device_function()
 def _near(things: Things, numbers: Numbers, a: int, b: int) -> bool:
-    """Return whether two things are within a step of touching."""
+    """Return whether two entities are within a step of touching."""
     dx = things[a, X] - things[b, X]
     dy = things[a, Y] - things[b, Y]
     dz = things[a, Z] - things[b, Z]
@@ -140,7 +140,7 @@ def _near(things: Things, numbers: Numbers, a: int, b: int) -> bool:
 
 @device_function()
 def _fits(things: Things, numbers: Numbers, walls: NDArray[np.float64], thing: int, x: float, z: float) -> bool:
-    """Return whether a thing would touch nothing at a place."""
+    """Return whether an entity would touch nothing at a place."""
     touched = _blocker(things, numbers, walls, thing, x, z, things[thing, RADIUS], things[thing, SINGLE] != 0.0)
     return touched == NOTHING
 
@@ -149,7 +149,7 @@ def _fits(things: Things, numbers: Numbers, walls: NDArray[np.float64], thing: i
 def _floating(
     things: Things, numbers: Numbers, thing: int, x: float, z: float, ahead_x: float, ahead_z: float
 ) -> tuple[float, float, float]:
-    """Return where a carried thing floats when the agent stands at a place: ahead, below the picture's middle."""
+    """Return the position of a carried entity when the agent is at a place: ahead, below the picture's middle."""
     agent = int(numbers[AGENT])
     single = things[agent, SINGLE] != 0.0 or things[thing, SINGLE] != 0.0
     distance = _sum(_sum(things[agent, RADIUS], things[thing, RADIUS], single), numbers[REACH], single)
@@ -159,7 +159,7 @@ def _floating(
 
 @device_function()
 def _remove(things: Things, numbers: Numbers, row: int) -> None:
-    """Take a thing off the stage; it is the row after the last one there then, and nothing is carried."""
+    """Remove a placed entity and drop the load; the entity's new row follows that of the last placed one."""
     last = int(numbers[COUNT]) - 1
     for column in range(COLUMNS):
         value = things[row, column]
@@ -241,13 +241,13 @@ def _move(
 
 @device_function()
 def _reward_if(succeeds: bool, success: float) -> float:
-    """Return the reward of success, or 0."""
+    """Return the reward of success if it ``succeeds``, and 0 otherwise."""
     return success if succeeds else 0.0
 
 
 @device_function()
 def _is_in_forbidden_room(things: Things, numbers: Numbers, agent: int, own: int) -> bool:
-    """Return whether the agent is within all edges of the rule's room; False if it has none."""
+    """Return whether the agent is inside all edges of the rule's room; False if the rule has none."""
     inside = numbers[RULE_NUMBERS] > 0.0
     for k in range(own, own + int(numbers[RULE_NUMBERS]), 4):
         dx = things[agent, X] - numbers[k]
@@ -258,7 +258,7 @@ def _is_in_forbidden_room(things: Things, numbers: Numbers, agent: int, own: int
 
 @device_function()
 def _touch_sign(things: Things, numbers: Numbers, agent: int, own: int) -> float:
-    """Return 1 if the agent is near the right thing, -1 for a wrong one, 0 for none; of several the last counts."""
+    """Return 1 if the agent is near the right entity, -1 near a wrong one, 0 near none; the last one near counts."""
     reward = 0.0
     for k in range(int(numbers[RULE_THINGS])):
         if _near(things, numbers, int(numbers[ARGUMENTS + k]), agent):
@@ -268,7 +268,7 @@ def _touch_sign(things: Things, numbers: Numbers, agent: int, own: int) -> float
 
 @device_function()
 def _faces(things: Things, numbers: Numbers, agent: int, own: int, ahead_x: float, ahead_z: float) -> bool:
-    """Return whether a point so far ahead of the agent is within the rule's tolerance of its thing."""
+    """Return whether a point ahead of the agent is within the rule's tolerance of its entity."""
     goal = int(numbers[ARGUMENTS])
     dx = things[agent, X] + numbers[own] * ahead_x - things[goal, X]
     dz = things[agent, Z] + numbers[own] * ahead_z - things[goal, Z]
@@ -277,7 +277,7 @@ def _faces(things: Things, numbers: Numbers, agent: int, own: int, ahead_x: floa
 
 @device_function()
 def _judge(things: Things, numbers: Numbers, ahead_x: float, ahead_z: float, action: int) -> int:
-    """Judge what a step earned and whether it ended the episode; a rule may take a thing off the stage."""
+    """Compute the reward of a step and whether it ended the episode; a rule can remove an entity."""
     agent = int(numbers[AGENT])
     carried = int(numbers[CARRIED])
     rule = int(numbers[RULE])
@@ -336,18 +336,18 @@ def act(
     action: int,
     parts: int,
 ) -> int:
-    """Do a step's parts, ACT or JUDGE or both; what came of it. ``numbers[STEPS]`` counts the step already.
+    """Execute parts of a step and return its status. ``numbers[STEPS]`` already counts the step.
 
     Args:
-        things: The things.
-        numbers: The rest; the reward is put there.
-        walls: Of the floor plan, (n, 4).
-        cosine: Of the agent's heading.
-        sine: Of the agent's heading.
-        cosine_after: Of the heading after a turn, if the action is one.
-        sine_after: The same.
-        action: The world's.
-        parts: ACT | JUDGE.
+        things: the entities
+        numbers: the rest of the state, which receives the reward
+        walls: the walls of the floor plan, (n, 4)
+        cosine: the cosine of the agent's heading
+        sine: the sine of the agent's heading
+        cosine_after: the cosine of the heading after a turn, if the action is a turn
+        sine_after: the sine of the heading after a turn, if the action is a turn
+        action: the world's action
+        parts: the parts to execute: ACT, JUDGE or both
     """
     status: int = int64(0)
     if parts & ACT:
@@ -376,7 +376,7 @@ def _place(
     rooms: NDArray[np.float64],
     edges: NDArray[np.float64],
 ) -> None:
-    """Put what was taken off the stage where it touches nothing, by chance, as `WorldState.place` does."""
+    """Place a removed entity at a random position where it touches nothing, as `WorldState.place` does."""
     thing = int(numbers[COUNT])
     radius = things[thing, RADIUS]
     for _ in range(_MOST_TRIES):
@@ -412,10 +412,10 @@ def step(
     edges: NDArray[np.float64],
     action: int,
 ) -> int:
-    """Make a whole step, by our own sine and with what it draws; return its status.
+    """Execute a whole step with our own sine and all of its random draws; return its status.
 
-    ``rooms`` are (n, 7): the running sum of their weights, their bounds x and z, and their edges from and to; rows of
-    ``edges`` are a start x, z and a normal x, z.
+    ``rooms`` are (n, 7): the running sum of their weights, their bounds in x and z, and the range of their edges; rows
+    of ``edges`` are a start x, z and a normal x, z.
     """
     numbers[STEPS] += 1.0
     if numbers[VARIES] != 0.0:
@@ -439,7 +439,7 @@ def step(
 def look(
     things: Things, numbers: Numbers, places: NDArray[np.float64], view: NDArray[np.float64], width: int, height: int
 ) -> None:
-    """Put the scene's things in their places, and the eye into a view of so many pixels, as `RenderTarget` does."""
+    """Write the places of the scene's entities, and the camera into a view of a size, as `RenderTarget` does."""
     shadows = int(numbers[SHADOWS])
     for k in range(len(places)):
         for column in range(5):
@@ -487,7 +487,7 @@ def look(
 
 @kernel("(float64[:, ::1], float64[::1], uint64[::1], uint64[::1])", hold_gil=True)
 def digest_state(things: Things, numbers: Numbers, rng_state: RngState, outcome: NDArray[np.uint64]) -> np.uint64:
-    """Digest what a step led to; ``outcome`` as in the grid's `digest_step`."""
+    """Return the digest of the state after a step; ``outcome`` is as in the grid's `digest_step`."""
     high_half = _A
     low_half = _B
     rows = max(int(numbers[COUNT]), int(numbers[CARRIED]) + 1)

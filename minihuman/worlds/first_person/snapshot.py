@@ -1,4 +1,4 @@
-"""Exact copies of a first-person world's state in mid-episode."""
+"""Exact copies of a first-person world's state, also in the middle of an episode."""
 
 import copy
 from typing import Any, NamedTuple
@@ -16,14 +16,14 @@ _UNCHANGING = frozenset(
 
 
 class _Held(NamedTuple):
-    """What a thing, the stage or the world held: what can be given back as it is, and what has to be copied."""
+    """The attributes of an entity, the state or the world: those that can be shared, and those that must be copied."""
 
     plain: dict[str, Any]
     copied: dict[str, Any]
 
 
 class FirstPersonSnapshot(NamedTuple):
-    """A state of one world in mid-episode; made by ``save`` and read by ``restore`` only."""
+    """A copy of the state of one world; only ``save`` makes one and only ``restore`` reads it."""
 
     world: str
     over: bool
@@ -34,7 +34,7 @@ class FirstPersonSnapshot(NamedTuple):
 
 
 def save_state(world: str, over: bool, state: dict[str, Any]) -> FirstPersonSnapshot:
-    """Copy a world's state, the attributes that make it up."""
+    """Return a copy of a world's state, which consists of the given attributes."""
     shelf: dict[int, tuple[Any, _Held]] = {}
     streams: dict[int, tuple[np.random.Generator, Any]] = {}
 
@@ -72,9 +72,9 @@ def save_state(world: str, over: bool, state: dict[str, Any]) -> FirstPersonSnap
 
 
 def restore_state(saved: FirstPersonSnapshot, *, in_place: bool) -> dict[str, Any]:
-    """Return the attributes of a saved state, to be set on a world; the copy is not consumed.
+    """Return the attributes of a saved state, for setting them on a world; the state can be restored again.
 
-    With ``in_place``, the things that were there get back what they held; otherwise things like them are made.
+    If ``in_place``, the original entities get their saved attributes back; otherwise, equal entities are made.
     """
     instead: dict[int, Any] = {}
     if not in_place:

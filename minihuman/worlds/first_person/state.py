@@ -1,10 +1,9 @@
-"""The state of a first-person world: rooms, entities and agent; building it, its hash, its map, save and
-restore; and the same as the flat arrays of `rules`.
+"""The state of a first-person world, also as the flat arrays of `rules`: its construction, hash, map, save and restore.
 
-Equal states have equal hashes on every machine; class and attribute names of worlds enter the hash, so they are format.
-Saving takes a few microseconds: only what can change is copied, the attributes of the state, of each thing and of the
-world itself, and where the random stream is. Restored into the world it came from, the things stay the same objects;
-elsewhere they are made anew.
+Equal states have equal hashes on every machine. The names of worlds' classes and attributes are part of the hash, and
+thus of the format. Saving takes a few microseconds, since it copies only what can change: the attributes of the state,
+of each entity and of the world itself, and the position of the random stream. When a state is restored into the world
+from which it came, the entities stay the same objects; in other worlds, they are made anew.
 """
 
 import math
@@ -36,9 +35,9 @@ WALL = "wall"
 
 
 class WorldState:
-    """One episode's world. Rooms come first; the floor plan closes when the first thing is placed.
+    """The state of one episode; rooms come first, and the floor plan is closed when the first entity is placed.
 
-    With ``randomised``, the parameters are drawn from their ranges; otherwise they keep their defaults.
+    If ``randomised``, parameters are drawn from their ranges; otherwise, they keep their defaults.
     """
 
     def __init__(self, rng: np.random.Generator, parameters: Parameters, *, randomised: bool) -> None:
@@ -53,17 +52,17 @@ class WorldState:
 
     @property
     def rooms(self) -> tuple[Room, ...]:
-        """Return the rooms so far, passages included."""
+        """The rooms so far, including passages."""
         return tuple(self._rooms)
 
     @property
     def varying(self) -> np.random.Generator | None:
-        """Return the stream that parameters are drawn from; None where nothing varies."""
+        """The random stream from which parameters are drawn; None if nothing varies."""
         return self.rng if self.randomised else None
 
     @property
     def floor(self) -> FloorPlan:
-        """Return the floor plan; asking for it closes it."""
+        """The floor plan; reading it closes it."""
         if self._floor is None:
             self._floor = finish_floor_plan(self._rooms, self.varying)
         return self._floor
@@ -72,7 +71,7 @@ class WorldState:
         """Add a room to the floor plan.
 
         Raises:
-            WorldError: if its outline is not convex and counter-clockwise, or a thing was placed already.
+            WorldError: if its outline is not convex and counter-clockwise, or an entity has been placed already.
         """
         check_convex(room.outline)
         self._check_open()
@@ -81,7 +80,7 @@ class WorldState:
         return room
 
     def connect_rooms(self, a: Room, b: Room, *, limits: OpeningLimits, top: float | None) -> None:
-        """Open the walls by which two rooms face each other, and add a passage where there is a gap between them."""
+        """Open the walls with which two rooms face each other, and add a passage if there is a gap between them."""
         self._check_open()
         between = find_passage(a, b, limits=limits, top=top, number=len(self._rooms))
         if between is not None:
@@ -96,10 +95,10 @@ class WorldState:
         x: tuple[float | None, float | None],
         z: tuple[float | None, float | None],
     ) -> None:
-        """Put a thing where it touches nothing, evenly by chance in a room, in a part of one, or anywhere.
+        """Place an entity where it touches nothing, at a uniformly random position in a room, part of one, or anywhere.
 
         Raises:
-            WorldError: if no free place is found.
+            WorldError: if no free position is found.
         """
         floor = self.floor
         radius = float(entity.radius)
@@ -119,7 +118,7 @@ class WorldState:
         self.put(entity, (at_x, 0.0, at_z), dir)
 
     def put(self, entity: Entity, pos: Position, dir: float | None) -> None:
-        """Put a thing at an exact place, whatever it touches; without a heading, one is drawn."""
+        """Place an entity at an exact position, whatever it touches; without a heading, one is drawn."""
         self._floor = self.floor  # the plan closes before the heading is drawn
         if dir is None:
             entity.dir = uniform(self.rng, -math.pi, math.pi)
@@ -130,7 +129,7 @@ class WorldState:
             self.entities.append(entity)
 
     def blocker(self, entity: Entity, x: float, z: float, radius: Length) -> Entity | str | None:
-        """Return what a thing of this radius would touch at this place: WALL, another thing, or nothing (None)."""
+        """Return what an entity of a radius would touch at a place: WALL, another entity, or None."""
         if touches_wall(self.floor.walls, x, z, float(radius)):
             return WALL
         for other in self.entities:
@@ -143,7 +142,7 @@ class WorldState:
         return None
 
     def carrying_position(self, pos: Position, carried: Entity) -> Position:
-        """Return where a carried thing floats when the agent stands at ``pos``: ahead, below the picture's middle."""
+        """Return the position of a carried entity when the agent is at ``pos``: ahead, below the picture's middle."""
         agent = self.agent
         distance = float(agent.radius + carried.radius + self.reach)
         ahead_x, ahead_z = agent.forward
@@ -151,14 +150,14 @@ class WorldState:
         return pos[0] + ahead_x * 1.05 * distance, pos[1] + rise, pos[2] + ahead_z * 1.05 * distance
 
     def near(self, a: Entity, b: Entity) -> bool:
-        """Return whether two things are within a step of touching."""
+        """Return whether two entities are within a step of touching."""
         ax, ay, az = a.pos
         bx, by, bz = b.pos
         distance = math.sqrt((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2)
         return distance < float(a.radius + b.radius + 1.1 * self.reach)
 
     def randomise(self) -> None:
-        """Draw what varies from episode to episode: sky, light, then each thing in the order it was placed."""
+        """Draw what varies between episodes: sky, light, then each entity in the order in which it was placed."""
         rng = self.varying
         self.sky_colour = self.parameters.triple("sky_color", rng)
         self.light_pos = self.parameters.triple("light_pos", rng)
@@ -175,12 +174,12 @@ class WorldState:
 
 
 def state_hash(kind: str, state: dict[str, Any]) -> int:
-    """Hash the attributes that make up a world's state; ``kind`` is its class's name.
+    """Return a hash of the attributes of a world's state; ``kind`` is the name of the world's class.
 
-    Things are hashed once, in the order they were placed; elsewhere they count as their place in that order.
+    Entities are hashed once, in the order in which they were placed; other references to them count as their index.
 
     Raises:
-        WorldError: if an attribute holds something without a canonical form.
+        WorldError: if an attribute holds a value without a canonical form.
     """
     stage = state["_stage"]
     if not isinstance(stage, WorldState):
@@ -234,7 +233,7 @@ def _plain(value: Any, places: dict[int, int], name: str) -> Any:
 
 
 def floor_map(stage: WorldState) -> Map:
-    """Return the walls that stop a body, and everything placed but the agent, where it stands now. Metres."""
+    """Return the floor plan in metres: the walls that stop a body, and the places of all entities but the agent."""
     return Map(
         unit="m",
         bounds=stage.floor.bounds,
@@ -253,7 +252,7 @@ _CHANGED = ~(rules.TERMINATED | rules.TRUNCATED)
 
 
 class TerminationRule(NamedTuple):
-    """A rule, and what it is about; the functions of `env` make it."""
+    """A termination rule with its arguments, as the functions of `termination_rules` return it."""
 
     kind: int = rules.NEVER
     things: tuple[Entity, ...] = ()
@@ -262,7 +261,7 @@ class TerminationRule(NamedTuple):
 
 
 class SteppedWorld(Protocol):
-    """What the arrays need of the world that is stepped in them; `FirstPersonEnv` has it."""
+    """The part of `FirstPersonEnv` that `FlatState` needs of the world it steps."""
 
     action_names: tuple[str, ...]
     max_steps: int | None
@@ -270,21 +269,21 @@ class SteppedWorld(Protocol):
 
     @property
     def stage(self) -> WorldState:
-        """Return what has been built."""
+        """The state that has been built."""
 
     @property
     def motions(self) -> Mapping[str, str]:
-        """Return which of rules.ACTIONS an action does, where its name does not say."""
+        """The action of rules.ACTIONS that each action of another name does."""
 
     def termination_rule(self) -> TerminationRule:
-        """Return by which rule a step earns and ends the episode."""
+        """Return the rule for the reward of a step and the end of an episode."""
 
     def place_entity(self, entity: Entity) -> Entity:
-        """Place a thing by chance where it touches nothing."""
+        """Place an entity at a random position where it touches nothing."""
 
 
 class FlatState:
-    """One episode's; made when a world has been built, or restored from another one's state."""
+    """The flat arrays of one episode, made when a world has been built or restored from another world's state."""
 
     def __init__(self, world: SteppedWorld) -> None:
         stage = self.stage = world.stage
@@ -309,20 +308,20 @@ class FlatState:
 
     @property
     def score(self) -> str:
-        """Return the world's attribute that the rule counts in; "" for none."""
+        """The attribute of the world in which the rule counts; "" if there is none."""
         return self._rule.score
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(None), ()  # a copy of a world makes its own
 
     def take_rule(self, world: SteppedWorld) -> None:
-        """Go by the rule that the world says now."""
+        """Use the rule that the world returns now."""
         self._rule = world.termination_rule()
         self._entities: list[Entity] = []  # none yet
         self.refresh()
 
     def refresh(self) -> None:
-        """Put the things into the arrays, if they may have changed."""
+        """Copy the entities into the arrays, if they may have changed."""
         stage = self.stage
         if self._entities == stage.entities and self.latest_change == LATEST_CHANGE[0]:
             return
@@ -338,7 +337,7 @@ class FlatState:
         self._numbers[rules.EYE] = stage.agent.cam_height
 
     def _lay_out(self) -> None:
-        """Make arrays for the things on the stage, and those that are carried or the rule's."""
+        """Make arrays for the placed entities, and for those that are carried or belong to the rule."""
         note_change()
         stage = self.stage
         rule = self._rule
@@ -359,13 +358,13 @@ class FlatState:
         )
 
     def count(self, world: SteppedWorld) -> None:
-        """Put how many steps there were and what the rule counts into the arrays."""
+        """Copy the step count and the rule's counter into the arrays."""
         self._numbers[rules.STEPS] = world.step_count
         if self._rule.score:
             self._numbers[rules.SCORE] = getattr(world, self._rule.score)
 
     def step(self, world: SteppedWorld, action: int, parts: int) -> int:
-        """Do parts of a step, as `rules.act`; its reward is in ``reward`` then. After `refresh`."""
+        """Execute parts of a step, as `rules.act` does, and store its reward in ``reward``; call `refresh` before."""
         agent = self.stage.agent
         numbers = self._numbers
         self.count(world)
@@ -389,7 +388,7 @@ class FlatState:
         return status
 
     def take(self, world: SteppedWorld, status: int, parts: int = rules.ACT | rules.JUDGE) -> None:
-        """Give the world and its things what a step changed."""
+        """Copy what a step changed to the world and its entities."""
         if status & _CHANGED:
             self._give_back(status)
         if parts & rules.JUDGE:
@@ -400,7 +399,7 @@ class FlatState:
                 world.place_entity(self._gone)
 
     def _give_back(self, status: int) -> None:
-        """Give the things what a step changed, without a word of it: it is in the arrays."""
+        """Copy what a step changed to the entities, without recording a change, since the arrays already have it."""
         agent = self.stage.agent
         numbers = self._numbers
         if status & rules.MOVED:

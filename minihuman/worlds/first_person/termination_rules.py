@@ -1,4 +1,7 @@
-"""Rules by which a step earns and ends an episode, which kernels apply; a world's ``termination_rule`` returns one."""
+"""Rules for the reward of a step and the end of an episode, which kernels apply.
+
+A world's ``termination_rule`` returns one of them.
+"""
 
 from minihuman.worlds.first_person.entities import Entity
 from minihuman.worlds.first_person.rooms import Room
@@ -7,34 +10,38 @@ from minihuman.worlds.first_person.state import TerminationRule as TerminationRu
 
 
 def near_goal(goal: Entity, *, forbidden: Room | None = None) -> TerminationRule:
-    """End near a thing, which earns 1 down to 0.8; or in a forbidden room, for nothing."""
+    """Return the rule that ends an episode near an entity, paying 1 down to 0.8, or in a forbidden room, paying 0."""
     edges = () if forbidden is None else forbidden.outline.edges
     return TerminationRule(GOAL, (goal,), tuple(part for edge in edges for part in (*edge.start, *edge.normal)))
 
 
 def pick_up_all(count: int, *, score: str) -> TerminationRule:
-    """Earn 1 for each thing picked up, which is gone then; end after so many."""
+    """Return the rule that pays 1 for each entity picked up, which disappears, and ends after ``count`` of them."""
     return TerminationRule(TAKE_ALL, (), (float(count),), score)
 
 
 def put_next(thing: Entity, other: Entity) -> TerminationRule:
-    """End when nothing is carried and two things are near each other, which earns 1 down to 0.8."""
+    """Return the rule that pays 1 down to 0.8 and ends an episode when two entities are near and nothing is carried."""
     return TerminationRule(PUT_NEXT, (thing, other))
 
 
 def stay_alive(*, score: str, cost: float, full: float, reward: float, penalty: float) -> TerminationRule:
-    """Pay for each step with health, all of which a thing that is picked up gives back; end without any.
+    """Return the rule by which each step costs health, and an episode ends without any left.
 
-    The thing turns up elsewhere. A step earns ``reward``, the last one ``penalty``.
+    An entity that is picked up restores full health and reappears elsewhere. A step earns ``reward``, the last one
+    ``penalty``.
     """
     return TerminationRule(HEALTH, (), (cost, full, reward, penalty), score)
 
 
 def touch_right_one(things: tuple[Entity, ...], right: int) -> TerminationRule:
-    """End near one of the things, the last of several counting: 1 for the right one, -1 for another; or by "done"."""
+    """Return the rule that ends an episode near one of the entities: 1 for the right one, -1 for another.
+
+    If several are near, the last one counts. The action "done" also ends the episode.
+    """
     return TerminationRule(SIGN, things, (float(right),))
 
 
 def face(goal: Entity, *, reach_m: float, tolerance_m: float) -> TerminationRule:
-    """End where a point so far ahead is within a tolerance of a thing, which earns 1 down to 0.8."""
+    """Return the rule that pays 1 down to 0.8 and ends an episode when a point ahead is close to an entity."""
     return TerminationRule(FACE, (goal,), (reach_m, tolerance_m))

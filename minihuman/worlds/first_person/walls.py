@@ -1,8 +1,8 @@
 """Walls: what portals leave of them, the faces that rooms show, and the collision of circles with them.
 
-Loops over flat tables, which know no rules. Rows of `edges` are start x, z, length, direction x, z, normal x, z; those
-of room r are first_edge[r] to first_edge[r + 1]. Rows of `portals` and of `pieces` of wall are edge, start and end
-along it, bottom and top; they come edge by edge, and from start to end of each. Lengths are metres.
+The functions are loops over flat tables and know no rules. The rows of `edges` are start x, z, length, direction x, z,
+normal x, z; those of room r are first_edge[r] to first_edge[r + 1]. The rows of `portals` and of `pieces` of wall are
+edge, start and end along it, bottom and top; they are ordered by edge, and by start within each. Lengths are in metres.
 """
 
 import math
@@ -18,7 +18,7 @@ SLIVER_M = 0.05  # a piece of wall no wider than that is what two rooms that mee
 
 @kernel("(float64[:, ::1], float64, float64, float64)")
 def touches_wall(walls: NDArray[np.float64], x: float, z: float, radius: float) -> bool:
-    """Return whether a circle overlaps a wall; touching is not enough. ``walls``: (n, 4) x0, z0, x1, z1; all metres."""
+    """Return whether a circle overlaps a wall (mere touching does not count); ``walls`` are (n, 4) x0, z0, x1, z1."""
     for index in range(walls.shape[0]):
         ax = walls[index, 0]
         az = walls[index, 1]
@@ -40,14 +40,14 @@ CEILING = 2
 
 
 def wall_pieces(first_edge: I64, edges: F64, heights: F64, portals: F64) -> F64:
-    """Cut the pieces of wall beside and above the portals; ``heights`` are the rooms'."""
+    """Return the pieces of wall beside and above the portals; ``heights`` are those of the rooms."""
     pieces = np.zeros((len(edges) + 2 * len(portals), 5))
     return pieces[: _cut(first_edge, edges, heights, portals, pieces)].copy()
 
 
 @kernel("(int64[::1], float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1])", nogil=True)
 def _cut(first_edge: I64, edges: F64, heights: F64, portals: F64, pieces: F64) -> int:
-    """Write the pieces of wall into ``pieces``, all 0 before; return how many there are."""
+    """Write the pieces of wall into ``pieces``, which is 0 before; return the number of pieces."""
     count = 0
     portal = 0
     for room in range(len(heights)):
@@ -105,8 +105,8 @@ def room_faces(
 ) -> tuple[FaceTable, I32]:
     """Build each room's floor, ceiling and pieces of wall, all white, and return the first face of each room.
 
-    ``textures`` is (rooms, 3), of floor, wall and ceiling, -1 for no ceiling; ``sizes_m`` (rooms, 3, 2) is how much of
-    each one covers, metres right and up.
+    ``textures`` are (rooms, 3): those of floor, wall and ceiling, -1 without a ceiling; ``sizes_m`` are (rooms, 3, 2):
+    the metres right and up that each texture covers.
     """
     rooms = len(heights)
     faces = np.empty((2 * rooms + len(pieces) + 1, 2), np.int32)
@@ -138,7 +138,7 @@ def _fill(
     faces: I32,
     first_face: I32,
 ) -> None:
-    """Fill ``table`` (per corner: place, right and up on its texture, normal) and ``faces`` (first corner, texture)."""
+    """Fill ``table`` (per corner: place, texture position, normal) and ``faces`` (first corner, texture)."""
     face = 0
     row = 0
     piece = 0
@@ -190,10 +190,10 @@ def _fill(
 def room_occluders(
     first_edge: I64, edges: F64, heights: F64, pieces: F64, textures: I64, sizes_m: F64, reach_m: float
 ) -> tuple[I32, F64]:
-    """Find what darkens each of `room_faces` at its joints: ``first_occluder`` and ``occluder`` of a `RoomTable`.
+    """Return what darkens each face of `room_faces` at joints: ``first_occluder`` and ``occluder`` of a `RoomTable`.
 
-    A floor or a ceiling is darkened by all walls within ``reach_m`` of its room, whosever they are; a piece of wall by
-    its own sides, where something is beside it that is wider than a sliver, as rooms that meet at an angle leave them.
+    A floor or ceiling is darkened by all walls within ``reach_m`` of its room, including those of other rooms. A piece
+    of wall is darkened at its sides where a neighbour is wider than the slivers of rooms that meet at an angle.
     """
     edge = pieces[:, 0].astype(np.int64)
     start, end, bottom, top = pieces[:, 1:].T

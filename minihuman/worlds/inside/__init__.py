@@ -1,1 +1,1 @@
-"""A grid from inside: the grid's rules with a first-person picture."""
+"""Grid worlds seen from inside: the grid's rules with a first-person picture."""

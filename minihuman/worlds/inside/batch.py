@@ -1,6 +1,6 @@
-"""Batches of grid worlds whose observations are pictures: tiles, or what the agent would see from inside, in 3D.
+"""Batches of grid worlds whose observations are pictures: tiles, or the agent's first-person view in 3D.
 
-The states are stepped together in one kernel; the pictures are drawn one after the other.
+The states are stepped together in one kernel; the pictures are drawn one after another.
 """
 
 from collections.abc import Callable
@@ -22,12 +22,12 @@ Draw = Callable[[GridEngine, int], NDArray[np.uint8]]  # a world as it is now, b
 
 
 class PictureBatch(VectorObservationWrapper):
-    """A batch whose observation's "image" is a picture of each world, uint8[n, H, W, 3].
+    """A batch whose observation's "image" contains a picture of each world, uint8[n, H, W, 3].
 
     Args:
-        batch: The worlds.
-        draw: Draws one of them.
-        shape: The pictures' height, width and 3.
+        batch: the batch of worlds
+        draw: a function that draws one of the worlds
+        shape: the height and width of the pictures, and 3
     """
 
     def __init__(self, batch: GridBatch, draw: Draw, shape: tuple[int, int, int]) -> None:
@@ -46,27 +46,27 @@ class PictureBatch(VectorObservationWrapper):
         self.observation_space = batch_space(self.single_observation_space, batch.num_envs)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return an attribute of each world: `GridBatch.get_attr`."""
+        """Return an attribute of each world, as `GridBatch.get_attr`."""
         return self._batch.get_attr(name)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of each world: `GridBatch.call`."""
+        """Call a method of each world, as `GridBatch.call`."""
         return self._batch.call(name, *args, **kwargs)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every world: `GridBatch.set_attr`."""
+        """Set an attribute of each world, as `GridBatch.set_attr`."""
         self._batch.set_attr(name, values)
 
     def save(self) -> GridBatchSnapshot:
-        """Copy every world exactly: `GridBatch.save`."""
+        """Return an exact copy of the state of every world, as `GridBatch.save`."""
         return self._batch.save()
 
     def restore(self, saved: GridBatchSnapshot) -> None:
-        """Go back to a saved state: `GridBatch.restore`."""
+        """Restore a saved state, as `GridBatch.restore`."""
         self._batch.restore(saved)
 
     def observations(self, observations: Observation) -> Observation:
-        """Put a picture of each world in the place of its image."""
+        """Return the observations with a picture of each world as "image"."""
         worlds = enumerate(self._batch.worlds_in_turn())
         return {**observations, "image": np.stack([self._draw(world, i) for i, world in worlds])}
 
@@ -77,14 +77,14 @@ def make_grid_batch(
     """Make a batch of a family's worlds, for ``gymnasium.make_vec``.
 
     Args:
-        family: One of ``env.FAMILIES``, or a level.
-        view: "grid", or "first_person" for pictures of what the agent would see from inside.
-        pixels: "partial" or "full" for pictures of what the agent sees, or of the whole world, in tiles.
-        tile_px: How many pixels on a side of such a tile.
-        options: What `GridBatch` takes; of a first-person view, ``obs_width`` and ``obs_height`` too.
+        family: one of ``env.FAMILIES``, or a level
+        view: "grid", or "first_person" for pictures of the agent's view from inside
+        pixels: "partial" for pictures of the agent's view in tiles, "full" for those of the whole world, or None
+        tile_px: the width and height of a tile in pixels
+        options: the keyword arguments of `GridBatch` and, for a first-person view, ``obs_width`` and ``obs_height``
 
     Raises:
-        WorldError: if there is no such view, or no such pixels.
+        WorldError: if ``view`` or ``pixels`` has another value.
     """
     check_one_of("view", view, ("grid", "first_person"))
     check_one_of("pixels", pixels, (None, "partial", "full"))

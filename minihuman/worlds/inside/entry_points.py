@@ -1,6 +1,6 @@
-"""How Gymnasium makes the grid worlds of the catalogue: as they are, or seen from inside.
+"""The functions with which Gymnasium makes the catalogue's grid worlds, from above or seen from inside.
 
-The renderer is imported only for the latter, as it takes a second to load.
+The renderer is imported only for views from inside, since it takes a second to load.
 """
 
 from collections.abc import Callable
@@ -21,20 +21,20 @@ def make_grid_world(family: str, **options: Any) -> Any:
 
 
 def make_go_to_obj_world(**options: Any) -> Any:
-    """Make the grid's half of the transfer pair; ``view`` as in `make_grid_world`."""
+    """Make the grid world of the transfer pair; ``view`` is as in `make_grid_world`."""
     return make_with_view(GoToObjGrid, **options)
 
 
 def make_drawn_level(**options: Any) -> Any:
-    """Make a level that a diagram shows; ``view`` as in `make_grid_world`."""
+    """Make a level from a diagram; ``view`` is as in `make_grid_world`."""
     return make_with_view(DrawnLevel, **options)
 
 
 def make_with_view(grid: Callable[..., GridEngine], *, view: str = "grid", **options: Any) -> Any:
-    """Make a grid world, as it is or seen from inside.
+    """Make a grid world, from above or seen from inside.
 
     Raises:
-        WorldError: if there is no such view.
+        WorldError: if the view is unknown.
     """
     if view == "grid":
         return grid(**options)

@@ -1,6 +1,6 @@
 """A grid world seen from inside: the same state, rules, actions and rewards, drawn in first person.
 
-Its state becomes a scene of walls between cells, doors, and objects on the floor; a cell is a metre wide.
+The grid's state becomes a scene of walls between cells, doors, and objects on the floor; a cell is one metre wide.
 """
 
 import math
@@ -49,19 +49,19 @@ Place = tuple[float, float, float, float]  # x, y, z, yaw_rad
 
 @dataclass(frozen=True, slots=True)
 class PlacedLook:
-    """One look and where it stands."""
+    """The look of one thing and its place."""
 
     look: Look
     place: Place
 
 
 def walled(state: State) -> NDArray[np.bool_]:
-    """Return which cells are wall, [x, z]."""
+    """Return which cells are walls, bool[x, z]."""
     return np.array([[cells.kind_of(code) == cells.WALL for code in column] for column in state.cells.tolist()])
 
 
 def build_rooms(state: State) -> tuple[SceneRoom, ...]:
-    """Build the whole grid as one room, with the walls as surfaces in it; a run of walls is one surface."""
+    """Return the whole grid as one room with the walls as surfaces; adjoining walls are one surface."""
     wall = walled(state)
     width, height = wall.shape
     x0 = -0.5
@@ -84,7 +84,7 @@ def build_rooms(state: State) -> tuple[SceneRoom, ...]:
 
 
 def build_things(state: State, palette: Palette, kinds: Sequence[ObjectKind] = ()) -> list[PlacedLook]:
-    """Build everything but walls, sorted by look and then by place: the looks stay the same while a thing moves."""
+    """Return everything but walls, sorted by look and then by place; looks stay the same while a thing moves."""
     things = []
     for x, z in zip(*np.nonzero(state.cells != cells.EMPTY), strict=True):
         things += _in_cell(state, int(state.cells[x, z]), int(x), int(z), palette, kinds)
@@ -94,7 +94,7 @@ def build_things(state: State, palette: Palette, kinds: Sequence[ObjectKind] = (
 def build_carried(
     code: int, eye: tuple[float, float, float], yaw_rad: float, palette: Palette, kinds: Sequence[ObjectKind] = ()
 ) -> list[PlacedLook]:
-    """Build the thing in the agent's hand, low in the picture."""
+    """Return the look of the object in the agent's hand, placed low in the picture."""
     x, y, z = eye
     ahead = _CARRIED_AHEAD_M
     place = x + ahead * np.cos(yaw_rad), y - _CARRIED_LOW_M, z - ahead * np.sin(yaw_rad), yaw_rad
@@ -112,7 +112,7 @@ def build_carried(
 def _own(
     kind: ObjectKind, code: int, place: Place, palette: Palette, *, height_m: float | None = None
 ) -> list[PlacedLook]:
-    """Build a thing of a world's own, as large as it is, or as high as it may be in the hand."""
+    """Return the look of a custom object kind in its own size, or scaled to a height if it is carried."""
     is_open = kind.opens and cells.state_of(code) == cells.OPEN
     match kind.inside_open if is_open else kind.inside:
         case BlockShape((along, up, deep)):
@@ -147,7 +147,7 @@ def _in_cell(
 
 
 def _door(state: State, code: int, x: int, z: int, palette: Palette) -> list[PlacedLook]:
-    """Build a door's leaf, across the way or turned aside; a closed one has a knob, a locked one a bar."""
+    """Return a door's leaf, closed or turned aside, with a knob if it is closed and a bar if it is locked."""
     colour = _rgb(code, palette)
     if x > 0 and cells.kind_of(int(state.cells[x - 1, z])) == cells.WALL:
         yaw = 0.0
@@ -177,14 +177,14 @@ def _rgb(code: int, palette: Palette) -> tuple[float, float, float]:
 
 
 def _row(wall: NDArray[np.bool_], z: int) -> NDArray[np.bool_]:
-    """Return which cells of a row are wall; outside the grid everything is."""
+    """Return which cells of a row are walls; outside the grid, all are."""
     if 0 <= z < wall.shape[1]:
         return wall[:, z]
     return np.ones(wall.shape[0], np.bool_)
 
 
 def _runs(marked: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Return where each unbroken run of marked cells begins and ends."""
+    """Return the start and end of each unbroken run of marked cells."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(np.int8)))
     return [(start - 0.5, end - 0.5) for start, end in edges.reshape(-1, 2).tolist()]
 
@@ -195,7 +195,7 @@ def _level(outline: NDArray[np.float64], y: float, texture: str) -> Surface:
 
 
 def _upright(start: tuple[float, float], end: tuple[float, float]) -> Surface:
-    """Build a wall from one (x, z) to another, seen from its left."""
+    """Return a wall from one point (x, z) to another, visible from its left side."""
     ax, az = start
     bx, bz = end
     length = abs(bx - ax) + abs(bz - az)
@@ -211,7 +211,7 @@ _FOV_Y_DEG = 60.0
 
 
 def _as_in_grid(name: str) -> Any:
-    """Make a method that the grid answers."""
+    """Return a method that calls the grid's method of the same name."""
 
     @wraps(getattr(GridEngine, name))
     def answer(self: "GridFromInside", *args: Any) -> Any:
@@ -221,12 +221,12 @@ def _as_in_grid(name: str) -> Any:
 
 
 class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld):
-    """A grid world whose observation's "image" is what the agent would see, uint8[obs_height, obs_width, 3].
+    """A grid world whose observation's "image" is the agent's first-person view, uint8[obs_height, obs_width, 3].
 
     Args:
-        grid: the world; it keeps the state.
-        obs_width: width of the observation's picture in pixels.
-        obs_height: height of the observation's picture in pixels.
+        grid: the grid world, which keeps the state
+        obs_width: the width of the observed picture in pixels
+        obs_height: the height of the observed picture in pixels
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own way to declare it
@@ -248,29 +248,29 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
 
     @property
     def mission(self) -> str:
-        """Return what to do, in words."""
+        """The episode's task in words."""
         return self.grid.mission
 
     @property
     def max_steps(self) -> int:
-        """Return the grid's step limit."""
+        """The grid's step limit per episode."""
         return self.grid.max_steps
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Lay out a new episode, the grid's own for that seed."""
+        """Begin a new episode, which is that of the grid for the seed."""
         super().reset(seed=seed)
         observation, info = self.grid.reset(seed=seed, options=options)
         return self._shown(self._seen(observation)), info
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Act as in the grid."""
+        """Step the grid world; return its results with the first-person picture."""
         observation, reward, terminated, truncated, info = self.grid.step(action)
         return self._shown(self._seen(observation)), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return what the agent sees, 800 x 600; None without a render mode, and where a window shows it."""
+        """Return the agent's view at 800 x 600; None without a render mode, or after showing it in a window."""
         if self.render_mode == "human":
             self.show_in_window(self._rendered)
             return None
@@ -282,7 +282,7 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
         return self.picture(size_px=(800, 600))
 
     def _shown(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """Return the observation, once a window for people has shown it."""
+        """Return the observation, after a window has shown it if the render mode is "human"."""
         if self.render_mode == "human":
             self.render()
         return observation
@@ -295,7 +295,7 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Draw what the agent sees, exactly ``size_px`` (width, height); ``full`` is the grid's own plan from above."""
+        """Return the agent's view in exactly ``size_px`` (width, height); "full" is the grid's plan from above."""
         if view == "full":
             return self.grid.picture(view=view, size_px=size_px, palette=palette)
         return self._draw(self.grid.pose(), size_px, palette)
@@ -315,7 +315,7 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
 
 
 class _SceneRenderer:
-    """What was laid out for the last picture, to be used again as far as nothing has changed."""
+    """A cache of the last picture's scene, which is reused as far as nothing has changed."""
 
     def __init__(self, kinds: tuple[ObjectKind, ...]) -> None:
         self._kinds = kinds
@@ -324,7 +324,7 @@ class _SceneRenderer:
         self._scene: tuple[list[Look], Scene] | None = None
 
     def scene(self, state: State, eye: tuple[float, float, float], yaw_rad: float, palette: Palette) -> Scene:
-        """Build the scene of a state, with what is carried before the eye."""
+        """Return the scene of a state, with the carried object in front of the eye."""
         if (state.cells.tobytes(), palette) != self._things[:2]:
             self._things = state.cells.tobytes(), palette, build_things(state, palette, self._kinds)
             walls = walled(state).tobytes()
@@ -342,7 +342,7 @@ class _SceneRenderer:
 
 
 def view_first_person(grid: GridEngine, view: str, **options: Any) -> GridFromInside:
-    """Show a grid from inside, for ``gymnasium.make(..., view="first_person")``.
+    """Return a grid seen from inside, for ``gymnasium.make(..., view="first_person")``.
 
     Raises:
         WorldError: if the view is another one.

@@ -1,1 +1,1 @@
-"""Worlds that are not ours, in processes of their own: what fails there fails alone."""
+"""Foreign worlds in processes of their own, so that a failure does not affect the session's process."""

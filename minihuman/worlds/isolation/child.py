@@ -1,4 +1,7 @@
-"""The main loop of a process that runs one world: requests in, replies out. It ends with who started it."""
+"""The main loop of a process that runs one world: it receives requests and sends replies.
+
+The process ends with the program that started it.
+"""
 
 import os
 import sys
@@ -36,7 +39,7 @@ _QUERIES = ("map", "shortest_path", "path_length_bounds", "scene_hash", "text", 
 
 
 def run_child(connection: Connection, memory_bytes: int) -> None:
-    """Answer requests until there are no more."""
+    """Answer requests until the connection is closed."""
     lead_own_group()
     end_with_parent()
     outlive_termination()  # a service manager sends it to all; the host leaves sessions first
@@ -56,7 +59,7 @@ def run_child(connection: Connection, memory_bytes: int) -> None:
 
 
 def _end_after_parent() -> None:
-    """End this process after the one that it was started for; a system that does so by itself is quicker."""
+    """End this process when its parent ends, on systems that do not do so themselves."""
     parent = parent_process()
     assert parent is not None
     wait([parent.sentinel])
@@ -64,7 +67,7 @@ def _end_after_parent() -> None:
 
 
 class WorldServer:
-    """Runs one world for a host."""
+    """A server that runs one world for a host."""
 
     def __init__(self) -> None:
         self._constructed: World | None = None
@@ -73,7 +76,7 @@ class WorldServer:
         self._memory: SharedMemory | None = None
 
     def reply(self, request: messages.AnyRequest) -> messages.Reply:
-        """Do what is requested; a world's error is an answer, too."""
+        """Execute a request and return the reply, which can also be an error of the world."""
         answer = b""
         error_text = cause = ""
         try:
@@ -179,7 +182,7 @@ class WorldServer:
         return messages.StateReport(state_hash, None if world.knows_state else state_hash, place, world.subgoals())
 
     def _draw(self, request: messages.Draw) -> tuple[tuple[int, ...], bool]:
-        """Return the picture's shape, and whether it is in the memory; else it needs more."""
+        """Draw the picture into shared memory; return its shape, and False if the memory is too small."""
         picture = self._world.frame(request.view, request.size_px, request.palette)  # type: ignore[arg-type]
         if self._memory is None or self._memory.name != request.memory:
             if self._memory is not None:

@@ -1,7 +1,7 @@
-"""Loads what processes of worlds need, once, in the process that forks them. Imported there alone.
+"""Preloads the modules that world processes need, once, in the server process from which they are forked.
 
-That process ends with the program that started it, and not before: a service manager sends SIGTERM to all processes of
-a service at once, and the worlds have to be there until the sessions are left.
+Only that process imports this module. The process ignores SIGTERM and ends with the program that started it: a service
+manager sends SIGTERM to all processes of a service at once, and worlds must run until their sessions are over.
 """
 
 from minihuman.operating_system import ignore_termination

@@ -1,7 +1,7 @@
-"""A world in a process of its own, behind the face of `World`; and the factory that says which worlds are run so.
+"""A world in a process of its own with the interface of `World`, and the factory that decides which worlds need it.
 
-Worlds of the catalogue stay where their session is. So do others of which a page computes the steps, as compiled
-kernels of ours alone step and draw them, and worlds of several bodies, whose seats share one state.
+Worlds of the catalogue run in the session's process. So do other worlds whose steps a page can compute, since only our
+compiled kernels step and draw them, and worlds of several bodies, whose seats share one state.
 """
 
 import logging
@@ -38,11 +38,11 @@ WorldMaker = Callable[[str, dict[str, Any]], World]
 
 
 class ElsewhereError(AttributeError):
-    """Something of an environment was wanted that is in another process."""
+    """An error for access to an environment that runs in another process."""
 
 
 class RemoteEnvironment:
-    """Stands where `World` has its environment, which is in another process: it has no attributes."""
+    """A placeholder, without attributes, for an environment that runs in another process."""
 
     def __init__(self, world_id: str) -> None:
         self._world_id = world_id
@@ -55,7 +55,7 @@ class RemoteEnvironment:
 
 
 class SavedState:
-    """A copy that the process of a world keeps until this is gone."""
+    """A reference to a copy of a world's state, which the world's process keeps as long as the reference exists."""
 
     __slots__ = ("_forgotten", "number")
 
@@ -69,12 +69,12 @@ class SavedState:
 
 @dataclass(frozen=True, slots=True)
 class RemoteStepResult(StepResult):
-    """What a step gave; its ``info`` stays where the world is and is asked there, before the next step."""
+    """The result of a step in another process; its ``info`` stays there and can be read until the next step."""
 
     world: "IsolatedWorld | None" = None
 
     def find_success(self, rule: OutcomeRule) -> bool | None:
-        """Return what the world says of success, as any step does."""
+        """Return whether the world says that the episode succeeded, as `StepResult.find_success`."""
         if not rule.asks_world:
             return None
         assert self.world is not None
@@ -84,25 +84,25 @@ class RemoteStepResult(StepResult):
         return self.terminated and self.reward > 0
 
     def encode_info(self, keys: Sequence[str]) -> str:
-        """Encode chosen keys of ``info`` as JSON."""
+        """Return chosen keys of ``info`` as JSON."""
         assert self.world is not None
         return self.world.encode_info(keys)
 
 
 class IsolatedWorld(World):
-    """A world in a process of its own. Made at once; ``reset`` before anything else.
+    """A world in a process of its own, which must be reset before any other use.
 
-    Copies can be restored in this world alone. A world that fails, takes too long or ends its process raises
-    `WorldError`, and so does all that is asked of it afterwards.
+    Copies of its state can be restored in this world only. If the world fails, takes too long or ends its process, that
+    call and all later ones raise `WorldError`.
 
     Args:
-        world_id: a Gymnasium id, which is trusted.
-        options: keyword arguments of ``gymnasium.make``, with the files that they refer to.
-        own_options: the same as the plan has them.
-        pool: where the process is from, and goes back to.
+        world_id: the Gymnasium id of a trusted world
+        options: the keyword arguments of ``gymnasium.make``, with the contents of the files to which they refer
+        own_options: the same options as in the plan
+        pool: the pool from which the process is taken and to which it returns
 
     Raises:
-        WorldError: as `World`.
+        WorldError: in the same cases as `World`.
     """
 
     has_portable_copies = False  # they stay in its process
@@ -153,67 +153,67 @@ class IsolatedWorld(World):
 
     @property
     def pid(self) -> int:
-        """Return the number of its process."""
+        """The id of the world's process."""
         return self._process.pid
 
     @property
     def unwrapped(self) -> Any:
-        """Return an object without attributes: the environment is in another process."""
+        """An object without attributes, since the environment is in another process."""
         return RemoteEnvironment(self.id)
 
     @property
     def env(self) -> Any:
-        """Return an object without attributes: the environment is in another process."""
+        """An object without attributes, since the environment is in another process."""
         return RemoteEnvironment(self.id)
 
     @property
     def can_isolate(self) -> bool:
-        """Return whether it may stay in its process; see the module."""
+        """Whether the world may stay in a process of its own; the module says which worlds may not."""
         return self._description.can_isolate
 
     @property
     def is_compiled(self) -> bool:
-        """Return False: compiled worlds are not isolated."""
+        """False, since compiled worlds are not isolated."""
         return False
 
     @property
     def knows_state(self) -> bool:
-        """Return whether the environment reveals all its state."""
+        """Whether the environment reveals its whole state."""
         return self._present.scene_hash is None
 
     @property
     def observation(self) -> Any:
-        """Return the latest observation."""
+        """The latest observation."""
         return decode_value(self._query("observation", bytes))
 
     @property
     def observation_space(self) -> gymnasium.Space[Any]:
-        """Return the space of its observations."""
+        """The space of the world's observations."""
         return decode_space(self._description.observation_space)
 
     @property
     def action_space(self) -> gymnasium.Space[Any]:
-        """Return the space of its actions."""
+        """The space of the world's actions."""
         return decode_space(self._description.action_space)
 
     @property
     def step_limit(self) -> int | None:
-        """Return the environment's own limit on an episode's steps; None where it has none."""
+        """The environment's own step limit per episode; None if it has none."""
         return self._query("step_limit", int | None)  # type: ignore[arg-type]
 
     @property
     def draws_itself(self) -> bool:
-        """Return whether a participant sees what its own ``render`` returns."""
+        """Whether a participant sees what the environment's own ``render`` returns."""
         return self._query("draws_itself", bool)
 
     def reset(self, seed: int) -> ResetResult:
-        """Begin an episode from a seed, with wrappers as they were made."""
+        """Begin an episode from a seed, with the wrappers in their initial state."""
         report = self._ask(messages.Reset(seed), messages.ResetReport, "reset()")
         self._moment = report.moment
         return ResetResult(report.observation_hash, report.mission, report.onset)
 
     def step(self, action: Action) -> StepResult:
-        """Do an action, as any world does."""
+        """Step the world by an action, as `World.step`."""
         stepped = self._ask(messages.Step(action), messages.StepReport, "step()")
         self._moment = stepped.moment
         return RemoteStepResult(
@@ -227,28 +227,28 @@ class IsolatedWorld(World):
         )
 
     def read_success(self, key: str) -> bool | None:
-        """Read what the last step's ``info`` says of success; "" reads the usual keys."""
+        """Return whether the last step's ``info`` says that the episode succeeded; the key "" reads the usual keys."""
         return self._ask(messages.ReadSuccess(key), bool | None, "info")  # type: ignore[arg-type]
 
     def encode_info(self, keys: Sequence[str]) -> str:
-        """Encode chosen keys of the last step's ``info`` as JSON."""
+        """Return chosen keys of the last step's ``info`` as JSON."""
         return self._ask(messages.EncodeInfo(list(keys)), str, "info")
 
     def advance(self, action: Action) -> tuple[bool, bool]:
-        """Act without making an observation, as any world does."""
+        """Step the world without computing an observation, as `World.advance`."""
         terminated, truncated, self._moment = self._ask(
             messages.Advance(action), tuple[bool, bool, messages.StateReport], "advance()"
         )
         return terminated, truncated
 
     def pose(self) -> Pose | None:
-        """Return where the agent stands; None where that is unknown."""
+        """Return the agent's pose; None if it is unknown."""
         if self._present.pose is None:
             return None
         return Pose(*self._present.pose)
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
-        """Return the clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
+        """Return the clauses of the episode's instruction, each with the step that fulfilled it, or 0 if not yet."""
         return self._present.subgoals
 
     def map(self) -> Map | None:
@@ -256,29 +256,29 @@ class IsolatedWorld(World):
         return self._query("map", Map | None)  # type: ignore[arg-type]
 
     def state_hash(self) -> int:
-        """Hash everything that decides the future to a uint64."""
+        """Return a uint64 hash of everything that determines the world's future."""
         return self._present.state_hash
 
     def scene_hash(self) -> int:
-        """Return the same hash without the number of steps taken, where the state is known."""
+        """Return the hash of the state without the step count; if the state is unknown, with it."""
         known = self._present.scene_hash
         if known is None:
             return self._query("scene_hash", int)
         return known
 
     def shortest_path(self) -> tuple[str, ...] | None:
-        """Return names of actions that lead to success from here; None where the world has no planner."""
+        """Return the names of actions that lead to success from here; None if the world has no planner."""
         names = self._query("shortest_path", tuple[str, ...] | None)  # type: ignore[arg-type]
         if names is None:
             return None
         return tuple(self.action_names[self.actions.names.index(name)] for name in names)
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return bounds on the steps that success takes from here."""
+        """Return bounds on the number of steps from here to success."""
         return self._query("path_length_bounds", PathLengthBounds)
 
     def text(self) -> str:
-        """Return what the agent of a grid world observes now, as a diagram and as sentences."""
+        """Return the present observation of a grid world's agent, as a diagram and as sentences."""
         return self._query("text", str)
 
     def frame(
@@ -287,7 +287,7 @@ class IsolatedWorld(World):
         size_px: tuple[int, int] = (640, 480),
         palette: Palette = "classic",
     ) -> NDArray[np.uint8]:
-        """Return the picture a person sees, as any world's."""
+        """Return the picture that a person sees, as `World.frame`."""
         for _ in range(2):  # the second time with memory enough
             memory = self._process.memory
             name = "" if memory is None else memory.name
@@ -301,14 +301,14 @@ class IsolatedWorld(World):
         return np.ndarray(shape, np.uint8, memory.buf).copy()
 
     def render(self, size_px: tuple[int, int]) -> Any:
-        """Draw what a participant sees."""
+        """Return the picture that a participant sees."""
         return self.frame(size_px=size_px)
 
     def picture_tiles(self, view: View | Literal["text"], size_px: tuple[int, int], palette: Palette) -> None:
-        """Return None: this is no team world."""
+        """Return None, since team worlds are not isolated."""
 
     def save(self) -> SavedState:
-        """Copy the state in mid-episode; this world alone can restore it.
+        """Save the state, also in the middle of an episode; only this world can restore it.
 
         Raises:
             WorldError: if the world cannot be copied.
@@ -318,11 +318,11 @@ class IsolatedWorld(World):
         return SavedState(self._copies, self._forgotten)
 
     def restore(self, saved: SavedState) -> None:
-        """Go back to a saved state; the copy is not consumed."""
+        """Restore a saved state, which can be restored again."""
         self._moment = self._ask(messages.Restore(saved.number), messages.StateReport, "restore()")
 
     def close(self) -> None:
-        """Close the environment, and give its process back."""
+        """Close the environment, and return its process to the pool."""
         if not self._is_open:
             return
         self._is_open = False
@@ -349,11 +349,11 @@ def _build_actions(description: messages.Description) -> ActionInterface:
 
 
 class IsolatedWorlds:
-    """Makes worlds: those that are not ours in processes of their own, all others where the session is.
+    """A factory that makes foreign worlds in processes of their own, and all others in the session's process.
 
     Args:
-        make_world: makes a world where the session is.
-        limits: of each isolated world.
+        make_world: a function that makes a world in the session's process
+        limits: the limits of each isolated world
     """
 
     def __init__(self, make_world: WorldMaker, limits: WorldLimits = DEFAULT_LIMITS) -> None:
@@ -365,7 +365,7 @@ class IsolatedWorlds:
         """Make a world.
 
         Raises:
-            WorldError: if it cannot be made.
+            WorldError: if the world cannot be made.
         """
         if not self.isolates(world_id):
             return self._make_world(world_id, options)
@@ -378,7 +378,7 @@ class IsolatedWorlds:
         return self._make_world(world_id, options)
 
     def isolates(self, world_id: str) -> bool:
-        """Return whether a world runs in a process of its own, as far as is known."""
+        """Return whether a world runs in a process of its own, as far as is known before it is made."""
         return world_id not in self._stays and not is_from_catalogue(world_id)
 
     def close(self) -> None:
@@ -388,7 +388,7 @@ class IsolatedWorlds:
 
 @contextmanager
 def choose_world_factory(isolates: bool) -> Iterator[WorldMaker]:
-    """Yield what makes the worlds of sessions: with ``isolates`` those that are not ours in processes of their own."""
+    """Yield the factory of a session's worlds; if ``isolates``, foreign worlds run in processes of their own."""
     if not isolates:
         yield World
         return
@@ -400,7 +400,7 @@ def choose_world_factory(isolates: bool) -> Iterator[WorldMaker]:
 
 
 def is_from_catalogue(world_id: str) -> bool:
-    """Return whether this package's code alone makes a world, as its id is registered; imports nothing for it."""
+    """Return whether only this package's code makes a world, according to the registry; import nothing for it."""
     module, _, name = world_id.rpartition(":")
     if module and module.partition(".")[0] != "minihuman":
         return False

@@ -1,6 +1,6 @@
-"""What the host of a session and the process of a world tell each other: one request, one reply, as MessagePack.
+"""The messages between a session's host and a world's process: one request, one reply, as MessagePack.
 
-A picture does not travel in a message: it lies in shared memory that the host made.
+Pictures are not part of a message: they are in shared memory that the host allocates.
 """
 
 import msgspec
@@ -9,11 +9,11 @@ from minihuman.worlds.adapters.spaces import Action
 
 
 class Request(msgspec.Struct, frozen=True, tag=True, array_like=True):
-    """What the host wants."""
+    """A request of the host."""
 
 
 class Construct(Request, frozen=True):
-    """Make the world; the host has found that it is trusted."""
+    """A request to make the world, which the host has found to be trusted."""
 
     world_id: str
     options: bytes  # by `value_codec`, with the files that they refer to
@@ -22,25 +22,25 @@ class Construct(Request, frozen=True):
 
 
 class Reset(Request, frozen=True):
-    """Begin an episode."""
+    """A request to begin an episode."""
 
     seed: int
 
 
 class Step(Request, frozen=True):
-    """Do an action."""
+    """A request to step the world by an action."""
 
     action: Action
 
 
 class Advance(Request, frozen=True):
-    """Do an action without an observation."""
+    """A request to step the world without computing an observation."""
 
     action: Action
 
 
 class Draw(Request, frozen=True):
-    """Draw the picture into shared memory."""
+    """A request to draw the picture into shared memory."""
 
     view: str
     size_px: tuple[int, int]
@@ -49,43 +49,43 @@ class Draw(Request, frozen=True):
 
 
 class Save(Request, frozen=True):
-    """Keep a copy of the state under a number."""
+    """A request to keep a copy of the state under a number."""
 
     number: int
 
 
 class Restore(Request, frozen=True):
-    """Go back to a copy."""
+    """A request to restore a copy of the state."""
 
     number: int
 
 
 class Forget(Request, frozen=True):
-    """Let go of copies."""
+    """A request to delete copies of the state."""
 
     numbers: list[int]
 
 
 class Query(Request, frozen=True):
-    """Ask for what is seldom needed, by its name in `World`."""
+    """A request for a rarely needed attribute, named as in `World`."""
 
     name: str
 
 
 class ReadSuccess(Request, frozen=True):
-    """Read what the last step's ``info`` says of success, under a key; "": where the usual keys are."""
+    """A request to read success from the last step's ``info`` under a key; "" reads the usual keys."""
 
     key: str
 
 
 class EncodeInfo(Request, frozen=True):
-    """Encode chosen keys of the last step's ``info`` as JSON."""
+    """A request for chosen keys of the last step's ``info`` as JSON."""
 
     keys: list[str]
 
 
 class Close(Request, frozen=True):
-    """Close the environment; the process may be used again for the same world."""
+    """A request to close the environment; the process can then run the same world again."""
 
 
 AnyRequest = (
@@ -94,7 +94,7 @@ AnyRequest = (
 
 
 class Description(msgspec.Struct, frozen=True, array_like=True):
-    """What does not change of a world."""
+    """The constant properties of a world."""
 
     can_isolate: bool  # else it is made where its session is: a page computes it, or it has several bodies
     action_names: tuple[str, ...]
@@ -107,7 +107,7 @@ class Description(msgspec.Struct, frozen=True, array_like=True):
 
 
 class StateReport(msgspec.Struct, frozen=True, array_like=True):
-    """Where the world is."""
+    """The present state of a world, as far as the host needs it at every step."""
 
     state_hash: int
     scene_hash: int | None  # None: it takes a query
@@ -116,7 +116,7 @@ class StateReport(msgspec.Struct, frozen=True, array_like=True):
 
 
 class ResetReport(msgspec.Struct, frozen=True, array_like=True):
-    """What a reset gave."""
+    """The result of a reset."""
 
     observation_hash: int
     mission: str
@@ -125,7 +125,7 @@ class ResetReport(msgspec.Struct, frozen=True, array_like=True):
 
 
 class StepReport(msgspec.Struct, frozen=True, array_like=True):
-    """What a step gave."""
+    """The result of a step."""
 
     reward: float
     terminated: bool
@@ -137,7 +137,7 @@ class StepReport(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Reply(msgspec.Struct, frozen=True, array_like=True):
-    """The answer to a request: what it gave, or why it failed."""
+    """The reply to a request: the answer, or the reason why it failed."""
 
     answer: bytes  # of the type that belongs to the request
     error: str = ""  # what the world's failure is called

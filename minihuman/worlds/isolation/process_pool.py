@@ -1,7 +1,7 @@
-"""Processes that each run one world, and a pool of them; the host's side. Knows no session.
+"""Processes that each run one world, and a pool of them, on the host's side.
 
-A process that has answered is used again, for the same world alone: what a world leaves in a process, as in the global
-random generators, reaches no other world. A process that failed is ended.
+A process is reused for the same world only, so that what a world leaves behind, such as the state of global random
+generators, cannot affect another world. A process that failed is ended.
 """
 
 import atexit
@@ -28,7 +28,7 @@ _END_S = 5.0  # that a process may take to be gone
 
 @dataclass(frozen=True, slots=True)
 class WorldLimits:
-    """What a world may take before its session ends."""
+    """The time and memory that a world may use before its session ends."""
 
     step_s: float = 5.0  # a step, a picture, a copy
     construction_s: float = 60.0  # its construction, and each reset
@@ -40,14 +40,14 @@ DEFAULT_LIMITS: Final = WorldLimits()
 
 @dataclass(slots=True)
 class WorldUse:
-    """What processes of worlds have used so far."""
+    """The resources that world processes have used so far."""
 
     worlds: int = 0
     cpu_s: float = 0.0
     peak_bytes: int = 0  # the most that one of them had
 
     def add(self, cpu_s: float, peak_bytes: int) -> None:
-        """Count a world whose process is done with it."""
+        """Add the resources of a world that has been closed."""
         self.worlds += 1
         self.cpu_s += cpu_s
         self.peak_bytes = max(self.peak_bytes, peak_bytes)
@@ -88,22 +88,22 @@ class WorldProcess:
 
     @property
     def pid(self) -> int:
-        """Return the process's number."""
+        """The id of the process."""
         pid: int = self._process.pid
         return pid
 
     def ask(self, request: messages.AnyRequest, answer: type[T], *, world_id: str, call: str, limit_s: float) -> T:
-        """Request something and wait for the answer.
+        """Send a request and return the answer.
 
         Args:
-            request: the request.
-            answer: the type of the answer.
-            world_id: for errors.
-            call: what runs there, for errors: "step()".
-            limit_s: how long it may take.
+            request: the request to send
+            answer: the type of the answer
+            world_id: the world's id, for errors
+            call: the call that the request runs, such as "step()", for errors
+            limit_s: the time limit in seconds
 
         Raises:
-            RemoteCodeError: if the world fails, takes longer, or ends its process.
+            RemoteCodeError: if the world fails, takes longer than the limit, or ends its process.
         """
         with self._lock:
             return self._ask(request, answer, world_id=world_id, call=call, limit_s=limit_s)
@@ -133,7 +133,7 @@ class WorldProcess:
         return f"{call} ended its process by {name_signal(-status)}, as a fault in compiled code does"
 
     def reserve_memory(self, size: int) -> None:
-        """Share so much memory with the process from now on."""
+        """Replace the memory shared with the process by one of ``size`` bytes."""
         self._release_memory()
         self.memory = SharedMemory(None, True, size)
 
@@ -144,7 +144,7 @@ class WorldProcess:
             self.memory = None
 
     def end(self) -> None:
-        """End the process, and those that it started."""
+        """End the process, and the processes that it started."""
         self.is_healthy = False
         end_group(self.pid)
         self._process.kill()
@@ -155,11 +155,11 @@ class WorldProcess:
 
 
 class WorldProcessPool:
-    """Processes for worlds.
+    """A pool of processes for worlds.
 
     Args:
-        limits: of each world.
-        idle: how many processes without a world are kept at most.
+        limits: the limits of each world
+        idle: the largest number of processes without a world that are kept
     """
 
     def __init__(self, limits: WorldLimits = DEFAULT_LIMITS, *, idle: int = 4) -> None:
@@ -172,7 +172,7 @@ class WorldProcessPool:
         atexit.register(self.close)  # before multiprocessing would wait for them
 
     def take(self, world_id: str) -> WorldProcess:
-        """Take a process for a world: one that ran it before, or a new one."""
+        """Return a process for a world: one that ran the world before, or a new one."""
         with self._lock:
             for process in self._idle:
                 if process.ran == world_id:
@@ -188,7 +188,7 @@ class WorldProcessPool:
         return process
 
     def give_back(self, process: WorldProcess) -> None:
-        """Give a process back whose world is closed, or that has failed."""
+        """Return a process whose world is closed, or that has failed, to the pool."""
         surplus = process
         with self._lock:
             process.is_running = False
@@ -215,7 +215,7 @@ class WorldProcessPool:
 
 
 def _get_context() -> Any:
-    """Return what starts processes: forks of a process that has loaded this package, where the system has that."""
+    """Return the multiprocessing context: a fork server that has loaded this package, if the system supports it."""
     if sys.platform == "win32":
         return multiprocessing.get_context("spawn")
     context: BaseContext = multiprocessing.get_context("forkserver")

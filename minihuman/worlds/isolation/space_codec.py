@@ -1,4 +1,4 @@
-"""Spaces as values: those of which sessions take actions, and those that observations commonly have."""
+"""A codec for the action spaces that sessions support, and for common observation spaces."""
 
 from typing import Any
 
@@ -11,15 +11,15 @@ from minihuman.worlds.value_codec import decode_value, encode_value
 
 
 def encode_space(space: gymnasium.Space[Any]) -> bytes:
-    """Encode a space; one of another kind is encoded as its name alone."""
+    """Encode a space; an unsupported kind of space is encoded as its name alone."""
     return encode_value(_describe(space))
 
 
 def decode_space(encoded: bytes) -> gymnasium.Space[Any]:
-    """Return the space.
+    """Return the space that was encoded.
 
     Raises:
-        WorldError: if it is of a kind that is known only where its world is.
+        WorldError: if its kind is unsupported, so that only the world's process knows it.
     """
     return _build(decode_value(encoded))
 

@@ -1,1 +1,1 @@
-"""Layouts: what stands where in each world, what a step earns, and when the episode ends."""
+"""Layouts: the rooms and entities of each world, with its rewards and the end of its episodes."""

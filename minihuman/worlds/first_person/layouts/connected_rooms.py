@@ -1,4 +1,4 @@
-"""Worlds of rooms side by side: FourRooms, ThreeRooms, Hallway, WallGap, Sidewalk."""
+"""Worlds of adjoining rooms: FourRooms, ThreeRooms, Hallway, WallGap, Sidewalk."""
 
 import math
 from typing import Any
@@ -13,10 +13,10 @@ from minihuman.worlds.options import MAX_METRES, check_number
 
 
 class FourRooms(GoalEnv):
-    """Four rooms in a square, a passage between each two that touch, a red box somewhere."""
+    """Four rooms in a square, with a passage between each two adjoining ones, and a red box in one of them."""
 
     def build(self) -> None:
-        """Lay the rooms out."""
+        """Build the rooms, the box and the agent."""
         south_west = self.add_rect_room(min_x=-7, max_x=-1, min_z=1, max_z=7)
         south_east = self.add_rect_room(min_x=1, max_x=7, min_z=1, max_z=7)
         north_east = self.add_rect_room(min_x=1, max_x=7, min_z=-7, max_z=-1)
@@ -30,13 +30,13 @@ class FourRooms(GoalEnv):
 
 
 class ThreeRooms(FirstPersonEnv):
-    """One large room, two small ones, five things to look at; nothing is rewarded."""
+    """One large room, two small ones and five things to look at, without rewards."""
 
     def __init__(self, *, max_steps: int | None = 400, **options: Any) -> None:
         super().__init__(max_steps=max_steps, actions=MOVES, **options)
 
     def build(self) -> None:
-        """Lay the rooms out."""
+        """Build the rooms, the things and the agent."""
         large = self.add_rect_room(min_x=-7, max_x=7, min_z=0.5, max_z=7)
         left = self.add_rect_room(min_x=-7, max_x=-1, min_z=-7, max_z=-0.5)
         right = self.add_rect_room(min_x=1, max_x=7, min_z=-7, max_z=-0.5)
@@ -59,20 +59,20 @@ class Hallway(GoalEnv):
         super().__init__(**options)
 
     def build(self) -> None:
-        """Lay the hallway out; the agent starts looking roughly towards the box."""
+        """Build the hallway; the agent starts facing roughly towards the box."""
         room = self.add_rect_room(min_x=-1, max_x=-1 + self.length, min_z=-2, max_z=2)
         self.box = self.place_entity(Box("red"), min_x=room.max_x - 2)
         self.place_agent(dir=uniform(self.np_random, -math.pi / 4, math.pi / 4), max_x=room.max_x - 2)
 
 
 class WallGap(GoalEnv):
-    """Two yards under the sky, a gap in the wall between them, a red box in the other one."""
+    """Two open yards with a gap in the wall between them; the red box is in the yard where the agent is not."""
 
     def __init__(self, *, max_steps: int | None = 300, **options: Any) -> None:
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
-        """Lay the yards out, and a building far behind them."""
+        """Build the yards, and a building far behind them."""
         yard = {"wall": "brick_wall", "floor": "asphalt", "ceiling": None}
         start = self.add_rect_room(min_x=-7, max_x=7, min_z=0.5, max_z=8, **yard)
         other = self.add_rect_room(min_x=-7, max_x=7, min_z=-8, max_z=-0.5, **yard)
@@ -83,13 +83,13 @@ class WallGap(GoalEnv):
 
 
 class Sidewalk(GoalEnv):
-    """A sidewalk along a street, with a red box at its end; the street ends the episode for nothing."""
+    """A sidewalk along a street, with a red box at its end; entering the street ends the episode without a reward."""
 
     def __init__(self, *, max_steps: int | None = 150, **options: Any) -> None:
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
-        """Lay the street out, with cones along it and a building far behind it."""
+        """Build the street, with cones along it and a building far behind it."""
         sidewalk = self.add_rect_room(
             min_x=-3, max_x=0, min_z=0, max_z=12, wall="brick_wall", floor="concrete_tiles", ceiling=None
         )
@@ -102,9 +102,9 @@ class Sidewalk(GoalEnv):
         self.place_agent(room=sidewalk, min_z=0, max_z=1.5)
 
     def termination_rule(self) -> TerminationRule:
-        """End near the box, or in the street."""
+        """Return the rule that ends an episode near the box or in the street."""
         return near_goal(self.box, forbidden=self.street)
 
     def off_limits(self) -> tuple[Room, ...]:
-        """Return the street."""
+        """Return the street, which planned paths avoid."""
         return (self.street,)

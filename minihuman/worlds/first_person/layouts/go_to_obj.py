@@ -1,4 +1,4 @@
-"""GoToObj in 3D: a square room with four objects at the middles of its walls; stand before the one that is named."""
+"""GoToObj in 3D: a square room with an object at the middle of each wall, of which one is the target."""
 
 import math
 from collections.abc import Sequence
@@ -14,22 +14,22 @@ from minihuman.worlds.options import MAX_METRES, check_number
 
 
 class GoToObj(FirstPersonEnv):
-    """The target world of the transfer experiment; every default is a fact of the published one.
+    """The target world of the transfer experiment, whose defaults are those of the published world.
 
     The agent starts in the middle, facing +x. It succeeds when the point ``reach_m`` ahead of it is within
     ``tolerance_m`` of the target, and earns ``1 - 0.2 * step / max_steps``.
 
     Args:
-        size: Length of a wall in metres; objects stand a tenth of it from the walls.
-        step_m: How far one step goes.
-        turn_deg: How far one turn turns.
-        reach_m: How far ahead the target has to be.
-        tolerance_m: How exactly.
-        lift_m: How high above the floor agent and objects are.
-        object_m: Size of boxes and balls.
-        max_steps: Steps after which an episode is truncated.
-        actions: Names of the actions; the published agent could also do the next four of `rules.ACTIONS` by a mistake.
-        options: `FirstPersonEnv`'s settings.
+        size: the length of a wall in metres; objects stand a tenth of it from the walls
+        step_m: the length of a step in metres
+        turn_deg: the angle of a turn in degrees
+        reach_m: the distance ahead of the agent at which the target must be, in metres
+        tolerance_m: the largest distance between that point and the target, in metres
+        lift_m: the height of agent and objects above the floor in metres
+        object_m: the size of boxes and balls in metres
+        max_steps: the number of steps after which an episode is truncated
+        actions: the names of the actions; by a mistake, the published agent also had the next four of `rules.ACTIONS`
+        options: further settings of `FirstPersonEnv`
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class GoToObj(FirstPersonEnv):
         super().__init__(max_steps=max_steps, actions=tuple(actions), **options)
 
     def build(self) -> None:
-        """Lay out the room, the objects and the agent."""
+        """Build the room, and place the objects and the agent."""
         middle = self.size / 2
         near = self.size / 10
         far = self.size * 9 / 10
@@ -71,15 +71,15 @@ class GoToObj(FirstPersonEnv):
         self.place_agent(pos=(middle, self.lift_m, middle), dir=0.0)
 
     def termination_rule(self) -> TerminationRule:
-        """End where the target is just ahead."""
+        """Return the rule that ends an episode when the target is just ahead."""
         return face(self.target, reach_m=self.reach_m, tolerance_m=self.tolerance_m)
 
     def targets(self) -> tuple[Entity, ...]:
-        """Return the object to go to."""
+        """Return the target object."""
         return (self.target,)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Return the shortest list of turns and steps to where the target is just ahead."""
+        """Return the fewest turns and steps to a place where the target is just ahead."""
         names = ("turn_left", "turn_right", "move_forward")
         actions = search_first_success(
             self, [self.action_names.index(name) for name in names if name in self.action_names]
@@ -87,7 +87,7 @@ class GoToObj(FirstPersonEnv):
         return actions or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return the length of that path as both bounds."""
+        """Return the length of the shortest path as both bounds."""
         count = len(self.shortest_path() or ()) or None
         return PathLengthBounds(count, count)
 

@@ -1,4 +1,4 @@
-"""Corridors that branch: TMaze, YMaze, Maze."""
+"""Worlds of branching corridors: TMaze, YMaze, Maze."""
 
 import math
 from typing import Any
@@ -16,7 +16,7 @@ _GAP = 0.25  # between the rooms of a maze
 
 
 class _Fork(GoalEnv):
-    """A corridor that ends in two arms; the box is in one of them, by chance or at ``goal_pos``."""
+    """A corridor that ends in two arms, with the box in a random arm or at ``goal_pos``."""
 
     def __init__(self, *, goal_pos: Position | None = None, max_steps: int | None = 280, **options: Any) -> None:
         if goal_pos is None:
@@ -26,7 +26,7 @@ class _Fork(GoalEnv):
         super().__init__(max_steps=max_steps, **options)
 
     def place_box(self, left: tuple[Room, float], right: tuple[Room, float]) -> None:
-        """Place the box at ``goal_pos``, or by chance: below a z in the left arm or above one in the right."""
+        """Place the box at ``goal_pos``, or randomly in an arm: below a z in the left one, above one in the right."""
         if self.goal_pos is not None:
             x, _, z = self.goal_pos
             self.box = self.place_entity(Box("red"), min_x=x, max_x=x, min_z=z, max_z=z)
@@ -36,19 +36,19 @@ class _Fork(GoalEnv):
             self.box = self.place_entity(Box("red"), room=right[0], min_z=right[1])
 
     def place_agent_in(self, room: Room) -> None:
-        """Place the agent in the corridor, looking roughly along it."""
+        """Place the agent in the corridor, facing roughly along it."""
         self.place_agent(dir=uniform(self.np_random, -math.pi / 4, math.pi / 4), room=room)
 
     def info(self) -> dict[str, Any]:
-        """Return where the box is."""
+        """Return the position of the box."""
         return {"goal_pos": np.array(self.box.pos)}
 
 
 class TMaze(_Fork):
-    """A corridor that ends in a crosswise one."""
+    """A corridor that ends at a crosswise corridor."""
 
     def build(self) -> None:
-        """Lay the corridors out."""
+        """Build the corridors, and place the box and the agent."""
         stem = self.add_rect_room(min_x=-1, max_x=8, min_z=-2, max_z=2)
         arms = self.add_rect_room(min_x=8, max_x=12, min_z=-8, max_z=8)
         self.connect_rooms(stem, arms, min_z=-2, max_z=2)
@@ -60,7 +60,7 @@ class YMaze(_Fork):
     """Three corridors that meet in a triangle, 120 degrees apart."""
 
     def build(self) -> None:
-        """Lay the corridors out."""
+        """Build the corridors, and place the box and the agent."""
         outline = ((-9.15, -2.0), (-9.15, 2.0), (-1.15, 2.0), (-1.15, -2.0))
         stem = self.add_room(outline)
         hub = self.add_room(((-1.15, -2.0), (-1.15, 2.0), (2.31, 0.0)))
@@ -74,7 +74,7 @@ class YMaze(_Fork):
 
 
 class Maze(GoalEnv):
-    """A maze of square rooms without loops, and a red box in it."""
+    """A maze of square rooms without loops, with a red box in one of them."""
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class Maze(GoalEnv):
         super().__init__(max_steps=num_rows * num_cols * 24 if max_steps is None else max_steps, **options)
 
     def build(self) -> None:
-        """Lay the rooms out in rows, and open walls along a random walk that turns back where it is stuck."""
+        """Build the rooms in rows, and open walls along a random walk that backtracks at dead ends."""
         pitch = self.room_size + _GAP
         rooms = {
             (column, row): self.add_rect_room(
@@ -129,13 +129,16 @@ class Maze(GoalEnv):
 
 
 def _directions(picks: list[int]) -> list[tuple[int, int]]:
-    """Return the four directions, (columns to the right, rows down), in the order of the picks from those left."""
+    """Return the four directions (columns to the right, rows down) in the order of random picks.
+
+    Each pick is an index among the directions that are left.
+    """
     left = [(1, 0), (-1, 0), (0, -1), (0, 1)]
     return [left.pop(pick) for pick in picks]
 
 
 def _turned(outline: tuple[Point, ...], degrees: float) -> tuple[Point, ...]:
-    """Return the outline turned about the origin, clockwise as seen from above."""
+    """Return an outline rotated about the origin, clockwise as seen from above."""
     half = degrees * (math.pi / 180) / 2.0
     a = math.cos(half)
     c = -math.sin(half)

@@ -1,6 +1,6 @@
 """Worlds of one room: OneRoom, PickupObjects, PutNext, RoomObjects, CollectHealth; and `GoalEnv`.
 
-`GoalEnv` is the base of worlds with one goal: an episode ends near one red box, and its reward falls with every step.
+`GoalEnv` is the base of worlds with one goal: an episode ends near a red box, and its reward decreases with every step.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from minihuman.worlds.options import MAX_METRES, check_number, check_whole
 
 
 class GoalEnv(FirstPersonEnv):
-    """Base of the worlds that end near ``self.box``, which their ``build`` places."""
+    """The base class of worlds whose episodes end near ``self.box``, which their ``build`` places."""
 
     box: Box
 
@@ -32,7 +32,7 @@ class GoalEnv(FirstPersonEnv):
         super().__init__(max_steps=max_steps, actions=MOVES, **options)
 
     def termination_rule(self) -> TerminationRule:
-        """End near the box."""
+        """Return the rule that ends an episode near the box."""
         return near_goal(self.box)
 
     def targets(self) -> tuple[Entity, ...]:
@@ -40,11 +40,11 @@ class GoalEnv(FirstPersonEnv):
         return (self.box,)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Plan turns and steps to where the box is near; empty if none were found."""
+        """Return turns and steps to a place near the box; () if none were found."""
         return plan(self, self.box) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return the length of that path, and a lower bound."""
+        """Return a lower bound, and the length of the planned path."""
         return PathLengthBounds(least_steps(self, self.box), len(self.shortest_path() or ()) or None)
 
 
@@ -56,14 +56,14 @@ class OneRoom(GoalEnv):
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
-        """Lay the room out."""
+        """Build the room, and place the box and the agent."""
         self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size)
         self.box = self.place_entity(Box("red"))
         self.place_agent()
 
 
 def _make_thing(kind: int, colour: str) -> Entity:
-    """Make a thing of a kind by its number: 0 a ball, 1 a box, 2 a key."""
+    """Return an entity of a kind, given by its number: 0 for a ball, 1 for a box, 2 for a key."""
     if kind == 0:
         return Ball(colour, 0.9)
     if kind == 1:
@@ -72,7 +72,7 @@ def _make_thing(kind: int, colour: str) -> Entity:
 
 
 class PickupObjects(FirstPersonEnv):
-    """A yard of ``size`` metres with ``num_objs`` things; each one picked up earns 1 and is gone."""
+    """An open yard of ``size`` metres with ``num_objs`` things; each one that is picked up earns 1 and disappears."""
 
     def __init__(self, *, size: float = 12, num_objs: int = 5, max_steps: int | None = 400, **options: Any) -> None:
         self.size = check_number("size", size, 2, MAX_METRES)
@@ -80,7 +80,7 @@ class PickupObjects(FirstPersonEnv):
         super().__init__(max_steps=max_steps, actions=ACTIONS[:5], **options)
 
     def build(self) -> None:
-        """Lay the yard out, with balls, boxes and keys of any colour."""
+        """Build the yard, with balls, boxes and keys of random colours."""
         self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size, **_YARD)
         for _ in range(self.num_objs):
             kind = self.np_random.integers(3)
@@ -90,27 +90,27 @@ class PickupObjects(FirstPersonEnv):
         self.num_picked_up = 0
 
     def termination_rule(self) -> TerminationRule:
-        """End when all are picked up."""
+        """Return the rule that ends an episode when all things are picked up."""
         return pick_up_all(self.num_objs, score="num_picked_up")
 
     def targets(self) -> tuple[Entity, ...]:
-        """Return everything that is left to pick up."""
+        """Return the things that are left to pick up."""
         return tuple(thing for thing in self.entities if thing is not self.agent)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Plan turns and steps from thing to thing, the nearest first, each picked up; empty if none were found."""
+        """Return a plan that picks up every thing, the nearest one first; () if none was found."""
         return plan_take_all(self, lambda: list(self.targets())) or ()
 
 
 class PutNext(FirstPersonEnv):
-    """A room with a box of each colour; the red one is to be put next to the yellow one."""
+    """A room with a box of each colour, in which the red box must be put next to the yellow one."""
 
     def __init__(self, *, size: float = 12, max_steps: int | None = 250, **options: Any) -> None:
         self.size = check_number("size", size, 2, MAX_METRES)
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
-        """Lay the room out, with boxes of slightly different sizes."""
+        """Build the room, with boxes of slightly different sizes."""
         self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size)
         boxes = {colour: self.place_entity(Box(colour, uniform(self.np_random, 0.6, 0.85))) for colour in COLOUR_NAMES}
         self.red_box = boxes["red"]
@@ -118,7 +118,7 @@ class PutNext(FirstPersonEnv):
         self.place_agent()
 
     def termination_rule(self) -> TerminationRule:
-        """End when the boxes stand side by side and nothing is carried."""
+        """Return the rule that ends an episode when the red and yellow boxes are adjacent and nothing is carried."""
         return put_next(self.red_box, self.yellow_box)
 
     def targets(self) -> tuple[Entity, ...]:
@@ -126,19 +126,19 @@ class PutNext(FirstPersonEnv):
         return (self.red_box, self.yellow_box)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Plan the way to the red box and, with it, to the yellow one; empty if none was found."""
+        """Return a plan to the red box and, carrying it, to the yellow one; () if none was found."""
         return plan_put_next(self, self.red_box, self.yellow_box) or ()
 
 
 class RoomObjects(FirstPersonEnv):
-    """A yard with a box, a ball and a key to look at; nothing is rewarded and nothing ends it."""
+    """An open yard with a box, a ball and a key to look at, without rewards and without an end."""
 
     def __init__(self, *, size: float = 10, max_steps: int | None = None, **options: Any) -> None:
         self.size = check_number("size", size, 2, MAX_METRES)
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
-        """Lay the yard out; the agent is wide, so that it starts well away from the things and stays there."""
+        """Build the yard; the agent is wide, so that it starts and stays well away from the things."""
         self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size, **_YARD)
         self.agent.radius = 1.5
         self.place_entity(Box(_any_colour(self), 0.9))
@@ -148,14 +148,14 @@ class RoomObjects(FirstPersonEnv):
 
 
 class CollectHealth(FirstPersonEnv):
-    """A room of slime that costs 2 health a step, with 18 medical kits; each one picked up restores all 100."""
+    """A room of slime that costs 2 health per step, with 18 medical kits that each restore the health to 100."""
 
     def __init__(self, *, size: float = 16, max_steps: int | None = 1000, **options: Any) -> None:
         self.size = check_number("size", size, 2, MAX_METRES)
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
-        """Lay the room out."""
+        """Build the room, and place the kits and the agent."""
         self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size, wall="cinder_blocks", floor="slime")
         for _ in range(18):
             self.place_entity(Mesh("medkit", 0.40, static=False))
@@ -163,11 +163,11 @@ class CollectHealth(FirstPersonEnv):
         self.health = 100
 
     def termination_rule(self) -> TerminationRule:
-        """Pay 2 for each step alive and -100 for dying; move a kit that is picked up elsewhere."""
+        """Return the rule that pays 2 per step alive and -100 for dying, and relocates each kit that is picked up."""
         return stay_alive(score="health", cost=2.0, full=100.0, reward=2.0, penalty=-100.0)
 
     def info(self) -> dict[str, Any]:
-        """Return the health left."""
+        """Return the remaining health."""
         return {"health": self.health}
 
 

@@ -1,4 +1,4 @@
-"""Sign: a sign on the wall names a colour, the observation names a kind of object; touch the one that fits both."""
+"""Sign: a sign on the wall names a colour, and the observation a kind; the agent must touch the object with both."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,9 +21,9 @@ _COLOURS = ("blue", "red", "green")
 class Sign(FirstPersonEnv):
     """A U-shaped corridor with a box and a key of each of three colours (Liu et al., 2020).
 
-    The observation is a dict: the picture under "obs", 0 (box) or 1 (key) under "goal". Touching the thing whose colour
-    is on the sign and whose kind is the goal earns 1, any other -1; both end the episode. So does the action "done",
-    which also steps back, as in Miniworld.
+    The observation is a dict: the picture under "obs", and 0 (box) or 1 (key) under "goal". Touching the thing with the
+    sign's colour and the goal's kind earns 1, and touching any other -1; both end the episode. So does the action
+    "done", which also steps back, as in Miniworld.
     """
 
     motions: ClassVar[Mapping[str, str]] = {"done": "move_back"}
@@ -39,7 +39,7 @@ class Sign(FirstPersonEnv):
         self.observation_space = gymnasium.spaces.Dict(obs=self.observation_space, goal=gymnasium.spaces.Discrete(2))
 
     def build(self) -> None:
-        """Lay the corridor out."""
+        """Build the corridor, and place the sign, the things and the agent."""
         size = self.size
         middle = self.size * 0.65
         top = self.add_rect_room(min_x=0, max_x=size, min_z=0, max_z=middle)
@@ -60,22 +60,22 @@ class Sign(FirstPersonEnv):
         self.place_agent(min_x=4, max_x=5, min_z=4, max_z=6)
 
     def termination_rule(self) -> TerminationRule:
-        """Pay 1 for the right thing, -1 for a wrong one; of several in reach the last counts."""
+        """Return the rule that pays 1 for the right thing and -1 for a wrong one; the last of several near counts."""
         boxes, keys = self.objects
         return touch_right_one((*boxes, *keys), (3 if self.goal else 0) + self.color_index)
 
     def targets(self) -> tuple[Entity, ...]:
-        """Return the sign, and what it names."""
+        """Return the sign and the right thing."""
         return *(thing for thing in self.entities if isinstance(thing, TextFrame)), self._wanted()
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Plan turns and steps to the right thing, past the others."""
+        """Return turns and steps to the right thing that avoid the others."""
         target = self._wanted()
         obstacles = [thing for things in self.objects for thing in things if thing is not target]
         return plan(self, target, avoid=obstacles) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return the length of that path, and a lower bound."""
+        """Return a lower bound, and the length of the planned path."""
         return PathLengthBounds(least_steps(self, self._wanted()), len(self.shortest_path() or ()) or None)
 
     def _wanted(self) -> Entity:

@@ -1,7 +1,7 @@
 """Four rooms in first person for several bodies, which see each other and cannot walk through each other.
 
-The state has one agent, and a figure for each body: a coloured block with a grey face in front. An agent that acts or
-sees for a body takes its figure's place, and the figure is nowhere meanwhile.
+The state has one agent, and a figure for each body: a coloured block with a grey face in front. When the agent acts or
+sees for a body, it takes the place of the body's figure, which is removed meanwhile.
 """
 
 import math
@@ -28,14 +28,14 @@ _NOWHERE = (math.nan, math.nan, math.nan)
 
 
 class _SharedRooms(FourRooms):
-    """FourRooms with a figure for each body; between steps the agent is in the first body's place."""
+    """FourRooms with a figure for each body; between steps, the agent is in the place of the first body."""
 
     def __init__(self, bodies: int, **options: Any) -> None:
         self.colours = FIGURE_COLOURS[:bodies]
         super().__init__(trig=1, **options)  # the same on every machine
 
     def build(self) -> None:
-        """Lay the rooms out, with the agent, and place the figures."""
+        """Build the rooms, and place the agent and the figures."""
         super().build()
         self.inside = 0  # which body the agent is
         self.figures = [Box(colour, (0.56, 1.25, 0.56)) for colour in self.colours]
@@ -46,7 +46,7 @@ class _SharedRooms(FourRooms):
             self._turn_face(body)
 
     def enter(self, body: int) -> None:
-        """Put the agent in a body's place, and a figure where it was."""
+        """Move the agent to a body's place, and put a figure where the agent was."""
         agent = self.agent
         old = self.figures[self.inside]
         new = self.figures[body]
@@ -60,7 +60,7 @@ class _SharedRooms(FourRooms):
         self.inside = body
 
     def _turn_face(self, body: int) -> None:
-        """Put a face before its figure, at the height of eyes."""
+        """Place a face in front of a body's figure, at eye height."""
         figure = self.figures[body]
         face = self.faces[body]
         figure.trig = 1
@@ -70,7 +70,7 @@ class _SharedRooms(FourRooms):
         face.dir = figure.dir
 
     def act_together(self, actions: Sequence[int]) -> tuple[list[float], bool, bool]:
-        """Make one joint step, body after body in this step's order; return rewards, terminated, truncated."""
+        """Make one joint step, one body after another in the step's order; return rewards, terminated and truncated."""
         if self._stage is None or self._over:
             raise WorldError("no episode is running; call reset() before step(), and again after each episode")
         rewards = [0.0] * len(actions)
@@ -91,14 +91,14 @@ class _SharedRooms(FourRooms):
 
 
 class TeamRooms(TeamWorld):
-    """Four rooms and a red box in first person: all search, and all earn when one finds it.
+    """Four rooms and a red box in first person: all bodies search, and all earn a reward when one finds the box.
 
     Args:
-        bodies: how many, 1 to 8.
-        max_steps: joint steps of an episode.
-        obs_width: width of an observation in pixels.
-        obs_height: height of an observation in pixels.
-        view: what a person sees: through the body's eyes ("partial") or the world from above ("full").
+        bodies: the number of bodies, 1 to 8
+        max_steps: the number of joint steps after which an episode is truncated
+        obs_width: the width of an observation in pixels
+        obs_height: the height of an observation in pixels
+        view: what a person sees: the body's view ("partial"), or the world from above ("full")
     """
 
     action_names = (*MOVES, "stay")
@@ -125,17 +125,17 @@ class TeamRooms(TeamWorld):
         self._env.begin(seed=self.choose_seed(seed))
 
     def step(self, actions: Sequence[int]) -> TeamStep:
-        """Make one joint step; bodies act one after the other, the first by the steps taken so far."""
+        """Make one joint step; bodies act one after another, and the number of steps so far determines who is first."""
         self.check_actions(actions)
         rewards, terminated, truncated = self._env.act_together(actions)
         return TeamStep((sum(rewards),) * self.bodies, terminated, truncated)
 
     def observation(self, body: int) -> NDArray[np.uint8]:
-        """Return what a body sees, uint8[obs_height, obs_width, 3]."""
+        """Return a body's view, uint8[obs_height, obs_width, 3]."""
         return self._draw(body, self._env.see)
 
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
-        """Return what a person in this body sees, of exactly this size."""
+        """Return what the person in a body sees, in exactly the given size."""
         return self._draw(body, lambda: self._env.picture(view=self.view, size_px=(width, height), palette=palette))
 
     def _draw(self, body: int, draw: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
@@ -145,24 +145,24 @@ class TeamRooms(TeamWorld):
         return picture
 
     def pose(self, body: int) -> Pose:
-        """Return where a body's feet are, metres, and where it heads."""
+        """Return the position of a body's feet in metres, and its heading."""
         check_whole("body", body, 0, self.bodies - 1)
         it = self._env.figures[body] if body else self._env.agent
         return Pose(*it.pos, it.dir)
 
     def map(self) -> Map:
-        """Return the walls and the box."""
+        """Return the floor plan: the walls and the box."""
         plan = self._env.map()
         return Map(plan.unit, plan.bounds, plan.walls, plan.things[:1])  # the box was placed before all figures
 
     def state_hash(self) -> int:
-        """Hash rooms, bodies, step count and random stream to a uint64."""
+        """Return a uint64 hash of the rooms, bodies, step count and random stream."""
         return self._env.state_hash()
 
     def save(self) -> FirstPersonSnapshot:
-        """Copy the state exactly, in mid-episode."""
+        """Return an exact copy of the state."""
         return self._env.save()
 
     def restore(self, saved: FirstPersonSnapshot) -> None:
-        """Go back to a saved state."""
+        """Restore a saved state."""
         self._env.restore(saved)

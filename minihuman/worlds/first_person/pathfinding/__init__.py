@@ -1,1 +1,1 @@
-"""Pathfinding: paths to a goal by the real moves, and bounds on their length."""
+"""Pathfinding: paths to a goal that consist of a world's real moves, and bounds on their length."""

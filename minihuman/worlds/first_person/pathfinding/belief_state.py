@@ -1,7 +1,8 @@
-"""Belief state: what an agent has seen of a floor and of the things on it, and where it would look next.
+"""The belief state: what an agent has seen of a floor and the things on it, and where it would look next.
 
-Sight runs along the ground over a floor divided into cells: unseen, open floor, or wall. What is unseen hides nothing
-when it is estimated what could be seen. Of the goal it knows nothing before some of it was in view.
+Visibility is computed along the ground on a floor divided into cells: unseen, open floor, or wall. Unseen cells are
+assumed to hide nothing when the visible area of a place is estimated. The agent knows nothing of the goal before it has
+seen a part of it.
 """
 
 import math
@@ -51,10 +52,10 @@ Noise = Callable[[int], NDArray[np.float64]]  # how far off each of so many judg
 
 
 class ExploredFloor:
-    """What has been seen in one episode.
+    """What an agent has seen in one episode.
 
     Args:
-        world: its rooms, things and agent; looked at through the agent's eye alone.
+        world: the world, of which only what the agent can see is used
     """
 
     def __init__(self, world: "FirstPersonEnv") -> None:
@@ -77,7 +78,7 @@ class ExploredFloor:
         self.look()
 
     def look(self) -> int:
-        """Remember what is in view now; how many cells are new."""
+        """Remember what is in view now; return the number of newly seen cells."""
         agent = self._world.agent
         tangent = math.tan(math.radians(agent.cam_fov_y) / 2)
         eye = np.array((*self._eye(), agent.dir, _ASPECT * tangent))
@@ -98,7 +99,7 @@ class ExploredFloor:
         return new
 
     def forget(self, chance: float, rng: np.random.Generator) -> None:
-        """Forget each patch of floor that is not in view, with this chance."""
+        """Forget each patch of floor that is not in view, with a given probability."""
         side = max(round(PATCH_M / self.cell), 1)
         columns, rows = (-(-count // side) for count in self.seen.shape)
         gone = np.kron(rng.random((columns, rows)) < chance, np.ones((side, side), np.bool_))
@@ -106,23 +107,23 @@ class ExploredFloor:
         self.seen[gone] = UNSEEN
 
     def moved(self) -> None:
-        """Note that a step ahead succeeded."""
+        """Record that a step ahead succeeded."""
         self._aside -= 1
         if self._aside <= 0:
             self._evading = ""
 
     def bumped(self) -> None:
-        """Note that a step ahead led nowhere: something is in the way."""
+        """Record that a step ahead failed, so that something is in the way."""
         self._bumped.add(self._pose())
         self._tight.add(self._here())
         self._distance = None
 
     def step_to(self, thing: Entity) -> str | None:
-        """Choose the move that leads towards a thing that was seen; None where no path is known."""
+        """Return the move towards a thing that was seen; None if no path is known."""
         return self._step(self._cell(thing.pos[0], thing.pos[2]))
 
     def step_to_see_more(self, noise: Noise) -> str | None:
-        """Choose the move that leads to seeing more; None where nothing more can be seen."""
+        """Return the move towards the most promising view of unseen floor; None if nothing more can be seen."""
         for _ in range(_TRIES):
             if self._looking is None or not self._worth_it():
                 self._looking = self._best(noise)
@@ -141,7 +142,7 @@ class ExploredFloor:
         return None
 
     def start_over(self) -> None:
-        """Forget all that is not in view now."""
+        """Forget everything that is not in view now."""
         self.seen[~self._in_view] = UNSEEN
         self._looking = None
         self._tight.clear()
@@ -153,7 +154,7 @@ class ExploredFloor:
         return bool(left >= max(_STILL * promised, _LEAST_M2))
 
     def _best(self, noise: Noise) -> tuple[tuple[int, int], float, float] | None:
-        """Choose where to look from, along which yaw, and how much unseen floor that promises, m2."""
+        """Return the cell from which to look next, the yaw of the look, and the unseen floor that it promises in m²."""
         agent = self._world.agent
         stage = self._world.stage
         step = stage.parameters.number("forward_step", None)
@@ -185,7 +186,7 @@ class ExploredFloor:
         return places[first], float(looks[first, 1]), float(looks[first, 2])
 
     def _step(self, place: tuple[int, int]) -> str | None:
-        """Choose the move towards a cell, round known obstacles; None where there is none."""
+        """Return the move towards a cell, around known obstacles; None if there is none."""
         free = self._free()
         start = self._here()
         free[start] = free[place] = True
@@ -214,14 +215,14 @@ class ExploredFloor:
         return turn or "move_forward"
 
     def _turn_to(self, yaw: float, *, spare: float = 0.55) -> str | None:
-        """Choose the turn towards a heading; None where it is off by less than ``spare`` turns."""
+        """Return the turn towards a heading; None if the heading differs by less than ``spare`` turns."""
         off = _off(yaw, self._world.agent.dir)
         if abs(off) <= spare * self._turn_rad():
             return None
         return "turn_left" if off > 0 else "turn_right"
 
     def _free(self) -> NDArray[np.bool_]:
-        """Return the cells that are free as far as is known."""
+        """Return which cells are free, as far as is known."""
         agent = self._world.agent
         stage = self._world.stage
         in_the_way = [entity for entity in self.things if not any(entity is thing for thing in self._world.targets())]
@@ -237,7 +238,7 @@ class ExploredFloor:
         return free
 
     def _high(self) -> NDArray[np.float64]:
-        """Return the things too high to look over."""
+        """Return the things that are too high to look over."""
         agent = self._world.agent
         rows = [
             (entity.pos[0], entity.pos[2], float(entity.radius))
@@ -290,5 +291,5 @@ class ExploredFloor:
 
 
 def _off(yaw: Angle, from_yaw: float) -> Angle:
-    """Return the turn from one heading to another, counter-clockwise, -pi to pi."""
+    """Return the angle from one heading to another, counter-clockwise, in -pi to pi."""
     return (yaw - from_yaw + math.pi) % (2 * math.pi) - math.pi

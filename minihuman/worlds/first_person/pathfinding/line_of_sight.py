@@ -1,4 +1,4 @@
-"""Lines of sight over a floor in cells: what is seen from a place, what a look from elsewhere would show."""
+"""Lines of sight over a floor of cells: what is visible from a place, and what a look from elsewhere would show."""
 
 import math
 
@@ -26,17 +26,17 @@ def mark_seen(
     explored: NDArray[np.int8],
     in_view: NDArray[np.bool_],
 ) -> int:
-    """Mark the cells in sight; how many are new. ``explored`` and ``in_view``, (columns, rows), are filled.
+    """Mark the cells in sight in ``explored`` and ``in_view``, (columns, rows); return the number of new ones.
 
     Args:
-        walls: (n, 4): x0, z0, x1, z1.
-        discs: (n, 3): x, z and radius of things as high as the eye.
-        eye: x, z, yaw, and the tangent of half the angle of view.
-        rays: how many lines are looked along.
-        bounds: of the floor: x0, z0, x1, z1.
-        cell: metres.
-        explored: what each cell is known to be.
-        in_view: which cells are in sight now.
+        walls: the walls, (n, 4): x0, z0, x1, z1
+        discs: the entities as high as the eye, (n, 3): x, z and radius
+        eye: x, z, yaw, and the tangent of half the field of view
+        rays: the number of lines of sight
+        bounds: the bounds of the floor: x0, z0, x1, z1
+        cell: the size of a cell in metres
+        explored: what is known of each cell
+        in_view: which cells are in sight now
     """
     columns, rows = explored.shape
     in_view[:] = False
@@ -68,7 +68,7 @@ def mark_seen(
 
 @kernel("(float64[:, ::1], float64[:, ::1], float64[::1], float64, float64)")
 def sees(walls: NDArray[np.float64], discs: NDArray[np.float64], eye: NDArray[np.float64], x: float, z: float) -> bool:
-    """Return whether a point is in the angle of view and nothing hides it."""
+    """Return whether a point is in the field of view and nothing hides it."""
     off_x = x - eye[0]
     off_z = z - eye[1]
     distance = math.hypot(off_x, off_z)
@@ -85,7 +85,7 @@ def sees(walls: NDArray[np.float64], discs: NDArray[np.float64], eye: NDArray[np
 def _to_wall(
     walls: NDArray[np.float64], discs: NDArray[np.float64], x: float, z: float, along_x: float, along_z: float
 ) -> float:
-    """Measure the distance along a line to the first wall or disc; infinite without any."""
+    """Return the distance along a line to the first wall or disc; infinite if there is none."""
     nearest = np.inf
     for index in range(walls.shape[0]):
         ax = walls[index, 0] - x
@@ -112,7 +112,7 @@ def _to_wall(
 
 @kernel("(int8[:, ::1], int64, int64, float64)")
 def unseen_around(explored: NDArray[np.int8], column: int, row: int, cell: float) -> NDArray[np.float64]:
-    """Measure the unseen floor that would come into view from a cell, by bearing (counter-clockwise from +x), m2."""
+    """Return the unseen floor that would be visible from a cell, by bearing (counter-clockwise from +x), in m²."""
     columns, rows = explored.shape
     areas_m2 = np.zeros(BEARINGS)
     for bearing in range(BEARINGS):
@@ -130,7 +130,7 @@ def unseen_around(explored: NDArray[np.int8], column: int, row: int, cell: float
 
 @kernel("(float64[::1], float64, float64)")
 def in_sight(around: NDArray[np.float64], yaw: float, half_rad: float) -> float:
-    """Measure how much of what is around is in view along ``yaw``, m2."""
+    """Return the area of ``around`` that is in view along ``yaw``, in m²."""
     total = 0.0
     for bearing in range(BEARINGS):
         off = (bearing * _BEARING_RAD - yaw + math.pi) % (2 * math.pi) - math.pi
@@ -148,16 +148,16 @@ def visibility_values(
     cell: float,
     taste: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Find the best look from each place, (n, 3): cost less worth, its yaw, and the area it promises to show, m2.
+    """Return the best look from each place, (n, 3): its cost minus its value, its yaw, and the area it promises in m².
 
     Args:
-        explored: what each cell is known to be.
-        places: (n, 2): column, row.
-        costs: actions that it takes to be there.
-        yaws: how one faces there.
-        cell: metres.
-        taste: the angle of a turn, half the angle of view, the least that is worth a look, what a square metre is worth
-            in actions, and how many at once are enough.
+        explored: what is known of each cell
+        places: the places' columns and rows, (n, 2)
+        costs: the number of actions to each place
+        yaws: the heading on arrival at each place
+        cell: the size of a cell in metres
+        taste: the angle of a turn, half the field of view, the smallest area that is worth a look, the value of a
+            square metre in actions, and the area that is enough for one look
     """
     turn = taste[0]
     half = taste[1]
@@ -181,7 +181,7 @@ def visibility_values(
 
 @kernel("(int8[:, ::1], int64, int64, float64, float64, float64)")
 def give_up(explored: NDArray[np.int8], column: int, row: int, cell: float, yaw: float, half_rad: float) -> None:
-    """Mark as wall what should have come into view from here along ``yaw`` and did not."""
+    """Mark as wall the cells that should have come into view from here along ``yaw`` but did not."""
     columns, rows = explored.shape
     for bearing in range(BEARINGS):
         off = (bearing * _BEARING_RAD - yaw + math.pi) % (2 * math.pi) - math.pi
@@ -201,7 +201,7 @@ def give_up(explored: NDArray[np.int8], column: int, row: int, cell: float, yaw:
 
 @kernel("(boolean[:, ::1], float64[:, ::1], int64, int64)")
 def waypoint(free: NDArray[np.bool_], distance: NDArray[np.float64], column: int, row: int) -> tuple[int, int]:
-    """Return the farthest cell on the path down a map of distances that a straight line reaches."""
+    """Return the farthest cell on the path down a distance map that a straight line reaches."""
     columns, rows = free.shape
     best_c = column
     best_r = row

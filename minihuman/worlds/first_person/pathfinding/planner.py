@@ -1,7 +1,7 @@
-"""The planner: a path to a goal by a world's real motion rules, and how many steps any path takes at least.
+"""The planner: a path to a goal by a world's real motion rules, and a lower bound on the number of steps.
 
-Also going to several things in turn, fetching one and putting it down next to another: each leg planned, its last steps
-tried.
+It also plans to pick up several things in turn, and to fetch a thing and put it next to another. Each leg is planned,
+and its last steps are tried out in the world.
 """
 
 import math
@@ -32,14 +32,11 @@ _MARGIN = 1e-7  # metres kept from walls and things beyond the rules', so that r
 
 
 def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ()) -> tuple[int, ...] | None:
-    """Plan actions that bring the agent near the goal; None where none were found.
+    """Return actions that bring the agent near the goal; None if none were found.
 
-    If it carries something, they bring that near the goal once it is put down.
-
-    At the goal they are one action, since a world checks after a step. The agent is never near the things
-    to ``avoid``.
-
-    Where step length and turn vary, their defaults are planned with: plan again after a few steps.
+    If the agent carries something, the actions bring that near the goal, where it can be put down. At the goal, the
+    plan is one action, since a world checks after a step. The agent is never near the things to ``avoid``. If step
+    length and turn vary, the plan uses their defaults: plan again after a few steps.
 
     Raises:
         WorldError: if the world lacks a turn or the forward step.
@@ -81,12 +78,11 @@ def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ())
 
 
 def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
-    """Return a lower bound on the steps to the goal: what it takes to cover the ground, and to turn first.
+    """Return a lower bound on the number of steps to the goal: the steps that cover the distance, and the first turns.
 
-    It is 1 at the goal, since a world checks after a step.
-
-    The ground is the shortest path of a point round the walls, covered in steps as long as the world's longest.
-    Things in the way, most of the body's width, and later turns are left out.
+    The bound is 1 at the goal, since a world checks after a step. The distance is that of the shortest path of a point
+    around the walls, divided by the world's longest step. Obstacles, most of the body's width, and later turns are
+    ignored.
     """
     stage = world.stage
     x, _, z = stage.agent.pos
@@ -112,7 +108,7 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
 
 
 def _moves(world: "FirstPersonEnv") -> tuple[int, ...]:
-    """Return the world's actions for a turn left, a turn right, a step and, if it has that, a step back."""
+    """Return the world's actions for a left turn, a right turn, a step and, if it exists, a step back."""
     try:
         moves = tuple(world.action_names.index(name) for name in ("turn_left", "turn_right", "move_forward"))
     except ValueError:
@@ -135,7 +131,7 @@ def _low(stage: WorldState, name: str) -> float:
 
 
 def _reach(stage: WorldState, goal: Entity, mover: Entity | None = None) -> float:
-    """Return how far from the goal's middle the agent's, or what it puts down, may be to be near it, on the ground."""
+    """Return the ground distance between centres at which the agent, or what it puts down, is near the goal."""
     height = stage.agent.pos[1] if mover is None else 0.0
     threshold = float(goal.radius + (mover or stage.agent).radius + 1.1 * stage.reach)
     rise = goal.pos[1] - height
@@ -143,7 +139,7 @@ def _reach(stage: WorldState, goal: Entity, mover: Entity | None = None) -> floa
 
 
 def zones_of(world: "FirstPersonEnv") -> NDArray[np.float64]:
-    """Return the rooms that end the episode, (rooms, edges, 4): where each edge starts, its normal into the room."""
+    """Return the rooms that end the episode, (rooms, edges, 4): each edge's start and its inward normal."""
     rooms = [[(*edge.start, *edge.normal) for edge in room.outline.edges] for room in world.off_limits()]
     most = max(map(len, rooms), default=0)
     padded = [edges + edges[-1:] * (most - len(edges)) for edges in rooms]
@@ -151,9 +147,9 @@ def zones_of(world: "FirstPersonEnv") -> NDArray[np.float64]:
 
 
 def _obstacles(stage: WorldState, avoid: Sequence[Entity]) -> NDArray[np.float64]:
-    """List all but the agent and what it carries: x, z, and how far the middles of these two keep from it.
+    """Return every entity but the agent and its load: x, z, and the distances that these two keep from it.
 
-    From those to avoid, the agent stays so far that it is not near.
+    From the things to avoid, the agent keeps so far away that it is not near them.
     """
     agent = stage.agent
     carried = stage.agent.carrying
@@ -171,11 +167,12 @@ def _obstacles(stage: WorldState, avoid: Sequence[Entity]) -> NDArray[np.float64
 
 
 def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> NDArray[np.float64]:
-    """Return segments that no way to the goal crosses, and that no stop near the goal has before the goal.
+    """Return segments that no path to the goal crosses, and that lie between no stop near the goal and the goal.
 
-    A stop keeps the body's radius from every wall, and the line between two stops ``clearance``: so walls reach that
-    much beyond their ends. Where the line from a stop near the goal to the goal crosses a segment, that is closer
-    to the goal than ``reach`` less what the stop keeps from it: of such segments, what is in reach is left out.
+    A stop keeps the body's radius from every wall, and the line between two stops keeps ``clearance``, so walls extend
+    by that much beyond their ends. Where the line from a stop near the goal to the goal crosses a segment, that point
+    is closer to the goal than ``reach`` minus the stop's distance from the segment. The part of each segment within
+    that distance is left out.
     """
     radius = float(stage.agent.radius)
     clearance = 0.999 * math.sqrt(radius * radius - longest * longest / 4)
@@ -194,7 +191,7 @@ def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> 
 def _out_of_reach(
     a: NDArray[np.float64], b: NDArray[np.float64], middle: NDArray[np.float64], reach: float, margin: float
 ) -> list[tuple[float, ...]]:
-    """Return a segment whole if it is far enough from the goal, otherwise its parts that are out of reach."""
+    """Return a whole segment if it is far enough from the goal, or else its parts that are out of reach."""
     length = math.hypot(*(b - a))
     share = float((middle - a) @ (b - a)) / length**2
     foot = a + (b - a) * min(max(share, 0.0), 1.0)
@@ -210,7 +207,7 @@ def _out_of_reach(
 
 
 def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the ends of barriers at which a way may bend: in a room, with no other barrier across, (n, 2) x, z."""
+    """Return the ends of barriers at which a path can bend, (n, 2) x, z: those in a room and not on another barrier."""
     ends = barriers.reshape(-1, 2)
     inside = np.zeros(len(ends), dtype=np.bool_)
     for room in floor.rooms:
@@ -222,7 +219,7 @@ def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[
 
 
 def _merged(walls: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Join walls that continue each other into one."""
+    """Return walls with those that continue each other joined into one."""
     rows = [tuple(row) for row in walls.tolist()]
     starts = {row[:2]: row for row in rows}
     joined: dict[tuple[float, ...], None] = {}
@@ -253,9 +250,9 @@ BACKWARDS = 8  # steps back from a thing in which it is tried to take it: beside
 
 
 def plan_take_all(world: "FirstPersonEnv", left: Callable[[], list[Entity]]) -> list[int] | None:
-    """Plan actions that take everything that is ``left``, the nearest first; None where none were found.
+    """Return actions that pick up all things that ``left`` returns, the nearest first; None if none were found.
 
-    The world is left as it was. Its step limit counts.
+    The world ends in its original state. Its step limit applies.
     """
     saved = world.save()
     actions = []
@@ -273,7 +270,7 @@ def plan_take_all(world: "FirstPersonEnv", left: Callable[[], list[Entity]]) -> 
 
 
 def _take(world: "FirstPersonEnv", thing: Entity, count: int, left: Callable[[], list[Entity]]) -> list[int] | None:
-    """Approach a thing, face it and take it, or another in front of it."""
+    """Approach a thing, face it, and pick up that thing or another one in front of it; return the actions."""
     pickup = world.action_names.index("pickup")
     for approach in _approaches(world, thing, ()):
         before = world.save()
@@ -287,7 +284,7 @@ def _take(world: "FirstPersonEnv", thing: Entity, count: int, left: Callable[[],
 
 
 def _approaches(world: "FirstPersonEnv", thing: Entity, avoid: Sequence[Entity]) -> Iterator[list[int]]:
-    """Bring the agent near a thing, facing it, then again and again a step farther off: the actions done so far."""
+    """Bring the agent near a thing, facing it, and yield the actions; then repeatedly from one step farther away."""
     back = world.action_names.index("move_back")
     actions = list[int]()
     if any(ends(world, action, actions) for action in plan(world, thing, avoid=avoid) or ()):
@@ -301,14 +298,14 @@ def _approaches(world: "FirstPersonEnv", thing: Entity, avoid: Sequence[Entity])
 
 
 def ends(world: "FirstPersonEnv", action: int, actions: list[int]) -> bool:
-    """Do it, and say whether the episode is over."""
+    """Take an action, add it to ``actions``, and return whether the episode is over."""
     _, terminated, truncated = world.advance(action)
     actions.append(action)
     return terminated or truncated
 
 
 def turns_to(world: "FirstPersonEnv", thing: Entity) -> list[int]:
-    """Return the turns after which the agent faces a thing as nearly as it can."""
+    """Return the turns after which the agent faces a thing as closely as possible."""
     turn_rad = math.radians(world.stage.parameters.number("turn_step", None))
     x, _, z = world.agent.pos
     wanted_rad = math.atan2(z - thing.pos[2], thing.pos[0] - x)
@@ -318,9 +315,9 @@ def turns_to(world: "FirstPersonEnv", thing: Entity) -> list[int]:
 
 
 def plan_put_next(world: "FirstPersonEnv", thing: Entity, target: Entity) -> list[int] | None:
-    """Plan actions that put a thing next to another, with nothing carried then; None where none were found.
+    """Return actions that put a thing next to another and leave nothing carried; None if none were found.
 
-    The world is left as it was. Its step limit counts.
+    The world ends in its original state. Its step limit applies.
     """
     saved = world.save()
     actions = list[int]()
@@ -342,7 +339,7 @@ def plan_put_next(world: "FirstPersonEnv", thing: Entity, target: Entity) -> lis
 
 
 def _fetch_and_bring(world: "FirstPersonEnv", thing: Entity, target: Entity) -> list[int] | None:
-    """Take a thing from where it can be carried away, keeping off more and more of the things that stand near it."""
+    """Fetch a thing and bring it to a target, avoiding more and more of the things near it; return the actions."""
     saved = world.save()
     near = [entity for entity in world.entities if entity not in (thing, world.agent)]
     near.sort(key=lambda entity: math.dist(entity.pos, thing.pos))
@@ -355,7 +352,10 @@ def _fetch_and_bring(world: "FirstPersonEnv", thing: Entity, target: Entity) -> 
 
 
 def _fetch(world: "FirstPersonEnv", thing: Entity, target: Entity, avoid: list[Entity]) -> list[int] | None:
-    """Take it from near it, or from farther off: it then floats ahead of where it stood, perhaps into a wall."""
+    """Pick up a thing, from near or from farther away, and return the actions.
+
+    A carried thing floats ahead of the agent, where it might touch a wall if it was picked up from near.
+    """
     pickup = world.action_names.index("pickup")
     for approach in _approaches(world, thing, avoid):
         before = world.save()
@@ -368,7 +368,7 @@ def _fetch(world: "FirstPersonEnv", thing: Entity, target: Entity, avoid: list[E
 
 
 def _bring(world: "FirstPersonEnv", target: Entity) -> list[int] | None:
-    """Carry what is in hand next to a thing, and put it down."""
+    """Carry the load next to a thing and put it down; return the actions."""
     carried = world.agent.carrying
     actions = list[int]()
     assert carried is not None

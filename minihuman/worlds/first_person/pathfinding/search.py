@@ -1,14 +1,13 @@
 """Search kernels: A* over places and headings, distance and clearance maps on small cells, a lower bound on distance.
 
-Paths are made of the real moves: turns of one angle, steps of one length, a body that must fit at every stop. The
-heuristic is how far every place is from the goal around what is in the way. What is carried floats ahead and has to fit
-too: then it is what the path brings to the goal. The lower bound is the shortest path of a point round the ends of
-walls.
+Paths consist of real moves: turns by one angle and steps of one length, with a body that must fit at every stop. The
+heuristic is the distance of every place from the goal around obstacles. A carried entity floats ahead and must fit,
+too; then the path brings it to the goal. The lower bound is the shortest path of a point around the ends of walls.
 
-It shares no code with `grid.core.search`: a grid's states are whole numbers, looked up by their content and queued in
-buckets by a whole cost; here places are real numbers, known again by cell and heading, and costs are real. So the queue
-is a binary heap in arrays that the caller gives: entries are a key and a number, of equal keys the smaller number comes
-first, and the first `size` places are in use.
+The module shares no code with `grid.core.search`. A grid's states are whole numbers, found by their content and queued
+in buckets by whole costs. Here, places are real numbers, identified by cell and heading, and costs are real. The queue
+is therefore a binary heap in arrays of the caller: an entry is a key and a number, the smaller number comes first among
+equal keys, and the first `size` places are in use.
 """
 
 import math
@@ -26,7 +25,7 @@ Numbers = NDArray[np.int64]
 
 @device_function(nogil=True)
 def push(keys: Keys, numbers: Numbers, size: int, key: float, number: int) -> int:
-    """Add an entry; the caller has made sure that there is room."""
+    """Add an entry to the heap, which must have room for it; return the new size."""
     place = size
     while place > 0:
         above = (place - 1) >> 1
@@ -42,7 +41,7 @@ def push(keys: Keys, numbers: Numbers, size: int, key: float, number: int) -> in
 
 @device_function(nogil=True)
 def drop_first(keys: Keys, numbers: Numbers, size: int) -> int:
-    """Take the first entry, which stands at 0, away; the next comes to stand there."""
+    """Remove the first entry, which is at index 0, so that the next one is there; return the new size."""
     size -= 1
     key = keys[size]
     number = numbers[size]
@@ -82,10 +81,10 @@ def clearance_map(
     cell: float,
     radius: float,
 ) -> NDArray[np.bool_]:
-    """Return in which cells of a grid over ``bounds`` (x0, z0, x1, z1) a body of this radius may stand.
+    """Return the cells of a grid over ``bounds`` (x0, z0, x1, z1) in which a body of a radius can stand.
 
-    ``discs`` are (n, 3 or more): x, z and how far from it the body's middle has to stay. ``zones`` are (rooms, edges,
-    4): convex areas it stays out of, each edge a point on it and its normal inwards.
+    ``discs`` are (n, 3 or more): x, z and the distance that the body's middle keeps from there. ``zones`` are (rooms,
+    edges, 4): convex areas that it avoids, each edge given by a point on it and its inward normal.
     """
     columns = int((bounds[2] - bounds[0]) / cell) + 1
     rows = int((bounds[3] - bounds[1]) / cell) + 1
@@ -95,7 +94,7 @@ def clearance_map(
 
 
 def distance_map(free: NDArray[np.bool_], goal_column: int, goal_row: int, goal_cells: float) -> NDArray[np.float64]:
-    """Measure each cell's distance from the goal's, in cells; 0 within ``goal_cells``, infinite without a path."""
+    """Return each cell's distance from the goal in cells; 0 within ``goal_cells``, infinite without a path."""
     waiting = free.size
     while True:
         distance = np.full(free.shape, np.inf)
@@ -169,7 +168,7 @@ def _measure(
     keys: Keys,
     numbers: Numbers,
 ) -> bool:
-    """Fill in the distances; return whether there was room for all cells that had to wait."""
+    """Fill in the distances; return whether the queue had room for all cells."""
     columns, rows = free.shape
     waiting = 0
     reach = int(goal_cells) + 1
@@ -197,15 +196,15 @@ def _measure(
 
 
 def shortest_way(barriers: NDArray[np.float64], nodes: NDArray[np.float64]) -> float:
-    """Measure the shortest line from the first node to the second that crosses no barrier; infinite if none.
+    """Return the length of the shortest path from node 0 to node 1 that crosses no barrier; infinite if none.
 
-    ``barriers`` is (n, 4): x0, z0, x1, z1, and may be touched; ``nodes`` is (m, 2): x, z, where the line may bend.
+    ``barriers`` are (n, 4): x0, z0, x1, z1, and can be touched; ``nodes`` are (m, 2): x, z, at which the path can bend.
     """
     return _shortest(barriers, nodes, np.full(len(nodes), np.inf), np.zeros(len(nodes), np.bool_))
 
 
 def lies_on(barriers: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points lie on a barrier, not at its ends."""
+    """Return which points lie on a barrier and not at its ends."""
     marks = np.zeros(len(points), np.bool_)
     _mark(barriers, points, marks)
     return marks
@@ -273,7 +272,7 @@ def _sees(barriers: NDArray[np.float64], nodes: NDArray[np.float64], a: int, b: 
 
 @device_function(nogil=True)
 def _side(ax: float, az: float, bx: float, bz: float, x: float, z: float) -> float:
-    """Return above 0 left of the line from a to b, below 0 right of it, and 0 where rounding could not tell."""
+    """Return a positive number left of the line from a to b, a negative one right of it, and 0 within rounding."""
     turn = (bx - ax) * (z - az) - (bz - az) * (x - ax)
     return 0.0 if abs(turn) < 1e-9 else turn
 
@@ -287,7 +286,7 @@ _MOST_STOPS = 2_000_000  # a search that has seen so many has no way
 
 
 class Body(NamedTuple):
-    """How an agent moves and what room it takes: metres, radians; ``ahead`` and ``carried`` are 0 with empty hands."""
+    """The moves and size of an agent in metres and radians; ``ahead`` and ``carried`` are 0 if it carries nothing."""
 
     step: float
     turn: float
@@ -298,7 +297,7 @@ class Body(NamedTuple):
 
 
 class Stops(NamedTuple):
-    """Places on the ways that are being tried: room for as many as there may be, of which memory is what is used."""
+    """The stops of all paths in the search; the arrays have room for the maximum, but use memory only as they fill."""
 
     x: NDArray[np.float64]
     z: NDArray[np.float64]
@@ -321,9 +320,9 @@ def search(
     distance: NDArray[np.float64],
     cell: float,
 ) -> list[int]:
-    """Find the moves from ``start`` (x, z, yaw) to within ``goal`` (x, z, radius); empty where there is no path.
+    """Return the moves from ``start`` (x, z, yaw) to within ``goal`` (x, z, radius); empty if there is no path.
 
-    ``discs`` are (n, 4): x, z, and how far from it the body's middle and that of what it carries have to stay.
+    ``discs`` are (n, 4): x, z, and the distances that the middles of the body and of its load keep from there.
     ``distance`` comes from ``distance_map`` over cells of size ``cell``.
     """
     most = _MOST_STOPS
@@ -360,7 +359,7 @@ def _search(
     stops: Stops,
     visited: NDArray[np.bool_],
 ) -> int:
-    """Find the stop at the goal; -1 where there is none."""
+    """Return the number of the stop at the goal; -1 if there is none."""
     columns, rows, headings = visited.shape
     stops.x[0] = start[0]
     stops.z[0] = start[1]
@@ -434,7 +433,7 @@ def _blocked(
 def _still_to_go(
     distance: NDArray[np.float64], column: int, row: int, yaw: float, cell: float, step: float, turn: float
 ) -> float:
-    """Estimate how many moves are left: the way, and the turn towards where the way leads."""
+    """Estimate the remaining number of moves: the distance, and the turn towards the path."""
     columns, rows = distance.shape
     best = np.inf
     best_yaw = yaw

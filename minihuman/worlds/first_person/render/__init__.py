@@ -1,1 +1,1 @@
-"""The renderer of first-person worlds: a scene and a camera in, a picture out. No display, no OpenGL."""
+"""The renderer of first-person worlds, which turns a scene and a camera into a picture without a display or OpenGL."""

@@ -1,7 +1,7 @@
 """The asset library: built-in textures and meshes, and those of a world's own folder, read once per process.
 
-A folder has `textures/NAME.png`, `meshes/NAME.obj` (with materials; errors name the line) and `meshes/NAME.glb`, as
-Miniworld's package folder has. What the folder lacks is taken from our own.
+A folder contains `textures/NAME.png`, `meshes/NAME.obj` (with materials; errors name the line) and `meshes/NAME.glb`,
+like Miniworld's package folder. Assets that the folder lacks are the built-in ones.
 """
 
 import threading
@@ -26,10 +26,10 @@ _LETTER_STYLES = 9  # as many looks of a letter as Miniworld draws from
 
 
 class OwnAssets(Assets):
-    """The textures of `RECIPES`, a picture for each letter and digit, and the built-in meshes."""
+    """The built-in assets: the textures of `RECIPES`, a picture of each letter and digit, and the built-in meshes."""
 
     def texture(self, name: str) -> Texture:
-        """Paint a texture. A letter is "chars/ch_0x", its code and "_" and a variant; others are a recipe's name."""
+        """Paint the texture of a name: a recipe's name, or "chars/ch_0x" with a character's code, "_" and a variant."""
         stem, _, variant = name.rpartition("_")
         if not variant.isdigit():
             stem = name
@@ -49,12 +49,12 @@ class OwnAssets(Assets):
 
 
 def own_library() -> Library:
-    """Make a library of our own assets; it fills as scenes ask for them."""
+    """Return a library of the built-in assets, which are loaded when scenes use them."""
     return Library(OwnAssets())
 
 
 def _letter(letter: str, variant: int) -> Texture:
-    """Draw a dark letter on paper, or its like: the variants differ in ink and paper."""
+    """Draw a dark character on paper; the variants differ in the colours of ink and paper."""
     if not 1 <= variant <= _LETTER_STYLES:
         raise WorldError(f"the letter {letter!r} has variants 1 to {_LETTER_STYLES}, not {variant}")
     paper = 250 - 9 * (variant - 1)
@@ -70,7 +70,7 @@ Rgb = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """What a face is made of: a colour, and the file of a texture where it has one."""
+    """The material of a face: a colour, and the file of a texture if it has one."""
 
     colour: Rgb = (1.0, 1.0, 1.0)
     texture: Path | None = None
@@ -88,11 +88,11 @@ class _Lines:
 def read_obj(path: Path) -> MeshData:
     """Read a mesh of triangles with normals; its base is moved to y = 0 and its middle to x = z = 0.
 
-    Materials come from the .mtl file of the same name; a .png of the same name covers faces without a material.
-    Texture names in the mesh are file paths.
+    Materials come from the .mtl file of the same name; a .png of the same name covers faces without a material. Texture
+    names in the mesh are file paths.
 
     Raises:
-        WorldError: if the file is missing, a line makes no sense, or there is no triangle in it.
+        WorldError: if the file is missing, a line is invalid, or there is no triangle.
     """
     lines = _read_lines(path)
     if not lines.faces:
@@ -119,10 +119,10 @@ def read_obj(path: Path) -> MeshData:
 
 
 def read_mtl(path: Path) -> dict[str, Material]:
-    """Read the materials of a file, by name; none if there is no such file.
+    """Return the materials in a file by name; {} if there is no such file.
 
     Raises:
-        WorldError: if a line makes no sense.
+        WorldError: if a line is invalid.
     """
     materials: dict[str, Material] = {}
     if not path.exists():
@@ -217,11 +217,11 @@ def _centred(corners: F64, path: Path, far: F64) -> F64:
 def read_glb(path: Path) -> MeshData:
     """Read a mesh; its base is moved to y = 0 and the middle of its width and depth to x = z = 0.
 
-    A triangle has its material's colour or texture, or the mean of its corners' colours where it has no material. Its
-    textures are inside the mesh.
+    A triangle has its material's colour or texture, or else the mean colour of its corners. Textures are inside the
+    mesh.
 
     Raises:
-        WorldError: if the file cannot be read, has no triangle in it or no height.
+        WorldError: if the file cannot be read, or it has no triangle or no height.
     """
     import trimesh  # only worlds with such a mesh need it
 
@@ -255,7 +255,7 @@ def read_glb(path: Path) -> MeshData:
 
 
 def _image(part: Any) -> Texture | None:
-    """Return a part's texture; a metre of it is all of it, as its places say where on it a corner is."""
+    """Return a part's texture with a size of one metre, since texture coordinates are shares of the whole texture."""
     material = getattr(part.visual, "material", None)
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is None or getattr(part.visual, "uv", None) is None:
@@ -264,7 +264,7 @@ def _image(part: Any) -> Texture | None:
 
 
 def _colours(part: Any) -> F64:
-    """Return a colour for each triangle, 0 to 1."""
+    """Return a colour for each triangle, in 0 to 1."""
     material = getattr(part.visual, "material", None)
     if material is None:
         return np.array(part.visual.face_colors[:, :3], np.float64) / 255
@@ -286,7 +286,7 @@ _READERS = {".obj": read_obj, ".glb": read_glb}
 
 
 class FolderAssets(Assets):
-    """The textures and meshes in a folder, and our own where it has none of a name."""
+    """The textures and meshes in a folder, and the built-in ones for names that the folder lacks."""
 
     def __init__(self, folder: Path) -> None:
         if not any((folder / part).is_dir() for part in ("textures", "meshes")):
@@ -298,12 +298,12 @@ class FolderAssets(Assets):
 
     @cached_property
     def meshes(self) -> dict[str, Path]:
-        """Return the folder's meshes: their files by name."""
+        """The files of the folder's meshes, by name."""
         files = sorted((self._folder / "meshes").glob("*"), reverse=True)  # an OBJ file stands before a GLB file
         return {file.stem: file for file in files if file.suffix in _READERS}
 
     def texture(self, name: str) -> Texture:
-        """Read a PNG of the folder, 512 texels a metre; ``NAME.png`` is also a texture's first picture, "NAME_1"."""
+        """Read a PNG of the folder, 512 texels per metre; ``NAME.png`` is also a texture's first variant, "NAME_1"."""
         path = self._texture_file(name)
         if path is None:
             try:
@@ -319,7 +319,7 @@ class FolderAssets(Assets):
         return Texture(pixels, (width / TEXELS_A_METRE, height / TEXELS_A_METRE))
 
     def mesh(self, name: str) -> MeshData:
-        """Read an OBJ or GLB file of the folder, or our own mesh of that name."""
+        """Read an OBJ or GLB file of the folder, or else return the built-in mesh of that name."""
         file = self.meshes.get(name)
         if file is not None:
             return _READERS[file.suffix](file)
@@ -333,7 +333,7 @@ class FolderAssets(Assets):
         return mesh in self.meshes
 
     def _texture_file(self, name: str) -> Path | None:
-        """Return where a texture is; None where it is not the folder's. A mesh's texture is named by its path."""
+        """Return the path of a texture; None if it is not in the folder. A mesh's texture is named by its path."""
         if name.endswith(".png"):
             return Path(name)
         names = (name, name.removesuffix("_1"))
@@ -347,7 +347,7 @@ library_lock = threading.Lock()  # hold it while a scene is laid out: that may r
 
 @cache
 def asset_library(folder: str | None) -> Library:
-    """Return the library of a folder, or of our own assets; always the same one."""
+    """Return the library of a folder, or that of the built-in assets; the same object for the same folder."""
     if folder is None:
         return own_library()
     return Library(FolderAssets(Path(folder)))

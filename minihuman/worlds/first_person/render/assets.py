@@ -1,4 +1,4 @@
-"""Assets: the textures and meshes that a scene names, packed once as the kernels read them."""
+"""Assets: the textures and meshes that a scene names, packed once in the form that the kernels read."""
 
 import abc
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ _ABOVE_GROUND_M = 0.002
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Texture:
-    """A picture that can repeat: uint8[h, w, 3], first row on top, and how many metres it covers."""
+    """A repeatable picture uint8[h, w, 3], with the first row on top, and the metres that it covers."""
 
     pixels: NDArray[np.uint8]
     size_m: tuple[float, float]  # right, up
@@ -39,7 +39,7 @@ class Texture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshData:
-    """Triangles, counter-clockwise from outside, resting on y = 0 around the axis x = z = 0."""
+    """Triangles, counter-clockwise as seen from outside, that rest on y = 0 around the axis x = z = 0."""
 
     corners: F64  # (n, 3, 3)
     normals: F64  # (n, 3, 3)
@@ -51,17 +51,17 @@ class MeshData:
 
     @property
     def half_width(self) -> float:
-        """Return how far it reaches along x, in its own units."""
+        """The mesh's largest distance from its axis along x, in its own units."""
         return float(np.abs(self.corners[:, :, 0]).max())
 
     @property
     def half_depth(self) -> float:
-        """Return how far it reaches along z, in its own units."""
+        """The mesh's largest distance from its axis along z, in its own units."""
         return float(np.abs(self.corners[:, :, 2]).max())
 
     @property
     def height(self) -> float:
-        """Return how high it is, in its own units."""
+        """The mesh's height in its own units."""
         return float(self.corners[:, :, 1].max())
 
 
@@ -70,29 +70,29 @@ class Assets(abc.ABC):
 
     @abc.abstractmethod
     def texture(self, name: str) -> Texture:
-        """Return the texture of this name, variant included: "brick_wall_1".
+        """Return the texture of a name with its variant, such as "brick_wall_1".
 
         Raises:
-            WorldError: if there is none.
+            WorldError: if there is no such texture.
         """
 
     @abc.abstractmethod
     def mesh(self, name: str) -> MeshData:
-        """Return the mesh of this name: "duckie".
+        """Return the mesh of a name, such as "duckie".
 
         Raises:
-            WorldError: if there is none, or it makes no sense.
+            WorldError: if there is no such mesh, or it is invalid.
         """
 
     def brings(self, mesh: str) -> bool:
-        """Return whether a mesh is not built in: only built-in ones come in the colours of every palette."""
+        """Return whether a mesh is not built in; only built-in meshes exist in the colours of every palette."""
         return False
 
 
 class Library:
-    """What has been asked of an asset set so far, in the kernels' tables.
+    """The assets of a set that have been used so far, in the tables of the kernels.
 
-    Tables only grow: a scene laid out earlier keeps reading the tables it was given.
+    Tables only grow: scenes that were built earlier keep the tables they were given.
     """
 
     def __init__(self, assets: Assets) -> None:
@@ -114,46 +114,46 @@ class Library:
 
     @property
     def packed(self) -> tuple[F64, I32]:
-        """Return its faces as the kernels read them."""
+        """The library's faces in the form that the kernels read."""
         if self._packed is None or self._packed[0] is not self.faces:
             self._packed = self.faces, packed_faces(self.faces)
         return self._packed[1]
 
     def texture_row(self, name: str) -> int:
-        """Return the row of a texture in ``textures``; load it if need be."""
+        """Return the row of a texture in ``textures``, after loading it if necessary."""
         if name not in self._texture_rows:
             self._keep(name, self._assets.texture(name))
         return self._texture_rows[name]
 
     def texture_size_m(self, name: str) -> tuple[float, float]:
-        """Return how many metres right and up a texture covers before it repeats."""
+        """Return the metres to the right and up that a texture covers before it repeats."""
         return self._sizes_m[self.texture_row(name)]
 
     def mesh_faces(self, name: str) -> tuple[int, int]:
-        """Return the first face of a mesh in ``faces`` and one past its last; load it if need be."""
+        """Return the first face of a mesh in ``faces`` and one past its last, after loading it if necessary."""
         if name not in self._mesh_ranges:
             self._add(name, self._assets.mesh(name))
         return self._mesh_ranges[name]
 
     def mesh_scale(self, name: str, height_m: float) -> tuple[float, float]:
-        """Return how much to scale a mesh for a height in metres, and how much that scales its normals."""
+        """Return the factor that scales a mesh to a height in metres, and the factor by which it scales normals."""
         self.mesh_faces(name)
         mesh = self._meshes[name]
         scale = height_m / mesh.height
         return scale, 1.0 / scale if mesh.light_scales else 1.0
 
     def mesh_reach(self, name: str) -> tuple[float, float]:
-        """Return how far a mesh reaches from its axis, and from the middle of its base, in its own units."""
+        """Return a mesh's largest distances from its axis and from the middle of its base, in its own units."""
         self.mesh_faces(name)
         return self._reaches[name]
 
     def mesh_box(self, name: str) -> tuple[float, float, float, float]:
-        """Return the box a mesh lies in: half its width, where it begins and ends upwards, half its depth."""
+        """Return the bounding box of a mesh: half its width, its lowest and highest y, half its depth."""
         self.mesh_faces(name)
         return self._boxes[name]
 
     def mesh_extents(self, name: str) -> tuple[float, float, float]:
-        """Return half the width, the height and half the depth of a mesh, in its own units."""
+        """Return half the width, the height and half the depth of a mesh in its own units."""
         self.mesh_faces(name)
         mesh = self._meshes[name]
         return mesh.half_width, mesh.height, mesh.half_depth
@@ -183,7 +183,7 @@ class Library:
 
 
 def mesh_table(mesh: MeshData, texture_rows: NDArray[np.int32]) -> FaceTable:
-    """Convert a mesh to a table of faces, without its slivers."""
+    """Return a mesh as a table of faces, without degenerate triangles."""
     edge_a = mesh.corners[:, 1] - mesh.corners[:, 0]
     edge_b = mesh.corners[:, 2] - mesh.corners[:, 0]
     normal = np.cross(edge_a, edge_b)
@@ -203,7 +203,7 @@ def mesh_table(mesh: MeshData, texture_rows: NDArray[np.int32]) -> FaceTable:
 
 
 def pack(polygons: list[F64], places: list[F64], texture_rows: list[int] | None = None) -> FaceTable:
-    """Pack white flat polygons (n, 3), with their places on their textures (n, 2), into a table of faces."""
+    """Return a table of white flat polygons (n, 3) with their texture coordinates (n, 2)."""
     normals = [newell(polygon) for polygon in polygons]
     sizes = [len(polygon) for polygon in polygons]
     offsets = [-float(normal @ polygon.mean(axis=0)) for normal, polygon in zip(normals, polygons, strict=True)]
@@ -219,7 +219,7 @@ def pack(polygons: list[F64], places: list[F64], texture_rows: list[int] | None 
 
 
 def join(a: FaceTable, b: FaceTable) -> FaceTable:
-    """Join two tables of faces, one after the other."""
+    """Return two tables of faces joined into one."""
     return FaceTable(
         np.concatenate([a.start, b.start[1:] + a.start[-1]]).astype(np.int32),
         np.concatenate([a.position, b.position]),
@@ -232,7 +232,7 @@ def join(a: FaceTable, b: FaceTable) -> FaceTable:
 
 
 def newell(polygon: F64) -> F64:
-    """Return the unit normal on the side from which a flat polygon's corners run counter-clockwise.
+    """Return the unit normal of a flat polygon, on the side from which its corners run counter-clockwise.
 
     Raises:
         WorldError: if the corners lie on one line.
@@ -251,7 +251,7 @@ def newell(polygon: F64) -> F64:
 
 
 def unit_cube() -> list[F64]:
-    """Return the six sides of a cube a metre wide, its base in the middle of y = 0."""
+    """Return the six sides of a cube one metre wide, with the middle of its base at the origin."""
     sides = []
     for axis in range(3):
         for side in (-0.5, 0.5):
@@ -265,7 +265,7 @@ def unit_cube() -> list[F64]:
 
 
 def _disc(radius: float) -> F64:
-    """Return sixteen corners around the origin, just above the ground."""
+    """Return the sixteen corners of a disc around the origin, just above the ground."""
     corners = [(1.0, 0.0), (0.9238795, 0.3826834), (0.7071068, 0.7071068), (0.3826834, 0.9238795)]
     for _ in range(3):
         corners += [(-z, x) for x, z in corners[-4:]]
@@ -280,7 +280,7 @@ def _append(textures: TextureTable, pixels: NDArray[np.uint8]) -> TextureTable:
 
 
 def size_table(width: int, height: int, begin: int) -> NDArray[np.uint32]:
-    """Return the pairs of a texture, see `TextureTable`, whose first texel is at ``begin``; uint32[MOST_SIZES, 2]."""
+    """Return the pairs of a texture (see `TextureTable`) whose first texel is at ``begin``, uint32[MOST_SIZES, 2]."""
     table = np.zeros((MOST_SIZES, 2), np.uint32)
     size = 0
     wide = width

@@ -1,4 +1,4 @@
-"""Our own meshes, as ``python -m kernel_build.meshes`` made them: the same points on every machine."""
+"""The built-in meshes, made by ``python -m kernel_build.meshes``, with the same points on every machine."""
 
 import hashlib
 import io
@@ -26,10 +26,10 @@ _COLOURED = ("ball", "key")
 
 
 def mesh_named(name: str) -> MeshData:
-    """Return the mesh of this name; a ball or key in a colour is "ball_red".
+    """Return the built-in mesh of a name; a coloured ball or key is named as in "ball_red".
 
     Raises:
-        WorldError: if there is no such mesh, or the file of meshes is not the one that belongs to this version.
+        WorldError: if there is no such mesh, or the file of meshes belongs to another version.
     """
     arrays = _read_arrays()
     stem, _, colour = name.partition("_")

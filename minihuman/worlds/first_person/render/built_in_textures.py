@@ -1,9 +1,9 @@
-"""Our own textures, each painted by its recipe the first time a scene asks for it, from noise and patterns.
+"""The built-in textures, each painted from noise and patterns when a scene first uses it.
 
-Names and the sizes they cover are those that Miniworld's worlds refer to; the pictures are ours. Noise is seeded and
-the same on every machine: only +, -, x, / and comparisons of single elements are used, as sines and sums over arrays
-differ between machines. Functions work on arrays in 0 to 1 over a square of `SIZE` texels that joins itself at its
-edges.
+The names, and the sizes that textures cover, are those to which Miniworld's worlds refer; the pictures are our own.
+Noise is seeded and the same on every machine: only +, -, x, / and comparisons of single elements are used, since sines
+and sums over arrays differ between machines. Functions work on arrays with values in 0 to 1, over a square of `SIZE`
+texels whose opposite edges match.
 """
 
 from collections.abc import Callable
@@ -20,13 +20,13 @@ _WEIGHTS = np.array([2126, 7152, 722])  # how bright red, green and blue are, by
 
 
 def grid() -> tuple[Grid, Grid]:
-    """Return column and row of every texel; rows grow downwards."""
+    """Return the column and row of every texel; rows count downwards."""
     rows, columns = np.meshgrid(np.arange(SIZE, dtype=np.int64), np.arange(SIZE, dtype=np.int64), indexing="ij")
     return columns, rows
 
 
 def scatter(x: Grid, y: Grid, seed: int) -> F64:
-    """Draw an even random number for each pair of whole numbers, 0 to 1."""
+    """Return a uniform random number in 0 to 1 for each pair of whole numbers."""
     value = (x * 0x9E3779B1 + y * 0x85EBCA77 + seed * 0xC2B2AE3D) & 0xFFFFFFFF
     value = ((value ^ (value >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
     value = ((value ^ (value >> 12)) * 0x297A2D39) & 0xFFFFFFFF
@@ -34,13 +34,13 @@ def scatter(x: Grid, y: Grid, seed: int) -> F64:
 
 
 def smooth(part: F64) -> F64:
-    """Ease from 0 to 1 with level ends."""
+    """Return smoothstep values: an S-curve from 0 to 1 with a slope of 0 at both ends."""
     part = np.clip(part, 0.0, 1.0)
     return part * part * (3.0 - 2.0 * part)
 
 
 def soft(cells_x: int, cells_y: int, seed: int) -> F64:
-    """Blend random numbers on a coarse grid smoothly, and repeat them."""
+    """Return smooth, repeating noise: random numbers on a coarse grid, interpolated."""
     lattice_x, lattice_y = np.meshgrid(np.arange(cells_x), np.arange(cells_y))
     lattice = scatter(lattice_x.astype(np.int64), lattice_y.astype(np.int64), seed)
     at_x = np.arange(SIZE, dtype=np.float64) * (cells_x / SIZE)
@@ -59,7 +59,7 @@ def soft(cells_x: int, cells_y: int, seed: int) -> F64:
 
 
 def cloud(cells: int, seed: int, octaves: int = 5) -> F64:
-    """Make soft noise with ever finer detail, around 0.5."""
+    """Return smooth noise around 0.5 with several octaves of finer detail."""
     total = np.zeros((SIZE, SIZE))
     weight = 0.0
     amplitude = 1.0
@@ -71,12 +71,15 @@ def cloud(cells: int, seed: int, octaves: int = 5) -> F64:
 
 
 def grain(seed: int) -> F64:
-    """Draw a random number for each texel."""
+    """Return a random number for each texel."""
     return scatter(*grid(), seed)
 
 
 def tiles(columns: int, rows: int, joint: int, *, offset: bool = False) -> tuple[F64, Grid, Grid]:
-    """Lay tiles in rows, every other one half a tile off if ``offset``: 1 on a tile, 0 in a joint, and which tile."""
+    """Return a mask of tiles (1) and joints (0), and the column and row of each texel's tile.
+
+    If ``offset``, every other row of tiles is shifted by half a tile.
+    """
     x, y = grid()
     row = y * rows // SIZE
     moved = (x + (row % 2) * (SIZE // columns // 2) if offset else x) * columns
@@ -91,7 +94,7 @@ def tiles(columns: int, rows: int, joint: int, *, offset: bool = False) -> tuple
 
 
 def mix(low: tuple[int, int, int], high: tuple[int, int, int], part: F64) -> F64:
-    """Mix two colours (0 to 255), (h, w, 3)."""
+    """Return a mixture (h, w, 3) of two colours with values in 0 to 255."""
     a = np.array(low, np.float64)
     b = np.array(high, np.float64)
     picture = np.clip(part, 0.0, 1.0)[..., None] * (b - a)
@@ -100,9 +103,9 @@ def mix(low: tuple[int, int, int], high: tuple[int, int, int], part: F64) -> F64
 
 
 def as_bright(colour: F64, target_mean: float) -> NDArray[np.uint8]:
-    """Scale a texture to so bright an average, 0 to 255, and round it.
+    """Return a texture scaled to a mean brightness (0 to 255) and rounded.
 
-    The mean is taken of whole numbers, for sums of others differ between machines.
+    The mean is taken of whole numbers, since sums of others differ between machines.
     """
     colour = np.clip(colour, 0.0, 255.0)
     for _ in range(3):  # what would be brighter than white is cut off, and then a little is missing
@@ -113,7 +116,7 @@ def as_bright(colour: F64, target_mean: float) -> NDArray[np.uint8]:
 
 
 def pixels(colour: F64) -> NDArray[np.uint8]:
-    """Round to what a texture holds."""
+    """Return a texture's values rounded to uint8."""
     rounded = np.clip(colour, 0.0, 255.0)
     rounded += 0.5
     return rounded.astype(np.uint8)
@@ -124,12 +127,12 @@ Shade = tuple[int, int, int]
 
 
 def _recipe(paint: Callable[..., F64]) -> Callable[..., Recipe]:
-    """Make recipes of a painter: called with its settings, it waits for the seed."""
+    """Turn a painter into a function that takes its settings and returns a recipe, which takes the seed."""
     return lambda *settings: partial(paint, *settings)
 
 
 def _lit(picture: F64, part: F64, depth: float) -> F64:
-    """Darken where ``part`` is low."""
+    """Return a picture that is darkened where ``part`` is low."""
     return picture * (1.0 - depth + depth * part)[..., None]
 
 
@@ -141,7 +144,7 @@ def _plaster(low: Shade, high: Shade, roughness: float, seed: int) -> F64:
 
 @_recipe
 def _concrete(low: Shade, high: Shade, seed: int) -> F64:
-    """Draw concrete out of its boards: fine streaks and pores, and nothing so large that its repetition shows."""
+    """Paint board-formed concrete: fine streaks and pores, without large features that would show the repetition."""
     streaks = 0.6 * soft(16, 256, seed) + 0.4 * soft(32, 128, seed + 1)
     part = 0.5 + 1.1 * (streaks - 0.5) + 0.5 * (cloud(48, seed + 2, 3) - 0.5) + 0.35 * (grain(seed + 9) - 0.5)
     pores = smooth((soft(128, 128, seed + 20) - 0.86) * 12.0)
@@ -239,7 +242,7 @@ def _ceiling_tiles(seed: int) -> F64:
 
 @_recipe
 def _panel(base: Shade, inset: int, rows: int, seed: int) -> F64:
-    """Draw a door or a box: a frame with sunken panels."""
+    """Paint a door or a box: a frame with sunken panels."""
     x, y = grid()
     height = SIZE // rows
     inside = np.minimum(np.minimum(x, SIZE - 1 - x), np.minimum(y % height, height - 1 - y % height)) - inset
@@ -265,7 +268,7 @@ def _fence(seed: int) -> F64:
 
 
 def _logo(seed: int) -> F64:
-    """Draw a framed sign: a maze from above, an agent in it and the way to its goal."""
+    """Paint a framed sign: a maze from above, with an agent and the path to its goal."""
     x, y = grid()
     picture = mix((236, 233, 224), (246, 244, 238), cloud(3, seed))
     for x0, y0, x1, y1 in (

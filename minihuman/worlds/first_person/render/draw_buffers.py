@@ -1,6 +1,6 @@
-"""The buffers that a picture is drawn in, and the tables of its faces and rooms, packed into two long arrays.
+"""The buffers in which a picture is drawn, and the tables of its faces and rooms, packed into two long arrays.
 
-A kernel takes few arrays: these functions cut its tables and buffers out of one of float64 and one of int32.
+A kernel takes few arrays, so these functions cut its tables and buffers out of one array of float64 and one of int32.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ VISITS_A_ROOM = 16
 
 
 class Sight(NamedTuple):
-    """Which rooms are in sight, and through which part of the picture: x0, y0, x1, y1 in whole pixels."""
+    """The rooms in sight, and the window of the picture through which each is seen: x0, y0, x1, y1 in whole pixels."""
 
     order: I32  # (rooms,) nearest first
     windows: F64  # (rooms, 4)
@@ -45,7 +45,7 @@ SPANS = LINE + 4096 + 2 * LANES
 
 
 def packed_faces(faces: FaceTable) -> tuple[F64, I32]:
-    """Pack a table of faces into two arrays; see `faces_of`."""
+    """Return a table of faces packed into two arrays, which `faces_of` unpacks."""
     start, position, place, normal, colour, texture, plane = faces
     floats = [position, place, normal, colour, plane]
     sizes = np.array([len(position), len(texture)], np.int32)
@@ -53,7 +53,7 @@ def packed_faces(faces: FaceTable) -> tuple[F64, I32]:
 
 
 def packed_rooms(rooms: RoomTable) -> tuple[F64, I32]:
-    """Pack a table of rooms into two arrays; see `rooms_of`."""
+    """Return a table of rooms packed into two arrays, which `rooms_of` unpacks."""
     sizes = np.array([len(rooms.bounds), len(rooms.edge), len(rooms.opening)], np.int32)
     wholes = [sizes, rooms.first_face, rooms.first_edge, rooms.first_opening, rooms.opening_into]
     floats = np.concatenate([table.ravel() for table in (rooms.bounds, rooms.edge, rooms.opening, rooms.occluder)])
@@ -62,7 +62,7 @@ def packed_rooms(rooms: RoomTable) -> tuple[F64, I32]:
 
 @device_function(nogil=True)
 def faces_of(floats: F64, wholes: I32) -> FaceTable:
-    """Unpack a table of faces."""
+    """Return the table of faces in two packed arrays."""
     corners = int(wholes[0])
     faces = int(wholes[1])
     position = 3 * corners
@@ -83,7 +83,7 @@ def faces_of(floats: F64, wholes: I32) -> FaceTable:
 
 @device_function(nogil=True)
 def rooms_of(floats: F64, wholes: I32) -> RoomTable:
-    """Unpack a table of rooms."""
+    """Return the table of rooms in two packed arrays."""
     rooms = int(wholes[0])
     edges = int(wholes[1])
     openings = int(wholes[2])
@@ -110,7 +110,7 @@ def rooms_of(floats: F64, wholes: I32) -> RoomTable:
 
 @device_function(nogil=True)
 def occluders_of(floats: F64, wholes: I32) -> tuple[I32, F64]:
-    """Return what darkens each face of the rooms, at the end of their faces and tables; see `RoomTable`."""
+    """Return the occluders of each face of the rooms, which follow the faces and tables; see `RoomTable`."""
     size = wholes.shape[0]
     count = int(wholes[wholes.shape[0] - 1])
     occluders = floats[floats.shape[0] - OCCLUDER_SIZE * count :].reshape(count, OCCLUDER_SIZE)
@@ -119,7 +119,7 @@ def occluders_of(floats: F64, wholes: I32) -> tuple[I32, F64]:
 
 @kernel("UniTuple(int64, 2)(int64, int64, int64, int64, int64)", only=True, hold_gil=True)
 def size_of(height: int, spans: int, faces: int, corners: int, rooms: int) -> tuple[int, int]:
-    """Count the float64 and int32 that a picture needs, with so many spans per row and corners per face at most."""
+    """Return the numbers of float64 and int32 that a picture needs, given limits on spans per row and corners."""
     rows = 4 * height
     floats = 21 * faces + 11 * corners + 21 + TILES * TILES + 4 + PLACEMENT_SIZE + 4 * (1 + VISITS_A_ROOM) * rooms
     wholes = 3 * (rows * spans + 3 * spans + 8) + rows + 2 * (rows + 8) + 3 * faces
@@ -128,7 +128,7 @@ def size_of(height: int, spans: int, faces: int, corners: int, rooms: int) -> tu
 
 @device_function(nogil=True)
 def drawn_in(view: F64, floats: F64, wholes: I32) -> tuple[DrawBuffers, int, int]:
-    """Return the buffers that faces are drawn in, and where in each of the arrays there is more."""
+    """Return the buffers in which faces are drawn, and the index of the unused rest of each array."""
     rows = 4 * int(view[HEIGHT])
     spans = int(view[ROOM])
     faces = int(view[ROOM + 1])
@@ -163,7 +163,7 @@ def drawn_in(view: F64, floats: F64, wholes: I32) -> tuple[DrawBuffers, int, int
 
 @device_function(nogil=True)
 def sight_in(floats: F64, wholes: I32, rooms: int) -> Sight:
-    """Return the lists of rooms in sight, at the start of what is left."""
+    """Return the lists of rooms in sight, at the start of the unused memory."""
     most = VISITS_A_ROOM * rooms
     return Sight(
         wholes[:rooms],

@@ -1,4 +1,4 @@
-"""Drawing: a scene and a camera in; a picture, distances, a plan from above, or the things in sight out."""
+"""Drawing: from a scene and a camera to a picture, depths, a plan from above, or the visible entities."""
 
 import math
 import os
@@ -52,10 +52,10 @@ _memory = threading.local()  # arrays to draw into, kept from picture to picture
 def render(
     scene: Scene, camera: Camera, width: int, height: int, *, out: NDArray[np.uint8] | None = None
 ) -> NDArray[np.uint8]:
-    """Draw what the camera sees, uint8[height, width, 3], into ``out``, contiguous and of that size, if there is one.
+    """Return the camera's picture, uint8[height, width, 3], drawn into the contiguous array ``out`` if given.
 
     Raises:
-        WorldError: if the picture has no pixels or is over 4096 a side.
+        WorldError: if the picture has no pixels or a side of over 4096.
     """
     target = RenderTarget(scene, width, height)
     target.aim(*_as_numbers(camera))
@@ -63,10 +63,10 @@ def render(
 
 
 class RenderTarget:
-    """Where a scene is drawn again and again in one size: what does not change from picture to picture is made once.
+    """A scene that is drawn repeatedly in one size; what is the same in every picture is prepared once.
 
     Raises:
-        WorldError: if the picture has no pixels or is over 4096 a side.
+        WorldError: if the picture has no pixels or a side of over 4096.
     """
 
     def __init__(self, scene: Scene, width: int, height: int, *, trig: int = 0) -> None:
@@ -79,16 +79,16 @@ class RenderTarget:
         _complete(scene, self.view, width, height)
 
     def move(self, thing: int, pos: Vector, yaw_rad: float) -> None:
-        """Put a thing elsewhere."""
+        """Move an entity to another place."""
         self.places[thing, :5] = (*pos, *turn(yaw_rad, self._trig))
 
     def aim(self, pos: Vector, yaw_rad: float, pitch_rad: float, fov_y_deg: float, near_m: float, far_m: float) -> None:
-        """Say where the eye is that sees the next picture, and how it looks."""
+        """Set the camera of the next picture."""
         _aim(self.view, pos, yaw_rad, pitch_rad, fov_y_deg, near_m, far_m, *self.size_px, trig=self._trig)
         self.view[ROOM:LOOK] = MOST_SPANS, self.layout.capacity, self.layout.most_corners
 
     def draw(self, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
-        """Draw what the eye sees, uint8[height, width, 3], into ``out``, contiguous and of that size, if given."""
+        """Return the camera's picture, uint8[height, width, 3], drawn into the contiguous array ``out`` if given."""
         width, height = self.size_px
         if out is None:
             picture = np.empty((height, width, 3), np.uint8)
@@ -98,12 +98,12 @@ class RenderTarget:
         return picture
 
     def room(self) -> tuple[int, int]:
-        """Count the float64 and int32 needed to draw in, unless a row has more spans than most have."""
+        """Return the numbers of float64 and int32 needed for drawing, if no row has unusually many spans."""
         return _room(self.layout, self.size_px[1], MOST_SPANS)
 
 
 def render_depth(scene: Scene, camera: Camera, width: int, height: int) -> NDArray[np.float32]:
-    """Measure the depth along the camera's axis, float32[height, width], metres; ``far_m`` where there is nothing."""
+    """Return the depth along the camera's axis in metres, float32[height, width]; ``far_m`` where there is nothing."""
     view = _perspective(camera, width, height)
     _complete(scene, view, width, height)
     out = np.empty((height, width), np.float32)
@@ -112,9 +112,9 @@ def render_depth(scene: Scene, camera: Camera, width: int, height: int) -> NDArr
 
 
 def render_top(scene: Scene, width: int, height: int, *, agent: Pose | None = None) -> NDArray[np.uint8]:
-    """Draw the floor plan from above, -z up the page, a metre of sky around it, uint8[height, width, 3].
+    """Return the plan from above, with -z up and a metre of sky around it, uint8[height, width, 3].
 
-    ``agent`` adds a red arrowhead where someone stands.
+    ``agent`` adds a red arrowhead at a pose.
     """
     if agent is not None:
         scene = _with_agent(scene, agent)
@@ -126,7 +126,7 @@ def render_top(scene: Scene, width: int, height: int, *, agent: Pose | None = No
 
 
 def visible_things(scene: Scene, camera: Camera, width: int, height: int) -> list[int]:
-    """Return the indices of the things that can be seen; a small cube at its place stands for each, as in Miniworld."""
+    """Return the indices of the visible entities; a small cube at its place stands for each, as in Miniworld."""
     count = scene.layout.thing_count
     cube = [*CUBE_FACES, *(_QUERY_CUBE_M,) * 3, 1.0, *(1.0,) * 3, *(_QUERY_CUBE_M,) * 2, *_QUERY_BOX_M]
     places = scene.places.copy()
@@ -140,7 +140,7 @@ def visible_things(scene: Scene, camera: Camera, width: int, height: int) -> lis
 
 
 def _draw(layout: SceneTables, view: F64, places: F64, out: NDArray[np.uint8]) -> None:
-    """Draw into ``out``; a large picture in bands, each as it would be in the whole, which all cores take in turn."""
+    """Draw into ``out``; a large picture is drawn in bands, which all cores take in turn, with the same result."""
     height, width = out.shape[:2]
     cores = min(_cores(), width * height // _BAND_PIXELS)
     if cores < 2:
@@ -165,7 +165,7 @@ def _colour_band(layout: SceneTables, view: F64, places: F64, out: NDArray[np.ui
 
 
 def _cover(layout: SceneTables, view: F64, places: F64) -> tuple[F64, I32]:
-    """Find out which face covers each sample; gives back the memory where that is written."""
+    """Compute which face covers each sample; return the memory that contains the result."""
     spans = MOST_SPANS
     while True:
         view[ROOM:LOOK] = spans, layout.capacity, layout.most_corners
@@ -176,7 +176,7 @@ def _cover(layout: SceneTables, view: F64, places: F64) -> tuple[F64, I32]:
 
 
 def _complete(scene: Scene, view: F64, width: int, height: int) -> None:
-    """Add to a view's camera what else the kernels ask of it."""
+    """Add the remaining numbers that kernels need to a view with a camera."""
     view[LIGHT:SKY] = _light(scene.light)
     view[SKY:LEAST], view[LOOK] = scene.sky, scene.display
     view[TOP:ROOM] = 0.0, height, height, width
@@ -184,7 +184,7 @@ def _complete(scene: Scene, view: F64, width: int, height: int) -> None:
 
 @cache
 def _cores() -> int:
-    """Count the processors that this process may use."""
+    """Return the number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -192,7 +192,7 @@ def _cores() -> int:
 
 @cache
 def _helpers(process: int) -> ThreadPoolExecutor:
-    """Return threads that draw bands; a forked process needs its own."""
+    """Return the threads that draw bands in a process; a forked process needs its own."""
     return ThreadPoolExecutor(_cores(), thread_name_prefix=f"bands-{process}")
 
 
@@ -220,7 +220,7 @@ def _aim(
     *,
     trig: int = 0,
 ) -> None:
-    """Write down where an eye is and how it looks."""
+    """Write a camera's position and direction into a view."""
     cos_yaw, sin_yaw = turn(yaw_rad, trig)
     cos_pitch, sin_pitch = turn(pitch_rad, trig)
     focal = height / 2 / half_view(fov_y_deg, trig)
@@ -238,14 +238,14 @@ def _aim(
 
 
 def turn(angle_rad: float, trig: int) -> tuple[float, float]:
-    """Return cosine and sine of an angle, the host's (0) or our own (1)."""
+    """Return the cosine and sine of an angle, by the host's functions (0) or our own (1)."""
     if trig:
         return (cosine(angle_rad), sine(angle_rad))
     return (math.cos(angle_rad), math.sin(angle_rad))
 
 
 def half_view(fov_y_deg: float, trig: int) -> float:
-    """Return the tangent of half the angle that an eye sees."""
+    """Return the tangent of half the camera's field of view."""
     half_rad = math.radians(fov_y_deg) / 2
     if trig:
         return sine(half_rad) / cosine(half_rad)
@@ -287,7 +287,7 @@ def _light(light: Light) -> F64:
 def _turned(places: F64, trig: int = 0) -> F64:
     """Return places with the cosine and sine of their yaw.
 
-    There is a last column for how many samples each thing gets.
+    A last column receives the number of samples that each entity covers.
     """
     out = np.empty((len(places), 6))
     out[:, :3] = places[:, :3]
@@ -306,7 +306,7 @@ def _room(layout: SceneTables, height: int, spans: int) -> tuple[int, int]:
 
 
 def memory_for(float_count: int, whole_count: int) -> tuple[F64, I32]:
-    """Return the arrays that pictures are drawn in: one memory per thread, which grows."""
+    """Return the arrays in which pictures are drawn: one growing memory per thread."""
     arrays: tuple[F64, I32] | None = getattr(_memory, "arrays", None)
     if arrays is None or len(arrays[0]) < float_count or len(arrays[1]) < whole_count:
         arrays = np.zeros(float_count), np.zeros(whole_count, np.int32)

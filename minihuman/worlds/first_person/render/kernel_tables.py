@@ -1,7 +1,7 @@
-"""What the render kernels read and write, as flat arrays. A kernel knows these tables and nothing else.
+"""The tables that the render kernels read and write, as flat arrays.
 
-Everything a kernel computes uses +, -, x, /, square roots, rounding, comparisons and bits only: no sine, no fused
-multiply-add, no reordering. That is why a picture is the same on every machine, compiled or not.
+Kernels compute with +, -, x, /, square roots, rounding, comparisons and bits only: without sines, fused multiply-add or
+reordering. A picture is therefore the same on every machine, compiled or not.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ SHADE = -2  # in place of a texture: the face has the first of each pixel's four
 
 
 class FaceTable(NamedTuple):
-    """Flat convex faces; the corners of face f are rows start[f] to start[f + 1] of the corner arrays."""
+    """Flat convex faces; the corners of face f are the rows start[f] to start[f + 1] of the corner arrays."""
 
     start: I32  # (faces + 1,)
     position: F64  # (corners, 3) metres, or the mesh's own units
@@ -35,7 +35,7 @@ NO_OCCLUDERS = np.zeros((0, OCCLUDER_SIZE))
 
 
 class RoomTable(NamedTuple):
-    """Which faces make a room, where it is, and what it opens into."""
+    """The faces, place and openings of each room."""
 
     first_face: I32  # (rooms + 1,)
     bounds: F64  # (rooms, 4) x0, z0, x1, z1
@@ -67,11 +67,12 @@ THING_SIZE = 15
 
 
 class TextureTable(NamedTuple):
-    """Every texture in ever smaller sizes, one texel an integer 0x00BBGGRR, bottom row first.
+    """Every texture in decreasing sizes, with one texel per integer 0x00BBGGRR, bottom row first.
 
-    Around each goes a ring of texels from its other side, so that a texel's neighbours are always beside it: a row is
-    width + 2 texels. In the table each texture has `texture.MOST_SIZES` pairs, one per size: where its ring begins; its
-    width without it, with its height in the upper half. The very last number is that of the smallest size.
+    Each size is surrounded by a ring of texels from its opposite sides, so that a texel's neighbours are always
+    adjacent: a row is width + 2 texels. In the table, each texture has `texture.MOST_SIZES` pairs, one per size: the
+    start of its ring; its width without the ring, with its height in the upper half. The very last number is that of
+    the smallest size.
     """
 
     texels: NDArray[np.uint32]
@@ -85,11 +86,11 @@ FACE = 2
 
 
 class DrawBuffers(NamedTuple):
-    """What has been drawn so far: which face covers each sample, and how each face varies over the picture.
+    """The state of a drawing: the face that covers each sample, and how each face varies over the picture.
 
-    A picture row has four sample rows, each a list of spans from left to right; what is between them is sky. A face's
-    row in ``planes`` holds seven planes of a*x + b*y + c over pixel coordinates: nearness, 1/distance, then texture
-    right and up and red, green and blue, each over distance.
+    A row of pixels has four rows of samples, each a list of spans from left to right, with sky between them. A face's
+    row in ``planes`` contains seven planes a*x + b*y + c over pixel coordinates: nearness (1/distance), then the
+    texture coordinates right and up and red, green and blue, each divided by distance.
     """
 
     spans: I32  # (4 * height, most of a row, 3)

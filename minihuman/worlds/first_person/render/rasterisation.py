@@ -1,7 +1,7 @@
-"""Rasterisation: from a face in space to the samples that it covers on the picture.
+"""Rasterisation: from a face in space to the samples that it covers in the picture.
 
-Light, perspective, cuts at the near plane; then coverage of four samples per pixel at the places that OpenGL drivers
-agree on, claimed in spans (see `spans`).
+The steps are lighting, perspective and clipping at the near plane, and then the coverage of four samples per pixel, at
+the positions that OpenGL drivers share, claimed in spans (see `spans`).
 """
 
 import numpy as np
@@ -56,10 +56,10 @@ PLACEMENT_SIZE = 19
 
 @device_function(nogil=True, force_inline=True)
 def cut(corners: F64, source: int, count: int, a: float, b: float, c: float, d: float) -> int:
-    """Keep the part of polygon ``source`` where a*x + b*y + c*z + d >= 0; how many corners it has.
+    """Clip polygon ``source`` to a*x + b*y + c*z + d >= 0; return the number of its corners.
 
-    It goes into row 2 if the source is row 1, else into row 1. Row 0 is never written to: how a face varies is computed
-    from its corners before all cuts.
+    The result is in row 2 if the source is row 1, and in row 1 otherwise. Row 0 is never written: the face's planes are
+    computed from its corners before all clipping.
     """
     into = 2 if source == 1 else 1
     corner_count = 0
@@ -91,7 +91,7 @@ def cut(corners: F64, source: int, count: int, a: float, b: float, c: float, d: 
 
 @device_function(nogil=True, force_inline=True)
 def turn_to(view: F64, light: F64, placement: F64) -> None:
-    """Work out where a thing's eye and light are, in the thing's own coordinates, from where it is and how it lies."""
+    """Compute the positions of the eye and the light in an entity's own coordinates, from the entity's placement."""
     co = placement[COS]
     si = placement[SIN]
     if view[PARALLEL] == 1.0:
@@ -124,12 +124,12 @@ def draw_face(
     number: int,
     surveyed: bool,
 ) -> int:
-    """Draw one face as number ``number``; how many samples it claimed: if none, the number is still free.
+    """Draw one face as number ``number``; return the number of samples that it claimed (0 leaves the number free).
 
-    It is -1 where a row has no room for more spans.
+    The result is -1 if a row has no room for more spans.
 
-    ``light`` holds the direction to the light, its colour, and the ambient light, three numbers each. Where what was
-    drawn before is ``surveyed``, a face that is sure to be behind it is left out at once.
+    ``light`` contains the direction to the light, its colour, and the ambient light, three numbers each. If what was
+    drawn before is ``surveyed``, a face that is certainly behind it is skipped at once.
     """
     # Seen from behind?
     side = faces.plane
@@ -225,7 +225,7 @@ def draw_face(
 
 @device_function(nogil=True, force_inline=True)
 def tile_size(view: F64) -> tuple[int, int]:
-    """Return how many pixels a tile is wide, and how many sample rows high."""
+    """Return the width of a tile in pixels and its height in sample rows."""
     return int(view[WIDTH]) // TILES + 1, 4 * int(view[HEIGHT]) // TILES + 1
 
 
@@ -233,7 +233,7 @@ def tile_size(view: F64) -> tuple[int, int]:
 def hidden(
     buffers: DrawBuffers, number: int, view: F64, window: F64, x0: float, y0: float, x1: float, y1: float
 ) -> bool:
-    """Return whether a face, its corners in 1/256 pixel, is surely behind what was drawn before at every sample."""
+    """Return whether a face, with corners in 1/256 pixel, is certainly behind the picture so far at every sample."""
     planes = buffers.planes
     tiles = buffers.tiles
     left = max(int(x0 / 256.0), int(window[0]))
@@ -255,10 +255,10 @@ def hidden(
 
 @device_function(nogil=True, force_inline=True)
 def nearness(faces: FaceTable, face: int, view: F64, buffers: DrawBuffers, number: int) -> bool:
-    """Work out how nearness varies over the picture; False where the face is seen edge-on.
+    """Compute the plane of a face's nearness over the picture; return False if the face is seen edge-on.
 
-    Three corners, not yet cut, say how; the inverse of the matrix of their positions holds it, and all else that varies
-    evenly over a flat face.
+    Three corners before clipping determine it. The inverse of the matrix of their positions also gives the planes of
+    everything else that varies linearly over a flat face.
     """
     count = faces.start[face + 1] - faces.start[face]
     p = buffers.corners[0]
@@ -298,7 +298,7 @@ def nearness(faces: FaceTable, face: int, view: F64, buffers: DrawBuffers, numbe
 
 @device_function(nogil=True, force_inline=True)
 def plane(buffers: DrawBuffers, view: F64, number: int, column: int, first: float, second: float, third: float) -> None:
-    """Write down how a value varies over the picture, given what it is at the three corners."""
+    """Write the plane of a value over the picture, from its values at the three corners."""
     inverse = buffers.inverse
     planes = buffers.planes
     gx = (first * inverse[0, 0] + second * inverse[0, 1] + third * inverse[0, 2]) * inverse[3, 0]
@@ -310,7 +310,7 @@ def plane(buffers: DrawBuffers, view: F64, number: int, column: int, first: floa
 
 @device_function(nogil=True, force_inline=True)
 def vary(faces: FaceTable, face: int, view: F64, placement: F64, light: F64, buffers: DrawBuffers, number: int) -> None:
-    """Work out how texture and light vary over the picture, divided by distance."""
+    """Compute the planes of texture coordinates and light over the picture, divided by distance."""
     start = faces.start[face]
     count = faces.start[face + 1] - start
     planes = buffers.planes

@@ -1,6 +1,6 @@
-"""The render pool: pictures of many targets drawn together by several threads, without Python between them.
+"""The render pool: the pictures of many targets, drawn together by several threads without the GIL.
 
-Where a target's tables are is written down in a row of numbers.
+A row of numbers holds the addresses of each target's tables.
 """
 
 from collections.abc import Iterable
@@ -32,9 +32,9 @@ _texels_at = array_at(np.uint32)
     nth=int64,
 )
 def draw_targets(rows: I64, counters: I64, floats: F64, wholes: I32, out: NDArray[np.uint8]) -> int:
-    """Take pictures in turn with other threads and draw them until none is left; -1 then.
+    """Take pictures in turn with other threads and draw them until none is left; then return -1.
 
-    It ends early with the number of a picture that was taken but has to be drawn in more memory.
+    If a picture needs more memory, the function ends early and returns that picture's number.
     """
     while True:
         nth = add_to_counter(counters, TAKEN, 1)
@@ -66,7 +66,7 @@ def draw_targets(rows: I64, counters: I64, floats: F64, wholes: I32, out: NDArra
 
 
 class RenderPool:
-    """Room for the pictures of so many targets, drawn by so many threads at most."""
+    """Memory for the pictures of a number of targets, drawn by a limited number of threads."""
 
     def __init__(self, pictures: int, threads: int) -> None:
         self._rows = np.zeros((pictures, ROW_SIZE), np.int64)
@@ -77,7 +77,7 @@ class RenderPool:
         return RenderPool, (len(self._targets), self._helpers + 1)
 
     def paint(self, targets: Iterable[RenderTarget], out: NDArray[np.uint8]) -> None:
-        """Draw what each target is aimed at; ``out`` is contiguous, one picture per target."""
+        """Draw the picture of each target into ``out``, which is contiguous and has one picture per target."""
         for nth, target in enumerate(targets):
             self._hang(nth, target)
         share_work(self._share, (out,), len(out), self._helpers)
@@ -97,6 +97,6 @@ class RenderPool:
 
 
 def addresses(*arrays: NDArray[Any]) -> list[int]:
-    """Return the arrays' addresses and lengths, in turn; the caller keeps them alive."""
+    """Return the address and length of each array in turn; the caller keeps the arrays alive."""
     assert all(array.flags.c_contiguous for array in arrays)
     return [number for array in arrays for number in (array.__array_interface__["data"][0], array.size)]

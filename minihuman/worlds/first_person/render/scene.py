@@ -1,11 +1,11 @@
-"""The scene: what the renderer draws (rooms of flat surfaces, things in them, light, camera, sky), and its tables.
+"""The scene that the renderer draws (rooms of flat surfaces, entities, light, camera, sky), and its tables.
 
-Lengths are metres, x right, y up, z towards the reader on a floor plan; yaw 0 looks along +x and grows
-counter-clockwise seen from above. Nothing here knows rules, randomness or pixels. A world makes its scene once per
-episode and draws it as often as it likes:
+Lengths are in metres, with x to the right, y up, and z towards the reader on a floor plan. Yaw is 0 along +x and grows
+counter-clockwise as seen from above. The module knows no rules, randomness or pixels. A world builds its scene once per
+episode and draws it as often as needed:
 
     scene = build_scene(rooms, looks, light=..., sky=...)
-    scene = scene.at(places)                                       # where the things stand now
+    scene = scene.at(places)                                       # the present places of the entities
     picture = render(scene, camera, width=80, height=60)           # drawing.py: uint8[60, 80, 3]
     depth = render_depth(scene, camera, width=80, height=60)       # drawing.py: float32[60, 80], metres
     plan = render_top(scene, width=80, height=60, agent=pose)      # drawing.py: uint8[60, 80, 3]
@@ -42,10 +42,10 @@ FAR_M = 100.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """A flat convex piece of floor, wall or ceiling, seen only from the side where its corners run counter-clockwise.
+    """A flat convex piece of floor, wall or ceiling, visible from the side where its corners run counter-clockwise.
 
-    ``texture_m`` says, for each corner, how many metres right and up from the texture's origin it lies: (x, z) on a
-    floor, (distance along the wall, height) on a wall. The texture repeats at its own size.
+    ``texture_m`` is each corner's position in metres right and up from the texture's origin: (x, z) on a floor,
+    (distance along the wall, height) on a wall. The texture repeats at its own size.
     """
 
     corners: NDArray[np.float64]  # (n, 3)
@@ -63,7 +63,7 @@ class Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Opening:
-    """A hole in a room's wall, through which room number ``into`` is seen; corners run as a surface's there would."""
+    """An opening in a room's wall, through which room ``into`` is seen; its corners run as a surface's there would."""
 
     corners: NDArray[np.float64]  # (4, 3)
     into: int
@@ -71,7 +71,7 @@ class Opening:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneRoom:
-    """One convex room. The outline runs counter-clockwise seen from above; without a roof, its walls hide nothing."""
+    """One convex room with a counter-clockwise outline as seen from above; without a roof, its walls hide nothing."""
 
     outline: NDArray[np.float64]  # (n, 2) x, z
     surfaces: Sequence[Surface]
@@ -81,7 +81,7 @@ class SceneRoom:
 
 @dataclass(frozen=True, slots=True)
 class BoxLook:
-    """A plain box, its base at the thing's place."""
+    """A plain box, with its base at the entity's place."""
 
     size: Vector
     colour: Rgb
@@ -89,7 +89,7 @@ class BoxLook:
 
 @dataclass(frozen=True, slots=True)
 class MeshLook:
-    """A mesh of the asset set, scaled to a height, its base at the thing's place."""
+    """A mesh of the asset set, scaled to a height, with its base at the entity's place."""
 
     mesh: str  # "duckie", "key_red"
     height_m: float
@@ -98,9 +98,9 @@ class MeshLook:
 
 @dataclass(frozen=True, slots=True)
 class FrameLook:
-    """A black-edged frame that shows textures side by side; the middle of its back is at the thing's place.
+    """A frame with black edges that shows textures side by side; the middle of its back is at the entity's place.
 
-    A picture has one texture, a text one per letter; ``None`` is a blank.
+    A picture has one texture, and a text one per letter; ``None`` is a blank.
     """
 
     textures: tuple[str | None, ...]
@@ -111,7 +111,7 @@ class FrameLook:
 
 @dataclass(frozen=True, slots=True)
 class ShadowLook:
-    """The shade on the ground around a thing that stands there: half of the light, a quarter at its rim."""
+    """The shadow on the ground around an entity that stands there: half of the light, and a quarter at its rim."""
 
     radius_m: float
 
@@ -121,11 +121,11 @@ Look = BoxLook | MeshLook | FrameLook | ShadowLook
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """A far-away light like the sun's, and what reaches every surface.
+    """A distant light, like the sun, and the ambient light.
 
-    ``towards`` points from the world to the light, at any length. Miniworld means a lamp at ``light_pos``, but hands
-    OpenGL three numbers where four belong: what it gets is the direction ``light_pos + (1, 1, 1)``, and that is what a
-    world gives here. A fifth of white is added to ``ambient``, as OpenGL does.
+    ``towards`` points from the world to the light, at any length. Miniworld means a lamp at ``light_pos``, but passes
+    OpenGL three numbers instead of four; so the light has the direction ``light_pos + (1, 1, 1)``, which a world passes
+    here. A fifth of white is added to ``ambient``, as OpenGL does.
     """
 
     towards: Vector = (1.0, 3.5, 1.0)
@@ -135,7 +135,7 @@ class Light:
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """An eye. Positive pitch looks up; ``fov_y_deg`` is the whole vertical angle."""
+    """A camera; positive pitch looks up, and ``fov_y_deg`` is the whole vertical field of view."""
 
     position: Vector
     yaw_rad: float
@@ -157,9 +157,9 @@ class Camera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """Everything there is to see at one moment, made by ``build_scene`` once per episode.
+    """Everything that is visible at one moment, made by ``build_scene`` once per episode.
 
-    Only the places change from step to step: a row for each look, x, y, z and yaw_rad; a row of NaN hides the thing.
+    Only places change from step to step: a row for each look with x, y, z and yaw_rad; NaN hides the entity.
     """
 
     layout: "SceneTables"  # rooms and looks as flat arrays
@@ -175,13 +175,13 @@ class Scene:
             )
 
     def at(self, places: NDArray[np.float64]) -> "Scene":
-        """Return the same scene with its things elsewhere; what was laid out is shared."""
+        """Return the scene with its entities at other places; all tables are shared."""
         return replace(self, places=places)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneTables:
-    """A scene's tables; they are never written to after this."""
+    """A scene's tables, which do not change once they are made."""
 
     rooms: RoomTable
     packed_rooms: tuple[F64, I32]  # their faces, and the rooms
@@ -193,12 +193,12 @@ class SceneTables:
 
     @property
     def thing_count(self) -> int:
-        """Return how many things there are."""
+        """The number of entities."""
         return len(self.things)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """Return x0, z0, x1, z1 of the whole floor plan, metres."""
+        """The bounds x0, z0, x1, z1 of the whole floor plan in metres."""
         low = self.rooms.bounds.min(axis=0)
         high = self.rooms.bounds.max(axis=0)
         return float(low[0]), float(low[1]), float(high[2]), float(high[3])
@@ -213,7 +213,7 @@ def build_scene(
     light: Light | None = None,
     sky: Rgb = (0.25, 0.82, 1.0),
 ) -> Scene:
-    """Make a scene; without places, its things are hidden until ``Scene.at`` says where they stand.
+    """Return a scene; without places, its entities are hidden until ``Scene.at`` gives their places.
 
     Raises:
         WorldError: if there are no rooms, an opening leads nowhere, or a texture or mesh is unknown.
@@ -233,7 +233,7 @@ def add_things(
     sky: Rgb = (0.25, 0.82, 1.0),
     display: bool = False,
 ) -> Scene:
-    """Make a scene of rooms that are tables already."""
+    """Return a scene of rooms that are tables already, with entities."""
     faces, room_table = tables
     table, things = _things(looks, library)
     (floats, wholes), (more_floats, more_wholes) = packed_faces(faces), packed_rooms(room_table)
@@ -316,7 +316,7 @@ def _things(looks: Sequence[Look], library: Library) -> tuple[FaceTable, F64]:
 
 
 def _row(look: Look, library: Library) -> tuple[float, ...]:
-    """Return the columns of a thing; the faces of a frame are not known yet."""
+    """Return the table columns of an entity, without the faces of a frame, which are not known yet."""
     match look:
         case BoxLook(size, colour):
             around = float(np.hypot(size[0], size[2])) / 2
@@ -339,7 +339,7 @@ def _row(look: Look, library: Library) -> tuple[float, ...]:
 
 
 def _frame(look: FrameLook, library: Library) -> FaceTable:
-    """Build a frame's front, one square per texture from left to right, and its four black edges; it faces +x."""
+    """Return the faces of a frame that faces +x: one square per texture from left to right, and four black edges."""
     half_width = look.width_m / 2
     half_height = look.height_m / 2
     depth = look.depth_m

@@ -1,7 +1,6 @@
 """Shading: from covered samples to colours.
 
-Each face in a pixel is looked up and lit once, and weighted by its samples. Samples that no face covers take the sky's
-colour.
+Each face in a pixel is textured and lit once, and weighted by its samples. Samples without a face get the sky's colour.
 """
 
 import numpy as np
@@ -74,14 +73,14 @@ GREEN = 0x00FF00
 
 @device_function(nogil=True, force_inline=True)
 def plain_colour(planes: F64, face: int) -> int:
-    """Return the colour of a face that has no texture and is lit evenly."""
+    """Return the colour of an evenly lit face without a texture."""
     plane = planes[face]
     return int(plane[12] * 255.0 + 0.5) | int(plane[15] * 255.0 + 0.5) << 8 | int(plane[18] * 255.0 + 0.5) << 16
 
 
 @device_function(nogil=True, force_inline=True)
 def span_at(buffers: DrawBuffers, row: int, k: int, x: int, width: int) -> tuple[int, int, int]:
-    """Return the face at a pixel of a sample row, -1 for the sky; where it ends; and the number of the next span."""
+    """Return the face at a pixel of a sample row (-1 for the sky), the face's end, and the number of the next span."""
     spans = buffers.spans
     if k == buffers.counts[index(row)]:
         return -1, width, k
@@ -94,7 +93,7 @@ def span_at(buffers: DrawBuffers, row: int, k: int, x: int, width: int) -> tuple
 def place_run(
     run: I32, y: int, plane: F64, texture: int, table: U32, texels: U32, least: float, display: bool, memory: U32
 ) -> None:
-    """Find where the pixels of a run of a row lie in a texture, if there is one."""
+    """Compute the texture positions of the pixels in a run of a row, if the face has a texture."""
     sizes = memory[SIZES:]
     places = memory[PLACES:]
     moves = memory[SIZES + LANES :].view(np.float32)
@@ -207,7 +206,7 @@ def place_run(
 def look_up_run(
     run: I32, y: int, plane: F64, texture: int, even: bool, texels: U32, least: float, display: bool, memory: U32
 ) -> None:
-    """Find the colours of a run of pixels, whose places were found."""
+    """Compute the colours of the pixels in a run, whose texture positions are known."""
     scanline = memory
     lights = memory[LIGHTS:]
     places = memory[PLACES:]
@@ -265,7 +264,7 @@ def look_up_run(
 
 @device_function(nogil=True)
 def shade_run(run: I32, y: int, plane: F64, segments: F64, things: F64, places: F64, least: float, memory: U32) -> None:
-    """Darken a run of a room's face with distance, at its joints with others, and a floor around what stands on it."""
+    """Darken a run of a room's face by distance and at joints with other faces, and a floor around entities on it."""
     count = int64(run[STOP] - run[START])
     slot = int64(run[SLOT])
     px = run[START] + 0.5
@@ -339,7 +338,7 @@ def shade_run(run: I32, y: int, plane: F64, segments: F64, things: F64, places: 
 def paint_row(
     groups: I32, group_count: int, runs: I32, scanline: U32, buffers: DrawBuffers, sky: int, line: U32
 ) -> None:
-    """Put the colours of some fragment groups of a row together."""
+    """Compose the colours of the pixels in a row from some fragment groups."""
     planes = buffers.planes
     k = 0
     while k < group_count:
@@ -406,7 +405,7 @@ def colour(
     wholes: I32,
     picture: NDArray[np.uint8],
 ) -> None:
-    """Colour every pixel. A face is looked up where it has any sample of a pixel, side by side along a row."""
+    """Compute the colour of every pixel; a face is textured along a row wherever it covers a sample of a pixel."""
     buffers, _, _ = drawn_in(view, floats, wholes)
     first_occluder, occluders = occluders_of(room_floats, room_wholes)
     planes = buffers.planes

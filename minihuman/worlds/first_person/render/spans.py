@@ -1,7 +1,7 @@
-"""Spans: which face owns each sample of the picture, in lists of spans that do not overlap, from left to right.
+"""Spans: which face owns each sample of the picture, in lists of disjoint spans from left to right.
 
-Corners lie on a grid of 1/256 pixel and stay below 2**23 of it, so every product of coverage is a whole number below
-2**53 and exact in a double: two faces that share an edge never both cover a sample, and never both leave it out.
+Corners lie on a grid of 1/256 pixel and below 2**23 of its steps, so every product in coverage is a whole number below
+2**53 and exact in a double: of two faces that share an edge, exactly one covers each sample on it.
 """
 
 from typing import Any
@@ -31,7 +31,7 @@ def cross(
     low: float,
     high: float,
 ) -> None:
-    """Find where an edge crosses eight sample rows from ``row``, a multiple of 4, among ``first`` to ``last``."""
+    """Compute where an edge crosses eight sample rows from ``row``, a multiple of 4, between ``first`` and ``last``."""
     rows = ops.count_from(row, 8, 1)
     right = ops.all_of(xa, 8) - ops.these([160.0, 32.0, 224.0, 96.0] * 2)
     down = rows * ROW_STEP + 32.0 - ops.all_of(ya, 8)
@@ -44,12 +44,12 @@ def cross(
 
 @device_function(nogil=True, force_inline=True)
 def outline(buffers: DrawBuffers, corner_count: int, window: F64) -> tuple[int, int]:
-    """Find where the samples inside a face's corners and the window begin and end in each sample row.
+    """Compute the start and end of the samples inside a face's corners and a window, for each sample row.
 
-    ``window`` is x0, y0, x1, y1 in whole pixels. Edges that run through a sample belong to the face on their right or,
-    if level, above: the rule of OpenGL's pictures turned upside down.
+    ``window`` is x0, y0, x1, y1 in whole pixels. A sample on an edge belongs to the face on the edge's right or, if the
+    edge is level, above it: the rule of OpenGL's pictures turned upside down.
 
-    Returns the first sample row that has any, and one past the last; the same twice if none has.
+    Returns the first sample row that has any sample, and one past the last; the same number twice if none has.
     """
     left = buffers.left
     right = buffers.right
@@ -90,14 +90,14 @@ def outline(buffers: DrawBuffers, corner_count: int, window: F64) -> tuple[int, 
 
 @device_function(nogil=True, force_inline=True)
 def put(buffers: DrawBuffers, row: int, at: int, begin: int, end: int, face: int) -> None:
-    """Write a span down."""
+    """Write a span into a row."""
     span = buffers.spans[index(row), index(at)]
     span[BEGIN], span[END], span[FACE] = begin, end, face
 
 
 @device_function(nogil=True, force_inline=True)
 def shift(buffers: DrawBuffers, row: int, first: int, last: int, by: int) -> None:
-    """Move some spans of a row to the right, or to the left."""
+    """Move some spans of a row to the right or to the left."""
     spans = buffers.spans
     for i in range(last - first):
         k = last - 1 - i if by > 0 else first + i
@@ -107,7 +107,7 @@ def shift(buffers: DrawBuffers, row: int, first: int, last: int, by: int) -> Non
 
 @device_function(nogil=True, force_inline=True)
 def add(merged: Any, count: int, begin: int, end: int, face: int) -> int:
-    """Add a span to those that replace some, or let the last one grow; how many there are."""
+    """Add a span to a list of replacement spans, or extend the last one; return the length of the list."""
     if count > 0 and merged[count - 1, FACE] == face and merged[count - 1, END] == begin:
         merged[count - 1, END] = end
         return count
@@ -117,9 +117,9 @@ def add(merged: Any, count: int, begin: int, end: int, face: int) -> int:
 
 @device_function(nogil=True, got=int64, merged_count=int64, x=int64, j=int64)
 def share(buffers: DrawBuffers, face: int, row: int, k: int, begin: int, end: int) -> int:
-    """Claim the samples of a row from ``begin`` to ``end`` where others own some, from the row's span ``k`` on.
+    """Claim a row's samples from ``begin`` to ``end`` where others own some, starting at the row's span ``k``.
 
-    Returns how many it got; -1 where the row has no room for more spans.
+    Returns the number of claimed samples; -1 if the row has no room for more spans.
     """
     spans = buffers.spans[row]
     planes = buffers.planes
@@ -182,7 +182,7 @@ def share(buffers: DrawBuffers, face: int, row: int, k: int, begin: int, end: in
 
 @device_function(nogil=True, force_inline=True)
 def loses(planes: F64, face: int, rival: int, row: int, begin: int, end: int) -> bool:
-    """Return whether ``rival`` is at least as near as ``face`` at every sample of a row from ``begin`` to ``end``."""
+    """Return whether ``rival`` is at least as near as ``face`` at all samples of a row from ``begin`` to ``end``."""
     y = (ROW_STEP * row + 32.0) / 256.0
     shifted = SAMPLE_X[row & 3] / 256.0
     a = planes[face, 0]
@@ -199,11 +199,11 @@ def loses(planes: F64, face: int, rival: int, row: int, begin: int, end: int) ->
 
 @device_function(nogil=True, force_inline=True, claimed=int64, k=int64, begin=int64, end=int64)
 def claim(buffers: DrawBuffers, face: int, first: int, last: int, only: int) -> int:
-    """Claim for ``face`` the samples of its outline that nothing nearer owns.
+    """Claim for ``face`` the samples inside its outline that no nearer face owns.
 
-    If ``only`` is 0 to 3, it has one sample of each pixel.
+    If ``only`` is 0 to 3, it claims just that sample of each pixel.
 
-    Returns how many it got; -1 where a row has no room for more spans, and then what is claimed is not complete.
+    Returns the number of claimed samples; -1 if a row has no room for more spans, so that the claim is incomplete.
     """
     spans = buffers.spans
     counts = buffers.counts

@@ -1,8 +1,8 @@
-"""Texture sampling: four texels of the size that fits best, blended by where a place lies between them, and lit.
+"""Texture sampling: four texels of the best-fitting size, blended by position and lit.
 
-A texture is kept in many sizes, four for each halving, so that one of them always fits to a fifth: OpenGL has one for
-each halving and has to blend two. This is SIMD code, eight or sixteen pixels at once; places are float32, what is seen
-there is whole numbers of 16 bits. Colours are 0x00BBGGRR.
+A texture is stored in many sizes, four for each halving, so that one always fits within a fifth; OpenGL has one size
+for each halving and must blend two. This is SIMD code for eight or sixteen pixels at once; positions are float32, and
+colours are whole numbers of 16 bits. Colours are 0x00BBGGRR.
 """
 
 from collections.abc import Sequence
@@ -50,7 +50,7 @@ def _seen(
     u: tuple[float, float, float],
     v: tuple[float, float, float],
 ) -> tuple[Any, Any, Any]:
-    """Find how far a face is at pixels of a row, so many steps from the first, and where in its texture: right, up."""
+    """Compute a face's distance at pixels of a row, counted from the first, and its texture position: right, up."""
     far = 1.0 / ops.larger(
         ops.single(inverse[1], count) * steps + ops.single(inverse[0], count), ops.single(least, count)
     )
@@ -67,7 +67,7 @@ def _ways(
     u: tuple[float, float, float],
     v: tuple[float, float, float],
 ) -> list[Any]:
-    """Compute how far a pixel goes in the texture over ``far``: across by a pixel right and one down, then upwards."""
+    """Compute a pixel's extent in the texture divided by ``far``: across per pixel right and down, then upwards."""
     _, right, up = projected
     by = ops.single(inverse[1], count), ops.single(inverse[2], count)
     return [
@@ -76,7 +76,7 @@ def _ways(
 
 
 def _fitting(ops: Any, count: int, far: Any, ways: Sequence[Any], wide: float, high: float, last: int) -> Any:
-    """Choose the texture size that fits: the last of which a pixel covers a texel, by its longer way."""
+    """Choose the texture size: the last one of which a pixel covers a texel along its longer extent."""
     across, along = (ops.larger(ops.size(ways[k]), ops.size(ways[k + 1])) for k in (0, 2))
     covered = ops.larger(across * ops.single(wide, count), along * ops.single(high, count)) * far
     return _number(ops, count, covered, last)
@@ -113,14 +113,14 @@ def fit(
 ) -> None:
     """Find which size of its texture fits a face at every sixteenth pixel of a row, sixteen times.
 
-    ``sizes`` receives their numbers, then, as float32, how far in the texture it is to the pixel so many
-    ``pixels_right`` and ``below``: in repeats, from left to right sixteen times, then upwards. Then come the sizes for
-    pixels that are looked up at taps along their longer way, and how many that are: 1, 2 or 4, and `DOWN`.
+    ``sizes`` receives the sizes' numbers and then, as float32, the texture distance to the pixel that is
+    ``pixels_right`` and ``below``: in repeats, from left to right sixteen times, then upwards. Then follow the sizes
+    for pixels that are sampled at several taps along their longer extent, the number of taps (1, 2 or 4), and `DOWN`.
 
-    ``inverse`` is how near the face is at the first pixel; ``u`` and ``v`` are where that lies in the texture, in
-    repeats to the right and upwards, times how near it is; ``_x`` and ``_y`` are how each changes by a pixel right and
-    down. The largest size has ``wide`` x ``high`` texels, ``last`` is the number of the smallest. Nearness is at least
-    ``least``; ``most`` pixels follow the first.
+    ``inverse`` is the face's nearness at the first pixel; ``u`` and ``v`` are that pixel's texture position in repeats
+    right and up, times the nearness; ``_x`` and ``_y`` are the change of each per pixel right and down. The largest
+    size has ``wide`` x ``high`` texels, and ``last`` is the number of the smallest. Nearness is at least ``least``, and
+    ``most`` pixels follow the first.
     """
     ways = (inverse, inverse_x, inverse_y), (u, u_x, u_y), (v, v_x, v_y)
     steps = ops.smaller(ops.steps(LANES) * float(LANES), ops.single(most, LANES))
@@ -164,9 +164,9 @@ def place(
     texels: Array,
     ahead: int,
 ) -> None:
-    """Write down where neighbours in a row are found in one size of a face's texture, whose texels begin at ``offset``.
+    """Write the texel positions of neighbouring pixels in one texture size, whose texels begin at ``offset``.
 
-    Texels that are ``ahead`` of those will soon be needed too. For the others see `fit`.
+    Texels ``ahead`` of these will soon be needed, too. The other arguments are as in `fit`.
     """
     ways = (inverse, inverse_x, 0.0), (u, u_x, 0.0), (v, v_x, 0.0)
     _, right, up = _seen(ops, ops.steps(LANES), LANES, least, *ways)
@@ -196,7 +196,7 @@ def place_each(
     high: float,
     least: float,
 ) -> None:
-    """Write it down where each has a size of its own; the texture's are in the table from ``first`` on."""
+    """Write the texel positions of pixels with a size each; the texture's sizes start in the table at ``first``."""
     ways = (inverse, inverse_x, inverse_y), (u, u_x, u_y), (v, v_x, v_y)
     projected = _seen(ops, ops.steps(LANES), LANES, least, *ways)
     number = _fitting(ops, LANES, projected[0], _ways(ops, LANES, projected, *ways), wide, high, last)
@@ -220,16 +220,16 @@ def _place(ops: Any, places: Array, at: int, right: Any, up: Any, size: Sequence
 
 @simd_function()
 def light(ops: Any, lights: Array, red: int, green: int, blue: int) -> None:
-    """Write down a light of 0 to 65535 for each channel."""
+    """Write a light of 0 to 65535 for each channel."""
     for nth, pair in enumerate((red | blue << 16, green)):
         ops.store(lights, nth * LANES, ops.fixed(pair, LANES))
 
 
 def _look_up(count: int, taps: int = 1) -> Any:
     def look_up(ops: Any, texels: Array, places: Array, at: int, lights: Array, out: Array, slot: int) -> None:
-        """Write down the colours that are found at some places, under a light that was written down.
+        """Write the colours at some texel positions, under the light that was written before.
 
-        Of several taps each has its share of the light.
+        With several taps, each one has its share of the light.
         """
         by = [ops.view(ops.load(lights, nth * LANES, count), "uint16") for nth in (0, 1)]
         tap_sums = []
@@ -251,7 +251,7 @@ def _look_up(count: int, taps: int = 1) -> Any:
 
 
 def _between(corners: Sequence[Any], right: Any, up: Any) -> Any:
-    """Blend four numbers of 8 bits by how far a place is right and up from the first, in 1/256; 0 to 65280."""
+    """Blend four 8-bit numbers by a position right and up from the first, in 1/256; the result is 0 to 65280."""
     a, b, c, d = corners
     left = 256 - right
     low = (a * left + b * right + 128) >> 8
@@ -280,7 +280,7 @@ def shade(
     blue: float,
     blue_x: float,
 ) -> None:
-    """Put sixteen colours under a light that varies: how bright it is on the first, over distance, and how it grows."""
+    """Light sixteen colours with a varying light, given at the first pixel, divided by distance, with its change."""
     steps = ops.steps(LANES)
     far = ops.single(inverse_x, LANES) * steps + ops.single(inverse, LANES)
     far = 1.0 / ops.larger(far, ops.single(least, LANES))
@@ -310,12 +310,13 @@ def occlude(
     inner: float,
     least: float,
 ) -> None:
-    """Note of sixteen pixels how near a segment on their face is, if it is nearer than others.
+    """Record for sixteen pixels the nearness of a segment on their face, if it is nearer than others.
 
-    That is the square of the distance by ``scale``, less ``inner``: 1 where it no longer darkens them, 0 or less where
-    they are darkest.
+    The recorded value is the squared distance times ``scale``, minus ``inner``: 1 where the segment no longer darkens a
+    pixel, 0 or less where it darkens most.
 
-    ``along`` is how far they are along it from its start and ``aside`` how far beside it, metres, over distance.
+    ``along`` and ``aside`` are the pixels' positions along the segment from its start and beside it, in metres divided
+    by distance.
     """
     ways = [(ops.single(by, LANES), ops.single(to, LANES)) for by, to in ((along_x, along), (aside_x, aside))]
     steps = ops.steps(LANES)
@@ -330,7 +331,7 @@ def occlude(
 def darken(
     ops: Any, out: Array, slot: int, near: Array, at: int, inverse: float, inverse_x: float, least: float
 ) -> None:
-    """Put sixteen colours in the shade of what `occlude` found, and that of their distance."""
+    """Darken sixteen colours by the occlusion that `occlude` recorded, and by their distance."""
     colours = ops.load(out, slot, LANES)
     result = ops.fixed(0, LANES)
     closer = ops.single(inverse_x, LANES) * ops.steps(LANES) + ops.single(inverse, LANES)
@@ -346,7 +347,7 @@ def darken(
 
 @simd_function()
 def fill(ops: Any, out: Array, at: int, colour: int) -> None:
-    """Give sixteen pixels one colour."""
+    """Write one colour to sixteen pixels."""
     ops.store(out, at, ops.fixed(colour, LANES))
 
 
@@ -358,16 +359,16 @@ def copy(ops: Any, out: Array, at: int, colours: Array, slot: int) -> None:
 
 @simd_function()
 def pack(ops: Any, line: Array, x: int, picture: Array, at: int) -> None:
-    """Write sixteen colours as bytes: red, green, blue."""
+    """Write sixteen colours as bytes of red, green and blue."""
     ops.store(picture, at, ops.shuffled(ops.view(ops.load(line, x, LANES), "uint8"), _THREE_OF_FOUR))
 
 
 @kernel("void(uint8[:, :, ::1], uint32[::1], uint32[::1])", only=True, hold_gil=True)
 def fill_sizes(pixels: NDArray[np.uint8], table: U32, texels: U32) -> None:
-    """Write a texture in all its sizes, each in its ring, where its table says; the first row of pixels is on top.
+    """Write a texture in all its sizes, each with its ring, to the places in its table; the first pixel row is on top.
 
-    A texel is the mean of what it covers in the size four before, where there is one, else in the largest. Means are
-    rounded upwards, as OpenGL's software driver has it, and whole numbers throughout.
+    A texel is the mean of the texels that it covers four sizes before, or in the largest size if there is none. Means
+    are rounded up, as in OpenGL's software driver, and are whole numbers throughout.
     """
     for size in range(int(table[2 * MOST_SIZES - 1]) + 1):
         begin = int(table[2 * size])

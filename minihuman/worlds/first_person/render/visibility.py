@@ -1,7 +1,7 @@
-"""Visibility: which rooms and things are in sight, what hides what, which face covers each sample, and its distance.
+"""Visibility: the rooms and entities in sight, what hides what, the face that covers each sample, and its distance.
 
-From the camera's room through openings to the next; what is sure to be hidden is left out, by how near all that was
-drawn before is at least, in tiles.
+Rooms are visited from the camera's room through openings. What is certainly hidden is left out, according to the least
+nearness of the picture so far in each tile.
 """
 
 import numpy as np
@@ -71,7 +71,7 @@ DOORSTEP_M = 0.06  # a camera this close to an opening may see through all of it
 
 @device_function(nogil=True, force_inline=True)
 def contains(rooms: RoomTable, room: int, x: float, z: float) -> bool:
-    """Return whether the place is inside the room or within a millionth of a metre of it."""
+    """Return whether a place is inside a room, or within a millionth of a metre of it."""
     for e in range(rooms.first_edge[room], rooms.first_edge[room + 1]):
         if rooms.edge[e, 0] * x + rooms.edge[e, 1] * z + rooms.edge[e, 2] < -1e-6:
             return False
@@ -80,7 +80,7 @@ def contains(rooms: RoomTable, room: int, x: float, z: float) -> bool:
 
 @device_function(nogil=True, force_inline=True, count=int64, source=int64)
 def through(rooms: RoomTable, opening: int, view: F64, corners: F64, window: F64, result: F64) -> bool:
-    """Write to ``result`` the part of a window through which an opening is seen; False if none is."""
+    """Write to ``result`` the part of a window through which an opening is visible; return False if none is."""
     hole = rooms.opening[opening]
     ax = hole[1, 0] - hole[0, 0]
     ay = hole[1, 1] - hole[0, 1]
@@ -132,10 +132,10 @@ def through(rooms: RoomTable, opening: int, view: F64, corners: F64, window: F64
 def visit(rooms: RoomTable, view: F64, corners: F64, picture: F64, sight: Sight) -> tuple[int, bool]:
     """List the rooms to draw, nearest first, and the window of each.
 
-    ``picture`` is the window of the whole picture. A window may be larger than needed, never smaller. From above, from
-    outside every room, and where a room without a roof is in sight, all rooms are listed.
+    ``picture`` is the window of the whole picture. A window can be larger than needed, but never smaller. From above,
+    from outside every room, and if a room without a roof is in sight, all rooms are listed.
 
-    Returns how many are listed, and whether all are.
+    Returns the number of listed rooms, and whether all rooms are listed.
     """
     order = sight.order
     windows = sight.windows
@@ -194,9 +194,9 @@ def visit(rooms: RoomTable, view: F64, corners: F64, picture: F64, sight: Sight)
 
 @device_function(nogil=True, beyond=int64, all_beyond=int64)
 def narrow(things: F64, thing: int, placement: F64, view: F64, window: F64) -> bool:
-    """Narrow a window to where a thing's box is; False if that is nowhere in it.
+    """Narrow a window to the bounding box of an entity; return False if the box is outside the window.
 
-    A box that reaches behind the camera may be anywhere in front of it.
+    A box that extends behind the camera can appear anywhere in front of it.
     """
     x0 = y0 = 1e9
     x1 = y1 = -1e9
@@ -241,7 +241,7 @@ def narrow(things: F64, thing: int, placement: F64, view: F64, window: F64) -> b
 
 @device_function(nogil=True, wide=int64, high=int64, reached=int64)
 def survey(buffers: DrawBuffers, view: F64, window: F64) -> None:
-    """Write down for each tile how near at least what covers it is, of its samples in the window."""
+    """Write for each tile the least nearness of what covers its samples in the window."""
     tiles = buffers.tiles
     planes = buffers.planes
     spans = buffers.spans
@@ -281,7 +281,7 @@ SAMPLES = 5  # the column of places that is written to
 def window_of(
     x: float, z: float, reach: float, rooms: RoomTable, sight: Sight, listed: int, everything: bool, out: F64
 ) -> bool:
-    """Join the windows of all rooms that a thing stands in or reaches into; False if none of them is in sight."""
+    """Join the windows of all rooms in which an entity stands or extends; return False if none of them is in sight."""
     if everything:
         for k in range(4):
             out[k] = sight.windows[0, k]
@@ -300,7 +300,7 @@ def window_of(
 
 @device_function(nogil=True, force_inline=True)
 def outside(x: float, y: float, z: float, reach: float, view: F64, window: F64) -> bool:
-    """Return whether all within ``reach`` of a place is surely outside a window or behind the camera."""
+    """Return whether everything within ``reach`` of a place is certainly outside a window or behind the camera."""
     x = x - view[EYE]
     y = y - view[EYE + 1]
     z = z - view[EYE + 2]
@@ -329,7 +329,7 @@ def outside(x: float, y: float, z: float, reach: float, view: F64, window: F64) 
 
 @device_function(nogil=True, force_inline=True)
 def place_thing(things: F64, thing: int, places: F64, placement: F64) -> None:
-    """Write down where a thing is and how it lies."""
+    """Write an entity's placement: its position and orientation."""
     for k in range(3):
         placement[PLACE + k] = places[thing, k]
         placement[SCALE + k] = things[thing, THING_SCALE + k]
@@ -355,10 +355,10 @@ def cover(
     floats: F64,
     wholes: I32,
 ) -> bool:
-    """Find out which face covers each sample, and how many samples each thing got, behind walls and earlier things.
+    """Compute which face covers each sample, and how many samples each entity got behind walls and earlier ones.
 
-    ``places`` rows are x, y, z, cos yaw, sin yaw and how many samples the thing got. False where a row has no room for
-    its spans.
+    The rows of ``places`` are x, y, z, cos yaw, sin yaw and the number of the entity's samples. The result is False if
+    a row has no room for its spans.
     """
     faces = faces_of(room_floats, room_wholes)
     library = faces_of(library_floats, library_wholes)
@@ -429,7 +429,7 @@ def cover(
 
 @kernel("(float64[::1], float64[::1], int32[::1], float32[:, ::1])", nogil=True)
 def distances(view: F64, floats: F64, wholes: I32, out: NDArray[np.float32]) -> None:
-    """Measure how far along the view each pixel's first sample is, metres; the far plane where there is nothing."""
+    """Write the depth of each pixel's first sample along the view in metres; the far plane where there is nothing."""
     buffers, _, _ = drawn_in(view, floats, wholes)
     for y in range(out.shape[0]):
         row = 4 * y + 3  # the first sample in OpenGL's order, whose pictures are upside down
