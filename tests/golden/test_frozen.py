@@ -1,5 +1,6 @@
 """Logs frozen when their version was the newest: every later one reads, proves, reports and exports them."""
 
+import inspect
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -44,6 +45,7 @@ EVERY_WORLD = ("every-grid", "every-level", "every-room")
 
 # what each held when it was frozen: how its episodes ended, their steps, and how the session ended; of others their
 # frozen tables say it
+NEED_GYMNASIUM = ("unruled", "outcomes")  # studies with an option of FrozenLake that Gymnasium 1.1 has not
 HELD = {
     "v1/cut-off/sub-01": ("goal cut_off", [5, 4], "cut_off"),
     "v1/first-person/sub-01": ("goal goal", [4, 27], "complete"),
@@ -89,8 +91,21 @@ def log_of(study: str):
     return read_log(path)
 
 
+def require_gymnasium(study):
+    """Skip a study whose world has options that older releases of Gymnasium do not know."""
+    if study in NEED_GYMNASIUM and not has_reward_schedule():
+        pytest.skip("FrozenLake has no reward_schedule in this release of Gymnasium; install a newer one")
+
+
+def has_reward_schedule():
+    from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
+
+    return "reward_schedule" in inspect.signature(FrozenLakeEnv).parameters
+
+
 @pytest.mark.parametrize("path", LOGS, ids=name_of)
 def test_a_frozen_log_says_what_it_said_and_is_proven(path):
+    require_gymnasium(path.parents[2].name)
     log = read_log(path)
     outcomes, steps, end_reason = held(path)
     assert [episode.outcome_word for episode in log.episodes] == outcomes
