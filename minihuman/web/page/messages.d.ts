@@ -354,7 +354,7 @@ export interface FirstPersonPosition {
   rng_state: string[];
 }
 
-/** A few words to read. */
+/** A short text to read, with the keys to try if it has any. */
 export interface TextValues {
   language: string;
   rtl: boolean;
@@ -369,7 +369,7 @@ export interface TextValues {
   high: number;
 }
 
-/** A key of a drawn keyboard; lengths are in widths of a key. */
+/** A key of a drawn keyboard; lengths are multiples of one key's width. */
 export interface KeyValues {
   x: number;
   y: number;
@@ -379,7 +379,7 @@ export interface KeyValues {
   pressed: boolean;
 }
 
-/** Nothing, or a cross to look at. */
+/** A blank screen, or one with a fixation cross. */
 export interface BlankValues {
   language: string;
   rtl: boolean;
@@ -388,7 +388,7 @@ export interface BlankValues {
   cross: boolean;
 }
 
-/** What is around an episode's picture; the picture itself only where it is held, since scenes have theirs. */
+/** The texts around an episode's picture. The picture itself is included only while it is held, since scenes have their own. */
 export interface PlayValues {
   language: string;
   rtl: boolean;
@@ -426,7 +426,7 @@ export interface TextField {
   unit: string;
 }
 
-/** A page of a text, with a picture above it where it has one. */
+/** A page of a text, with its picture above it if it has one. */
 export interface PageValues {
   language: string;
   rtl: boolean;
@@ -442,7 +442,7 @@ export interface PageValues {
   marks: [number, number, string][];
 }
 
-/** A spot to click; ``name`` is the target of the pointer's messages. */
+/** A button; ``name`` is the target in the pointer's messages. */
 export interface ButtonValues {
   name: string;
   label: string;
@@ -464,7 +464,7 @@ export interface QuestionValues {
   buttons: ButtonValues[];
 }
 
-/** A screen of one kind of activity, which the module at that address draws; it has fields of its own. */
+/** A screen of one activity kind, drawn by the module at ``module``; the kind adds its own fields. */
 export interface ActivityValues {
   language: string;
   rtl: boolean;

@@ -1,7 +1,7 @@
-"""The web application: one page, one socket per browser, one task each; the sessions' own work is the session hosts'.
+"""The web application: one page, and one socket and one task per browser. The session hosts do the sessions' own work.
 
-What waits for the disk (connecting, finishing a log) runs in threads. Looking ahead runs between messages, for one host
-after the other, so that a key never waits longer than two milliseconds or one scene.
+Work that waits for the disk (connecting, finishing a log) runs in threads. Look-ahead runs between messages, for one
+host at a time, so that a key never waits longer than two milliseconds or one scene.
 """
 
 import asyncio
@@ -68,7 +68,9 @@ CLOSE_OLD = 4002  # and after this it is loaded anew: it is of another release t
 
 
 def classify_connection_ending(connection: Connection) -> WebEnding:
-    """Classify a session's end for its participant: broken if its log is not whole, or its page sent too much."""
+    """Return the kind of ending that a participant is told; "broken" if the log is incomplete or the page sent too
+    much.
+    """
     if connection.recording.is_broken or connection.is_over_budget:
         return "broken"
     session = connection.host.session
@@ -76,9 +78,10 @@ def classify_connection_ending(connection: Connection) -> WebEnding:
 
 
 def build_session_over(connection: Connection, completion: Completion) -> messages.SessionOver:
-    """Build the last message to a page: what happened, what is saved, and a code.
+    """Build the last message to a page: what happened, what is saved, and the completion code.
 
-    That all is saved is said of a log that was closed whole; of any other, how many inputs it may lack.
+    Only a log that was closed whole is reported as saved; for any other log the message states how many inputs it may
+    lack.
     """
     session = connection.host.session
     words = get_page_texts(session.plan.language)
@@ -98,10 +101,10 @@ class WebServer:
     """Serves a study to its participants' pages.
 
     Args:
-        arrivals: the study, and who comes.
-        data: where sessions are kept.
-        routes: of other pages that this server has.
-        worlds: runs worlds that are not ours in processes of their own; None: all run in this one.
+        arrivals: the study and its visitors.
+        data: the folder in which sessions are recorded.
+        routes: the routes of other pages that this server serves.
+        worlds: runs foreign worlds in processes of their own; None to run all worlds in this process.
     """
 
     def __init__(
@@ -153,11 +156,11 @@ class WebServer:
             await asyncio.gather(*(asyncio.to_thread(connection.leave) for connection in self.connections.values()))
 
     async def _health(self, _: Request) -> Response:
-        """Answer; a server whose loop is stuck does not."""
+        """Answer a health check; a server whose event loop is stuck cannot."""
         return Response("ok\n", media_type="text/plain")
 
     async def _metrics(self, request: Request) -> Response:
-        """Answer Prometheus, without anything that identifies participants; refuse requests through a proxy."""
+        """Return metrics for Prometheus that identify no participant; refuse requests that come through a proxy."""
         if not _may_read_metrics(request):
             return Response(status_code=404)
         gauges = {
@@ -202,7 +205,7 @@ class WebServer:
     async def _receive_hello(
         self, page: PageSocket, address: str
     ) -> tuple[messages.Hello, Connection | messages.Refusal]:
-        """Wait for the hello, and connect its page."""
+        """Wait for a page's hello; return it with the page's connection or refusal."""
         self._silent[page] = None
         try:
             hello = decode_page_message(await asyncio.wait_for(page.receive(), HELLO_TIMEOUT_S))
@@ -235,7 +238,7 @@ class WebServer:
             await asyncio.gather(writing, return_exceptions=True)
 
     async def _receive(self, page: PageSocket, connection: Connection, protocol: PageProtocol, text: str) -> None:
-        """Hand on the messages of a text, and see to what they led to."""
+        """Handle the messages in a text, then finish the session, wake the writer or look ahead as they require."""
         lines = text.split("\n")
         now_s = monotonic_s()
         protocol.begin_text()
@@ -255,7 +258,7 @@ class WebServer:
             self._want_more(connection)
 
     async def _write(self, page: PageSocket, connection: Connection, number: int, protocol: PageProtocol) -> None:
-        """Send what there is to send, as long as this is the newest socket of its connection."""
+        """Send the connection's messages for as long as this is its newest socket."""
         await page.send(protocol.encode_welcome())
         while True:
             await connection.changed.wait()
@@ -272,7 +275,10 @@ class WebServer:
     # Ends
 
     async def _finish_if_over(self, connection: Connection) -> None:
-        """Finish the log of a session that is over, then tell the page; later if the enrolment log is unavailable."""
+        """Finish the log of a session that is over, then inform the page.
+
+        If the enrolment log is unavailable, this is tried again later.
+        """
         recording = connection.recording
         if not connection.host.over or recording.is_finishing:
             return
@@ -308,14 +314,16 @@ class WebServer:
         connection.changed.set()
 
     async def _look_after(self) -> None:
-        """End the sessions whose pages do not come back, and forget those that are over."""
+        """End the sessions whose pages do not come back, and drop sessions that have been over for some time."""
         while True:
             await asyncio.sleep(CHECK_INTERVAL_S)
             for connection in tuple(self.connections.values()):
                 await self._run_for(connection, self._look_after_safely(connection))
 
     async def _run_for(self, connection: Connection, work: Coroutine[Any, Any, None]) -> None:
-        """Do something for a connection; where its worlds may keep it waiting, no other waits for that."""
+        """Run a coroutine for a connection; if the connection's worlds may keep it waiting, run it in a task of its
+        own.
+        """
         if not connection.has_threads:
             await work
         elif connection.is_busy:
@@ -350,7 +358,7 @@ class WebServer:
             await connection.run(connection.host.close)
 
     async def _poll(self) -> None:
-        """See to learners that were asked for a policy."""
+        """Poll the sessions that wait for an answer from outside, such as a learner's policy."""
         while True:
             await asyncio.sleep(LEARNER_POLL_INTERVAL_S)
             for connection in tuple(self.connections.values()):
@@ -364,7 +372,7 @@ class WebServer:
     # Leases
 
     async def _finish_ended(self) -> None:
-        """Finish what this server left when it was killed, as soon as the database can be asked."""
+        """Finish the logs that this server left when it was killed, as soon as the database is available."""
         while True:
             try:
                 return await asyncio.to_thread(self._arrivals.finish_ended)
@@ -375,7 +383,9 @@ class WebServer:
                 return
 
     async def _keep_leases(self) -> None:
-        """Renew the leases of this server's sessions, and copy what they record; let go of those that others have."""
+        """Renew the leases of this server's sessions and copy what they record; give up sessions that other servers
+        have.
+        """
         leases = self._arrivals.leases
         if leases is None:
             return
@@ -411,7 +421,9 @@ class WebServer:
                     LOG.exception("a session could not be left to another server")
 
     def _take_leased(self, *, is_due: bool) -> list[Connection]:
-        """Take the connections whose leases are renewed now: all where that is due, else those that recorded."""
+        """Return the connections whose leases are renewed now: all of them if a renewal is due, else those that
+        recorded data.
+        """
         connections = set(self.connections.values())
         if not is_due:
             connections &= self._factory.recorded
@@ -419,7 +431,7 @@ class WebServer:
         return [connection for connection in connections if _has_lease(connection)]
 
     async def _give_up_if_wanted(self, connection: Connection) -> None:
-        """Leave a session to another server that has its lease, or asks for it."""
+        """Hand a session over to another server that has its lease or requests it."""
         lease = connection.lease
         if lease is None or connection.recording.is_finishing:
             return
@@ -429,7 +441,7 @@ class WebServer:
             await self._give_up(connection, ANOTHER)
 
     async def _give_up(self, connection: Connection, code: int) -> None:
-        """Leave a session to another server."""
+        """Hand a session over to another server."""
         if self.connections.get(connection.key) is connection:
             del self.connections[connection.key]
         connection.dismiss(code)
@@ -467,7 +479,9 @@ class WebServer:
 
 
 async def _refuse(page: PageSocket, refusal: messages.Refusal) -> None:
-    """Tell a page why it is refused, and close its socket; one that has to wait comes again by itself."""
+    """Send a page its refusal and close the socket; a page that has to wait gets only a code and reconnects by
+    itself.
+    """
     if refusal.reason == "wait":
         await page.close(CLOSE_BUSY)
         return
@@ -483,7 +497,9 @@ def _has_lease(connection: Connection) -> bool:
 
 
 def _may_read_metrics(request: Request) -> bool:
-    """Whether a request has the token for metrics, or comes from this machine and through no proxy."""
+    """Return whether a request has the metrics token or, if no token is set, comes from this machine without a
+    proxy.
+    """
     token = os.environ.get(METRICS_TOKEN_VARIABLE, "")
     if token:
         return hmac.compare_digest(request.headers.get("authorization", "").encode(), f"Bearer {token}".encode())

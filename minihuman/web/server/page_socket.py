@@ -1,4 +1,4 @@
-"""A socket to a page, with one exception for all the ways in which it ends."""
+"""A socket to a page, with a single exception for all the ways in which it can end."""
 
 import contextlib
 
@@ -10,10 +10,10 @@ _ENDS = (WebSocketDisconnect, RuntimeError)  # RuntimeError: something was sent 
 
 
 class SocketClosedError(Exception):
-    """The socket has ended, from either side.
+    """The socket was closed, by either side.
 
     Args:
-        code: that the page closed it with; 0: none is known.
+        code: the code with which the page closed the socket; 0 if it is unknown.
     """
 
     def __init__(self, code: int = 0) -> None:
@@ -25,14 +25,14 @@ class PageSocket:
     """A socket to a page.
 
     Raises:
-        SocketClosedError: from any method but `close`, once the socket has ended.
+        SocketClosedError: from any method but `close`, once the socket is closed.
     """
 
     def __init__(self, socket: WebSocket) -> None:
         self._socket = socket
 
     async def accept(self) -> None:
-        """Take the call."""
+        """Accept the connection."""
         try:
             await self._socket.accept()
         except _ENDS as error:
@@ -42,7 +42,7 @@ class PageSocket:
         """Receive the next message.
 
         Raises:
-            MessageError: it is bytes, which no page sends.
+            MessageError: if the message is binary, which no page sends.
         """
         try:
             return await self._socket.receive_text()
@@ -64,6 +64,6 @@ class PageSocket:
             raise SocketClosedError from error
 
     async def close(self, code: int, reason: str = "") -> None:
-        """End the socket, which may have ended already."""
+        """Close the socket, even if it is closed already."""
         with contextlib.suppress(*_ENDS):
             await self._socket.close(code, reason[:100])
