@@ -1,4 +1,4 @@
-"""Check whether this machine is fit to run participants: measure its display, keyboard path, disk and worlds.
+"""Checks whether this machine is fit to run participants: measures its display, keyboard path, disk and worlds.
 
 For a study it also measures how long step, picture and flip take in each block's world.
 """
@@ -74,14 +74,14 @@ _PACKAGES = (
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing looked at. ``unfit_because`` is "" where it is good enough or only for the record."""
+    """The result of one check. ``unfit_because`` is "" if it is good enough or only for the record."""
 
     name: str
     value: str
     unfit_because: str = ""
 
     def line(self) -> str:
-        """Format the finding for the terminal."""
+        """Return the finding as a line for the terminal."""
         verdict = "NOT FIT" if self.unfit_because else "ok"
         return f"{verdict:8} {self.name:22} {self.value}"
 
@@ -89,13 +89,13 @@ class Finding:
 def examine_machine(
     *, window: str, data: Path, fullscreen: bool = False, protocol: Protocol | None = None
 ) -> Iterator[Finding]:
-    """Look at this machine, finding by finding; what cannot be looked at is a finding too.
+    """Examine this machine; yield one finding after the other, including one for each check that is impossible.
 
     Args:
         window: "auto", "pygame" or "pyglet".
-        data: where sessions are to be kept; made if absent.
-        fullscreen: measure the whole screen, as participants will see it.
-        protocol: a study whose own worlds are to be drawn, too.
+        data: the folder in which sessions are to be kept; it is created if absent.
+        fullscreen: whether to measure the whole screen, as participants will see it.
+        protocol: a study whose texts and worlds are to be checked, too.
     """
     yield _versions()
     yield _clock_resolution()
@@ -107,7 +107,7 @@ def examine_machine(
 
 
 def format_verdict(findings: list[Finding]) -> str:
-    """Format the last line: fit, or not and why."""
+    """Return the last line of the report: that the machine is fit, or why it is not."""
     reasons = [finding.unfit_because for finding in findings if finding.unfit_because]
     if not reasons:
         return "This machine is fit to run participants."
@@ -135,7 +135,7 @@ def _clock_resolution() -> Finding:
 
 
 def _languages() -> Finding:
-    """Name the languages that screens can be drawn in here, and what to do for the others."""
+    """Return the languages that screens can be drawn in here, and what is missing for the others."""
     undrawable = list_undrawable_languages()
     drawable = ", ".join(language for language in LANGUAGES if language not in undrawable)
     without_face = [f"not {language}: {describe_missing_face(character)}" for language, character in undrawable.items()]
@@ -143,7 +143,7 @@ def _languages() -> Finding:
 
 
 def _texts(protocol: Protocol) -> Finding:
-    """Tell whether every text of a study can be read on this machine's screens."""
+    """Check whether every text of a study can be read on this machine's screens."""
     problems = list(dict.fromkeys(find_illegible_in_study(protocol)))
     if not problems:
         return Finding("texts", f"every text of the study can be read, in {protocol.study.language!r}")
@@ -174,7 +174,7 @@ def _display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Itera
 
 
 def _pictures(window: BlockingWindow, protocol: Protocol) -> Iterator[Finding]:
-    """Measure from a step to its picture's flip in the study's own worlds, in this window's size."""
+    """Measure the time from a step to its picture's flip in the study's own worlds, at this window's size."""
     for block in protocol.blocks:
         with closing(World(block.world, block.options)) as world:
             median, p95 = np.percentile(_times_ms(window, block, world)[_WARM:], (50, 95))
@@ -205,7 +205,7 @@ def _frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:
 
 
 def _key_to_flip_ms(window: BlockingWindow) -> list[float]:
-    """Measure from a key put into the toolkit's queue, while the window sleeps, to the flip that it caused."""
+    """Measure the time from a key put into the sleeping window's queue to the flip of the picture that it causes."""
     late_ms = []
     for screen in _flicker(window, _KEYS):
         sent_ns: list[int] = []
@@ -225,7 +225,7 @@ def _key_to_flip_ms(window: BlockingWindow) -> list[float]:
 
 
 def _flicker(window: BlockingWindow, count: int) -> Iterator[Screen]:
-    """Yield play screens of the size of real ones, each different from the one before."""
+    """Yield play screens of realistic size, each different from the one before."""
     width, height = window.picture_px
     for number in range(count):
         picture = np.full((height, width, 3), 60 + 60 * (number % 2), np.uint8)

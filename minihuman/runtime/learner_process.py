@@ -1,7 +1,7 @@
-"""The learner process, which makes policies between episodes. Whatever becomes of it, the session continues.
+"""The learner process, which makes policies between episodes. If it fails, the session continues.
 
-One line of JSON asks it, one line answers. It is niced, is the first that the system may kill for its memory, and is
-ended when its time is over; the next request starts another.
+A request is one line of JSON, and so is an answer. The process has a low priority, is the first that the system may
+kill for its memory, and is ended when its time is over; the next request starts another.
 """
 
 import json
@@ -24,7 +24,7 @@ FIRST_ANSWER_TIMEOUT_S = 60.0  # more time for the first answer: the process has
 
 @dataclass(frozen=True, slots=True)
 class LearnerRequest:
-    """A request for a policy: what to learn it from."""
+    """A request for a policy, with the data to learn it from."""
 
     logs: list[str]  # of the session so far; the live one may be among them
     part: str  # the block's name
@@ -38,17 +38,17 @@ class LearnerRequest:
 
 @dataclass(frozen=True, slots=True)
 class LearnerAnswer:
-    """The answer of a learner: a policy, or why there is none."""
+    """A learner's answer: a policy, or the reason why there is none."""
 
     file: str  # the policy's, until the next question; the place of a pair in words, where pairs were asked about
     failure: str  # why there is none; "" where there is one
 
 
 class LearnerProcess:
-    """Asks one question at a time.
+    """Starts the learner process, and sends it one request at a time.
 
     Args:
-        command: what is started, behind Python's own name.
+        command: the arguments after Python's own name.
     """
 
     def __init__(self, command: Sequence[str] = LEARNER_COMMAND) -> None:
@@ -60,17 +60,17 @@ class LearnerProcess:
 
     @property
     def busy(self) -> bool:
-        """Whether a question has no answer yet."""
+        """Whether a request has no answer yet."""
         return self._until_s is not None
 
     @property
     def pid(self) -> int:
-        """The process's number."""
+        """The process's id."""
         assert self._process is not None, "it was not started"
         return self._process.pid
 
     def start(self) -> None:
-        """Start the process, which takes seconds, before it is needed."""
+        """Start the process before it is needed, since starting takes seconds."""
         if self._process is None or self._process.poll() is not None:
             self._end()
             self._process = subprocess.Popen(
@@ -83,7 +83,7 @@ class LearnerProcess:
             self._reader.start()
 
     def ask(self, request: LearnerRequest) -> None:
-        """Ask for a policy."""
+        """Send a request, starting the process if necessary."""
         fresh = self._process is None or self._process.poll() is not None
         self.start()
         assert self._process is not None
@@ -96,7 +96,7 @@ class LearnerProcess:
             self._process.stdin.flush()
 
     def answer(self, *, patient: bool = False) -> LearnerAnswer | None:
-        """Return the answer to the question; None if there is none yet. With ``patient`` this waits for it."""
+        """Return the answer to the request; None if there is none yet. With ``patient``, wait for it."""
         assert self._until_s is not None, "nothing was asked"
         while True:
             answer = self._look(0.2 if patient else 0.0)
