@@ -53,9 +53,7 @@ from minihuman.worlds.pose import Map, Pose, Thing
 
 
 def _decode_part(message: v1.Part) -> PlannedPart:
-    """Decode a part as its kind reads it; if the kind is not installed, decode plain JSON so that the log still
-    opens.
-    """
+    """Decode a part as its kind does; if the kind is not installed, decode plain JSON so that the log opens."""
     plan = msgspec.json.decode(message.plan_json)
     with suppress(ProtocolError):
         plan = find_kind(message.kind).read(plan)
@@ -330,9 +328,7 @@ RECORD_TOPICS = RecordTopics()
 
 
 def event_cause_ns(event: events.Event) -> int:
-    """Return the time at which the cause of an event arrived, such as a key press; the event's own time if it has
-    none.
-    """
+    """Return when the cause of an event arrived, such as a key press; the event's own time if it has none."""
     match event:
         case events.Stepped():
             return event.key_t_ns

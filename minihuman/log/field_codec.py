@@ -58,9 +58,7 @@ def repeated(name: str, codec: Codec) -> FieldCodec:
 
 
 def json_field(name: str, kind: Any = Any, *, default: str = "null") -> FieldCodec:
-    """Return the codec of a field that is JSON on the wire; ``default`` replaces the empty text of logs older than the
-    field.
-    """
+    """Return the codec of a JSON field; ``default`` stands for the empty text in logs older than the field."""
     return FieldCodec(name, to_json, lambda text: msgspec.json.decode(text or default, type=kind))
 
 
@@ -136,9 +134,7 @@ class MessageCodec:
 def _message_builder(
     message: type[Message], names: Iterable[tuple[str, str]], encoders: Mapping[str, Callable[[Any], Any]]
 ) -> Callable[[Any], Any]:
-    """Compile a function that builds a value's message, as dataclasses do for ``__init__``; it takes 1.6 us instead of
-    2.4.
-    """
+    """Compile a function that builds a value's message, as dataclasses do: 1.6 us instead of 2.4."""
     encode = {f"encode_{name}": encoder for name, encoder in encoders.items()}
     fields = (
         f"{wire_name}=encode_{name}(value.{name})" if name in encoders else f"{wire_name}=value.{name}"

@@ -90,9 +90,7 @@ def encode_observation(observation: Any) -> dict[str, bytes]:
 
 
 def encode_png(picture: NDArray[np.uint8]) -> bytes:
-    """Encode uint8[H, W, 3] as PNG without filters, which PIL would try on each line: 1.8 CPU-ms, not 4.6, at 640 x
-    480.
-    """
+    """Encode uint8[H, W, 3] as PNG without filters: 1.8 CPU-ms at 640 x 480, instead of 4.6 with PIL's."""
     height, width, _ = picture.shape
     lines = np.zeros((height, 1 + 3 * width), np.uint8)  # each after its filter's number
     lines[:, 1:] = picture.reshape(height, -1)

@@ -110,9 +110,7 @@ class SegmentPath:
 
 
 def is_companion_file(path: Path) -> bool:
-    """Return whether an MCAP file belongs to another program, such as an eye tracker's, judging by its name and
-    profile.
-    """
+    """Return whether an MCAP file is another program's, such as an eye tracker's, by name and profile."""
     if _OURS.search(path.name):
         return False
     try:
@@ -141,9 +139,7 @@ def study_folder(log: Path) -> Path:
 
 
 def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
-    """Yield each folder below ``top`` that has an MCAP file, with all its file names; symbolic links are not
-    followed.
-    """
+    """Yield each folder below ``top`` that has an MCAP file, with its file names; do not follow links."""
     waiting = [os.fspath(top)]
     while waiting:
         folder = waiting.pop()
@@ -162,9 +158,7 @@ def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
 
 
 def list_sessions(folder: Path) -> dict[Path, list[Path]]:
-    """Return a folder's sessions: for each session's log, the files that hold it, which are the log and unmerged
-    segments.
-    """
+    """Return a folder's sessions: the path of each session's log, and the files that hold it so far."""
     return group_sessions(folder, os.listdir(folder))
 
 

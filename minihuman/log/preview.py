@@ -153,9 +153,7 @@ AGENT = "#0072b2"
 
 
 def draw_floor_plan_png(floor: Map, pose: Pose | None) -> bytes:
-    """Draw a map from above, with +x right and +z down, its things and, if given, the agent's first pose; return a
-    PNG.
-    """
+    """Draw a map from above, +x right and +z down, with its things and, if given, a pose; return a PNG."""
     x0, z0, x1, z1 = floor.bounds
     scale = (LONG_SIDE_PX - 2 * MARGIN_PX) / max(x1 - x0, z1 - z0, 1e-9)  # px per cell or metre
 

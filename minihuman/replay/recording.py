@@ -1,5 +1,6 @@
-"""Writes sessions to a `.rrd` recording with its viewer layout, and opens it in rerun. No world runs without the
-view.
+"""Writes sessions to a `.rrd` recording with its viewer layout, and opens it in rerun.
+
+No world runs unless the participant's view is requested.
 """
 
 import errno
@@ -122,14 +123,10 @@ FIRST_BYTES = 2**20  # rerun waits for ever where a disk has no room for what a 
 
 
 def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = False) -> Path:
-    """Write sessions to one ``.rrd`` file; several sessions share a timeline on which their n-th episodes begin
-    together.
+    """Write sessions to one ``.rrd`` file; the n-th episodes of several sessions begin together on a shared timeline.
 
-    Args:
-        logs: the sessions.
-        path: the path of the recording.
-        with_view: whether to add what the participant saw, redrawn by the worlds or as stored, and checked against the
-            log.
+    With ``with_view``, what the participant saw is added: redrawn by the worlds or as stored, and checked against the
+    log.
 
     Raises:
         LogError: if there is no session, or one session twice, or if a world no longer shows what the participant saw

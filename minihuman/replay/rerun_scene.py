@@ -40,9 +40,7 @@ class ReplayTimeline:
 
     @classmethod
     def of(cls, log: SessionLog, *, aligned_ns: dict[int, int] | None = None) -> "ReplayTimeline":
-        """Build the timeline of a session; ``aligned_ns`` maps an episode's number to its beginning on the common
-        timeline.
-        """
+        """Build a session's timeline; ``aligned_ns`` maps an episode's number to its common beginning."""
         numbers = [episode.number for episode in log.episodes]
         rows = np.concatenate([np.zeros(0, np.int64), *(episode.t_ns for episode in log.episodes)])
         starts = np.array([episode.t_ns[0] for episode in log.episodes], np.int64)
@@ -79,9 +77,7 @@ class ReplayTimeline:
 
 
 def align_episode_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
-    """Return when each episode begins on the common timeline, by number: a second after the longest one before it
-    ends.
-    """
+    """Return when each episode begins on the common timeline, a second after the longest one before it."""
     longest: dict[int, int] = {}
     for log in logs:
         for episode in log.episodes:
@@ -323,9 +319,7 @@ def _heading(episode: EpisodeLog) -> float:
 
 
 def _strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> pa.Array:
-    """Return a line strip for each window of rows [begin, end), as the Arrow array that rerun would build one by
-    one.
-    """
+    """Return a line strip for each window of rows [begin, end), as the Arrow array that rerun needs."""
     lengths = np.array([end - begin for begin, end in windows])
     rows = np.concatenate([np.arange(begin, end) for begin, end in windows])
     points = pa.FixedSizeListArray.from_arrays(pa.array(places[rows].ravel()), type=_POINT)
@@ -363,9 +357,7 @@ def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, mome
 
 
 def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Send a lane for each physical key, named with its actions, that shows each press's verdict until the key's
-    release.
-    """
+    """Send a lane for each physical key that shows each press's verdict until the key's release."""
     lanes: dict[str, list[KeyPressed]] = defaultdict(list)
     for press in log.keys:
         if press.verdict != "repeat":

@@ -170,9 +170,7 @@ class AgentHost(RequestHandler):
     # Pairs
 
     def _offered(self, stretches: ClipSampler, want: ClipRequest, t_ns: int) -> ClipOffered | None:
-        """Return one clip of a pair: a random pair, or the one of several on which the learner's ensemble disagrees
-        most.
-        """
+        """Return one clip of a pair, which is random or the one on which the learner's ensemble disagrees most."""
         if want.pairing == "random" or self._learner is None:
             return ClipOffered(t_ns, stretches.draw(want))
         if want.place:

@@ -32,8 +32,7 @@ class GroupDrawHost(RequestHandler):
         self._next: RequestHandler | None = None
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """Return the plan of the drawn group in answer to the first request; afterwards, return the next host's
-        answers.
+        """Return the plan of the drawn group; after the draw, return the next host's answers.
 
         Raises:
             AllocationError: if there is no slot to draw.

@@ -107,7 +107,7 @@ class LearnerProcess:
                 return None
 
     def close(self) -> None:
-        """End the process."""
+        """End the learner process."""
         self._end()
         self._until_s = None
 

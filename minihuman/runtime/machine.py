@@ -58,9 +58,7 @@ class SessionClock:
 
 
 def collect_machine_facts() -> dict[str, str]:
-    """Return facts by name: a digest of the worlds' rules, versions, platform, processor, and the commit of a
-    checkout.
-    """
+    """Return facts about rules, versions, platform and processor, and the commit of a checkout, by name."""
     facts = {
         "rules": rules_digest(),
         "pictures": str(PICTURES_VERSION),

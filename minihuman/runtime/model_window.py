@@ -259,9 +259,7 @@ class ModelWindow(Window):
 
 
 class SessionLeft(BaseException):
-    """A session is left unfinished, to be resumed. It is not an `Exception`, for which the loop would end the
-    session.
-    """
+    """A session is left to be resumed. It is not an `Exception`, for which the loop would end the session."""
 
     def __init__(self, error: MinihumanError) -> None:
         super().__init__(str(error))

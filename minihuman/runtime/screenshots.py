@@ -37,8 +37,7 @@ _LABEL_PX = 22
 
 
 class _Camera(SimulatedWindow):
-    """A window that collects distinct screens. Of play it keeps each block's first screen, and the last for each
-    outcome.
+    """A window that collects distinct screens; of play, each block's first screen and the last per outcome.
 
     Args:
         screens: receives the screens with the names of their phases.
@@ -161,9 +160,7 @@ def _contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
 
 
 def _words(screen: Screen, *, but_sums: bool) -> tuple[str, ...]:
-    """Return a screen's title, text, page and question; with ``but_sums``, numbers such as earnings are replaced by
-    0.
-    """
+    """Return a screen's title, text, page and question; with ``but_sums``, replace all amounts by 0."""
     words = tuple(str(getattr(screen, name, "")) for name in ("title", "body", "page", "question"))
     if but_sums:
         return tuple(_SUM.sub("0", text) for text in words)

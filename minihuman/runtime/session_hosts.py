@@ -1,6 +1,4 @@
-"""Handlers of a session's requests to agents and other participants, made by the hosts that the plans of its parts
-name.
-"""
+"""Handlers of a session's requests to agents and other participants, as the plans of its parts name them."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field

@@ -107,10 +107,6 @@ def run_session(
     """Run a session to its end, whatever ends it; the log is finished before this returns or raises.
 
     Args:
-        session: the session.
-        window: the window that shows the session.
-        recorder: the recorder of the session's events; it is closed at the end.
-        clock: the session's clock.
         inbox: the experimenter's commands; None if there are none.
         agent: answers the parts' requests; None if no part makes any. It is closed at the end.
         finished: called with the finished log's path, while signals are still deferred.
@@ -219,8 +215,7 @@ class _SessionLoop:
             self._stop(error)
 
     def take(self, happened: Input) -> None:
-        """Pass an input to the session and begin to write its events, which are written before the next picture is
-        shown.
+        """Pass an input to the session and begin to write its events; the next picture waits for them.
 
         If the log cannot be written, the session is stopped.
         """
@@ -234,9 +229,7 @@ class _SessionLoop:
             self._stop(error)
 
     def hold_last_screen(self, last_screen_s: float) -> None:
-        """Keep a failure on the screen until a key is pressed, the window is closed, a signal arrives or the time is
-        over.
-        """
+        """Keep a failure on the screen until a key, the window's closing, a signal or the time limit."""
         if not (self._failed or self.log_error):
             return
         try:
@@ -269,9 +262,7 @@ class _SessionLoop:
             self.take(screen_shown)
 
     def _display(self, screen: Screen) -> ScreenShown | None:
-        """Draw a screen while the log is being written, and flip once it is; return None if the log could not be
-        written.
-        """
+        """Draw a screen while the log is written, then flip; return None if the log could not be written."""
         try:
             return self._window.show_after(screen, self._settle_log)
         except LogError as error:

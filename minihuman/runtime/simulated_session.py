@@ -89,9 +89,7 @@ def simulate(
 def _simulate_teams(
     protocol: Protocol, data: Path, people: list[tuple[SessionPlan, SimulatedParticipant]], facts: dict[str, str]
 ) -> Iterator[Path]:
-    """Simulate all people at once, each in a thread, as they wait for each other; thread timing does not affect the
-    results.
-    """
+    """Simulate all people at once, each in a thread; thread timing does not affect the results."""
     teams = TeamTable(protocol, data, lambda: 0.0, gather=len(people))
 
     def play(person: tuple[SessionPlan, SimulatedParticipant]) -> list[Path]:

@@ -138,9 +138,7 @@ class SimulatedWindow(Window, SimulatedPerson):
         self._coming.append(TextInput(self._clock() + round(READING_MS * NS_PER_MS), text))
 
     def choose(self, count: int) -> int:
-        """Draw a number below ``count``, determined by the study's seed, the participant and the number of earlier
-        draws.
-        """
+        """Draw a number below ``count``, determined by the study's seed, the participant and earlier draws."""
         plan = self._session.plan
         purpose = f"simulated-answers-session-{plan.session}" + (f"-after-{self._before}" if self._before else "")
         self._n_draws += 1

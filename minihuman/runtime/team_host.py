@@ -159,9 +159,7 @@ class TeamTable:
     def _leave_lobby(
         self, want: TeamRequest, lobby: "Lobby[TeamMember]", entry: "LobbyEntry[TeamMember]"
     ) -> Team | TeamLost | None:
-        """Return the team of a member, or ``TeamLost`` once the member has waited long enough; None while neither
-        applies.
-        """
+        """Return the team of a member, ``TeamLost`` after the longest wait, or None while the member waits."""
         rules = want.plan.team
         if entry.team is None:
             if not self._gather and self._now_s() - entry.since_s < rules.lobby_s:

@@ -8,8 +8,9 @@ from minihuman.experiment.protocol.protocol import Protocol
 
 
 def count_seats_at_machine(protocol: Protocol, group: str | None = None) -> int:
-    """Return how many people share one machine: the most people in a team whose seats have keys of their own, else
-    1.
+    """Return how many people share one machine: the most people in a team whose seats have keys of their own.
+
+    Without such teams it is 1.
     """
     teams = [team for _, team in list_teams(protocol, group)]
     return max((len(team.persons) for team in teams if team.seat_keys), default=1)

@@ -16,8 +16,7 @@ T = TypeVar("T")
 
 @contextmanager
 def cut_off_late(timeout_s: float, shut: Callable[[], None]) -> Iterator[threading.Timer]:
-    """Call ``shut`` if the context lasts longer than ``timeout_s``; ``shut`` must release whatever the caller waits
-    for.
+    """Call ``shut``, which must release whatever the caller waits for, if the context lasts too long.
 
     Yields:
         The timer, which is alive until it has called ``shut``.

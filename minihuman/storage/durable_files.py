@@ -107,8 +107,7 @@ def write_again(path: Path, *, begin: int = 0) -> None:
 def replace_durably(
     path: Path, unfinished: Path | None = None, *, mode: int = 0o600, new_folders: int = 0
 ) -> Iterator[BufferedWriter]:
-    """Write a file under a temporary name and rename it once it is durable, so that a crash leaves the old or the new
-    one.
+    """Write a file under a temporary name and rename it once it is durable, so that no crash leaves half of it.
 
     Args:
         path: the file's path; its folder is created.

@@ -1,5 +1,4 @@
-"""Journals: durable, append-only lines that many processes write in turn. The interface, and the hash chain of the
-lines.
+"""Journals: durable, append-only lines that many processes write in turn, with their hash chain.
 
 Repeated reads parse only the added lines. ``file_journal`` and ``postgres_journal`` have the two implementations, and
 ``study_journals`` selects one for a study.
@@ -88,9 +87,7 @@ def _digest(content: bytes) -> str:
 
 
 class LinesRead(Sequence[Line]):
-    """The present lines of a list that only grows, without a copy, which would cost a long study time at each
-    arrival.
-    """
+    """A view of the present lines of a list that only grows; long studies would pay for copies."""
 
     def __init__(self, lines: list[Line]) -> None:
         self._lines = lines

@@ -65,14 +65,11 @@ class LeaseTable(abc.ABC):
 
     @abc.abstractmethod
     def acquire(self, session: str) -> LeaseGrant | None:
-        """Lease a session for ``TTL_S`` seconds; return None if it is leased, and tell the holder at its next
-        renewal.
-        """
+        """Lease a session for ``TTL_S`` seconds; if it is leased, return None and mark it as requested."""
 
     @abc.abstractmethod
     def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
-        """Renew leases and add pieces to copies, all or none; a piece replaces what the copy has from the piece's start
-        on.
+        """Renew leases and add pieces to copies, all or none; a piece replaces the copy from its start on.
 
         Returns:
             For each session that is still held, whether another server requests it.

@@ -1,6 +1,4 @@
-"""The identity of the machine to which a data folder belongs: a random number that names no host, account or
-address.
-"""
+"""The identity of the machine that has a data folder: a random number that names no host or account."""
 
 import secrets
 from pathlib import Path

@@ -26,9 +26,7 @@ class OutsideNameError(LogError):
 
 
 def is_system_companion(name: str) -> bool:
-    """Return whether a name is that of a file that another operating system keeps beside ours, such as
-    ``._sub-01.mcap``.
-    """
+    """Return whether another operating system keeps a file of that name beside ours (``._sub-01.mcap``)."""
     return name.startswith(_COMPANION_PREFIX)
 
 

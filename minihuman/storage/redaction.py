@@ -1,5 +1,4 @@
-"""Removes secrets from third parties' error messages: passwords in addresses, keys, and values of environment
-variables.
+"""Removes secrets from third parties' errors: passwords in addresses, keys, and values of variables.
 
 Libraries put addresses and settings into their errors as they were given. Any such text goes through ``redact`` before
 it reaches a person, a log or another error.

@@ -30,9 +30,7 @@ LOG_DEPTH = 3  # folders above a log: session, participant and study
 
 
 class RemoteStoreError(LogError):
-    """The remote store cannot be used; the message contains no secret, even if an address or a library put one into
-    it.
-    """
+    """The remote store cannot be used; secrets are removed from the message."""
 
     def __init__(self, message: str) -> None:
         super().__init__(redact(message))
@@ -73,8 +71,7 @@ class RemoteStore(abc.ABC):
 
     @abc.abstractmethod
     def versions(self, prefix: str) -> dict[str, str]:
-        """Return the version of each file whose name begins with ``prefix``: its MD5 in hexadecimal, if the store has
-        that.
+        """Return the version of each file whose name begins with ``prefix``, which is its MD5 if possible.
 
         Raises:
             RemoteStoreError: if the files cannot be listed.
@@ -157,9 +154,7 @@ class FolderStore(RemoteStore):
             self._remove(name)
 
     def erase(self, owner: str, names: Iterable[str]) -> None:
-        """Delete a participant's files, their empty folders, and what a crash left of any file that was being
-        stored.
-        """
+        """Delete a participant's files, their empty folders, and what a crash left of unfinished files."""
         with self._raise_as_store_error(f"all of {owner}"), self._locked():
             sync_folder(self._folder)  # the unfinished file may have been theirs
             for name in names:
@@ -285,8 +280,7 @@ def _limit_transfer_s(size_bytes: int) -> float:
 
 
 class S3Store(RemoteStore):
-    """A remote store in a bucket of S3. boto3 finds endpoint, keys and region in its settings, such as
-    ``AWS_ENDPOINT_URL``.
+    """A remote store in an S3 bucket; endpoint, keys and region are boto3's settings (``AWS_ENDPOINT_URL``).
 
     Args:
         address: the bucket and the prefix of all names, "bucket/prefix".
@@ -313,9 +307,7 @@ class S3Store(RemoteStore):
             ) from None
 
     def put(self, name: str, path: Path, *, over: str = "") -> None:
-        """Upload a file, on condition that the store has the expected version; it becomes visible only once it is
-        complete.
-        """
+        """Upload a file if the store has the expected version; it becomes visible only once it is complete."""
         condition = {"IfMatch": f'"{over}"'} if over else {"IfNoneMatch": "*"}
         target = {"Bucket": self._bucket, "Key": self._prefix + name, **condition}
         with self._raise_as_store_error(f"{path} cannot be put into"), path.open("rb") as file:

@@ -1,5 +1,4 @@
-"""The location of a study's journals: files in its folder, or a database that ``register.url`` in the data folder
-names.
+"""The location of a study's journals: files in its folder, or the database that ``register.url`` names.
 
 A study that began with files keeps using files, because the database lacks its earlier lines, withdrawals among them.
 """

@@ -52,9 +52,7 @@ class FileSystem:
         os.link(source, target)
 
     def make_folder(self, folder: Path, mode: int = operating_system.OWNER_ONLY_FOLDER) -> None:
-        """Create a folder and its missing parents, accessible to their owner alone; an existing folder stays as it
-        is.
-        """
+        """Create a folder and its missing parents, for their owner alone; an existing one stays as it is."""
         operating_system.make_private_folder(folder, mode)
 
     def remove_folder(self, folder: Path) -> None:

@@ -336,7 +336,7 @@ def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
 
     @server.tool(structured_output=False)
     def read_screen(session: str) -> list[Any]:
-        """Read the screen again."""
+        """Return the screen that is waiting for an answer."""
         return _show_screen(find(session))
 
     return server

@@ -1,8 +1,8 @@
-"""Arrivals: identify the visitors who open a study's page, by link or from a recruiting platform, and plan their
-sessions.
+"""Arrivals: identifies the visitors who open a study's page, and plans their sessions.
 
-This module uses no network. A link carries an unguessable token behind the #, which browsers send to no server. Each
-call may wait for a lock and for the disk, so it must not run on the event loop.
+Visitors come by link or from a recruiting platform. This module uses no network. A link carries an unguessable token
+behind the #, which browsers send to no server. Each call may wait for a lock and for the disk, so it must not run on
+the event loop.
 """
 
 import logging
@@ -179,8 +179,7 @@ class Arrivals:
             return Rejection("broken")
 
     def is_invited(self, token: str) -> bool:
-        """Return whether a link was issued by the study; a guessed token is no invitation, even if an open study admits
-        it.
+        """Return whether the study issued a link; a guessed token is no invitation, even in an open study.
 
         Raises:
             OSError: if the study's folder cannot be read.
@@ -325,9 +324,7 @@ class Arrivals:
             return participant, plan
 
     def _next_session(self, participant: str) -> tuple[int, Lease | None] | str:
-        """Find and lease a participant's first incomplete session; if all are complete, return why the last one
-        ended.
-        """
+        """Find and lease a participant's first incomplete session, or return why the last one ended."""
         if self.leases is None:
             with suppress(RemoteStoreError):  # it is away: what is here is what there is
                 self._sync(participant)
@@ -369,9 +366,7 @@ class Arrivals:
         sync_logs(self._data, f"{self.protocol.study.name}/{participant}/")
 
     def _read_end(self, participant: str, session: int) -> str:
-        """Return why a session ended, according to its log on this machine; "" if the session or its log is
-        unfinished.
-        """
+        """Return why a session ended, according to its log on this machine; "" if anything is unfinished."""
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         if not folder.is_dir() or find_leftovers(folder) or not list_sessions(folder):
             return ""
@@ -381,9 +376,7 @@ class Arrivals:
         return log.end_reason
 
     def settle(self, admission: Admission) -> None:
-        """Release the lease of a session that was not started; if its log turns out to be complete, mark the session as
-        ended.
-        """
+        """Release the lease of a session that was not started; mark it as ended if its log is complete."""
         if self.leases is None or admission.lease is None:
             return
         if ended := self._read_end(admission.participant, admission.session):
@@ -393,8 +386,7 @@ class Arrivals:
         self.leases.release(admission.lease)
 
     def finish_ended(self) -> None:
-        """Finish the logs of sessions that had ended when this server was killed, and record the chain heads still
-        missing.
+        """Finish the logs of sessions that had ended when this server was killed, and record missing chain heads.
 
         Raises:
             OSError: if the database or the remote store cannot be reached, or a log cannot be written.

@@ -104,9 +104,7 @@ class Connection(PageSession):
 
     @property
     def is_unproven(self) -> bool:
-        """Return whether only the participant's address is known: they have no link of the study's and have not taken
-        part.
-        """
+        """Return whether only the participant's address is known: no link of the study's, and no participation."""
         return bool(self.network) and not self.has_taken_part
 
     def now_ns(self) -> int:
@@ -243,9 +241,7 @@ class Connection(PageSession):
         self.changed.set()
 
     def safe(self) -> int:
-        """Return the last of the page's messages that may be acknowledged, since no crash and no other server can undo
-        it.
-        """
+        """Return the last of the page's messages that may be acknowledged, because nothing can undo it."""
         if self.lease is None:
             return self.host.safe()
         return self.host.safe(self.lease.count_acknowledgeable(monotonic_s()))
@@ -296,9 +292,7 @@ class Connection(PageSession):
         return has_news
 
     def grow(self) -> bool:
-        """Look one scene further ahead; return False if nothing is left. If that fails, the session continues without
-        look-ahead.
-        """
+        """Look one scene further ahead; return False if nothing is left or looking ahead has failed."""
         if self._is_blind:
             return False
         try:

@@ -1,5 +1,4 @@
-"""Creates connections: a page that says hello is identified, then admitted or refused. This module uses asyncio and
-disk.
+"""Creates connections: a page that says hello is identified, then admitted or refused. It uses asyncio and disk.
 
 The link in a hello is looked up, then its session is planned, started or resumed in a thread. Two tabs with one link
 are handled one after the other, and so are visitors from one network who have none of the study's links.
@@ -85,9 +84,7 @@ class ConnectionFactory:
         self._turns: WeakValueDictionary[bytes, asyncio.Lock] = WeakValueDictionary()  # while one waits
 
     def _make_threads(self, worlds: IsolatedWorlds | None) -> Executor | None:
-        """Make a thread for each session of a study with isolated worlds, which may keep all sessions waiting at
-        once.
-        """
+        """Make a thread for each session of a study whose isolated worlds may keep all sessions waiting."""
         protocol = self._arrivals.protocol
         if worlds is None or not any(worlds.isolates(block.world) for block in protocol.blocks):
             return None
@@ -169,9 +166,7 @@ class ConnectionFactory:
         return len(unproven) >= self._web.max_unconsented_per_address
 
     def isolate(self, connection: Connection) -> None:
-        """Rename a connection so that only its own page uses it, which frees the participant's key for a new
-        connection.
-        """
+        """Rename a connection so that only its own page uses it, which frees the participant's key."""
         if connection.key != connection.admission.key:  # it was, and its end is tried again
             return
         del self._connections[connection.key]

@@ -108,9 +108,7 @@ class EpisodeAhead:
         return scene.name
 
     def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
-        """Compare the page's step for a message with the session's; return the difference in words, "" if there is
-        none.
-        """
+        """Return how the page's step for a message differs from the session's; "" if it does not."""
         if self.computed is None or not isinstance(message, _STEPPING):
             return ""
         return self.computed.compare(message, events)
@@ -130,9 +128,7 @@ class EpisodeAhead:
         return self._find_world(self.plan)
 
     def _find_world(self, plan: EpisodePlan) -> World:
-        """Return the look-ahead world for an episode; reuse the last episode's world if it has the same id and
-        options.
-        """
+        """Return the look-ahead world for an episode, which is the last episode's if that suits."""
         own = self._own_world
         if own is None or (own.id, own.options) != (plan.world, plan.options):
             if own is not None:

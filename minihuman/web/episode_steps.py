@@ -77,8 +77,7 @@ class EpisodeSteps:
         return early
 
     def find_corrected(self, message: DisplayedMessage, pictures: Mapping[int, int]) -> RunningEpisode | None:
-        """Return the running episode if one of its joint steps turned out differently from the picture shown; None
-        otherwise.
+        """Return the running episode if its joint step differs from the picture shown for it; else None.
 
         Args:
             message: the message about the displayed picture.

@@ -136,9 +136,8 @@ def resume_host(
     """Resume the segment of a live log by feeding the session its own logged events.
 
     Raises:
-        LogError: if the log cannot be resumed, or the segment was begun under other rules than this server's. The facts
-            in a log apply to the whole segment, so such a log must be recovered and the session resumed in a new
-            segment.
+        LogError: if the log cannot be resumed, or was begun under other rules than this server's. Its facts apply to
+            all of it, so it then has to be recovered and the session resumed in a new segment.
         WorldError: if the session's world cannot be made here.
     """
     left = resume_segment(part)
@@ -251,9 +250,7 @@ class SessionRecording:
         self._hosted.host.close_agent()
 
     def _store_log(self, log: Path, *, is_final: bool) -> None:
-        """Seal the log, and store it in the database unless the remote store has it or the session is finished for
-        good.
-        """
+        """Seal the log, and store it in the database if it may be needed and the remote store lacks it."""
         is_in_store = _seal(log)
         if self._leases is None or self._lease is None:
             return

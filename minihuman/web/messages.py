@@ -228,7 +228,7 @@ class Pong(msgspec.Struct, tag="pong", tag_field="t"):
 
 
 class ScreenMessage(msgspec.Struct, tag="screen", tag_field="t"):
-    """A screen, as `drawn` makes it."""
+    """A screen of the session, as values for the page."""
 
     id: int
     through: int  # the page's messages that led to it
@@ -239,7 +239,7 @@ class ScreenMessage(msgspec.Struct, tag="screen", tag_field="t"):
 
 
 class PrefetchedScreen(msgspec.Struct):
-    """A screen that an input may lead to."""
+    """A screen to which an input may lead."""
 
     name: int
     screen: ScreenDict

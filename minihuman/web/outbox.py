@@ -91,8 +91,9 @@ class Outbox:
         return not session.over and session.play is not None and not session.part.agent_plays
 
     def waits_for(self, message: messages.PageMessage) -> bool:
-        """Return whether the page waits for the answer to a message; it needs none for a step that it computed
-        itself.
+        """Return whether the page waits for the answer to a message.
+
+        It does not wait after a step that it computed itself, nor for messages without an effect.
         """
         if isinstance(message, messages.KeyMessage):
             if message.down:
@@ -103,9 +104,7 @@ class Outbox:
         return not isinstance(message, _WITHOUT_EFFECT)
 
     def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
-        """Compare the page's step for a message with the session's; return the difference in words, "" if there is
-        none.
-        """
+        """Return how the page's step for a message differs from the session's; "" if it does not."""
         return self._ahead.compare(message, events)
 
     # Where the session went
@@ -189,14 +188,12 @@ class Outbox:
         )
 
     def _computes(self, play: RunningEpisode) -> bool:
-        """Whether the page computes an episode."""
+        """Return whether the page computes an episode."""
         computed = getattr(self._session.part.part.plan, "computed", "server")
         return self.page_computes and computed == "page" and can_compute(play)
 
     def record_step_time(self, took_ns: int) -> None:
-        """Record how long a step's message took to handle. A world too slow for its period is no longer looked ahead
-        in.
-        """
+        """Record how long a step's message took; stop looking ahead in a world that is too slow."""
         before_ns = self._pace_ns or took_ns
         self._pace_ns = before_ns + (took_ns - before_ns) // 8
         self._ahead.stop_if_slow(self._pace_ns)
@@ -332,18 +329,14 @@ class Outbox:
         return session.next_tick_ns
 
     def _correct(self, computed: ComputedEpisode, play: RunningEpisode | None) -> None:
-        """Send the session's state to a page that computes, if the page may have diverged or missed steps during a
-        pause.
-        """
+        """Send the session's state to a page that computes, if the page may have diverged or fallen behind."""
         resumes = not self._page.plays and play is not None and computed.sent_step != play.steps
         self._page.plays = play is not None
         if play is not None and (resumes or computed.is_elsewhere):
             self.outgoing.add(messages.StateCorrection(self.through, play.plan.episode, computed.position()))
 
     def _send_control(self, steering: Steering, episode: int) -> None:
-        """Send how an agent and the participant share this episode, and the scene that the agent's next action leads
-        to.
-        """
+        """Send the controls of an agent's episode, and the scene that the agent's next action leads to."""
         rules = steering.rules
         good, bad = rules.rating_keys
         self._page.send_control(

@@ -38,9 +38,7 @@ class PageInputs:
         return tuple(self._questions)
 
     def ask(self, make_input: MakeInput) -> int:
-        """Register an input to be made at the time at which the page echoes a question; return the question's
-        number.
-        """
+        """Register an input for the time at which the page echoes a question; return the question's number."""
         self._last_question += 1
         self._questions[self._last_question] = make_input
         return self._last_question

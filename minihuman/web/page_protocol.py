@@ -200,18 +200,14 @@ class PageProtocol:
 
     @property
     def can_wait(self) -> bool:
-        """Return whether sending the pending messages may be delayed without cost to a page that is ahead of the
-        session.
-        """
+        """Return whether the pending messages may be delayed at no cost to a page that is ahead."""
         return all(
             isinstance(message, messages.EpisodeState) and message.tick is None and not message.who
             for _, message in self._outgoing.after(self._sent)
         )
 
     def take_batches(self) -> Iterator[bytes]:
-        """Yield the pending data in batches: messages, the acknowledgement of safe messages, and the answer to a
-        ping.
-        """
+        """Yield the pending data in batches: messages, their acknowledgement, and the answer to a ping."""
         safe = self._session.safe()  # asked first: a page that hears of a safe key has heard where it led
         parts: list[bytes] = []
         size = 0

@@ -133,9 +133,7 @@ class LookAheadGraph:
         return any(self.look(action) for action in self._actions)
 
     def look(self, action: int) -> bool:
-        """Find the scene to which an action leads from the present one; return False if it is known or cannot be
-        found.
-        """
+        """Find the scene to which an action leads; return False if it is known or cannot be found."""
         root = self.root
         world = self.world
         if self.blind or root.closed or action in root.edges:
@@ -346,9 +344,7 @@ def advances_by_itself(session: SessionMachine) -> bool:
 
 
 def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
-    """Yield the likely next inputs by their names in the page, such as "key:enter", "point:go_on" or "tick", likeliest
-    first.
-    """
+    """Yield the names of likely inputs, such as "key:enter", "point:go_on" or "tick", likeliest first."""
     screen: Screen = session.screen
     if session.next_tick_ns is not None:
         yield _TICK
@@ -390,9 +386,7 @@ def _choices(count: int) -> Iterator[str]:
 
 
 def _mark_shown(session: SessionMachine) -> tuple[int, int]:
-    """Report the screen as displayed to the session; return the display time and the earliest time of an input after
-    it.
-    """
+    """Report the screen as displayed; return the display time and the earliest time of an input after it."""
     flip_ns = session.now_ns + _FLIP_NS
     if isinstance(session.screen, BlankScreen | TextScreen | PlayScreen):
         session.receive(ScreenShown(flip_ns, flip_ns, flip_ns))

@@ -1,5 +1,4 @@
-"""Refusals: the text that a page shows when its participant may not take part, and the completion code that some still
-get.
+"""Refusals: what a page shows when its participant may not take part, sometimes with a completion code.
 
 No I/O.
 """

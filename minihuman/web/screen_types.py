@@ -64,10 +64,10 @@ class BlankValues(ScreenLocale):
 
 
 class PlayValues(ScreenLocale):
-    """The texts around an episode's picture. The picture itself is included only while it is held, since scenes have
-    their own.
+    """The texts around an episode's picture, and the picture itself while it is held.
 
-    Block kinds add their own fields through `ActivityKind.page_fields`.
+    At other times the picture comes with the scene. Block kinds add their own fields through
+    `ActivityKind.page_fields`.
     """
 
     kind: Literal["play"]

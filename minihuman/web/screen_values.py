@@ -288,8 +288,6 @@ def _encode_picture(encoding: ImageEncoding, picture: NDArray[np.uint8]) -> tupl
 
 
 def _may_be_flat(picture: NDArray[np.uint8]) -> bool:
-    """Return whether a sample of rows suggests that the picture has few colours, so that packing it losslessly is worth
-    a try.
-    """
+    """Return whether a sample of rows suggests that the picture has few colours and packs well."""
     rows = picture[:: max(_EVERY, len(picture) // _ROWS)]
     return len(isal_zlib.compress(rows.tobytes(), _LEVEL)) < 2 * _FLAT * rows.nbytes

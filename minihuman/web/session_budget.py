@@ -44,9 +44,7 @@ class SessionBudget:
 
 
 def estimate_plan_bytes(plan: SessionPlan) -> int:
-    """Estimate the bytes that a plan needs at full length, with every step of every episode and answers of maximum
-    length.
-    """
+    """Estimate the bytes that a plan needs with every step of every episode and the longest answers."""
     steps = sum(min(episode.max_steps, _MAX_STEPS) for episode in plan.episodes)
     answer_characters = sum(
         getattr(item, "longest", 0) for part in plan.parts for item in getattr(part.plan, "items", ())

@@ -1,5 +1,4 @@
-"""The clocks of a session in a browser: the session's time by the server's clock, and the page's clock compared with
-it.
+"""The clocks of a session in a browser: the session's time, and the page's clock compared with the server's.
 
 No I/O: all times are passed in as arguments.
 """
@@ -82,9 +81,7 @@ class SegmentClock:
 
 
 class PageClock:
-    """Compares the page's clock with the server's, by the page's measurements and by the arrival times of its
-    messages.
-    """
+    """Compares the page's clock with the server's, by measured round trips and by the arrival of messages."""
 
     def __init__(self) -> None:
         self.rtt_ns: int | None = None  # of the quickest of the latest; None until one was measured
@@ -97,8 +94,7 @@ class PageClock:
         self._least_lag_ns = _NEVER_NS
 
     def arrive(self, at_ns: int, arrival_ns: int) -> str:
-        """Compare a message's time with its time of arrival. Only the fastest messages are informative, as all others
-        waited.
+        """Compare a message's time with its time of arrival; only the fastest messages are informative.
 
         Args:
             at_ns: the message's time by the page's clock, in nanoseconds.

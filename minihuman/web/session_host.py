@@ -83,9 +83,7 @@ class SessionHost:
 
     @property
     def is_polled(self) -> bool:
-        """Return whether the host must be polled for answers to requests; in joint turns the page's own ticks do
-        that.
-        """
+        """Return whether the host must be polled for answers, which in joint turns the page's ticks do."""
         play = self.session.play
         return self._agent is not None and (play is None or not play.is_joint or play.real_time)
 
@@ -135,8 +133,7 @@ class SessionHost:
             at_ns: the message's time in nanoseconds.
             message: the message.
             more: whether further messages arrived with this one. In an episode, a message that leads nowhere is then
-                written and answered together with those that follow it; if the page computes the episode, every message
-                is.
+                written and answered with the next; if the page computes the episode, every message is.
             arrival_ns: the time of arrival by the server's clock; None to leave the clocks uncompared.
 
         Raises:
@@ -171,9 +168,7 @@ class SessionHost:
         return is_step
 
     def _add_notes(self, message: messages.PageMessage, at_ns: int, events: list[Event]) -> list[Event]:
-        """Return a message's events, preceded by notes about the page and about how its step differs from the
-        session's.
-        """
+        """Return a message's events, preceded by notes about the page and about differences of its step."""
         notes = self._notes
         self._notes = []
         if difference := self.outbox.compare(message, events):
@@ -231,9 +226,7 @@ class SessionHost:
         self.outbox.send_state()
 
     def poll(self) -> bool:
-        """Check whether a request has an answer from others or from a long computation; return True if there is news
-        for the page.
-        """
+        """Check whether a pending request has an answer; return True if there is news for the page."""
         request = self._request
         if request is not None and request.awaits_others:
             count = self._writer.count

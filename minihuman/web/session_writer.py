@@ -39,9 +39,7 @@ class SessionWriter:
         self._settled = 0  # the last message of the page's that is safe
 
     def write(self, events: Sequence[Event]) -> None:
-        """Write the session's events; events of the page from before there is a plan are written with the first of
-        them.
-        """
+        """Write the session's events, with earlier events of the page that had to wait for the plan."""
         events = [*self._unwritten, *events]
         self._unwritten = []
         if awaits_allocation(self._session):

@@ -1,6 +1,4 @@
-"""Limits on how much a page may send and how long it may keep a server waiting. No I/O; times are passed as
-arguments.
-"""
+"""Limits on how much a page may send and how long it may keep a server waiting. No I/O, no clock."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -40,9 +38,7 @@ def count_handles(max_concurrent_sessions: int) -> int:
 
 
 def find_network(address: str) -> str:
-    """Return the network whose sessions are counted together: an IPv6 address's /64, which one household has, or the
-    address.
-    """
+    """Return the network whose sessions count together: the /64 of an IPv6 address, or an IPv4 address."""
     with suppress(ValueError):
         return ip_address(address).exploded[:19]
     return address

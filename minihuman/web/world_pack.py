@@ -1,5 +1,4 @@
-"""Packs worlds for pages without a server: their compiled rules, tiles and textures, and the first states of some
-seeds.
+"""Packs worlds for pages without a server: compiled rules, tiles, textures and the first states of some seeds.
 
 `minihuman pack` and the live gallery write these folders; `page/packed_world.js` plays from them, in a page or in Node.
 """
@@ -161,8 +160,7 @@ class _ArrayPool:
 
 
 def _write_scenes(folder: Path, env: FirstPersonEnv, entry: CatalogueEntry, seeds: Sequence[int]) -> dict[str, Any]:
-    """Pack a first-person world's first states and scenes: the header's length, the header, and each distinct array
-    once.
+    """Pack a first-person world's first states and scenes: header length, header, each distinct array.
 
     The header is JSON. It gives the data type and bytes of each array and, for each seed, the numbers of its arrays by
     name, the number of things in its scene, and the names of its textures, which are files of their own.

@@ -143,9 +143,7 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
         return cls(parts[0]._kind, column, range(sum(map(len, parts))))
 
     def column(self, name: str) -> Any:
-        """Return one field of every event, as ``CategoricalTexts`` or an array; NO_ACTION where an event has no
-        action.
-        """
+        """Return one field of every event, as ``CategoricalTexts`` or an array; NO_ACTION for no action."""
         return self._column(name)[self._rows.start : self._rows.stop : self._rows.step]
 
     def place(self, part: "EventColumns[KeyOrFrame]") -> slice:

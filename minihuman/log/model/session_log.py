@@ -413,9 +413,7 @@ class SessionLog:
 
     @property
     def corrections(self) -> tuple[CorrectionRecord, ...]:
-        """The participant's corrections, each of which demonstrates what should have been done from a step of an
-        episode on.
-        """
+        """The participant's corrections, which demonstrate better actions from a step of an episode on."""
         return gather_corrections(self.part_events)
 
     @property

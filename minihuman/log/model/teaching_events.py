@@ -32,9 +32,7 @@ class PairComparison:
 
     @property
     def answer_ms(self) -> float:
-        """The time in milliseconds from the first displayed picture to the key; NaN if the display time was not
-        logged.
-        """
+        """The time in milliseconds from the first displayed picture to the key; NaN if it is unknown."""
         if self.preference.shown_ns:
             return (self.preference.pressed_ns - self.preference.shown_ns) / 1e6
         return float("nan")
@@ -80,9 +78,7 @@ class CorrectionRecord:
 
 
 def gather_corrections(events: Iterable[object]) -> tuple[CorrectionRecord, ...]:
-    """Return every correction of a session, in order; one that was under way when the log was cut off counts as
-    stopped.
-    """
+    """Return every correction of a session, in order; one that was cut off counts as stopped."""
     episodes: dict[tuple[int, int, int], EpisodeLookedAt] = {}
     corrections: list[CorrectionRecord] = []
     beginning: CorrectionBegun | None = None
@@ -157,9 +153,7 @@ class TeachingRecord:
         return sum(change.reason == "key" for change in self.controls)
 
     def agreement(self, actions: NDArray[np.int64]) -> float:
-        """Return the share of the person's steps in which the policy would have acted the same; NaN if there are
-        none.
-        """
+        """Return the share of the person's steps in which the policy agreed; NaN if there are none."""
         mine = self.by_person & (self.policy_actions != NO_ADVICE)
         if mine.any():
             return float((self.policy_actions[mine] == actions[mine]).mean())

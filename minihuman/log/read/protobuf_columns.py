@@ -182,9 +182,7 @@ def _eights(data: bytes) -> Uint64Array:
 
 
 def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, MessageOffsets]:
-    """Decode the varint at each position, seven bits per byte, lowest first; return the numbers and the positions after
-    them.
-    """
+    """Decode the varint at each position, lowest seven bits first; return the numbers and the next positions."""
     eight = eights[at]
     if not (eight & _EIGHTH).any():  # as most are: lengths, flags, small numbers
         return eight & _SEVEN, at + 1

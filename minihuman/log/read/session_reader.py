@@ -115,9 +115,7 @@ class SessionAssembler:
             self._count += len(chunk)
 
     def _collect_frequent(self, chunk: ChunkMessages) -> list[tuple[int, str, bytes]]:
-        """Store a chunk's frequent messages, observations and samples; return all other messages with their
-        positions.
-        """
+        """Store a chunk's frequent messages, observations and samples; return the others with their positions."""
         rare_messages: list[tuple[int, str, bytes]] = []
         chunk_begin = self._size
         for topic, places, begins, ends in chunk.by_topic(among=RECORD_TOPICS):
@@ -276,9 +274,7 @@ class SessionAssembler:
         )
 
     def _observations(self, span: _EpisodeDraft, steps: int) -> ObservationSequence | None:
-        """Return the observations of an episode; None if the log has none for its last step, with which it may have
-        broken off.
-        """
+        """Return the observations of an episode; None if the log does not have all of them."""
         places, messages = self._unread[topics.OBSERVATION]
         observed = messages[bisect(places, span.begin) : None if span.end is None else bisect(places, span.end)]
         if len(observed) > steps:
@@ -346,9 +342,7 @@ def _clip_pauses(pauses: PauseSpans, first_ns: int, last_ns: int) -> PauseSpans:
 
 
 def _build_teaching(span: _EpisodeDraft, steps: int, start_ns: int) -> TeachingRecord | None:
-    """Build the record of an agent's part in an episode, in session time; None if a team played it or no agent took
-    part.
-    """
+    """Build the record of an agent's part in an episode; None if a team played it or no agent took part."""
     if not span.activity_events or span.formed is not None:
         return None
     in_time = part_events_in_session_time(span.activity_events, start_ns)
@@ -368,8 +362,7 @@ def read_events(path: Path) -> Iterator[events.Event]:
 
 
 def read_log(path: Path | str) -> SessionLog:
-    """Read a session from a finished log, a live or cut-off ``.mcap.part``, or a session's folder with all its
-    segments.
+    """Read a session from a finished log, a live or cut-off ``.mcap.part``, or a folder of its segments.
 
     Raises:
         LogError: if there is no session log, or it has a newer schema version, is damaged, or holds no plan.
@@ -395,8 +388,7 @@ def read_log(path: Path | str) -> SessionLog:
 
 
 def list_session_files(path: Path) -> list[Path]:
-    """Return the files of one session, in order: the path itself if it is a log, or all files of the one session in a
-    folder.
+    """Return the files of one session, in order: a log itself, or all files of the session in a folder.
 
     Raises:
         LogError: if a folder holds no session, or more than one.

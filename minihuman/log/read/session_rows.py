@@ -182,9 +182,7 @@ class TopicRows:
         return cells
 
     def between(self, begin: int, end: int | None) -> slice:
-        """Return the rows of the messages from position ``begin`` up to but excluding ``end``; None means the log's
-        end.
-        """
+        """Return the rows of the messages at positions from ``begin`` up to ``end``; None for the log's end."""
         first = int(np.searchsorted(self.places, begin))
         return slice(first, len(self.places) if end is None else int(np.searchsorted(self.places, end)))
 

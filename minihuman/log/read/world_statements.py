@@ -1,6 +1,4 @@
-"""Reads what a world reported at an episode's steps: success, if the outcome rule asks for it, and recorded ``info``
-keys.
-"""
+"""Reads what a world reported at an episode's steps: success, and the keys of ``info`` that were kept."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -17,9 +15,7 @@ StepColumn = Callable[[str], FieldColumn]  # a field of all steps of a log, by i
 
 
 def read_successes(plan: EpisodePlan, column: StepColumn, steps: slice) -> NDArray[np.float64] | None:
-    """Return the success that the world reported at each step, NaN if none; None if the outcome rule does not ask for
-    it.
-    """
+    """Return the reported success of each step, NaN if none; None if the outcome rule does not ask for it."""
     if not parse_outcome_rule(plan.outcome_rule).asks_world:
         return None
     field = column("success")

@@ -360,8 +360,7 @@ MAX_SINGLE_SYNCS = 12  # files that are fsynced by themselves; a disk that keeps
 
 
 class GroupCommit:
-    """Writes and syncs all files of a process in one thread, which starts with the first write and ends with the
-    process.
+    """Writes and syncs all files of a process in one thread, from the first write to the process's end.
 
     Args:
         sync_one: makes one file durable.

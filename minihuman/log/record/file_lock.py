@@ -1,5 +1,4 @@
-"""Exclusive ownership of a live log: created exclusively, locked while its writer lives, never taken from a live
-process.
+"""Exclusive ownership of a live log, which is locked while its writer lives and never taken from a live process.
 
 The lock is the kernel's: it ends with the process, however the process ends, and needs no clean-up.
 """

@@ -139,9 +139,7 @@ def _require_new_segment(segment_path: SegmentPath, earlier: Mapping[int, str]) 
 
 
 def _require_logged(segment_path: SegmentPath, finalized: FinalizedLog) -> FinalizedLog:
-    """Return the outcome with damage stated unless the log has all of the live file, which may have been resumed
-    since.
-    """
+    """Return the outcome, stated as damaged if the live file has more than the log, as after a resume."""
     logged = _read_record(segment_path.log)
     topics_in_log = [message[0] for message in _read_record(segment_path.part) if message in logged]
     if len(topics_in_log) >= finalized.messages:

@@ -74,9 +74,7 @@ class LogCopier:
             self._add_previews(self._previews.finish(), self._last)
 
     def metadata(self, name: str, facts: Mapping[str, object], *, sealed: bool = False) -> None:
-        """Add a metadata record; if it is ``sealed``, add the head of the hash chain, which covers the record
-        itself.
-        """
+        """Add a metadata record; if ``sealed``, with the head of the hash chain, which covers the record."""
         record = Metadata(name, {key: _format_fact(fact) for key, fact in facts.items()})
         self._flush()  # else it would come before the messages that it follows
         self.chain.metadata(record)
@@ -191,9 +189,7 @@ class LogCopier:
             self._add(message, schema)
 
     def _add_previews(self, encoded: Iterator[tuple[str, Protobuf]], message: LogMessage) -> None:
-        """Add previews before a message, with its times, so that a step whose own message is present has its previews,
-        too.
-        """
+        """Add previews before a message, with its times, so that no step lacks its previews."""
         previews: list[tuple[str, Protobuf]] = []
         with suppress(Exception):  # of foreign bytes; the message itself is kept
             previews += encoded

@@ -56,9 +56,7 @@ class Recorder(abc.ABC):
 
     @abc.abstractmethod
     def close(self) -> Path | None:
-        """Write what is queued, finish the log, and return its path, None if it is in memory. A second call does
-        nothing.
-        """
+        """Finish the log and return its path, None if it is in memory. A second call does nothing."""
 
 
 class MemoryRecorder(Recorder):

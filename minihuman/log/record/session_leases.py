@@ -1,5 +1,4 @@
-"""Leases a session to the server that hosts it, and restores its live log to the state that the last holder
-acknowledged.
+"""Leases sessions to the servers that host them, and restores live logs to their last acknowledged state.
 
 The holder renews its lease and, at the same time, copies what it has recorded to the database. It acknowledges no input
 that is not copied, and none at all once it has not renewed the lease for a while. A server that finds a session leased
@@ -222,8 +221,7 @@ class SessionLeases:
                 raise LeaseLostError(f"{lease.session} now runs on another server")
 
     def store(self, lease: Lease, log: Path | None) -> None:
-        """Replace the copies in the database by a finished log, or remove them if every server can read the log
-        elsewhere.
+        """Replace the database's copies by a finished log; None removes them, if the log is stored elsewhere.
 
         Raises:
             LeaseLostError: if another server has the session.
@@ -239,8 +237,7 @@ class SessionLeases:
         lease._copied = {}
 
     def publish(self, lease: Lease, log: Path) -> None:
-        """Replace the copies by a log before it is renamed, so that no session has both a finished log and a resumable
-        copy.
+        """Replace the copies by a log before it is renamed, so that its session is not resumed elsewhere.
 
         Raises:
             NotPublishedError: if the database or the log cannot be read, or another server has the session.
@@ -253,9 +250,7 @@ class SessionLeases:
             ) from error
 
     def release(self, lease: Lease) -> bool:
-        """Copy the rest of the log and release the lease; return False if the database cannot be reached, so that it
-        runs out.
-        """
+        """Copy the rest of the log and release the lease; return False if the database cannot be reached."""
         try:
             if not lease.lost and not lease._ended and not lease.grant.ended:
                 self.renew([lease])

@@ -69,9 +69,7 @@ class MissingMessages:
     last: int
 
     def without(self, sequences: Sequence[int]) -> "list[MissingMessages]":
-        """Return the messages that are still missing once those with these numbers are found; only the first can be
-        found.
-        """
+        """Return what is still missing once the messages with these numbers are found; only the first can be."""
         first = self.first + (self.first in sequences)
         if first <= self.last:
             return [MissingMessages(self.segment, first, self.last)]
@@ -174,9 +172,7 @@ class LogScanner:
         return next_begin
 
     def _declare(self, view: mmap.mmap) -> None:
-        """Read the channels that a finished file's summary repeats, since the chunk that declared them may be
-        damaged.
-        """
+        """Read the channels from a finished file's summary, since the chunk that declared them may be damaged."""
         footer = len(view) - len(MAGIC) - RECORD_HEADER.size - _FOOTER.size
         with suppress(Exception):
             at, _, _ = _FOOTER.unpack_from(view, footer + RECORD_HEADER.size)
@@ -212,8 +208,7 @@ class LogScanner:
         self.gaps.append(DamagedRange(self.position, self.position, reason))
 
     def _read_record(self, file: BinaryIO, size: int) -> tuple[int, bytes]:
-        """Read the opcode and the content of the record at ``position``, and add it to the checksum unless it ends the
-        data.
+        """Read the record at ``position``, and add it to the checksum unless it ends the data.
 
         Raises:
             ValueError: if the record extends past the end of the file, or is too large to be one of ours.

@@ -129,9 +129,7 @@ def _parse_summary(fd: int, data: bytes) -> LogSummary | None:
 
 
 def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
-    """Return a metadata record's name and facts, read field by field, as the library's reader takes ten times as
-    long.
-    """
+    """Return a metadata record's name and facts, ten times as fast as the library's reader."""
     name, at = _text(content, 0)
     at += _LENGTH.size
     end = at + _length(content, at - _LENGTH.size)[0]

@@ -102,9 +102,7 @@ def pylsl() -> Any:
 
 
 def measure_lsl_at_zero_s(clock: Clock) -> float:
-    """Return what LSL's clock showed, in seconds, at session time 0, measured by the fastest paired reading of both
-    clocks.
-    """
+    """Return LSL's time in seconds at session time 0, from the fastest paired reading of both clocks."""
     library = pylsl()
     readings = []
     for _ in range(20):

@@ -115,9 +115,7 @@ class DashboardServer:
         }
 
     def _recruiting(self) -> dict[str, object] | None:
-        """Return whether recruitment is open, and the counts of links and arrivals; None for a study that offers no
-        links.
-        """
+        """Return whether recruitment is open, and its counts; None for a study that offers no links."""
         if not self._recruits.begun:
             return None
         standing = self._recruits.standing()

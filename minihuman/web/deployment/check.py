@@ -132,9 +132,7 @@ class _Server:
 
 
 class _Page:
-    """A simulated participant's page, which presses keys at random and resends unacknowledged messages to any
-    server.
-    """
+    """A simulated page, which presses keys at random and resends unacknowledged messages to any server."""
 
     def __init__(self, token: str, find_host: Callable[[], str], rng: random.Random) -> None:
         self.token = token
@@ -273,9 +271,7 @@ def check_deployment(
 
     Args:
         data: the folder with register.url and logs.url, which name the database and the store.
-        participants: the number of simulated participants.
         servers: the number of servers, at least two.
-        on_progress: called with each line of progress.
 
     Raises:
         DeploymentCheckError: if there is no database or store, a server does not start, every participant is refused,

@@ -187,7 +187,7 @@ export interface Pong {
   answered: number;
 }
 
-/** A screen, as `drawn` makes it. */
+/** A screen of the session, as values for the page. */
 export interface ScreenMessage {
   t: "screen";
   id: number;
@@ -311,7 +311,7 @@ export interface ScreenPrefetch {
   edges: [number, string, number][];
 }
 
-/** A screen that an input may lead to. */
+/** A screen to which an input may lead. */
 export interface PrefetchedScreen {
   name: number;
   screen: ScreenValues;
@@ -388,7 +388,7 @@ export interface BlankValues {
   cross: boolean;
 }
 
-/** The texts around an episode's picture. The picture itself is included only while it is held, since scenes have their own. */
+/** The texts around an episode's picture, and the picture itself while it is held. */
 export interface PlayValues {
   language: string;
   rtl: boolean;

@@ -1,8 +1,7 @@
-"""Writes a page's episodes as a session's log, by means of a protocol of what was played and a window that presses its
-keys.
+"""Writes a page's episodes as a session's log, by playing them again under a protocol made from them.
 
-The session machine and the recorder are those of every session. The log says `collected = "page"`: it is consistent
-with the rules, but nobody witnessed it.
+The session machine and the recorder are those of every session; the window is one that presses the page's keys. The log
+says `collected = "page"`: it is consistent with the rules, but nobody witnessed it.
 """
 
 import hashlib

@@ -48,8 +48,7 @@ class ImportedFile:
 
 
 def import_files(paths: Iterable[Path], study: Path) -> Iterator[ImportedFile]:
-    """Import files, or folders of files, into a study as one session per file; files that fail verification are
-    refused.
+    """Import files, or folders of files, as one session per file; refuse files that fail verification.
 
     Raises:
         PageDataError: if a path has no files.

@@ -1,5 +1,4 @@
-"""Reads the episodes that a page computed, from jsPsych's JSON and CSV or a file of saved games, and checks each of
-them.
+"""Reads and checks the episodes that a page computed, from jsPsych's JSON and CSV or a file of saved games.
 
 No file is trusted: its form, sizes and numbers are checked here before a world is made.
 """
@@ -188,8 +187,10 @@ def _convert(row: Mapping[str, Any], place: str) -> PageEpisode:
 
 
 def verify_episode(episode: PageEpisode) -> ActionsVerification:
-    """Check an episode's columns, replay its actions and compare each step; return the verification of the replayed
-    steps.
+    """Check an episode's columns, replay its actions and compare each step.
+
+    Returns:
+        The verification of the replayed steps.
 
     Raises:
         PageDataError: if a column is malformed, or the page used other rules than those installed here.

@@ -68,9 +68,7 @@ CLOSE_OLD = 4002  # and after this it is loaded anew: it is of another release t
 
 
 def classify_connection_ending(connection: Connection) -> WebEnding:
-    """Return the kind of ending that a participant is told; "broken" if the log is incomplete or the page sent too
-    much.
-    """
+    """Return the ending that a participant is told; "broken" if the log is incomplete or the page sent too much."""
     if connection.recording.is_broken or connection.is_over_budget:
         return "broken"
     session = connection.host.session
@@ -80,8 +78,7 @@ def classify_connection_ending(connection: Connection) -> WebEnding:
 def build_session_over(connection: Connection, completion: Completion) -> messages.SessionOver:
     """Build the last message to a page: what happened, what is saved, and the completion code.
 
-    Only a log that was closed whole is reported as saved; for any other log the message states how many inputs it may
-    lack.
+    Only a log that was closed whole is reported as saved; otherwise the message states how many inputs it may lack.
     """
     session = connection.host.session
     words = get_page_texts(session.plan.language)
@@ -160,7 +157,7 @@ class WebServer:
         return Response("ok\n", media_type="text/plain")
 
     async def _metrics(self, request: Request) -> Response:
-        """Return metrics for Prometheus that identify no participant; refuse requests that come through a proxy."""
+        """Return metrics for Prometheus, which identify no participant; refuse requests through a proxy."""
         if not _may_read_metrics(request):
             return Response(status_code=404)
         gauges = {
@@ -238,7 +235,7 @@ class WebServer:
             await asyncio.gather(writing, return_exceptions=True)
 
     async def _receive(self, page: PageSocket, connection: Connection, protocol: PageProtocol, text: str) -> None:
-        """Handle the messages in a text, then finish the session, wake the writer or look ahead as they require."""
+        """Handle the messages in a text; then finish the session, wake the writer or look ahead if necessary."""
         lines = text.split("\n")
         now_s = monotonic_s()
         protocol.begin_text()
@@ -275,10 +272,7 @@ class WebServer:
     # Ends
 
     async def _finish_if_over(self, connection: Connection) -> None:
-        """Finish the log of a session that is over, then inform the page.
-
-        If the enrolment log is unavailable, this is tried again later.
-        """
+        """Finish the log of a session that is over, then inform the page; retry if the enrolment log is unavailable."""
         recording = connection.recording
         if not connection.host.over or recording.is_finishing:
             return
@@ -321,9 +315,7 @@ class WebServer:
                 await self._run_for(connection, self._look_after_safely(connection))
 
     async def _run_for(self, connection: Connection, work: Coroutine[Any, Any, None]) -> None:
-        """Run a coroutine for a connection; if the connection's worlds may keep it waiting, run it in a task of its
-        own.
-        """
+        """Run a coroutine for a connection, in a task of its own if the connection's worlds may keep it waiting."""
         if not connection.has_threads:
             await work
         elif connection.is_busy:
@@ -383,9 +375,7 @@ class WebServer:
                 return
 
     async def _keep_leases(self) -> None:
-        """Renew the leases of this server's sessions and copy what they record; give up sessions that other servers
-        have.
-        """
+        """Renew this server's leases and copy what its sessions record; give up sessions that other servers have."""
         leases = self._arrivals.leases
         if leases is None:
             return
@@ -421,9 +411,7 @@ class WebServer:
                     LOG.exception("a session could not be left to another server")
 
     def _take_leased(self, *, is_due: bool) -> list[Connection]:
-        """Return the connections whose leases are renewed now: all of them if a renewal is due, else those that
-        recorded data.
-        """
+        """Return the connections whose leases are renewed now: all if that is due, else those that recorded."""
         connections = set(self.connections.values())
         if not is_due:
             connections &= self._factory.recorded
@@ -479,9 +467,7 @@ class WebServer:
 
 
 async def _refuse(page: PageSocket, refusal: messages.Refusal) -> None:
-    """Send a page its refusal and close the socket; a page that has to wait gets only a code and reconnects by
-    itself.
-    """
+    """Send a page its refusal and close the socket; a page that has to wait gets only a closing code."""
     if refusal.reason == "wait":
         await page.close(CLOSE_BUSY)
         return
@@ -497,9 +483,7 @@ def _has_lease(connection: Connection) -> bool:
 
 
 def _may_read_metrics(request: Request) -> bool:
-    """Return whether a request has the metrics token or, if no token is set, comes from this machine without a
-    proxy.
-    """
+    """Return whether a request has the metrics token or, if none is set, comes from this machine directly."""
     token = os.environ.get(METRICS_TOKEN_VARIABLE, "")
     if token:
         return hmac.compare_digest(request.headers.get("authorization", "").encode(), f"Bearer {token}".encode())

@@ -1,5 +1,4 @@
-"""The experimenter's start page: a folder's studies, the sessions due next, and buttons that start minihuman's
-commands.
+"""The experimenter's start page: studies, sessions due next, and buttons that start minihuman's commands.
 
 The page makes no decisions: each button starts the process that the command line would start, and shows what it prints.
 """
@@ -136,9 +135,7 @@ def _state(row: SessionRow, running: set[str]) -> str:
 
 
 def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
-    """Find the studies in a folder and its subfolders: files with a ``[study]`` table, then sessions without a
-    protocol.
-    """
+    """Find a folder's studies: files with a ``[study]`` table, then sessions without a protocol."""
     studies = []
     for path in sorted({*folder.glob("*.toml"), *folder.glob("*/*.toml")}):
         key = str(path.relative_to(folder))

@@ -95,18 +95,10 @@ def run_server(
     address: str = "",
     worlds: IsolatedWorlds | None = None,
 ) -> None:
-    """Serve a study until SIGTERM or Ctrl-C.
+    """Serve a study until SIGTERM or Ctrl-C; ``say`` receives each link, to ``address`` or to this machine.
 
-    Sessions are left as they are, for the next server to resume.
-
-    Args:
-        protocol: the study.
-        data: the data folder.
-        listening_socket: the socket on which the server listens.
-        links: the number of participants' links to issue.
-        say: called with each link.
-        address: the base address of the links; "" for this machine's.
-        worlds: runs foreign worlds in processes of their own, and is left open; None to run all worlds in this process.
+    Sessions are left as they are, for the next server to resume. ``worlds`` runs foreign worlds in processes of their
+    own, and is left open; None runs all worlds in this process.
 
     Raises:
         ArrivalKeyError: if the study requires signed arrivals and there is no key.
