@@ -79,18 +79,30 @@ _KEY_BINDINGS = FieldCodec(
     lambda bindings: {binding.key: binding.action for binding in bindings},
 )
 _KEY_MAP = MessageCodec(KeyMap, v1.KeyMap, {"keys": _KEY_BINDINGS})
+
+
+def _encode_labels(labels: Mapping[str, Any]) -> str:
+    """Encode an episode's labels as JSON; "" stands for none, as in logs older than labels."""
+    if not labels:
+        return ""
+    return to_json(labels)
+
+
+def _encode_hold(hold: str) -> str:
+    """Encode what a held key does; "" stands for "once", as in logs older than that choice."""
+    if hold == "once":
+        return ""
+    return hold
+
+
 _EPISODE_PLAN = MessageCodec(
     EpisodePlan,
     v1.EpisodePlan,
     {
         "key_map": nested("key_map", _KEY_MAP),
         "options": json_field("options_json"),
-        "labels": FieldCodec(
-            "labels_json",
-            lambda labels: to_json(labels) if labels else "",
-            lambda text: msgspec.json.decode(text or "{}"),
-        ),
-        "hold": FieldCodec("hold", lambda hold: "" if hold == "once" else hold, lambda hold: hold or "once"),
+        "labels": FieldCodec("labels_json", _encode_labels, lambda text: msgspec.json.decode(text or "{}")),
+        "hold": FieldCodec("hold", _encode_hold, lambda hold: hold or "once"),
     },
 )
 _PARTICIPANT = MessageCodec(Participant, v1.Participant, {"assigned": json_field("assigned_json", GroupAssignment)})

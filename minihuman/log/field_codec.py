@@ -83,7 +83,8 @@ class MessageCodec:
         fields = fields or {}
         names = msgspec.structs.fields(kind) if issubclass(kind, msgspec.Struct) else dataclasses.fields(kind)
         self._names = tuple(definition.name for definition in names)
-        self._wire_names = tuple(fields[name].name if name in fields else name for name in self._names)
+        codecs = {name: fields.get(name, FieldCodec(name)) for name in self._names}
+        self._wire_names = tuple(codec.name for codec in codecs.values())
         self._kind = kind
         self._message = message
         self._from_message = _values_getter(self._wire_names)
@@ -94,7 +95,7 @@ class MessageCodec:
         for place, (name, wire_name) in enumerate(zip(self._names, self._wire_names, strict=True)):
             descriptor = message.DESCRIPTOR.fields_by_name[wire_name]
             hint = hints[name]
-            codec = fields.get(name, FieldCodec(wire_name))
+            codec = codecs[name]
             decode = codec.decode
             if decode is None and descriptor.default_value == []:  # a repeated field's, in every release of protobuf
                 decode = tuple
@@ -105,8 +106,10 @@ class MessageCodec:
                 self._vocabularies.append((place, get_args(hint)))
             if codec.encode is not None:
                 encoders[name] = _unless_none(codec.encode) if optional else codec.encode
+            if decode is not None and optional:
+                decode = _unless_none(decode)
             if decode is not None:
-                self._decoders.append((place, _unless_none(decode) if optional else decode))
+                self._decoders.append((place, decode))
         self._build = _message_builder(message, zip(self._names, self._wire_names, strict=True), encoders)
 
     def encode(self, value: Any, /) -> Any:

@@ -106,7 +106,8 @@ class SegmentPath:
         stem = part.name.removesuffix(PART_SUFFIX)
         tag = _SEGMENT.search(stem)
         log = part.with_name(_SEGMENT.sub("", stem) + LOG_SUFFIX)
-        return cls(part, log, int(tag[1]) if tag else 1)
+        segment = int(tag[1]) if tag else 1
+        return cls(part, log, segment)
 
 
 def is_companion_file(path: Path) -> bool:
@@ -147,10 +148,10 @@ def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
         try:
             with os.scandir(folder) as entries:
                 for entry in entries:
-                    if entry.is_dir():
-                        waiting += [] if entry.is_symlink() else [entry.path]
-                    else:
+                    if not entry.is_dir():
                         names.append(entry.name)
+                    elif not entry.is_symlink():
+                        waiting.append(entry.path)
         except OSError:  # gone since, or not ours to read
             continue
         if any(LOG_SUFFIX in name for name in names):

@@ -123,7 +123,9 @@ def _describe_session(event: events.SessionStarted | events.SessionEnded) -> _Lo
     if isinstance(event, events.SessionEnded):
         level = Log.INFO if event.reason == "complete" else Log.WARNING
         text = f"session ends: {event.reason} after {event.episodes_completed} episodes"
-        return level, "session", f"{text}: {event.detail}" if event.detail else text
+        if event.detail:
+            text = f"{text}: {event.detail}"
+        return level, "session", text
     plan = event.plan
     participant = plan.participant
     text = f"{plan.study}: {participant.id}, group {participant.group}, session {plan.session}"

@@ -155,15 +155,24 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
             send_session(recording, log, moments)
             if with_view:
                 send_views(recording, log, moments)
-        try:
-            recording.flush()
-        except RuntimeError as error:  # all that is said of a write that failed; the reason is on the terminal
-            is_full = shutil.disk_usage(path.parent).free < FIRST_BYTES
-            recording.disconnect()
-            path.unlink(missing_ok=True)
-            raise _make_write_error(path, is_full=is_full) from error
-        recording.disconnect()
+        _finish_recording(recording, path)
     return path
+
+
+def _finish_recording(recording: rr.RecordingStream, path: Path) -> None:
+    """Write what is left of a recording and close its file; remove a file that cannot be completed.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
+    try:
+        recording.flush()
+    except RuntimeError as error:  # all that is said of a write that failed; the reason is on the terminal
+        is_full = shutil.disk_usage(path.parent).free < FIRST_BYTES
+        recording.disconnect()
+        path.unlink(missing_ok=True)
+        raise _make_write_error(path, is_full=is_full) from error
+    recording.disconnect()
 
 
 def _make_write_error(path: Path, *, is_full: bool) -> OSError:

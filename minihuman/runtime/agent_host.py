@@ -151,7 +151,7 @@ class AgentHost(RequestHandler):
                 learner=want.agent.learner,
                 seed=self._seed + want.episode,
                 start=start,
-                budget_s=math.inf if self._unhurried else want.agent.budget_s,
+                budget_s=self._limit_learning_s(want.agent.budget_s),
             )
             self._learner.ask(request)
         answer = self._learner.answer(patient=self._patient)
@@ -167,6 +167,12 @@ class AgentHost(RequestHandler):
             return NewPolicy(t_ns, want.policy, f"the policy cannot be kept: {describe_failure(error)}")
         return self._adopted(policy, t_ns)
 
+    def _limit_learning_s(self, budget_s: float) -> float:
+        """Return the learner's time limit: the given one, or none if the learner is unhurried."""
+        if self._unhurried:
+            return math.inf
+        return budget_s
+
     # Pairs
 
     def _offered(self, stretches: ClipSampler, want: ClipRequest, t_ns: int) -> ClipOffered | None:
@@ -176,7 +182,9 @@ class AgentHost(RequestHandler):
         if want.place:
             pair = self._pair
             self._pair = None
-            return ClipOffered(t_ns, stretches.draw(want) if pair is None or pair[0] != want.again else pair[1])
+            if pair is None or pair[0] != want.again:
+                return ClipOffered(t_ns, stretches.draw(want))
+            return ClipOffered(t_ns, pair[1])
         if not self._disputed:
             pairs = stretches.candidates(want, N_CANDIDATE_PAIRS)
             if len(pairs) < 2 or self._learner.busy:
@@ -188,7 +196,7 @@ class AgentHost(RequestHandler):
                 learner="",
                 seed=self._seed + want.pair,
                 start="",
-                budget_s=math.inf if self._unhurried else want.wait_s,
+                budget_s=self._limit_learning_s(want.wait_s),
                 pairs=pairs,
             )
             self._learner.ask(request)

@@ -50,7 +50,8 @@ class ClipSampler:
             self._part = want.part
             self._places = self._list_starts(want)
         purpose = f"stretch-{want.source}-part-{want.part}-pair-{want.pair}-{want.place}"
-        purpose += f"-candidate-{candidate}" if candidate else ""
+        if candidate:
+            purpose += f"-candidate-{candidate}"
         left = [place for place in self._places if _make_clip(place, want.steps) != want.again]
         if len(self._places) < 2 or not left:
             return None

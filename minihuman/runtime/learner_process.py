@@ -19,6 +19,7 @@ from minihuman.activities.episode_clips import EpisodeClip
 
 LEARNER_COMMAND = ("-m", "minihuman.learn.teaching.learner_main")
 _LAST_LINE_TIMEOUT_S = 5.0  # a process that has died may leave its pipe to others
+_LOOK_INTERVAL_S = 0.2  # how often a patient caller looks whether the process has died
 FIRST_ANSWER_TIMEOUT_S = 60.0  # more time for the first answer: the process has to start
 
 
@@ -90,7 +91,9 @@ class LearnerProcess:
         assert self._process.stdin is not None
         while not self._answers.empty():  # to an earlier question
             self._answers.get()
-        self._until_s = time.monotonic() + request.budget_s + (FIRST_ANSWER_TIMEOUT_S if fresh else 0.0)
+        self._until_s = time.monotonic() + request.budget_s
+        if fresh:
+            self._until_s += FIRST_ANSWER_TIMEOUT_S
         with suppress(OSError):  # of a process that has died, as the answer will say
             self._process.stdin.write(json.dumps(asdict(request)).encode() + b"\n")
             self._process.stdin.flush()
@@ -98,8 +101,9 @@ class LearnerProcess:
     def answer(self, *, patient: bool = False) -> LearnerAnswer | None:
         """Return the answer to the request; None if there is none yet. With ``patient``, wait for it."""
         assert self._until_s is not None, "nothing was asked"
+        timeout_s = _LOOK_INTERVAL_S if patient else 0.0
         while True:
-            answer = self._look(0.2 if patient else 0.0)
+            answer = self._look(timeout_s)
             if answer is not None:
                 self._until_s = None
                 return answer
@@ -119,10 +123,11 @@ class LearnerProcess:
         if died is not None:
             self._reader.join(_LAST_LINE_TIMEOUT_S)
         with suppress(queue.Empty):
-            return _read(self._answers.get(timeout=timeout_s) if timeout_s else self._answers.get_nowait())
+            return _read(self._answers.get(block=timeout_s > 0, timeout=timeout_s))
         if died is not None:
             self._end()
-            return LearnerAnswer("", f"the learner died ({f'signal {-died}' if died < 0 else f'exit status {died}'})")
+            cause = f"signal {-died}" if died < 0 else f"exit status {died}"
+            return LearnerAnswer("", f"the learner died ({cause})")
         if time.monotonic() >= self._until_s:
             self._end()
             return LearnerAnswer("", "the learner took too long and was ended")

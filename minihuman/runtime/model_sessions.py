@@ -81,7 +81,8 @@ def simulate_models(
             while waiting:
                 waiting = yield from _yield_done(waiting)
         except BaseException as error:
-            run.stop("another session failed" if isinstance(error, Exception) else "the run was interrupted")
+            reason = "another session failed" if isinstance(error, Exception) else "the run was interrupted"
+            run.stop(reason)
             raise
 
 
@@ -132,7 +133,8 @@ def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
         except LogError:  # nothing was asked before the plan was written
             yield slot.participant
         else:
-            yield from [] if parts or list_log_files(folder, f"ses-*/*{LOG_SUFFIX}") else [slot.participant]
+            if not parts and not list_log_files(folder, f"ses-*/*{LOG_SUFFIX}"):
+                yield slot.participant
 
 
 @contextmanager
@@ -165,7 +167,8 @@ def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path
         plan = plan_next_session(protocol, data, participant=plan.participant.id, session=session, any_day=True)
         log = McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings)
         path, reason = _play(protocol, data, plan, run, log)
-        logs += [path] if path else []
+        if path:
+            logs.append(path)
     return logs
 
 

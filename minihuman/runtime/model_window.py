@@ -78,7 +78,8 @@ class ModelWindow(Window):
         self._attempt = 1
         self._useless = 0
         self._step: tuple[int, int] | None = None  # episode and step at the last key
-        self._question: tuple[str, int] = ("", 0)  # the last one, and how often it was asked in a row
+        self._last_question = ""
+        self._n_times_asked = 0  # how often that question was asked in a row
         last = record.call
         if last is not None and last.state == "answered":  # of a program that was killed
             self._attempt = last.attempt + (last.verdict == "invalid")
@@ -184,8 +185,12 @@ class ModelWindow(Window):
                 return f"{MAX_USELESS_KEYS} keys in a row led to no step"
             return ""
         question = getattr(self._screen, "question", "")
-        self._question = (question, self._question[1] + 1 if question == self._question[0] else 1)
-        if question and self._question[1] > MAX_SAME_QUESTION:
+        if question == self._last_question:
+            self._n_times_asked += 1
+        else:
+            self._last_question = question
+            self._n_times_asked = 1
+        if question and self._n_times_asked > MAX_SAME_QUESTION:
             return f"a question was answered {MAX_SAME_QUESTION} times and not left"
         return ""
 

@@ -73,7 +73,8 @@ class _Camera(SimulatedWindow):
         self._parts.add(self._watched.part.number)
         if isinstance(screen, PlayScreen):
             plan = self._watched.plan.episodes[screen.episode]
-            kind: object = (plan.block_name, f"held {screen.mark}" if screen.mark or name == "hold" else "playing")
+            state = f"held {screen.mark}" if screen.mark or name == "hold" else "playing"
+            kind: object = (plan.block_name, state)
             name = f"{plan.block_name}-{name}"
         else:
             kind = (name, _words(screen, but_sums=name in ("feedback", "closing")))

@@ -137,7 +137,9 @@ class SeatAgents:
 
     def _load(self, seat: int, purpose: str) -> BaseAgent:
         kind = self._team.seats[seat]
-        name = find_seat_agent(self._rules.stand_in if kind == PERSON else kind)
+        if kind == PERSON:
+            kind = self._rules.stand_in
+        name = find_seat_agent(kind)
         seat_kind, _, player = name.partition(":")
         if seat_kind == SIMULATED:
             [word] = draw_words(1, seed=self._protocol.study.seed, purpose=purpose, index=self._team.index)

@@ -289,8 +289,10 @@ class _SessionLoop:
 
     def _next_inputs(self) -> list[Input]:
         tick_ns = self._session.next_tick_ns
-        air_ns = self._clock() + SIGNAL_CHECK_INTERVAL_NS
-        inputs = self._window.wait(air_ns if tick_ns is None else min(air_ns, tick_ns))
+        until_ns = self._clock() + SIGNAL_CHECK_INTERVAL_NS
+        if tick_ns is not None:
+            until_ns = min(until_ns, tick_ns)
+        inputs = self._window.wait(until_ns)
         if self.signal_name:
             inputs.append(Stop(self._clock(), "signal", self.signal_name))
         elif commands := self._new_commands():

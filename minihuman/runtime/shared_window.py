@@ -186,7 +186,8 @@ class SharedWindow:
             return
         frame = self._window.show(_compose([seat.label for seat, _ in coming], [screen for _, screen in coming]))
         for seat, screen in new:
-            seat.put((screen, replace(frame, step=screen.step) if isinstance(screen, PlayScreen) else frame))
+            screen_shown = replace(frame, step=screen.step) if isinstance(screen, PlayScreen) else frame
+            seat.put((screen, screen_shown))
         self._displayed = coming
 
     def _route(self, happened: Input) -> None:

@@ -140,7 +140,9 @@ class SimulatedWindow(Window, SimulatedPerson):
     def choose(self, count: int) -> int:
         """Draw a number below ``count``, determined by the study's seed, the participant and earlier draws."""
         plan = self._session.plan
-        purpose = f"simulated-answers-session-{plan.session}" + (f"-after-{self._before}" if self._before else "")
+        purpose = f"simulated-answers-session-{plan.session}"
+        if self._before:
+            purpose += f"-after-{self._before}"
         self._n_draws += 1
         words = draw_words(self._n_draws, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
         return int(words[-1] % count)

@@ -58,7 +58,9 @@ def read_team_history(study_dir: Path, data: Path, key: TeamBlockKey, *, n_perso
             _forget(history)
         end_ns = _read_segment(history, segment, key)
         is_cut_off = segment.path.name.endswith(PART_SUFFIX)
-        until_ns = max(until_ns, math.inf if is_cut_off else end_ns)
+        if is_cut_off:
+            until_ns = math.inf
+        until_ns = max(until_ns, end_ns)
     if until_ns < math.inf or n_persons == 1:
         _forget(history)
     return history

@@ -262,7 +262,8 @@ class TeamTable:
             for lobby in self._lobbies.values():
                 lobby.leave(member)
             for key, running in list(self._teams.items()):
-                for seat in [seat for seat, other in running.members.items() if other is member]:
+                seats = [seat for seat, other in running.members.items() if other is member]
+                for seat in seats:
                     del running.members[seat]
                     member.signs.lose_page("closed", self._now_s())
                     running.play.leave(seat)
@@ -311,8 +312,10 @@ class TeamMember(RequestHandler):
                 answer = self._ask(want, play)
             if isinstance(answer, Team) and isinstance(want, TeamRequest):
                 self.table.take_seat(answer, want.block, want.plan, self)
-                writes = want.plan.team.chat and not self._patient
-                return TeamJoined(t_ns, answer, secrets.token_hex(16) if writes else "")
+                chat_token = ""
+                if want.plan.team.chat and not self._patient:
+                    chat_token = secrets.token_hex(16)
+                return TeamJoined(t_ns, answer, chat_token)
         if answer is None or isinstance(answer, Team):
             return None
         return replace(answer, t_ns=t_ns)

@@ -73,7 +73,8 @@ def write_durably(path: Path, mode: int = 0o600, *, new: bool = False) -> Iterat
         OSError: if the file cannot be written; the error names it.
     """
     disk = current_system().disk
-    flags = os.O_CREAT | os.O_WRONLY | (os.O_EXCL if new else os.O_TRUNC)
+    flags = os.O_CREAT | os.O_WRONLY
+    flags |= os.O_EXCL if new else os.O_TRUNC
     with name_file_in_errors(path):
         raw = _RawFile(disk.open(path, flags, mode), disk)
         with BufferedWriter(cast(Any, raw)) as file:

@@ -157,8 +157,9 @@ class _LockedRows(LockedJournal[Line]):
 
     def _write(self, lines: tuple[Line, ...]) -> None:
         """Insert lines, which are durable once the transaction has ended."""
-        encoded = map(msgspec.json.encode, lines)
-        sealed = list(encoded if self._chain is None else map(self._chain.seal, encoded))
-        numbers = list(range(self._last + 1, self._last + 1 + len(sealed)))
-        self._cursor.execute(_ADD, [self._name, numbers, sealed])  # one round trip for all: there may be 1,000 links
-        self._last += len(sealed)
+        encoded = [msgspec.json.encode(line) for line in lines]
+        if self._chain is not None:
+            encoded = [self._chain.seal(line) for line in encoded]
+        numbers = list(range(self._last + 1, self._last + 1 + len(encoded)))
+        self._cursor.execute(_ADD, [self._name, numbers, encoded])  # one round trip for all: there may be 1,000 links
+        self._last += len(encoded)

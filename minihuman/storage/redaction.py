@@ -37,5 +37,8 @@ def _find_secrets() -> list[str]:
             secrets |= {text, unquote(text)}
         for info in _USER_INFO.findall(text):
             user, _, password = info.removesuffix("@").partition(":")
-            secrets |= {password, unquote(password)} if password else {user}
+            if password:
+                secrets |= {password, unquote(password)}
+            else:
+                secrets.add(user)
     return sorted((secret for secret in secrets if len(secret) >= _MIN_SECRET_LETTERS), key=len, reverse=True)

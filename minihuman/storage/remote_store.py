@@ -159,7 +159,8 @@ class FolderStore(RemoteStore):
             sync_folder(self._folder)  # the unfinished file may have been theirs
             for name in names:
                 self._remove(name)
-            for folder in [path for path in self._folder.rglob("*") if path.is_dir() and not any(path.iterdir())]:
+            empty_folders = [path for path in self._folder.rglob("*") if path.is_dir() and not any(path.iterdir())]
+            for folder in empty_folders:
                 if owner in {part.rpartition("=")[2] for part in folder.relative_to(self._folder).parts}:
                     self._remove_empty_folders(folder)
 

@@ -30,12 +30,9 @@ def open_journal(
     """Open a study's journal of that name; all callers in this process get the same object."""
     study_dir = study_dir.absolute()
     url = find_database_url(study_dir)
-    journal: Any = (
-        _in_database(url, f"{study_dir.name}/{name}", decode, chained, declaration)
-        if url
-        else _in_file(study_dir / name, decode, mode, chained, declaration)
-    )
-    return journal  # type: ignore[no-any-return]
+    if url:
+        return _in_database(url, f"{study_dir.name}/{name}", decode, chained, declaration)
+    return _in_file(study_dir / name, decode, mode, chained, declaration)
 
 
 def find_database_url(study_dir: Path) -> str:

@@ -159,8 +159,9 @@ class ProgramSessions:
             raise BadRequestError(f"name is a text of 1 to {MAX_NAME} characters")
         with self.lock:
             self.threads = [thread for thread in self.threads if thread.is_alive()]
-            for ended in [secret for secret, client in self.clients.items() if client.over][:-MAX_SESSIONS]:
-                del self.clients[ended]
+            ended_secrets = [secret for secret, client in self.clients.items() if client.over]
+            for ended_secret in ended_secrets[:-MAX_SESSIONS]:
+                del self.clients[ended_secret]
             if len(self.threads) >= MAX_SESSIONS:
                 raise TooManySessionsError(f"{MAX_SESSIONS} sessions run already; try again later")
             secret = secrets.token_urlsafe(16)

@@ -101,7 +101,8 @@ class ComputedEpisode:
                 self._unknown = 0
             return ""
         self.is_elsewhere = True
-        self._unknown += not message.digest
+        if not message.digest:
+            self._unknown += 1
         if not message.digest and self._unknown == MOST_UNKNOWN:
             return f"the page said nothing of {MOST_UNKNOWN} steps in a row that it was to compute"
         if not message.digest or self._differs:

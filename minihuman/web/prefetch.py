@@ -117,11 +117,15 @@ class LookAheadGraph:
         """
         self.look(action)
         edge = self.root.edges.get(action)
-        if edge is None or edge[0].hash != actual.scene_hash():
-            self.wrong += edge is not None
+        if edge is None:
             self.move_to(actual)
+            return self.root
+        predicted, _ = edge
+        if predicted.hash == actual.scene_hash():
+            self.root = predicted
         else:
-            self.root = edge[0]
+            self.wrong += 1
+            self.move_to(actual)
         return self.root
 
     def move_to(self, actual: World) -> None:

@@ -137,6 +137,9 @@ def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: Numbe
 
 
 def _page(screen: screens.PageScreen, number: NumberPicture) -> PageValues:
+    picture = None
+    if screen.picture is not None:
+        picture = number(screen.picture)
     return {
         "kind": "page",
         **_locale(screen),
@@ -146,7 +149,7 @@ def _page(screen: screens.PageScreen, number: NumberPicture) -> PageValues:
         "prompt": screen.prompt,
         "progress": screen.progress,
         "buttons": _buttons(screen),
-        "picture": None if screen.picture is None else number(screen.picture),
+        "picture": picture,
         "marks": [(mark.x, mark.y, mark.label) for mark in screen.marks],
     }
 

@@ -58,11 +58,9 @@ class CategoricalTexts(Sequence[str]):
     @overload
     def __getitem__(self, place: slice | NDArray[Any]) -> "CategoricalTexts": ...
     def __getitem__(self, place: int | slice | NDArray[Any]) -> "str | CategoricalTexts":
-        return (
-            CategoricalTexts(self.codes[place], self.categories)
-            if isinstance(place, slice | np.ndarray)
-            else self.categories[self.codes[place]]
-        )
+        if isinstance(place, slice | np.ndarray):
+            return CategoricalTexts(self.codes[place], self.categories)
+        return self.categories[self.codes[place]]
 
     def __eq__(self, other: object) -> bool:
         return list(self) == list(other) if isinstance(other, Sequence) else NotImplemented
@@ -134,11 +132,9 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
         @cache
         def column(name: str) -> Any:
             columns = [part.column(name) for part in parts]
-            return (
-                CategoricalTexts.joined(columns)
-                if isinstance(columns[0], CategoricalTexts)
-                else np.concatenate(columns)
-            )
+            if isinstance(columns[0], CategoricalTexts):
+                return CategoricalTexts.joined(columns)
+            return np.concatenate(columns)
 
         return cls(parts[0]._kind, column, range(sum(map(len, parts))))
 
@@ -173,7 +169,9 @@ def _values(name: str, column: Any) -> Iterable[Any]:
     if isinstance(column, CategoricalTexts):
         return column
     values: list[Any] = column.tolist()
-    return [None if value == NO_ACTION else value for value in values] if name == "action" else values
+    if name == "action":
+        return [None if value == NO_ACTION else value for value in values]
+    return values
 
 
 def _value(name: str, cell: Any) -> Any:

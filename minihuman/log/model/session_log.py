@@ -326,7 +326,9 @@ class EpisodeLog:
     @property
     def name(self) -> str:
         """The episode's name in messages, such as "episode 3" or "episode 3 (attempt 2)"."""
-        return f"episode {self.number}" + (f" (attempt {self.attempt})" if self.attempt > 1 else "")
+        if self.attempt > 1:
+            return f"episode {self.number} (attempt {self.attempt})"
+        return f"episode {self.number}"
 
     @property
     def outcome_word(self) -> str:

@@ -108,6 +108,7 @@ class _Field:
         tag = field.number << 3 | self._wire_type
         self._second = tag >> 7  # byte of the tag; 0 for none
         self._first = (tag & 0x7F) | 0x80 if self._second else tag
+        self._tag_bytes = 2 if self._second else 1
         self._bytes: ByteArray = np.frombuffer(data, np.uint8)
         self._eights = _eights(data)
         self._ends = ends
@@ -124,7 +125,7 @@ class _Field:
         if not count:
             return
         rows = slice(None) if count == len(has_field) else np.flatnonzero(has_field)
-        places = at[rows] + (2 if self._second else 1)
+        places = at[rows] + self._tag_bytes
         ends = self._ends[rows]
         if self._wire_type == _FIXED64:
             self._numbers[rows] = self._eights[places]
@@ -134,7 +135,8 @@ class _Field:
             if self._wire_type == _LENGTH:
                 if (numbers > (ends - places).clip(0).astype(np.uint64)).any():
                     raise ValueError(f"field {self._kind.name} is truncated")
-                numbers, self._lengths[rows] = places.astype(np.uint64), numbers
+                self._lengths[rows] = numbers
+                numbers = places.astype(np.uint64)
                 places = places + self._lengths[rows]
             self._numbers[rows] = numbers
         if (places > ends).any():

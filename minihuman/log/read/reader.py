@@ -60,9 +60,12 @@ class LogReader:
                     start = record.metadata
                 case Metadata() if record.name == END_METADATA and "segment" in record.metadata:  # else it is damaged
                     self.ends.append(record.metadata)
-        self.damage, self.missing = scan.damage, scan.missing
-        holed = {str(gap.segment) for gap in scan.declared}
-        self.ends = [end | {"clean": "false"} if end["segment"] in holed else end for end in self.ends]
+        self.damage = scan.damage
+        self.missing = scan.missing
+        incomplete_segments = {str(gap.segment) for gap in scan.declared}
+        for place, end in enumerate(self.ends):
+            if end["segment"] in incomplete_segments:
+                self.ends[place] = end | {"clean": "false"}
         if not self.path.name.endswith(PART_SUFFIX) and (lacks := scan.unfinished_reason):
             raise LogError(f"{self.path} is {lacks}; to keep the intact part, run: minihuman recover {self.path}")
 

@@ -265,8 +265,11 @@ class FileWriter:
             self.late += 1
             return
         began_s = time.monotonic()
-        self._stuck = None if job.finished.acquire(timeout=self._settings.bound_s) else job
-        self.late += self._stuck is not None
+        if job.finished.acquire(timeout=self._settings.bound_s):
+            self._stuck = None
+        else:
+            self._stuck = job
+            self.late += 1
         self.longest_wait_s = max(self.longest_wait_s, time.monotonic() - began_s)
 
     def drain(self) -> None:
@@ -303,7 +306,8 @@ class FileWriter:
                 if all(job.fully_written for job in jobs):
                     self.durable_writes += len(jobs)
             except Exception as error:
-                self._is_broken, self.failure = True, self.failure or error
+                self._is_broken = True
+                self.failure = self.failure or error
                 if isinstance(error, LogError):  # the file is gone
                     self.durable_steps = 0
         if jobs:

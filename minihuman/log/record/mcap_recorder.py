@@ -97,7 +97,8 @@ def _read(part: Path, fd: int) -> LeftoverSegment:
                 event = decode(record.channel.topic, record.data)
                 if event is not None:
                     messages = record.sequence
-                    steps += record.channel.topic == STEP
+                    if record.channel.topic == STEP:
+                        steps += 1
                     events.append(event)
     if not events:
         raise LogError(f"{part} contains no session plan; run: minihuman recover {part}")
@@ -145,7 +146,8 @@ class McapRecorder(Recorder):
             self._live = LiveLogEncoder.resume(
                 plan, started_ns=started_ns, messages=left.messages, steps=left.steps, rare=left.rare
             )
-        file = LiveFile(self._fd, self.segment_path.part, settings, crc=0 if left is None else left.crc)
+        crc = 0 if left is None else left.crc
+        file = LiveFile(self._fd, self.segment_path.part, settings, crc=crc)
         self._disk = FileWriter(file, settings)
         self.publish: Callable[[Path], None] = lambda _: None  # as in ``finish_log``
         self._ended = False

@@ -201,7 +201,13 @@ class DeferredRecorder(WrappedRecorder):
         self._asks = asks_consent_before_play(plan)
         self._waits = self._asks or is_allocation_pending(plan)
         self._closed = False
-        super().__init__(_NullRecorder() if self._waits else open_recorder())
+        super().__init__(self._make_first_recorder())
+
+    def _make_first_recorder(self) -> Recorder:
+        """Open the recorder, or return a placeholder if the session has to wait for a consent or an allocation."""
+        if self._waits:
+            return _NullRecorder()
+        return self._open_recorder()
 
     @property
     def opened(self) -> bool:

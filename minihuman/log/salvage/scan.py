@@ -109,7 +109,10 @@ class LogScanner:
         """A description of all that could not be read; "" if everything could be."""
         gaps = [f"damaged at bytes {gap.begin} to {gap.end} ({gap.reason})" for gap in self.gaps]
         missing = [f"without messages {gap.first} to {gap.last}" for gap in self.missing if gap not in self.declared]
-        return "; ".join([*gaps, *missing, *([self.stop_reason] if self.stop_reason else [])])
+        reasons = [*gaps, *missing]
+        if self.stop_reason:
+            reasons.append(self.stop_reason)
+        return "; ".join(reasons)
 
     @property
     def unfinished_reason(self) -> str:
@@ -330,7 +333,8 @@ class LogScanner:
         last = self._sequence
         for sequence, guest in zip(sequences.tolist(), guests.tolist(), strict=True):
             if guest:
-                self._between += [sequence] if sequence == last + len(self._between) + 1 else []
+                if sequence == last + len(self._between) + 1:
+                    self._between.append(sequence)
                 continue
             numbers += [number for number in self._between if number < sequence]
             numbers.append(sequence)

@@ -153,8 +153,10 @@ def _handler(prefix: str, answer: AnswerRequest) -> type[BaseHTTPRequestHandler]
                     response = answer(url.path.removeprefix(prefix), parse_qs(url.query), body)
                 except msgspec.DecodeError:
                     response = None
-            kind, content = response or ("text/plain", b"there is nothing here")
-            self._send(HTTPStatus.OK if response else HTTPStatus.NOT_FOUND, kind, content)
+            if response is None:
+                self._send(HTTPStatus.NOT_FOUND, "text/plain", b"there is nothing here")
+            else:
+                self._send(HTTPStatus.OK, *response)
 
         def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
             self.send_response(status)

@@ -131,7 +131,8 @@ class LiveSession:
                 self.acted_ns = event.t_ns
             case events.KeyPressed(down=True):
                 self.acted_ns = event.t_ns
-                self.presses += event.verdict not in events.UNPRESSED_VERDICTS
+                if event.verdict not in events.UNPRESSED_VERDICTS:
+                    self.presses += 1
                 self.keys.append(event)
             case events.Paused():
                 self.paused = event.reason
@@ -162,7 +163,8 @@ class LiveSession:
                     self.times_ms.append(event.rt_ms)
             case events.EpisodeEnded():
                 self.outcome = event.outcome
-                self.completed += event.outcome != "abandoned"
+                if event.outcome != "abandoned":
+                    self.completed += 1
 
     def facts(self, silent_s: float = 0.0) -> dict[str, object]:
         """Return the facts for the page, with times in seconds or ms.

@@ -229,7 +229,8 @@ class _Page:
                 self.hosts.add(host)
                 await self._welcome(message, socket)
             case "acked":
-                for number in [number for number in self._unacknowledged if number <= message["through"]]:
+                acknowledged = [number for number in self._unacknowledged if number <= message["through"]]
+                for number in acknowledged:
                     content = self._unacknowledged.pop(number)["what"]
                     if content["t"] == "key" and content["down"]:
                         self.acknowledged[content["key"], content["stamp"]] += 1
@@ -283,10 +284,9 @@ def check_deployment(
     name = f"check-{uuid4().hex[:8]}"
     with tempfile.TemporaryDirectory(prefix="minihuman-check-") as root:
         folders = [Path(root) / f"server-{number}" for number in range(max(2, servers))]
-        for folder in (*folders, gathered := Path(root) / "gathered"):
-            folder.mkdir()
-            for file_name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
-                shutil.copyfile(data / file_name, folder / file_name)
+        gathered = Path(root) / "gathered"
+        for folder in (*folders, gathered):
+            _make_data_folder(folder, data)
         protocol = Path(root) / f"{name}.toml"
         toml = _TOML.format(name=name, participants=participants)
         protocol.write_text(toml, encoding="utf-8", newline="\n")
@@ -304,6 +304,13 @@ def check_deployment(
             sync_logs(folder, f"{name}/")
         codes = {token: recruits.find_participant(hash_link_token(token)) for token in tokens}
         return _count(gathered / name, folders, pages, codes, interrupted)
+
+
+def _make_data_folder(folder: Path, data: Path) -> None:
+    """Make a data folder with the same database and store as an existing one."""
+    folder.mkdir()
+    for file_name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
+        shutil.copyfile(data / file_name, folder / file_name)
 
 
 async def _play(

@@ -7,7 +7,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -160,7 +160,16 @@ def _read_csv_rows(text: str) -> list[dict[str, Any]]:
         for field in msgspec.structs.fields(PageEpisode)
         if field.type is str or field.name in ("view", "end")
     }
-    return [{name: cell if name in texts else _read_cell(cell) for name, cell in row.items()} for row in rows]
+    return [_decode_cells(row, texts) for row in rows]
+
+
+def _decode_cells(row: Mapping[str, str | None], texts: Container[str]) -> dict[str, Any]:
+    """Decode the cells of a CSV row as JSON, except those of columns that hold texts."""
+    cells: dict[str, Any] = dict(row)
+    for name in row:
+        if name not in texts:
+            cells[name] = _read_cell(row[name])
+    return cells
 
 
 def _read_cell(cell: str | None) -> Any:
