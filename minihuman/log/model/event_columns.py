@@ -60,7 +60,8 @@ class CategoricalTexts(Sequence[str]):
     def __getitem__(self, place: int | slice | NDArray[Any]) -> "str | CategoricalTexts":
         if isinstance(place, slice | np.ndarray):
             return CategoricalTexts(self.codes[place], self.categories)
-        return self.categories[self.codes[place]]
+        text: str = self.categories[self.codes[place]]
+        return text
 
     def __eq__(self, other: object) -> bool:
         return list(self) == list(other) if isinstance(other, Sequence) else NotImplemented
