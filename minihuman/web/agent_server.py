@@ -190,7 +190,7 @@ class ProgramSessions:
             raise
 
 
-class _AgentRequestHandler(GuardedHandler):
+class AgentRequestHandler(GuardedHandler):
     """Answers a program's requests; `make_agent_server` sets the sessions that it serves."""
 
     programs: ProgramSessions
@@ -295,8 +295,7 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
     ...}`` answers its screen, and ``GET /sessions/SECRET`` reads the screen again. Each request returns the next
     screen.
     """
-
-    handler = type("AgentRequestHandler", (_AgentRequestHandler,), {"programs": programs, "host": host})
+    handler = type("BoundHandler", (AgentRequestHandler,), {"programs": programs, "host": host})
     return GuardedServer((host, port), handler)
 
 
