@@ -236,10 +236,16 @@ def _compose(labels: Sequence[str], screens: Sequence[Screen]) -> Screen:
         for label, screen in zip(labels, plays, strict=True)
         if screen.controller_text
     ]
+    progress = plays[0].progress
+    if len(plays) > 1:
+        progress = "   ".join((labels[0], progress, *labels[1:]))
+    picture = plays[0].picture
+    if picture.size:
+        picture = np.concatenate(pictures, axis=1)
     return replace(
         plays[0],
-        progress="   ".join((labels[0], plays[0].progress, *labels[1:])) if len(plays) > 1 else plays[0].progress,
-        picture=np.concatenate(pictures, axis=1) if plays[0].picture.size else plays[0].picture,
+        progress=progress,
+        picture=picture,
         legend=tuple(chain.from_iterable(screen.legend for screen in plays)),
         labels=tuple(chain.from_iterable(screen.labels for screen in plays)),
         controller="person" if controllers else "",

@@ -225,7 +225,8 @@ class SessionAssembler:
         placed: list[tuple[Segment, tuple[int, int | None]]] = []
         after_ns = 0
         for number, (part, facts) in enumerate(zip(self._parts, starts, strict=True)):
-            between = (part.begin, self._parts[number + 1].begin if number + 1 < len(self._parts) else None)
+            is_last = number + 1 == len(self._parts)
+            between = (part.begin, None if is_last else self._parts[number + 1].begin)
             unix_ns = int(facts["started_unix_ns"])
             start_ns = max(unix_ns - int(starts[0]["started_unix_ns"]), after_ns)
             end_ns = start_ns + self._lasted_ns(
@@ -269,14 +270,12 @@ class SessionAssembler:
 
     def _samples(self, segment: Segment, begin: int, end: int | None) -> SampleSequence:
         places, messages = self._unread[topics.SAMPLE]
-        return SampleSequence(
-            messages[bisect(places, begin) : None if end is None else bisect(places, end)], segment.start_ns
-        )
+        return SampleSequence(messages[_slice_between(places, begin, end)], segment.start_ns)
 
     def _observations(self, span: _EpisodeDraft, steps: int) -> ObservationSequence | None:
         """Return the observations of an episode; None if the log does not have all of them."""
         places, messages = self._unread[topics.OBSERVATION]
-        observed = messages[bisect(places, span.begin) : None if span.end is None else bisect(places, span.end)]
+        observed = messages[_slice_between(places, span.begin, span.end)]
         if len(observed) > steps:
             return ObservationSequence(span.start.plan.episode, observed[: steps + 1])
         return None
@@ -333,6 +332,14 @@ class SessionAssembler:
             span.end = place
             span.outcome = outcome
             span.end_cause = cause
+
+
+def _slice_between(places: Sequence[int], begin: int, end: int | None) -> slice:
+    """Return the slice of sorted positions that lie after ``begin`` and not after ``end``; None for the log's end."""
+    first = bisect(places, begin)
+    if end is None:
+        return slice(first, None)
+    return slice(first, bisect(places, end))
 
 
 def _clip_pauses(pauses: PauseSpans, first_ns: int, last_ns: int) -> PauseSpans:

@@ -184,7 +184,9 @@ class TopicRows:
     def between(self, begin: int, end: int | None) -> slice:
         """Return the rows of the messages at positions from ``begin`` up to ``end``; None for the log's end."""
         first = int(np.searchsorted(self.places, begin))
-        return slice(first, len(self.places) if end is None else int(np.searchsorted(self.places, end)))
+        if end is None:
+            return slice(first, len(self.places))
+        return slice(first, int(np.searchsorted(self.places, end)))
 
 
 class FrequentRows:

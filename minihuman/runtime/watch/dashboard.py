@@ -3,6 +3,7 @@
 import json
 import secrets
 from collections.abc import Callable
+from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
 from importlib.resources import files
@@ -149,10 +150,8 @@ def _handler(prefix: str, answer: AnswerRequest) -> type[BaseHTTPRequestHandler]
             url = urlsplit(self.path)
             response = None
             if url.path.startswith(prefix) and is_named(self.headers.get("Host", ""), LOCAL_HOSTS):
-                try:
+                with suppress(msgspec.DecodeError):
                     response = answer(url.path.removeprefix(prefix), parse_qs(url.query), body)
-                except msgspec.DecodeError:
-                    response = None
             if response is None:
                 self._send(HTTPStatus.NOT_FOUND, "text/plain", b"there is nothing here")
             else:

@@ -130,10 +130,7 @@ class LiveSession:
             case events.PointerUsed() | events.TextTyped() | events.AxisMoved():
                 self.acted_ns = event.t_ns
             case events.KeyPressed(down=True):
-                self.acted_ns = event.t_ns
-                if event.verdict not in events.UNPRESSED_VERDICTS:
-                    self.presses += 1
-                self.keys.append(event)
+                self._take_press(event)
             case events.Paused():
                 self.paused = event.reason
             case events.Resumed():
@@ -142,6 +139,12 @@ class LiveSession:
                 self._take_note(event)
             case events.SessionEnded():
                 self.ended = f"{event.reason}: {event.detail}" if event.detail else event.reason
+
+    def _take_press(self, press: events.KeyPressed) -> None:
+        self.acted_ns = press.t_ns
+        if press.verdict not in events.UNPRESSED_VERDICTS:
+            self.presses += 1
+        self.keys.append(press)
 
     def _take_note(self, note: events.Noted) -> None:
         if note.kind == "phase":
