@@ -1,8 +1,8 @@
-"""Report a study's progress: the participant flow (CONSORT) in counts, and one line per session.
+"""Report a study's progress: the participant flow (CONSORT) as counts, and one line per session.
 
-Counted from the enrolment log and the session index. The flow names no participant; of those who left before
-anything was recorded it knows only the reason, from the line that freed their slot. It imports neither NumPy nor
-MCAP.
+The report is computed from the enrolment log and the session index. The flow names no participant; for participants who
+left before anything was recorded, only the reason is known, from the line that freed their slot. The module imports
+neither NumPy nor MCAP.
 """
 
 from collections import Counter
@@ -137,16 +137,17 @@ def _classify(summary: SessionSummary) -> str:
 
 
 def format_status(study_dir: Path, status: "StudyStatus | None" = None) -> Iterator[str]:
-    """Yield a line for each session, then one for each slot that was never played, and who left; none names a
-    participant who withdrew.
+    """Yield a line for each session, then one for each slot that was never played, then lines on who left the study.
+
+    No line names a participant who withdrew.
 
     Args:
         study_dir: the study's folder.
-        found: its status, if it was read already.
+        status: the study's status, if it has been read already.
 
     Raises:
         LogError: if there is no such folder.
-        AllocationError: if the register cannot be read.
+        AllocationError: if the enrolment log cannot be read.
     """
     status = status or read_study_status(study_dir)
     yield f"{'participant':12} {'group':16} {'session':>7} {'episodes':>9} {'steps':>7}  state"
@@ -186,7 +187,7 @@ def count_all_interventions(study_dir: Path, folders: LogFolders | None = None) 
 
     Args:
         study_dir: the study's folder.
-        folders: what ``find_log_folders`` found below it just now, if it was asked already.
+        folders: the result of a ``find_log_folders`` call for the folder that was made just before, if any.
 
     Raises:
         LogError: if a line is damaged.
@@ -219,7 +220,10 @@ def _read_all_annotations(folders: LogFolders) -> Iterator[tuple[Path, "Annotati
 
 
 def _find_useless_annotations(folders: LogFolders) -> Iterator[str]:
-    """Name the annotations of episodes that no session can have; ``verify`` compares the others with the plan."""
+    """Yield a line for each annotation of an episode that no session can have.
+
+    ``verify`` compares others with the plan.
+    """
     for path, annotation in _read_all_annotations(folders):
         from minihuman.dataset.annotations import MAX_EPISODES, describe_useless_annotation
 
@@ -230,13 +234,15 @@ def _find_useless_annotations(folders: LogFolders) -> Iterator[str]:
 def list_problems(
     study_dir: Path, rows: Iterable[SessionRow] | None = None, folders: LogFolders | None = None
 ) -> tuple[str, ...]:
-    """Name each session completed twice, each log that is gone, each end that the enrolment log lacks, each withdrawal
-    that is unfinished, and each machine that has not erased its copy.
+    """List a study's problems, one line each.
+
+    Problems are sessions completed twice, missing logs, segment ends missing from the enrolment log, unfinished
+    withdrawals, and machines that have not erased their copy of a participant who withdrew.
 
     Args:
         study_dir: the study's folder.
-        rows: its session index, if it was read already.
-        folders: what ``find_log_folders`` found below it just now, if it was asked already.
+        rows: the study's session index, if it has been read already.
+        folders: the result of a ``find_log_folders`` call for the folder that was made just before, if any.
     """
     if folders is None:
         folders = list(find_log_folders(study_dir))
@@ -259,7 +265,7 @@ def list_problems(
 
 @dataclass(frozen=True, slots=True)
 class StudyStatus:
-    """The progress of a study; no participant who withdrew or left no data is named."""
+    """The progress of a study; it names no participant who withdrew or left no data."""
 
     sessions: tuple[SessionRow, ...]
     slots_without_data: tuple[str, ...]  # participants who took a slot and recorded nothing
@@ -275,11 +281,11 @@ class StudyStatus:
 
 
 def read_study_status(study_dir: Path) -> StudyStatus:
-    """Read what `format_status` formats.
+    """Read the status that `format_status` formats.
 
     Raises:
         LogError: if there is no such folder.
-        AllocationError: if the register cannot be read.
+        AllocationError: if the enrolment log cannot be read.
     """
     require_folder(study_dir, instead="a study's folder, or a session log's own")
     folders = list(find_log_folders(study_dir))

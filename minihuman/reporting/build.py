@@ -1,5 +1,6 @@
-"""Build a study's report from its tables: a folder of table files, figures, one page, and scripts of mixed models in R
-(lme4, brms) and Python (statsmodels, Bambi).
+"""Build a study's report from its tables: a folder of table files, figures, pages, and scripts of mixed models.
+
+The scripts are for R (lme4, brms) and Python (statsmodels, Bambi).
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -63,7 +64,7 @@ _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study ha
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ReportInput:
-    """What a report is computed from: a study's tables as pandas has them, and what its protocols say."""
+    """The data from which a report is computed: a study's tables as data frames, and the contents of its protocols."""
 
     study: str
     episodes: pd.DataFrame
@@ -84,21 +85,20 @@ class _ReportInput:
 def build_report(
     tables: Tables, out: Path, templates: Path | None = None, *, scripts: Sequence[str] = ()
 ) -> tuple[Path, ...]:
-    """Write tables, figures and ``report.html`` of a study; return the files, the page first.
+    """Write tables, figures and ``report.html`` of a study; return the paths of the files, the page first.
 
-    ``participants.html`` beside it shows every participant in every measure.
-
-    The tables of every step, key and picture are left to an export.
+    ``participants.html`` beside the report shows every participant in every measure. The tables of every step, key and
+    picture are left to exports.
 
     Args:
-        tables: the study's.
+        tables: the study's tables.
         out: the folder of the report.
-        templates: a folder with a template or a style of one's own; see ``build_page``.
+        templates: a folder with a custom template or style; see ``build_page``.
         scripts: ``r`` and ``python``, for scripts of mixed models beside the tables.
 
     Raises:
         LogError: if there is no such folder.
-        ReportError: if no log in it can be read, or they are of different studies.
+        ReportError: if no log in the folder can be read, or the logs are of different studies.
     """
     names = [name for name in TABLES if name not in EVERY_MOMENT]  # the others are too long to be read in a report
     tables.require((*names, "steps"), shortest_paths=True)
@@ -133,7 +133,7 @@ def build_report(
 def _leave_out_practice(
     report_input: _ReportInput, practice: Collection[tuple[str, str]]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the episodes and blocks without practice, and those of trials without navigation measures."""
+    """Return the episodes and blocks without practice, and without navigation measures in blocks of trials."""
     episodes = report_input.episodes[~_is_practice(report_input.episodes, practice)]
     blocks = report_input.blocks[~_is_practice(report_input.blocks, practice)]
     trial_blocks = frozenset(block for section in report_input.sections for block in section.blocks)
@@ -141,7 +141,7 @@ def _leave_out_practice(
 
 
 def _compute_results(report_input: _ReportInput, episodes: pd.DataFrame, blocks: pd.DataFrame) -> Results:
-    """Compute the results of the episodes and blocks without practice."""
+    """Compute the results from episodes and blocks without practice."""
     levels = [section.measure_tables.get("trial_levels") for section in report_input.sections]
     return compute_results(
         episodes,
@@ -174,7 +174,10 @@ def _add_figures(
     results: Results,
     out: Path,
 ) -> PageContent:
-    """Draw the figures, and put those of the answers first; ``analysed`` are episodes and blocks without practice."""
+    """Draw the figures, those that answer the study's question first.
+
+    ``analysed`` is episodes and blocks without practice.
+    """
     first_figures: list[ReportFigure] = []
     if content.interaction is not None:
         first_figures.append(draw_interaction(content.interaction, out))
@@ -189,7 +192,7 @@ def _add_figures(
 
 
 def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path) -> _ReportInput:
-    """Read what the report is computed from."""
+    """Read the data from which the report is computed."""
     protocols = tables.read_protocols()
     analysis = read_planned_analysis(protocols)
     blocks = tables.frame("blocks")
@@ -220,7 +223,7 @@ def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path)
 
 
 def _read_plays(tables: Tables) -> list[PlayerRows]:
-    """Read what people and models played; nothing where the study has no models."""
+    """Read what people and models played; an empty list if the study has no models."""
     folder = find_models_folder(tables.source)
     if not folder.is_dir():
         return []
@@ -235,7 +238,7 @@ def _draw_figures(
     results: Results,
     out: Path,
 ) -> list[ReportFigure]:
-    """Draw all figures but those of the estimates; ``analysed`` are episodes and blocks without practice."""
+    """Draw all figures except those of the estimates; ``analysed`` is episodes and blocks without practice."""
     episodes, blocks = analysed
     paths = draw_paths(tables, out)
     sections = sorted(report_input.sections, key=lambda section: not section.is_leading)
@@ -254,7 +257,7 @@ def _draw_figures(
 def _gather_content(
     tables: Tables, report_input: _ReportInput, results: Results, practice: Collection[tuple[str, str]]
 ) -> PageContent:
-    """Gather what the page says besides the results; its figures, tables and mixed models are still to come."""
+    """Gather the page's contents besides the results; figures, tables and mixed models are added later."""
     participants = report_input.participants
     episodes = report_input.episodes
     qualities = [session.quality for session in tables.sessions if session.quality is not None]
@@ -293,7 +296,7 @@ def _gather_content(
 
 
 def _fit_mixed(episodes: pd.DataFrame, block: BlockResults) -> MixedModel | None:
-    """Fit the mixed model of a block's growth; None of teams, whose members' episodes are the same ones."""
+    """Fit the mixed model of a block's growth; None for teams, whose members share their episodes."""
     if block.growth is None or block.teams:
         return None
     rows = episodes[(episodes["block"] == block.block) & episodes["exclusion_reason"].isna()]
@@ -306,7 +309,7 @@ def _fit_mixed(episodes: pd.DataFrame, block: BlockResults) -> MixedModel | None
 
 
 def _score_models(plays: Sequence[PlayerRows], out: Path) -> tuple[list[ReportFigure], list[Path]]:
-    """Draw the study's models beside people, and write the table; nothing where it has no models."""
+    """Draw the scores of the study's models and people and write their table; nothing if there are no models."""
     if not plays:
         return [], []
     card = compose_scorecard(plays)
@@ -317,7 +320,12 @@ def _score_models(plays: Sequence[PlayerRows], out: Path) -> tuple[list[ReportFi
 
 
 def find_stale_figures(out: Path, report_files: Collection[Path]) -> tuple[str, ...]:
-    """Name the figures in a report's folder that it did not write: another study's, or of excluded participants."""
+    """Return a line about figures in a report's folder that the report did not write.
+
+    None if there are no such figures.
+
+    They are of another study or of excluded participants.
+    """
     stems = {path.stem for path in report_files}
     left = sorted(path.name for path in (out / "figures").glob("*.p[nd][gf]") if path.stem not in stems)
     if not left:
@@ -328,7 +336,7 @@ def find_stale_figures(out: Path, report_files: Collection[Path]) -> tuple[str, 
 
 
 def read_planned_analysis(protocols: Sequence[Protocol]) -> AnalysisSpec:
-    """Read what the protocol named before the study; nothing where its versions name different things."""
+    """Return the analysis that the protocol planned; an empty one if its versions name different analyses."""
     named = {protocol.analysis for protocol in protocols}
     if len(named) == 1:
         return named.pop()
@@ -336,7 +344,7 @@ def read_planned_analysis(protocols: Sequence[Protocol]) -> AnalysisSpec:
 
 
 def read_planned_design(protocols: Sequence[Protocol]) -> ExperimentDesign:
-    """Read the design that the protocol states; an empty one where its versions differ."""
+    """Return the experimental design that the protocol states; an empty one if its versions differ."""
     named = {derive_design(protocol) for protocol in protocols}
     if len(named) == 1:
         return named.pop()
@@ -344,7 +352,7 @@ def read_planned_design(protocols: Sequence[Protocol]) -> ExperimentDesign:
 
 
 def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> frozenset[tuple[str, str]]:
-    """Find group and block of all practice.
+    """Return the group and the block of every practice block.
 
     Raises:
         ReportError: if one version of the protocol analyses a block, and another does not.
@@ -369,7 +377,7 @@ def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> froze
 
 
 def _is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "pd.Series[bool]":
-    """Say of each row whether it is of practice."""
+    """Return whether each row belongs to a practice block."""
     if not practice:
         return pd.Series(False, rows.index, dtype=bool)
     pairs = pd.MultiIndex.from_frame(rows[["group", "block"]])
@@ -377,7 +385,7 @@ def _is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "
 
 
 def _find_study(tables: Tables) -> str:
-    """Find the name of the one study that the sessions are of."""
+    """Return the name of the single study to which all sessions belong."""
     readable = [session for session in tables.sessions if session.study]
     if not readable:
         skipped = len(tables.account.skipped)

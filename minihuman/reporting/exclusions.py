@@ -1,4 +1,4 @@
-"""Exclusions: of participants of whom only practice is left, and the list of all excluded rows."""
+"""Exclusion of participants for whom only practice is left, and the list of all excluded rows."""
 
 import numpy as np
 import pandas as pd
@@ -7,7 +7,7 @@ PRACTICE_ALONE = "only practice was played"
 
 
 def exclude_practice_alone(participants: pd.DataFrame) -> pd.DataFrame:
-    """Exclude the participants of whom nothing but practice is included; those who had nothing to play stay."""
+    """Exclude the participants for whom only practice is included; participants who had nothing to play are kept."""
     is_included = participants["exclusion_reason"].isna()
     played = (participants["episodes"] > 0) | participants["completed_share"].isna()
     players = participants.loc[is_included & played, "participant"]
@@ -16,9 +16,9 @@ def exclude_practice_alone(participants: pd.DataFrame) -> pd.DataFrame:
 
 
 def list_exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFrame:
-    """List every row that is excluded, with its reason: participants first, then episodes of the others.
+    """List every excluded row with its reason: participants first, then the episodes of the others.
 
-    The level of a session is "participant" if no other one of the participant is included, else "session".
+    The level of an excluded session is "session" if another session of the participant is included, else "participant".
     """
     people = participants.loc[participants["exclusion_reason"].notna(), ["exclusion_reason", "participant", "session"]]
     included = participants.loc[participants["exclusion_reason"].isna(), "participant"]

@@ -1,6 +1,6 @@
-"""The report as one self-contained HTML page, by a Jinja template that a lab can replace or extend.
+"""The report as one self-contained HTML page, rendered from a Jinja template that a lab can replace or extend.
 
-The published study's subject means stand beside a replication of it: Chevalier-Boisvert et al. (2023), "Minigrid &
+A replication of the published study is shown beside its subject means: Chevalier-Boisvert et al. (2023), "Minigrid &
 Miniworld", mean reward of each subject in Miniworld's four rooms.
 """
 
@@ -69,59 +69,62 @@ PUBLISHED_SOURCE = "Chevalier-Boisvert et al. (2023), Minigrid & Miniworld"
 
 
 def read_published_subjects() -> pd.DataFrame:
-    """Read the published study's subjects, a row each: group, subject, reward_mean."""
+    """Return the published study's subjects, one row each with the columns group, subject and reward_mean."""
     with (files("minihuman.reporting") / "data" / "published.csv").open(encoding="utf-8") as file:
         return pd.read_csv(file)
 
 
 def is_published_study(protocols: Collection[str]) -> bool:
-    """Say whether all sessions were played by the published study's protocol; ``protocols`` are SHA-256 of files."""
+    """Tell whether all sessions used the published study's protocol.
+
+    ``protocols`` are the SHA-256 of protocol files.
+    """
     return bool(protocols) and _PUBLISHED_PROTOCOLS.issuperset(protocols)
 
 
 @dataclass(frozen=True, slots=True)
 class PageContent:
-    """What the page is made of, besides the results."""
+    """The contents of the page besides the results."""
 
     study: str
     sessions: int
     players: Sequence[str]
     simulated: int  # sessions that no person played
-    imported: int  # sessions that a page recorded and nobody witnessed
-    windows: Mapping[str, int]  # what they sat at, and how many sessions there
-    flow: FlowSection | None  # how many came, left, were screened out and are included
+    imported: int  # sessions that a page recorded without a server
+    windows: Mapping[str, int]  # the number of sessions by kind of window
+    flow: FlowSection | None  # counts of participants who came, left, were screened out and are included
     methods: Sequence[str]
-    known_keys: Mapping[str, Sequence[str]]  # block: the groups who came to it with the keys of the one before
+    known_keys: Mapping[str, Sequence[str]]  # by block, the groups that already knew its keys
     figures: Sequence[ReportFigure]
-    first_figures: Sequence[ReportFigure]  # of the result
+    first_figures: Sequence[ReportFigure]  # those that answer the study's question
     models: Sequence[ReportFigure]
     tables: Sequence[Path]
     qualities: Sequence[RecordingQuality]
     answers: pd.DataFrame
-    clauses: pd.DataFrame  # asked for and done, by block, verb and group
-    activities: Sequence[ReportSection]  # what kinds of activity add
-    practice: Mapping[str, int]  # block that is not analysed: episodes that would be included
+    clauses: pd.DataFrame  # assigned and completed, by block, verb and group
+    activities: Sequence[ReportSection]  # the sections of activity kinds
+    practice: Mapping[str, int]  # by practice block, the episodes that would be included
     exclusions: pd.DataFrame
     account: SelectionSummary
-    analysis: AnalysisSpec  # what the protocol named
+    analysis: AnalysisSpec  # as the protocol plans it
     design: ExperimentDesign
     interaction: InteractionResults | None  # of groups and conditions, in a mixed design
-    first_block: str  # whose comparison of groups is among the answers; "": none's
-    papers: bool  # the protocol is the published study's
-    mixed: Mapping[str, MixedModel | None]  # of each block whose change over episodes is compared
+    first_block: str  # the block whose group comparison answers the question; "" for none
+    papers: bool  # whether the protocol is the published study's
+    mixed: Mapping[str, MixedModel | None]  # by block, if its change over episodes is compared
 
 
 def build_page(content: PageContent, results: Results, templates: Path | None = None) -> str:
-    """Render the page.
+    """Render the page as HTML.
 
     Args:
-        content: what the page shows besides the results.
-        results: the study's.
-        templates: a folder with a ``report.html.j2`` or a ``report.css`` that is taken instead of the package's. Its
-            template may extend ``minihuman/report.html.j2``.
+        content: the contents of the page besides the results.
+        results: the study's results.
+        templates: a folder with a ``report.html.j2`` or a ``report.css`` that replaces the package's own. Its template
+            can extend ``minihuman/report.html.j2``.
 
     Raises:
-        ReportError: if there is no such file in the folder, or the template in it cannot be rendered.
+        ReportError: if the folder has neither file, or its template cannot be rendered.
     """
     target = results.target_block
     windows = ", ".join(f"{window} in {count} sessions" for window, count in content.windows.items())
@@ -165,7 +168,7 @@ def ask_question(
     design: ExperimentDesign | None = None,
     interaction: InteractionResults | None = None,
 ) -> str:
-    """State what the study compares, in one sentence, after the protocol's own question."""
+    """State in one sentence what the study compares, after the protocol's own question if it has one."""
     stated = ""
     if design and design.question:
         stated = f"{design.question} "
@@ -203,9 +206,9 @@ def _join(names: Sequence[str]) -> str:
 
 
 def _answer_question(results: Results, content: PageContent) -> list[str]:
-    """State the answers: the primary measure's, adjusted ones, equivalence, and conditions.
+    """Return sentences that answer the study's question: group differences, equivalence, conditions and interaction.
 
-    Where the question is about the interaction, its answer comes first, and conditions pooled over groups are left to
+    If the question is about the interaction, its answer comes first, and conditions pooled over groups are left to
     their table.
     """
     is_about_interaction = content.interaction is not None and content.design.primary_effect == "interaction"
@@ -225,7 +228,7 @@ def _answer_question(results: Results, content: PageContent) -> list[str]:
 
 
 def _state_differences(target: BlockResults | None) -> Iterator[str]:
-    """Yield a statement per comparison of groups in the target block; none with one group."""
+    """Yield a sentence per group comparison in the target block; none if there is only one group."""
     if target is None or len(target.groups) < 2:
         return
     for comparison in target.headline:
@@ -237,7 +240,7 @@ def _state_differences(target: BlockResults | None) -> Iterator[str]:
 
 
 def _count_excluded(exclusions: pd.DataFrame) -> str:
-    """Count the excluded participants, by reason."""
+    """Return the number of excluded participants by reason, as text."""
     people = exclusions[exclusions["level"] == "participant"].drop_duplicates(["exclusion_reason", "participant"])
     counts = people["exclusion_reason"].value_counts(sort=False)
     return ", ".join(f"{count} ({reason})" for reason, count in counts.items()) or "none"
@@ -261,12 +264,12 @@ def _show_interaction(interaction: InteractionResults | None) -> dict[str, Table
 
 
 def build_participants_page(study: str, blocks: pd.DataFrame, results: Results) -> str:
-    """Render the page on which every included participant can be found in every measure; it works from disk alone.
+    """Render the page that shows every included participant in every measure; it works from disk without a server.
 
     Args:
         study: the study's name.
-        blocks: rows of the table "blocks".
-        results: whose measures, groups and target block are shown.
+        blocks: the rows of the table "blocks".
+        results: the results that determine the measures, groups and target block shown.
     """
     included = blocks[blocks["exclusion_reason"].isna()]
     compared = dict.fromkeys(name for block in results.blocks for name in block.roles)
@@ -288,7 +291,7 @@ def build_participants_page(study: str, blocks: pd.DataFrame, results: Results) 
 
 
 def _describe_versions(account: SelectionSummary) -> str:
-    """Say by which versions of the protocol the sessions were played."""
+    """State under which versions of the protocol the sessions were played."""
     versions = [f"{version} in {count} sessions" for (_, version), count in sorted(account.versions.items())]
     if len(versions) == 1:
         return f"Protocol version {versions[0]}"
@@ -296,7 +299,7 @@ def _describe_versions(account: SelectionSummary) -> str:
 
 
 def _show_block(block: BlockResults, results: Results, content: PageContent) -> dict[str, Any]:
-    """Return a block's results as the template shows them."""
+    """Return a block's results as variables of the template."""
     has_comparisons = bool(block.comparisons)
     return {
         "name": block.block,
@@ -329,21 +332,21 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
 
 
 def _find_only_group(block: BlockResults, results: Results) -> str:
-    """Find the one group that played a block which other groups did not play; "" if there are several."""
+    """Return the only group that played a block in a study with several groups; "" if several groups played it."""
     if len(block.groups) == 1 and len(results.order) > 1:
         return str(block.groups["group"].iloc[0])
     return ""
 
 
 def _list_differences(block: BlockResults, first_block: str) -> list[str]:
-    """State the differences of groups in a block, unless they are among the answers at the page's beginning."""
+    """State the group differences in a block, unless they are among the answers at the top of the page."""
     if block.block == first_block and len(block.groups) > 1:
         return []
     return [difference_statement(comparison, block.block) for comparison in block.headline]
 
 
 def _name_only_pair(block: BlockResults) -> str:
-    """Name the two groups that are compared, in brackets; "" if there are several pairs or none."""
+    """Return the two groups that are compared, in parentheses; "" unless there is exactly one pair."""
     pairs = {(comparison.first, comparison.second) for comparison in block.comparisons}
     if len(pairs) != 1:
         return ""
@@ -351,7 +354,7 @@ def _name_only_pair(block: BlockResults) -> str:
 
 
 def _list_not_compared(block: BlockResults) -> list[dict[str, str]]:
-    """List what was not compared, or not in every way, and why."""
+    """Return the comparisons that were not made, or not in every way, each with the reason."""
     return [
         {
             "measure": label_measure(comparison.measure),
@@ -363,7 +366,7 @@ def _list_not_compared(block: BlockResults) -> list[dict[str, str]]:
 
 
 def _compare_with_published(block: BlockResults) -> dict[str, Any]:
-    """Set the published study's subjects beside this one's."""
+    """Return the template's variables that compare the published study's subjects with this study's."""
     frame = read_published_subjects()
     rows = [(row["group"], str(row["subject"]), f"{row['reward_mean']:.2f}") for row in to_records(frame)]
     means = summarise_group_rewards(frame)
@@ -378,7 +381,7 @@ def _compare_with_published(block: BlockResults) -> dict[str, Any]:
 
 
 def _show_subjects(block: BlockResults) -> dict[str, Table]:
-    """Tabulate each subject's reward, by session where there are several, and the groups' over subjects' means."""
+    """Return a table of each participant's reward, by session if there are several, and a table of group means."""
     has_several_sessions = block.subjects["session"].nunique() > 1
     heads = ["group", "subject", "n", "reward"]
     if has_several_sessions:
@@ -401,12 +404,12 @@ def _has_roles(block: BlockResults) -> bool:
 
 
 def _unbroken(first: str, second: str) -> str:
-    """Write a difference of two groups that no line break divides."""
+    """Format a difference of two groups without line breaks."""
     return f"{first}\N{NO-BREAK SPACE}\N{MINUS SIGN}\N{NO-BREAK SPACE}{second}"
 
 
 def _comparisons_table(block: BlockResults) -> Table:
-    """Tabulate the comparisons, a row each; of several pairs of groups a column says which."""
+    """Tabulate the comparisons, one row each; a column names the groups if there are several pairs."""
     pairs = list(dict.fromkeys((comparison.first, comparison.second) for comparison in block.comparisons))
     has_roles = _has_roles(block)
     words = ["measure"]
@@ -450,7 +453,7 @@ def _list_comparison_cells(comparison: GroupComparison, *, role: str, has_severa
 
 
 def _show_growth(block: BlockResults, mixed: MixedModel | None) -> dict[str, Any]:
-    """Return the growth over a block's episodes as the template shows it."""
+    """Return the growth over a block's episodes as variables of the template."""
     growth = block.growth
     if growth is None:
         return {"growth": None}
@@ -468,9 +471,9 @@ def _show_growth(block: BlockResults, mixed: MixedModel | None) -> dict[str, Any
 
 
 def _mixed_model_table(terms: Sequence[GrowthTerm]) -> Table:
-    """Tabulate the terms of a mixed model, without its Wald intervals and p.
+    """Tabulate a mixed model's terms, without Wald intervals and p values.
 
-    Of 2 and 18 people with SDs 3 to 1 they reject a true null in a third of studies.
+    With groups of 2 and 18 people and SDs of 3 to 1, these reject a true null hypothesis in a third of studies.
     """
     return Table(("term", "estimate"), [(term.name, format_number(term.estimate)) for term in terms])
 

@@ -1,4 +1,4 @@
-"""The CONSORT flow of participants, and the looks at a sequential study."""
+"""The CONSORT flow of participants, and the interim looks at a sequential study."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ from minihuman.reporting.template import (
 
 
 class FlowSection(NamedTuple):
-    """The participants by stage; no table where the enrolment log cannot be read."""
+    """The participants by stage; the table is None if the enrolment log cannot be read."""
 
     table: Table | None
     interventions: str = ""  # what was done by hand, in counts
@@ -29,10 +29,12 @@ class FlowSection(NamedTuple):
 
 
 def flow_section(source: Path, participants: pd.DataFrame) -> FlowSection | None:
-    """Count who came, left and is included; None unless the report is of a study's whole folder with its enrolment log.
+    """Build the section on participant flow: who came, who left and who is included.
+
+    The section is None unless the report covers a study's whole folder with its enrolment log.
 
     Args:
-        source: what the report is of.
+        source: the folder or log that the report covers.
         participants: the table of participants; those without a reason in ``exclusion_reason`` are included.
     """
     try:
@@ -51,7 +53,7 @@ def flow_section(source: Path, participants: pd.DataFrame) -> FlowSection | None
 
 
 def looks_table(looks: Sequence[LookTaken]) -> Table | None:
-    """Tabulate the looks at a sequential study, a row each; None without any."""
+    """Tabulate the looks at a sequential study, one row each; None if there are none."""
     if not looks:
         return None
     named = dict.fromkeys(name for look in looks for name in look.estimates)
@@ -77,7 +79,7 @@ def _format_estimate(look: LookTaken, name: str) -> str:
 
 
 def _find_group_statistics(look: LookTaken) -> dict[str, Sequence[float]]:
-    """Find the statistics that are lists, one per group, whose first number is the group's n."""
+    """Return the statistics that are lists, one per group; the first number in each is the group's n."""
     return {name: statistic for name, statistic in look.statistics.items() if isinstance(statistic, list) and statistic}
 
 

@@ -22,13 +22,13 @@ _ALPHA = 0.05
 
 
 def _begin_with_measure(name: str) -> str:
-    """Return a measure's label with a capital letter, to begin a sentence."""
+    """Return a measure's label with an initial capital letter, for the beginning of a sentence."""
     label = label_measure(name)
     return f"{label[0].upper()}{label[1:]}"
 
 
 def difference_statement(comparison: GroupComparison, block: str) -> str:
-    """State how far apart two groups are in a block, in one sentence."""
+    """State in one sentence how much two groups differ in a block."""
     per = "over" if comparison.is_log else "minus"
     groups = f"{comparison.first} {per} {comparison.second}"
     opening = f"{_begin_with_measure(comparison.measure)}, block {block}: {groups} "
@@ -48,7 +48,7 @@ def difference_statement(comparison: GroupComparison, block: str) -> str:
 
 
 def _state_estimate(comparison: GroupComparison | PairedComparison) -> str:
-    """State the difference, or the ratio of logarithms' means, with its interval; the bracket stays open."""
+    """State the difference, or the ratio of geometric means, with its interval; the parenthesis stays open."""
     if comparison.is_log:
         bounds = (math.exp(comparison.interval[0]), math.exp(comparison.interval[1]))
         ratio = format_number(math.exp(comparison.difference))
@@ -58,7 +58,7 @@ def _state_estimate(comparison: GroupComparison | PairedComparison) -> str:
 
 
 def _state_factor(comparison: GroupComparison) -> str:
-    """State by what factor steps are multiplied, of a difference of logarithms of steps."""
+    """State a difference of log steps as a factor of the steps; "" for other measures."""
     quantity = _FACTORS.get(comparison.measure)
     if quantity is None or math.isnan(comparison.interval[0]):
         return ""
@@ -68,7 +68,7 @@ def _state_factor(comparison: GroupComparison) -> str:
 
 
 def paired_statement(comparison: PairedComparison) -> str:
-    """State how far apart two conditions are within participants, in one sentence."""
+    """State in one sentence how much two conditions differ within participants."""
     caveat = ""
     if comparison.smallest_p >= _ALPHA:
         caveat = " So few participants cannot reach p < 0.05, whatever the difference."
@@ -82,7 +82,7 @@ def paired_statement(comparison: PairedComparison) -> str:
 
 
 def equivalence_statement(equivalence: EquivalenceResult, roles: Mapping[str, Role]) -> str:
-    """State whether two groups are shown to be equivalent, in one sentence."""
+    """State in one sentence whether two groups are shown to be equivalent."""
     (primary,) = (name for name, role in roles.items() if role == "primary")
     test = equivalence.test
     verdict = "are equivalent" if test.alike else "are not shown to be equivalent"
@@ -94,7 +94,7 @@ def equivalence_statement(equivalence: EquivalenceResult, roles: Mapping[str, Ro
 
 
 def power_statement(power: PowerAnalysis) -> str:
-    """State what the sample could show, in one sentence."""
+    """State in one sentence which differences the sample could detect."""
     a, b = power.n
     if math.isnan(power.power_for_large):
         return f"Power: with {a} and {b} participants no difference between groups can be tested."
