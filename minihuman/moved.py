@@ -176,6 +176,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.rating.rows",
         f"{_NEW}.team.rows",
     ),
+    "minihuman.admin.status": ("minihuman.admin.enrolment_flow",),
     "minihuman.admin.verify.log": ("minihuman.admin.verify.study", "minihuman.admin.verify.messages"),
     "minihuman.exporters.flat_observations": ("minihuman.exporters.environment_specs",),
     "minihuman.log.system": ("minihuman.storage.system", "minihuman.storage.durable_files"),

@@ -81,8 +81,8 @@ _HELP = {
     "only": "Include only episodes annotated with this tag; repeatable.",
     "without": "Exclude episodes annotated with this tag; repeatable. Episodes tagged `exclude` are excluded by "
     "default.",
-    "with_": "Also include episodes excluded by default: `exclude` (tagged `exclude`), `unfinished` or `rules` "
-    "(excluded by the protocol's rules); repeatable.",
+    "with_": "Also include episodes excluded by default: `exclude` (tagged `exclude`), `unfinished`, `rules` "
+    "(excluded by the protocol's rules) or `answer-rules` (by those on answers); repeatable.",
 }
 
 

@@ -29,7 +29,7 @@ from minihuman.dataset.session_measures import (
 )
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODES, PARTICIPANTS
 from minihuman.errors import ReportError
-from minihuman.experiment.machine.events import EpisodesSkipped, Noted
+from minihuman.experiment.machine.events import Answered, EpisodesSkipped, Noted
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_protocol
 from minihuman.experiment.protocol.specs import apply_overrides
@@ -68,6 +68,8 @@ def check_exclusion_measures(exclusions: Sequence[ExclusionSpec], source: str) -
         known = [column.name for column in _COLUMNS[rule.level] if column.kind in ("integer", "number", "boolean")]
         if rule.level != "episode" and (rule.where or rule.measured_label):
             raise ReportError(f"{source}: $.exclusions[{number}]: a participant has no labels; use level = 'episode'")
+        if rule.question and rule.level == "participant":
+            continue
         if rule.measure not in known and not rule.measured_label:
             raise ReportError(
                 f"{source}: $.exclusions[{number}].measure: {rule.measure!r} is not a measure of "
@@ -109,6 +111,8 @@ class ExclusionRule:
     def broken_by(self, row: Mapping[str, Any]) -> bool:
         """Tell whether a row's measure lies outside the range that the rule allows; an unknown measure does not."""
         rule = self.exclusion
+        if rule.question:
+            return any(_breaks_answer_rule(answer, rule) for answer in row.get(rule.measure, ()))
         labels = json.loads(row.get("labels") or "{}")
         if any(labels.get(name) != level for name, level in rule.where.items()):
             return False
@@ -118,7 +122,35 @@ class ExclusionRule:
             value = row.get(rule.measure)
         if not isinstance(value, int | float):  # unknown, or a text label
             return False
-        return (rule.below is not None and value < rule.below) or (rule.above is not None and value > rule.above)
+        return _is_outside(value, rule)
+
+
+def _breaks_answer_rule(answer: Any, rule: ExclusionSpec) -> bool:
+    """Tell whether an answer, as it is in the log, is one that a rule excludes."""
+    if answer is None:
+        return rule.is_missing
+    codes = answer if isinstance(answer, list) else [answer]
+    if any(code in rule.is_one_of for code in codes):
+        return True
+    if rule.is_none_of and not any(code in rule.is_none_of for code in codes):
+        return True
+    return isinstance(answer, int | float) and _is_outside(answer, rule)
+
+
+def _is_outside(number: float, rule: ExclusionSpec) -> bool:
+    """Tell whether a number lies outside what a rule allows."""
+    return (rule.below is not None and number < rule.below) or (rule.above is not None and number > rule.above)
+
+
+def _list_compared_answers(log: SessionLog, rules: Sequence[ExclusionRule]) -> dict[str, list[Any]]:
+    """List a session's answers to the questions of rules, by the rules' measures: the last attempt of each asking."""
+    answers: dict[str, dict[int, Any]] = {rule.exclusion.measure: {} for rule in rules if rule.exclusion.question}
+    if not answers:
+        return {}
+    for event in log.part_events:
+        if isinstance(event, Answered) and (measure := f"answer:{event.part_name}.{event.item}") in answers:
+            answers[measure][event.part] = json.loads(event.value)
+    return {measure: list(by_part.values()) for measure, by_part in answers.items()}
 
 
 def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
@@ -292,6 +324,7 @@ def _format_count(count: int, noun: str) -> str:
 EXCLUDE = "exclude"  # a reviewer's tag that excludes an episode by default
 UNFINISHED = "unfinished"  # abandoned, ended by a failed agent, or cut off with the log
 RULES = "rules"  # of the protocol: [[exclusions]]
+ANSWER_RULES = "answer-rules"  # those of them that compare answers
 NOT_FINISHED = "not played to an end"
 AGENT_FAILED = "the agent failed"
 
@@ -301,7 +334,8 @@ class Selection:
     """Which episodes are selected and included. Several values of one field mean any of them; an empty field means all.
 
     The fields from ``outcome`` to ``only`` select episodes. ``without`` names further tags that exclude an episode, and
-    ``with_`` includes again what is excluded by default: "exclude" or another tag, "unfinished", or "rules".
+    ``with_`` includes again what is excluded by default: "exclude" or another tag, "unfinished", "rules" or
+    "answer-rules".
     """
 
     outcome: tuple[str, ...] = ()
@@ -383,7 +417,8 @@ class Selection:
             for place, (reason, row) in enumerate(zip(reasons, measured.rows, strict=True))
             if not reason and row["block"] not in practice
         ]
-        return reasons, find_broken_rule(rules, "participant", measured.aggregate(counting) | summarize_session(log))
+        row = measured.aggregate(counting) | summarize_session(log) | _list_compared_answers(log, rules)
+        return reasons, find_broken_rule(rules, "participant", row)
 
     def _find_participant_reason(self, log: SessionLog, own: str) -> str:
         """Return the reason to exclude the participant, from the first of their sessions that breaks a rule.
@@ -398,7 +433,7 @@ class Selection:
 
     def _judge_participant(self, log: SessionLog) -> tuple[int, str]:
         """Return a session's number, and the reason to exclude the participant that this session alone gives."""
-        rules = read_exclusion_rules(log.plan)
+        rules = self._read_rules(log.plan)
         in_force = collect_tags(read_annotations(log.path))
         episode_tags = [list_episode_tags(episode, in_force) for episode in log.episodes]
         if rules:
@@ -420,7 +455,10 @@ class Selection:
         """Read the rules of the session's protocol, or none if this selection switches the rules off."""
         if RULES in self.with_:
             return ()
-        return read_exclusion_rules(plan)
+        rules = read_exclusion_rules(plan)
+        if ANSWER_RULES in self.with_:
+            return tuple(rule for rule in rules if not rule.exclusion.question)
+        return rules
 
     def _asks_for(self, log: SessionLog, episode: EpisodeLog, tags: frozenset[str]) -> bool:
         return (

@@ -6,7 +6,7 @@ the two-part comparison of rewards that are 0 after a timeout, growth, equivalen
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import get_args
 
@@ -123,6 +123,9 @@ class SessionChange:
     is_log: bool = False  # the change is one of natural logarithms
 
 
+_SUBJECT_COLUMNS = ["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockResults:
     """The results of one block, for the groups that played it."""
@@ -147,11 +150,32 @@ class BlockResults:
     reliabilities: tuple[Reliability, ...]  # of the measures that an episode has a value of; none of teams
     powers: tuple[PowerAnalysis, ...]  # one for each pair of groups, in the order of the headline
     teams: int = 0  # of several people, each of which is one unit of the statistics; 0: participants are
+    team_units: Mapping[str, str] = field(default_factory=dict)  # by group: "teams", or "teams and participants"
+
+    @property
+    def unit_name(self) -> str:
+        """Name the unit of the block's statistics, in the plural."""
+        names = {self.team_units.get(str(group), "participants") for group in self.groups["group"]}
+        if len(names) == 1:
+            return names.pop()
+        return "teams and participants"
 
     @property
     def headline(self) -> tuple[GroupComparison, ...]:
         """Return the comparisons on the primary measure, or on the first of ``MEASURES`` that has values."""
         return _select_headline(self.comparisons, self.roles)
+
+
+def _name_team_units(rows: pd.DataFrame, teams: Collection[str]) -> dict[str, str]:
+    """Name what is counted in each group that has teams; a group of participants alone is left out."""
+    names: dict[str, str] = {}
+    for group, codes in rows.groupby("group")["participant"]:
+        is_team = codes.isin(teams)
+        if is_team.all():
+            names[str(group)] = "teams"
+        elif is_team.any():
+            names[str(group)] = "teams and participants"
+    return names
 
 
 def _select_headline(comparisons: Sequence[GroupComparison], roles: Mapping[str, Role]) -> tuple[GroupComparison, ...]:
@@ -192,12 +216,11 @@ def compute_block_results(
     scaled_means = _average_sessions(scaled, columns)
     comparisons = compare_measures(scaled_means, roles, order, logs)
     changed = list_changes(scaled, measured)
-    subject_columns = ["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]
     return BlockResults(
         block=block,
         worlds=tuple(dict.fromkeys(episodes["world"])),
         episodes=len(episodes),
-        subjects=_order_by_group(people, order)[subject_columns].reset_index(drop=True),
+        subjects=_order_by_group(people, order)[_SUBJECT_COLUMNS].reset_index(drop=True),
         groups=_order_by_group(summarise_group_rewards(means), order),
         measures=_describe_measures(_order_by_group(means, order), measured, ["group"]),
         by_session=_describe_measures(_order_by_group(rows, order), measured, ["group", "session"]),
@@ -214,6 +237,7 @@ def compute_block_results(
         reliabilities=() if units else tuple(estimate_reliabilities(episodes, measured)),
         powers=tuple(compute_power(comparison.n) for comparison in _select_headline(comparisons, roles)),
         teams=len({*units.values()} & {*rows["participant"]}),
+        team_units=_name_team_units(rows, set(units.values())),
     )
 
 

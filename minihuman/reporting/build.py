@@ -6,9 +6,11 @@ The scripts are for R (lme4, brms) and Python (statsmodels, Bambi).
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pandas as pd
 
+from minihuman.dataset.selection import ANSWER_RULES
 from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES
 from minihuman.dataset.tables import Tables, select
 from minihuman.errors import ReportError
@@ -22,12 +24,12 @@ from minihuman.reporting.activity_sections import (
     join_sections,
 )
 from minihuman.reporting.block_results import BlockResults
-from minihuman.reporting.exclusions import exclude_practice_alone, list_exclusions
+from minihuman.reporting.exclusions import count_excluded, exclude_practice_alone, list_exclusions
 from minihuman.reporting.instruction_clauses import ATTEMPT_COLUMNS, count_clauses
-from minihuman.reporting.interactions import choose_first_block, compute_interaction
+from minihuman.reporting.interactions import InteractionResults, choose_first_block, compute_interaction
 from minihuman.reporting.methods import build_methods, find_known_keys
-from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
-from minihuman.reporting.participant_flow import flow_section
+from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study, state_answers
+from minihuman.reporting.participant_flow import FlowSection, flow_section
 from minihuman.reporting.results import Results, compute_results, leave_out_navigation
 from minihuman.reporting.scorecard import (
     PlayerRows,
@@ -110,7 +112,7 @@ def build_report(
     episodes, blocks = _leave_out_practice(report_input, practice)
     results = _compute_results(report_input, episodes, blocks)
     content = _gather_content(tables, report_input, results, practice)
-    content = _add_interaction(content, report_input, blocks, results)
+    content = _add_interaction(content, tables, report_input, blocks, results)
     content = _add_figures(content, tables, report_input, (episodes, blocks), results, out / "figures")
     models, score_files = _score_models(report_input.plays, out)
     content = replace(
@@ -155,15 +157,40 @@ def _compute_results(report_input: _ReportInput, episodes: pd.DataFrame, blocks:
 
 
 def _add_interaction(
-    content: PageContent, report_input: _ReportInput, blocks: pd.DataFrame, results: Results
+    content: PageContent, tables: Tables, report_input: _ReportInput, blocks: pd.DataFrame, results: Results
 ) -> PageContent:
     """Add the interaction of groups and conditions, and choose the block whose comparison answers the question."""
+    interaction, first_block = _compute_interaction(report_input, blocks, results)
+    without_rules = _answer_without_rules(tables, report_input)
+    return replace(content, interaction=interaction, first_block=first_block, answers_without_rules=without_rules)
+
+
+def _compute_interaction(
+    report_input: _ReportInput, blocks: pd.DataFrame, results: Results
+) -> tuple[InteractionResults | None, str]:
+    """Return the interaction of groups and conditions, and the block whose comparison answers the question."""
     analysis = report_input.analysis
     design = report_input.design
     included = unite_teams(blocks[blocks["exclusion_reason"].isna()], report_input.teams)
     interaction = compute_interaction(included, design, analysis, results.order)
-    first_block = choose_first_block(design, analysis, results, interaction)
-    return replace(content, interaction=interaction, first_block=first_block)
+    return interaction, choose_first_block(design, analysis, results, interaction)
+
+
+def _answer_without_rules(tables: Tables, report_input: _ReportInput) -> list[str]:
+    """State the answers as they are if no rule on answers excludes anybody; none where none does."""
+    reasons = {rule.reason for protocol in report_input.protocols for rule in protocol.exclusions if rule.question}
+    if not reasons.intersection(report_input.participants["exclusion_reason"].dropna()):
+        return []
+    selection = replace(tables.selection, with_=(*tables.selection.with_, ANSWER_RULES))
+    names = [name for name in TABLES if name not in EVERY_MOMENT]
+    with TemporaryDirectory() as figures, select(tables.source, selection) as all_tables:
+        all_tables.require((*names, "steps"), shortest_paths=True)
+        all_input = _read_input(all_tables, report_input.study, names, Path(figures))
+    practice = find_practice(all_input.protocols, all_input.participants["group"].unique())
+    episodes, blocks = _leave_out_practice(all_input, practice)
+    results = _compute_results(all_input, episodes, blocks)
+    interaction, first_block = _compute_interaction(all_input, blocks, results)
+    return state_answers(results, interaction, all_input.design, first_block)
 
 
 def _add_figures(
@@ -264,7 +291,7 @@ def _gather_content(
     outlines = [session.outline for session in tables.sessions if session.outline is not None]
     simulated = int((participants["player"] != "human").sum())
     is_practice = _is_practice(episodes, practice)
-    practised = episodes[is_practice & episodes["exclusion_reason"].isna()]
+    flow = flow_section(tables.source, participants)
     return PageContent(
         study=report_input.study,
         sessions=len(participants),
@@ -272,8 +299,8 @@ def _gather_content(
         windows=dict(participants["window"].fillna("a window that did not say").value_counts()),
         simulated=simulated,
         imported=int((participants["evidence"] == "consistent").sum()),
-        flow=flow_section(tables.source, participants),
-        methods=build_methods(outlines, qualities, simulated, protocols=report_input.protocols),
+        flow=flow,
+        methods=_write_methods(tables, report_input, simulated, flow),
         known_keys=find_known_keys(outlines, report_input.protocols),
         figures=(),
         first_figures=(),
@@ -283,7 +310,7 @@ def _gather_content(
         answers=report_input.answers,
         clauses=count_clauses(episodes[~is_practice], report_input.starts, report_input.clauses),
         activities=join_sections(report_input.sections),
-        practice={str(name): len(rows) for name, rows in practised.groupby("block", sort=False)},
+        practice=_count_by_block(episodes[is_practice & episodes["exclusion_reason"].isna()]),
         exclusions=list_exclusions(episodes, participants),
         account=tables.account,
         analysis=report_input.analysis,
@@ -293,6 +320,23 @@ def _gather_content(
         papers=is_published_study([outline.protocol_sha256 for outline in outlines]),
         mixed={},
     )
+
+
+def _write_methods(tables: Tables, report_input: _ReportInput, simulated: int, flow: FlowSection | None) -> list[str]:
+    """Write the methods of the sessions that could be read."""
+    return build_methods(
+        [session.outline for session in tables.sessions if session.outline is not None],
+        [session.quality for session in tables.sessions if session.quality is not None],
+        simulated,
+        protocols=report_input.protocols,
+        flow=flow.counts if flow else None,
+        n_excluded=count_excluded(report_input.participants),
+    )
+
+
+def _count_by_block(episodes: pd.DataFrame) -> dict[str, int]:
+    """Count episodes by block, in the order of the first of each."""
+    return {str(name): len(rows) for name, rows in episodes.groupby("block", sort=False)}
 
 
 def _fit_mixed(episodes: pd.DataFrame, block: BlockResults) -> MixedModel | None:

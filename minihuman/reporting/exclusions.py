@@ -1,7 +1,11 @@
 """Exclusion of participants for whom only practice is left, and the list of all excluded rows."""
 
+from collections import Counter
+
 import numpy as np
 import pandas as pd
+
+from minihuman.reporting.template import to_records
 
 PRACTICE_ALONE = "only practice was played"
 
@@ -13,6 +17,23 @@ def exclude_practice_alone(participants: pd.DataFrame) -> pd.DataFrame:
     players = participants.loc[is_included & played, "participant"]
     practice_only = is_included & ~participants["participant"].isin(players)
     return participants.assign(exclusion_reason=participants["exclusion_reason"].mask(practice_only, PRACTICE_ALONE))
+
+
+def list_exclusion_reasons(participants: pd.DataFrame) -> dict[str, str]:
+    """List each participant's exclusion reason, of their first session; "" where any session is included."""
+    reasons: dict[str, str] = {}
+    for row in to_records(participants):
+        code = str(row["participant"])
+        if pd.isna(row["exclusion_reason"]):
+            reasons[code] = ""
+        else:
+            reasons.setdefault(code, str(row["exclusion_reason"]))
+    return reasons
+
+
+def count_excluded(participants: pd.DataFrame) -> dict[str, int]:
+    """Count the participants of whom no session is included, by reason."""
+    return dict(Counter(reason for reason in list_exclusion_reasons(participants).values() if reason))
 
 
 def list_exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFrame:

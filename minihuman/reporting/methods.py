@@ -5,10 +5,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 
 import minihuman
+from minihuman.admin.enrolment_flow import ParticipantFlow
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.plan.stated_outcomes import describe_rule, find_outcome_rule, is_of_catalogue
+from minihuman.experiment.protocol.answer_exclusions import describe_answer_exclusion
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+from minihuman.reporting.attrition import Attrition
 from minihuman.reporting.block_measures import FORMULAS, MEASURES, TRIAL_BLOCK_MEASURES
 from minihuman.reporting.trial_methods import (
     describe_stimuli,
@@ -55,6 +58,8 @@ def build_methods(
     simulated: int = 0,
     *,
     protocols: Sequence[Protocol] = (),
+    flow: ParticipantFlow | None = None,
+    n_excluded: Mapping[str, int] | None = None,
 ) -> list[str]:
     """Write the paragraphs of the methods section.
 
@@ -64,10 +69,13 @@ def build_methods(
         simulated: the number of sessions that no person played.
         protocols: the protocols under which the sessions were played; without them, facts that only a protocol contains
             are omitted.
+        flow: the flow of the study's participants; None if there is no enrolment log.
+        n_excluded: the number of excluded participants by reason; None if it is not known.
     """
     specs = BlockSpecs(protocols)
     return [
-        _describe_people(plans, simulated, specs, protocols),
+        _describe_people(plans, simulated, specs, protocols, flow),
+        *_describe_answer_exclusions(protocols, n_excluded or {}),
         *_describe_designs(protocols),
         *_describe_blocks(plans, specs),
         _describe_measures(plans, specs),
@@ -135,10 +143,15 @@ def _map_key_effects(block_plan: EpisodePlan) -> dict[str, int]:
 
 
 def _describe_people(
-    plans: Sequence[PlanOutline], simulated: int, specs: BlockSpecs, protocols: Sequence[Protocol] = ()
+    plans: Sequence[PlanOutline],
+    simulated: int,
+    specs: BlockSpecs,
+    protocols: Sequence[Protocol] = (),
+    flow: ParticipantFlow | None = None,
 ) -> str:
-    """State who took part, and how groups and keys were allocated."""
-    groups = Counter({plan.participant: plan.group for plan in plans}.values())
+    """State who took part, who was lost, and how groups and keys were allocated."""
+    attrition = Attrition.of(plans, flow)
+    groups = attrition.groups
     parts = ", ".join(f"{count} in group {group}" for group, count in sorted(groups.items()))
     by_hand = sum(plan.by_hand for plan in plans)
     by_design = any(protocol.allocation.design for protocol in protocols)
@@ -147,17 +160,17 @@ def _describe_people(
     if by_hand:
         chosen = f"; in {by_hand} sessions the participant or group was chosen by hand"
     return (
-        f"{sum(groups.values())} participants took part{_describe_sessions(plans)} "
-        f"({parts}{_describe_simulated(plans, simulated)}). "
+        f"{sum(groups.values())} participants took part{_describe_sessions(attrition.sessions)} "
+        f"({parts}{_describe_simulated(plans, simulated, attrition)}). {attrition.describe()}"
         f"{allocated} came from an allocation list "
         f"drawn before the first session from the study's seed, {plans[0].seed}{_describe_later_keys(plans, specs)}"
         f"{chosen}.{_describe_strata(plans, by_design=by_design)}"
     )
 
 
-def _describe_sessions(plans: Sequence[PlanOutline]) -> str:
+def _describe_sessions(sessions: Mapping[int, int]) -> str:
     """State in how many sessions participants took part; "" for a single session."""
-    by_session = sorted(Counter(plan.session for plan in plans).items())
+    by_session = sorted(sessions.items())
     counts = ", ".join(f"{count} in session {session}" for session, count in by_session)
     if len({count for _, count in by_session}) > 1:
         return f" in {len(by_session)} sessions ({counts})"
@@ -171,6 +184,22 @@ def _name_allocated(*, by_design: bool, has_keys: bool) -> str:
     if by_design:
         return "Keys" if has_keys else "Orders"
     return "Groups and keys" if has_keys else "Groups"
+
+
+def _describe_answer_exclusions(protocols: Sequence[Protocol], n_excluded: Mapping[str, int]) -> list[str]:
+    """Write a paragraph on the rules that exclude by answers, with the count of each; none without such rules."""
+    rules = {
+        rule.reason: describe_answer_exclusion(rule)
+        for protocol in protocols
+        for rule in protocol.exclusions
+        if rule.question
+    }
+    if not rules:
+        return []
+    described = "; ".join(
+        f"{description} ({reason}: {n_excluded.get(reason, 0)} excluded)" for reason, description in rules.items()
+    )
+    return [f"By rules that the protocol states, blind to the results, participants are excluded {described}."]
 
 
 def _describe_designs(protocols: Sequence[Protocol]) -> list[str]:
@@ -239,12 +268,12 @@ def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -
     return f" Groups were stratified by the answer to {question}, {lists} ({strata})."
 
 
-def _describe_simulated(plans: Sequence[PlanOutline], simulated: int) -> str:
-    """State how many sessions were simulated; "" if none was."""
+def _describe_simulated(plans: Sequence[PlanOutline], simulated: int, attrition: Attrition) -> str:
+    """State how many sessions were simulated; "" if none was. Whether erased sessions were is unknown."""
     if not simulated:
         return ""
     if simulated == len(plans):
-        return "; all simulated"
+        return "; all simulated" if not attrition.withdrew else "; all sessions on record simulated"
     return f"; {simulated} of the sessions simulated"
 
 

@@ -40,6 +40,7 @@ from minihuman.reporting.statements import (
     paired_statement,
     power_statement,
 )
+from minihuman.reporting.study_question import ask_question, join_names
 from minihuman.reporting.template import (
     PARTICIPANTS,
     REPORT,
@@ -112,6 +113,7 @@ class PageContent:
     first_block: str  # the block whose group comparison answers the question; "" for none
     papers: bool  # whether the protocol is the published study's
     mixed: Mapping[str, MixedModel | None]  # by block, if its change over episodes is compared
+    answers_without_rules: Sequence[str] = ()  # the study's answers if rules on questionnaire answers exclude nobody
 
 
 def build_page(content: PageContent, results: Results, templates: Path | None = None) -> str:
@@ -126,7 +128,6 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
     Raises:
         ReportError: if the folder has neither file, or its template cannot be rendered.
     """
-    target = results.target_block
     windows = ", ".join(f"{window} in {count} sessions" for window, count in content.windows.items())
     context = {
         "study": content.study,
@@ -139,9 +140,10 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "windows": windows,
         "flow": content.flow,
         "practice": content.practice,
-        "published": _compare_with_published(target) if content.papers and target else None,
+        "published": _compare_with_published(results) if content.papers else None,
         "question": ask_question(content.analysis, results, content.design, content.interaction),
-        "answers_first": _answer_question(results, content),
+        "answers_first": state_answers(results, content.interaction, content.design, content.first_block),
+        "answers_without_rules": content.answers_without_rules,
         "excluded": _count_excluded(content.exclusions),
         "within": _show_within(results.within),
         "interaction": _show_interaction(content.interaction),
@@ -162,66 +164,25 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
     return render_template(REPORT, context, templates)
 
 
-def ask_question(
-    analysis: AnalysisSpec,
-    results: Results,
-    design: ExperimentDesign | None = None,
-    interaction: InteractionResults | None = None,
-) -> str:
-    """State in one sentence what the study compares, after the protocol's own question if it has one."""
-    stated = ""
-    if design and design.question:
-        stated = f"{design.question} "
-    if analysis.primary_measure:
-        measure = label_measure(analysis.primary_measure)
-    else:
-        measure = "every measure"
-    if design and interaction and design.primary_effect == "interaction":
-        return (
-            f"{stated}Asked: whether differences between conditions {_join(interaction.conditions)} in {measure} "
-            f"depend on the group ({_join(interaction.groups)})."
-        )
-    groups: list[str] = []
-    if results.target_block is not None:
-        groups = results.target_block.groups["group"].tolist()
-    conditions: Sequence[str] = ()
-    if results.within is not None:
-        conditions = results.within.conditions
-    parts = []
-    if len(groups) > 1:
-        parts.append(f"groups {_join(groups)} in block {results.target}")
-    if results.within and results.within.label:
-        parts.append(f"levels {_join(conditions)} of {results.within.label} within participants")
-    elif conditions:
-        parts.append(f"blocks {_join(conditions)} within participants")
-    if not parts:
-        return f"{stated}One group: nothing is compared between groups."
-    return f"{stated}Asked: how {', and '.join(parts)} differ in {measure}."
-
-
-def _join(names: Sequence[str]) -> str:
-    if len(names) > 1:
-        return f"{', '.join(names[:-1])} and {names[-1]}"
-    return names[0]
-
-
-def _answer_question(results: Results, content: PageContent) -> list[str]:
-    """Return sentences that answer the study's question: group differences, equivalence, conditions and interaction.
+def state_answers(
+    results: Results, interaction_results: InteractionResults | None, design: ExperimentDesign, first_block: str
+) -> list[str]:
+    """State the answers to the study's question: group differences, equivalence, conditions and interaction.
 
     If the question is about the interaction, its answer comes first, and conditions pooled over groups are left to
     their table.
     """
-    is_about_interaction = content.interaction is not None and content.design.primary_effect == "interaction"
+    is_about_interaction = interaction_results is not None and design.primary_effect == "interaction"
     statements: list[str] = []
-    if content.first_block:
+    if first_block:
         statements += _state_differences(results.target_block)
     if results.within and not is_about_interaction:
         roles = results.within.roles
         primary = [comparison for comparison in results.within.comparisons if roles[comparison.measure] == "primary"]
         statements += [paired_statement(comparison) for comparison in primary]
-    if content.interaction is None:
+    if interaction_results is None:
         return statements
-    interaction = list(state_interaction(content.interaction))
+    interaction = list(state_interaction(interaction_results))
     if is_about_interaction:
         return [*interaction, *statements]
     return [*statements, *interaction]
@@ -232,9 +193,10 @@ def _state_differences(target: BlockResults | None) -> Iterator[str]:
     if target is None or len(target.groups) < 2:
         return
     for comparison in target.headline:
-        yield difference_statement(comparison, target.block)
+        yield difference_statement(comparison, target.block, target.team_units)
     for comparison in target.adjusted:
-        yield f"Adjusted for the covariates. {difference_statement(comparison, target.block)}"
+        statement = difference_statement(comparison, target.block, target.team_units)
+        yield f"Adjusted for the covariates. {statement}"
     for equivalence in target.alike:
         yield equivalence_statement(equivalence, target.roles)
 
@@ -251,7 +213,7 @@ def _show_within(within: WithinResults | None) -> dict[str, Any] | None:
         return None
     return {
         "label": within.label,
-        "conditions": _join(within.conditions),
+        "conditions": join_names(within.conditions),
         "table": conditions_table(within),
         "effects": crossover_table(within),
     }
@@ -327,7 +289,7 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         "parts_missing": list_missing_parts(block.parts),
         **_show_growth(block, content.mixed.get(block.block)),
         "reliability": reliability_table(block.reliabilities),
-        "powers": [power_statement(power) for power in block.powers],
+        "powers": [power_statement(power, block.unit_name) for power in block.powers],
     }
 
 
@@ -342,7 +304,7 @@ def _list_differences(block: BlockResults, first_block: str) -> list[str]:
     """State the group differences in a block, unless they are among the answers at the top of the page."""
     if block.block == first_block and len(block.groups) > 1:
         return []
-    return [difference_statement(comparison, block.block) for comparison in block.headline]
+    return [difference_statement(comparison, block.block, block.team_units) for comparison in block.headline]
 
 
 def _name_only_pair(block: BlockResults) -> str:
@@ -365,8 +327,11 @@ def _list_not_compared(block: BlockResults) -> list[dict[str, str]]:
     ]
 
 
-def _compare_with_published(block: BlockResults) -> dict[str, Any]:
+def _compare_with_published(results: Results) -> dict[str, Any] | None:
     """Return the template's variables that compare the published study's subjects with this study's."""
+    block = results.target_block
+    if block is None:
+        return None
     frame = read_published_subjects()
     rows = [(row["group"], str(row["subject"]), f"{row['reward_mean']:.2f}") for row in to_records(frame)]
     means = summarise_group_rewards(frame)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 
 from minihuman.reporting.block_measures import Role, label_measure
 from minihuman.reporting.block_results import EquivalenceResult
@@ -27,8 +28,16 @@ def _begin_with_measure(name: str) -> str:
     return f"{label[0].upper()}{label[1:]}"
 
 
-def difference_statement(comparison: GroupComparison, block: str) -> str:
-    """State in one sentence how much two groups differ in a block."""
+def difference_statement(
+    comparison: GroupComparison, block: str, team_units: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """State in one sentence how much two groups differ in a block.
+
+    Args:
+        comparison: the comparison of the two groups.
+        block: the block's name.
+        team_units: by group, the words for its units if they are not participants alone.
+    """
     per = "over" if comparison.is_log else "minus"
     groups = f"{comparison.first} {per} {comparison.second}"
     opening = f"{_begin_with_measure(comparison.measure)}, block {block}: {groups} "
@@ -43,8 +52,16 @@ def difference_statement(comparison: GroupComparison, block: str) -> str:
         size = f"; standardised difference g {format_number(comparison.g, 2)}, interval {interval}"
     estimate = f"{_state_estimate(comparison)}{_state_factor(comparison)}"
     p = format_p_value(comparison.p)
-    participants = f"{comparison.n[0]} and {comparison.n[1]} participants"
-    return f"{opening}is {estimate}; permutation p {p}{size}; {participants}).{caveat}"
+    sizes = _count_units(comparison, team_units)
+    return f"{opening}is {estimate}; permutation p {p}{size}; {sizes}).{caveat}"
+
+
+def _count_units(comparison: GroupComparison, team_units: Mapping[str, str]) -> str:
+    """Write how many teams or participants the two groups have."""
+    first, second = (team_units.get(group, "participants") for group in (comparison.first, comparison.second))
+    if first == second:
+        return f"{comparison.n[0]} and {comparison.n[1]} {second}"
+    return f"{comparison.n[0]} {first} and {comparison.n[1]} {second}"
 
 
 def _state_estimate(comparison: GroupComparison | PairedComparison) -> str:
@@ -93,14 +110,14 @@ def equivalence_statement(equivalence: EquivalenceResult, roles: Mapping[str, Ro
     )
 
 
-def power_statement(power: PowerAnalysis) -> str:
+def power_statement(power: PowerAnalysis, units: str = "participants") -> str:
     """State in one sentence which differences the sample could detect."""
     a, b = power.n
     if math.isnan(power.power_for_large):
-        return f"Power: with {a} and {b} participants no difference between groups can be tested."
+        return f"Power: with {a} and {b} {units} no difference between groups can be tested."
     return (
-        f"Power: with {a} and {b} participants a two-sided t test at 5 %, before any correction, detects a "
+        f"Power: with {a} and {b} {units} a two-sided t test at 5 %, before any correction, detects a "
         f"difference of 0.8 standard deviations with a power of {100 * power.power_for_large:.0f} %; a power of 80 % "
-        f"needs one of {power.detectable_g:.2f} standard deviations, or {power.needed_for_large} participants per "
+        f"needs one of {power.detectable_g:.2f} standard deviations, or {power.needed_for_large} {units} per "
         f"group for one of 0.8."
     )
