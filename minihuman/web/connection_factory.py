@@ -93,7 +93,7 @@ class ConnectionFactory:
     async def connect(
         self, hello: Hello, address: str = "", *, transport: TransportName = "websocket"
     ) -> Connection | Refusal:
-        """Find or make the connection for a hello from a network address, and by what its page speaks."""
+        """Find or make the connection for a page's hello, given its network address and its transport."""
         if hello.version != MESSAGE_VERSION:
             return self._refusals.ask_to_reload()
         if (refusal := self._refuse_browser(hello)) is not None:

@@ -120,7 +120,7 @@ def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
 
 
 def encode_text(message: _NumberedServerMessage | ServerAck | Pong) -> bytes:
-    """Encode a message as the bytes of a text, to be sent together with others."""
+    """Encode a message as a text part of a batch."""
     return _frame(_ENCODER.encode(message))
 
 

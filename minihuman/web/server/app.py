@@ -1,4 +1,4 @@
-"""The web application: one page, one socket or line per browser, one task each; sessions are the hosts' work.
+"""The web application: one page, and one transport and one task per browser. The session hosts run the sessions.
 
 Work that waits for the disk (connecting, finishing a log) runs in threads. Look-ahead runs between messages, for one
 host at a time, so that a key never waits longer than two milliseconds or one scene.
@@ -239,7 +239,7 @@ class WebServer:
             await asyncio.gather(writing, return_exceptions=True)
 
     async def _receive(self, page: PageTransport, connection: Connection, protocol: PageProtocol, text: str) -> None:
-        """Hand on the messages of a text, and see to what they led to."""
+        """Handle the messages in a text; then finish the session, wake the writer or look ahead if necessary."""
         lines = text.split("\n")
         now_s = monotonic_s()
         protocol.begin_text()
@@ -264,7 +264,7 @@ class WebServer:
             raise SocketClosedError
 
     async def _write(self, page: PageTransport, connection: Connection, number: int, protocol: PageProtocol) -> None:
-        """Send what there is to send, as long as this is the newest socket of its connection."""
+        """Send the connection's messages for as long as this is its newest socket."""
         await page.send(protocol.encode_welcome())
         while True:
             await connection.changed.wait()
@@ -476,7 +476,7 @@ class WebServer:
 
 
 async def _refuse(page: PageTransport, refusal: messages.Refusal) -> None:
-    """Tell a page why it is refused, and close its socket; one that has to wait comes again by itself."""
+    """Send a page its refusal and close the socket; a page that has to wait gets only a closing code."""
     if refusal.reason == "wait":
         await page.close(CLOSE_BUSY)
         return
