@@ -1,1 +1,1 @@
-"""The session log: events to MCAP files and back."""
+"""The session log: writes events to MCAP files and reads them back."""

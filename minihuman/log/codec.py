@@ -1,8 +1,8 @@
-"""Encode events as protobuf messages and decode them, by schema version; opens no file.
+"""Encodes events as protobuf messages and decodes them, by schema version; opens no file.
 
-One table has a row for each event: its topic, and the fields that differ on the wire. All other fields are the
-message's fields of the same name. A kind of activity adds rows for events of its own (its ``rows`` module).
-``decode_event`` undoes ``encode_event`` exactly.
+One table has a row for each event: its topic, and the fields that differ on the wire. All other fields are the fields
+of the same name in the message. An activity kind adds rows for its own events (its ``rows`` module). ``decode_event``
+undoes ``encode_event`` exactly.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -53,7 +53,7 @@ from minihuman.worlds.pose import Map, Pose, Thing
 
 
 def _decode_part(message: v1.Part) -> PlannedPart:
-    """Decode a part as its kind reads it; as plain JSON where the kind is not installed, so that the log opens."""
+    """Decode a part as its kind does; if the kind is not installed, decode plain JSON so that the log opens."""
     plan = msgspec.json.decode(message.plan_json)
     with suppress(ProtocolError):
         plan = find_kind(message.kind).read(plan)
@@ -79,18 +79,30 @@ _KEY_BINDINGS = FieldCodec(
     lambda bindings: {binding.key: binding.action for binding in bindings},
 )
 _KEY_MAP = MessageCodec(KeyMap, v1.KeyMap, {"keys": _KEY_BINDINGS})
+
+
+def _encode_labels(labels: Mapping[str, Any]) -> str:
+    """Encode an episode's labels as JSON; "" stands for none, as in logs older than labels."""
+    if not labels:
+        return ""
+    return to_json(labels)
+
+
+def _encode_hold(hold: str) -> str:
+    """Encode what a held key does; "" stands for "once", as in logs older than that choice."""
+    if hold == "once":
+        return ""
+    return hold
+
+
 _EPISODE_PLAN = MessageCodec(
     EpisodePlan,
     v1.EpisodePlan,
     {
         "key_map": nested("key_map", _KEY_MAP),
         "options": json_field("options_json"),
-        "labels": FieldCodec(
-            "labels_json",
-            lambda labels: to_json(labels) if labels else "",
-            lambda text: msgspec.json.decode(text or "{}"),
-        ),
-        "hold": FieldCodec("hold", lambda hold: "" if hold == "once" else hold, lambda hold: hold or "once"),
+        "labels": FieldCodec("labels_json", _encode_labels, lambda text: msgspec.json.decode(text or "{}")),
+        "hold": FieldCodec("hold", _encode_hold, lambda hold: hold or "once"),
     },
 )
 _PARTICIPANT = MessageCodec(Participant, v1.Participant, {"assigned": json_field("assigned_json", GroupAssignment)})
@@ -151,13 +163,13 @@ def _decode_pause(message: v1.Pause) -> events.Paused | events.Resumed:
 
 @dataclass(frozen=True, slots=True)
 class EventRow:
-    """An event, the topic that it travels on, and how.
+    """How an event is written to the log: its topic and its encoding.
 
     Args:
         event: the event's class.
         topic: the topic; its message has the event's fields.
         fields: the fields that differ on the wire.
-        codec: encodes the whole event where its message has another shape.
+        codec: the codec of the whole event, if its message has another shape.
     """
 
     event: type[Any]
@@ -225,18 +237,18 @@ _OWN_ROWS = tuple(
 
 
 def encode_event(event: events.Event) -> tuple[str, Message]:
-    """Name the topic of an event and put all of it into one message."""
+    """Encode an event; return its topic and its message."""
     kind: type = type(event)
     topic, encode = _find_encoder(kind)
     return topic, encode(event)
 
 
 def decode_event(topic: str, data: bytes) -> events.Event | None:
-    """Read the event in a message; None for a preview, or for a topic of another program.
+    """Decode the event in a message; return None for a preview, or for another program's topic.
 
     Raises:
-        google.protobuf.message.DecodeError: if the bytes are no such message.
-        LogError: if a word in it is outside its vocabulary.
+        google.protobuf.message.DecodeError: if the bytes are not such a message.
+        LogError: if a word in the message is outside its vocabulary.
     """
     decoder = _find_decoder(topic)
     if decoder is None:
@@ -277,7 +289,7 @@ def _find_row(topic: str) -> EventRow | None:
 
 
 def _rows() -> Iterator[EventRow]:
-    """Yield every row; plug-ins are loaded only where no row of our own fits."""
+    """Yield every event row; plug-ins are loaded only after all built-in rows."""
     yield from _OWN_ROWS
     built_in = list_built_in_kinds()
     for kind in (*built_in, *sorted({*list_plugin_names(GROUP)} - {*built_in})):
@@ -285,7 +297,7 @@ def _rows() -> Iterator[EventRow]:
 
 
 def _rows_of_kind(kind: str) -> tuple[EventRow, ...]:
-    """Return a kind's rows; none where it is not installed or cannot be loaded, as its topics are then unknown."""
+    """Return an activity kind's rows; none if the kind cannot be loaded, since its topics are then unknown."""
     try:
         return load_activity_rows(find_kind(kind))
     except (ProtocolError, ImportError):
@@ -294,7 +306,7 @@ def _rows_of_kind(kind: str) -> tuple[EventRow, ...]:
 
 @cache
 def load_activity_rows(kind: ActivityKind) -> tuple[EventRow, ...]:
-    """Load the rows that a kind of activity names."""
+    """Load the event rows that an activity kind defines."""
     module, _, name = kind.messages.partition(":")
     if module:
         return tuple(getattr(import_module(module), name))
@@ -302,13 +314,13 @@ def load_activity_rows(kind: ActivityKind) -> tuple[EventRow, ...]:
 
 
 def list_activity_topics(kinds: Iterable[str]) -> tuple[Topic, ...]:
-    """List the topics that these kinds of activity add, each once."""
+    """Return the topics that these activity kinds add, each once."""
     rows = (row for kind in dict.fromkeys(kinds) for row in _rows_of_kind(kind))
     return tuple(dict.fromkeys(row.topic for row in rows))
 
 
 def find_topic(topic: str) -> Topic | None:
-    """Find a topic of ours or of a kind of activity; None for another program's."""
+    """Return one of our own topics or of an activity kind's, by name; None for another program's."""
     known = topics.BY_NAME.get(topic)
     if known is None:
         row = _find_row(topic)
@@ -317,7 +329,7 @@ def find_topic(topic: str) -> Topic | None:
 
 
 class RecordTopics:
-    """The topics that hold the record, as a container: those of the session and those of every kind of activity."""
+    """A container of the topics that form the record: the session's topics and those of every activity kind."""
 
     def __contains__(self, topic: object) -> bool:
         known = find_topic(str(topic))
@@ -328,7 +340,7 @@ RECORD_TOPICS = RecordTopics()
 
 
 def event_cause_ns(event: events.Event) -> int:
-    """Return when the cause of an event arrived: a press, a step's key, a frame's hand-over; else its own time."""
+    """Return when the cause of an event arrived, such as a key press; the event's own time if it has none."""
     match event:
         case events.Stepped():
             return event.key_t_ns
@@ -349,10 +361,10 @@ assert max(DECODERS) == SCHEMA_VERSION, "every version that is written can be re
 
 
 def select_decoder(facts: Mapping[str, str], path: Path) -> EventDecoder:
-    """Select the decoder of a segment's messages by the version in its metadata.
+    """Select the decoder of a segment's messages by the schema version in its metadata.
 
     Raises:
-        LogError: if there is no version; ``NewerLogError`` if it is newer than this software.
+        LogError: if there is no valid version; ``NewerLogError`` if it is newer than this software.
     """
     stated = facts.get("schema_version", "none")
     number, _, minor = stated.partition(".")

@@ -1,4 +1,4 @@
-"""What stands behind a session's log: whether its steps were proved as they came, or only afterwards."""
+"""The evidence behind a session's log: whether its steps were verified as they arrived, or only afterwards."""
 
 from collections.abc import Mapping
 from typing import Literal
@@ -9,7 +9,7 @@ Evidence = Literal["witnessed", "consistent"]
 
 
 def find_evidence(facts: Mapping[str, str]) -> Evidence:
-    """Return ``consistent`` for a page's own data, which were imported, ``witnessed`` for a session that was run."""
+    """Return "consistent" for imported data of a page, "witnessed" for a session that was run here."""
     if facts.get(COLLECTED) == PAGE:
         return "consistent"
     return "witnessed"

@@ -1,4 +1,4 @@
-"""Encode a dataclass or a struct as a protobuf message, field by field, and decode it."""
+"""Encodes a dataclass or a struct as a protobuf message, field by field, and decodes it."""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
@@ -13,10 +13,10 @@ from minihuman.errors import LogError
 
 
 def require_one_of(allowed: tuple[str, ...], value: str) -> Any:
-    """Pass a word of a fixed vocabulary (a ``Literal``'s arguments) through.
+    """Return a word after checking that it belongs to a fixed vocabulary (the arguments of a ``Literal``).
 
     Raises:
-        LogError: if the word is not of the vocabulary.
+        LogError: if the word is not in the vocabulary.
     """
     if value not in allowed:
         raise LogError(
@@ -30,15 +30,15 @@ class Codec(Protocol):
     """Encodes a value as a message and decodes it."""
 
     def encode(self, value: Any, /) -> Any:
-        """Put a value into its message."""
+        """Return the message that represents a value."""
 
     def decode(self, message: Any, /) -> Any:
-        """Read the value in a message."""
+        """Return the value that a message represents."""
 
 
 @dataclass(frozen=True, slots=True)
 class FieldCodec:
-    """A field that has another name or another form on the wire."""
+    """A field that has another name or another representation on the wire."""
 
     name: str
     encode: Callable[[Any], Any] | None = None
@@ -46,24 +46,24 @@ class FieldCodec:
 
 
 def nested(name: str, codec: Codec) -> FieldCodec:
-    """Encode a field as a message of its own."""
+    """Return the codec of a field that is a message of its own."""
     return FieldCodec(name, codec.encode, codec.decode)
 
 
 def repeated(name: str, codec: Codec) -> FieldCodec:
-    """Encode a tuple as a list of messages."""
+    """Return the codec of a tuple that is a list of messages on the wire."""
     return FieldCodec(
         name, lambda values: list(map(codec.encode, values)), lambda messages: tuple(map(codec.decode, messages))
     )
 
 
 def json_field(name: str, kind: Any = Any, *, default: str = "null") -> FieldCodec:
-    """Encode a field as JSON; ``default`` stands for the empty text of logs that are older than the field."""
+    """Return the codec of a JSON field; ``default`` stands for the empty text in logs older than the field."""
     return FieldCodec(name, to_json, lambda text: msgspec.json.decode(text or default, type=kind))
 
 
 def to_json(value: Any) -> str:
-    """Encode a value as a JSON text."""
+    """Return a value as JSON text."""
     return msgspec.json.encode(value).decode()
 
 
@@ -74,7 +74,7 @@ class MessageCodec:
 
     Args:
         kind: the class of the values.
-        message: the type of their messages.
+        message: the type of the messages.
         fields: the fields that differ on the wire, by their names in ``kind``.
     """
 
@@ -83,7 +83,8 @@ class MessageCodec:
         fields = fields or {}
         names = msgspec.structs.fields(kind) if issubclass(kind, msgspec.Struct) else dataclasses.fields(kind)
         self._names = tuple(definition.name for definition in names)
-        self._wire_names = tuple(fields[name].name if name in fields else name for name in self._names)
+        codecs = {name: fields.get(name, FieldCodec(name)) for name in self._names}
+        self._wire_names = tuple(codec.name for codec in codecs.values())
         self._kind = kind
         self._message = message
         self._from_message = _values_getter(self._wire_names)
@@ -94,7 +95,7 @@ class MessageCodec:
         for place, (name, wire_name) in enumerate(zip(self._names, self._wire_names, strict=True)):
             descriptor = message.DESCRIPTOR.fields_by_name[wire_name]
             hint = hints[name]
-            codec = fields.get(name, FieldCodec(wire_name))
+            codec = codecs[name]
             decode = codec.decode
             if decode is None and descriptor.default_value == []:  # a repeated field's, in every release of protobuf
                 decode = tuple
@@ -105,19 +106,21 @@ class MessageCodec:
                 self._vocabularies.append((place, get_args(hint)))
             if codec.encode is not None:
                 encoders[name] = _unless_none(codec.encode) if optional else codec.encode
+            if decode is not None and optional:
+                decode = _unless_none(decode)
             if decode is not None:
-                self._decoders.append((place, _unless_none(decode) if optional else decode))
+                self._decoders.append((place, decode))
         self._build = _message_builder(message, zip(self._names, self._wire_names, strict=True), encoders)
 
     def encode(self, value: Any, /) -> Any:
-        """Put a value into its message."""
+        """Return the message that represents a value."""
         return self._build(value)
 
     def decode(self, message: Any, /) -> Any:
-        """Read the value in a message.
+        """Return the value that a message represents.
 
         Raises:
-            LogError: if a word in it is outside its vocabulary.
+            LogError: if a word in the message is outside its vocabulary.
         """
         values = list(self._from_message(message))
         for place, wire_name in self._optional:
@@ -134,7 +137,7 @@ class MessageCodec:
 def _message_builder(
     message: type[Message], names: Iterable[tuple[str, str]], encoders: Mapping[str, Callable[[Any], Any]]
 ) -> Callable[[Any], Any]:
-    """Compile a function that makes a value's message, as dataclasses do with ``__init__``: 1.6 us instead of 2.4."""
+    """Compile a function that builds a value's message, as dataclasses do: 1.6 us instead of 2.4."""
     encode = {f"encode_{name}": encoder for name, encoder in encoders.items()}
     fields = (
         f"{wire_name}=encode_{name}(value.{name})" if name in encoders else f"{wire_name}=value.{name}"
@@ -158,7 +161,7 @@ def _unless_none(convert: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 @dataclass(frozen=True, slots=True)
 class CustomCodec:
-    """Encodes a value as a message where the two have different shapes."""
+    """Encodes a value as a message with two functions, for values and messages of different shapes."""
 
     encode: Callable[[Any], Any]
     decode: Callable[[Any], Any]

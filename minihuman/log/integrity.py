@@ -1,11 +1,11 @@
-"""Protect a log's content: a hash chain over the whole log, and a second copy of what each segment starts with.
+"""Protects a log's content with a hash chain over the whole log, and a second copy of each segment's start.
 
 Hash chain: every message, attachment and metadata record of ours, in file order, adds the previous head to its own
-SHA-256; a topic's schema is added before its first message. Left out are the segment-head copies, whose content is in
-the chain already, and whatever other programs put into a log.
+SHA-256; a topic's schema is added before its first message. Records of other programs are left out, and so are the
+segment-head copies, whose content is in the chain already.
 
-Segment head: an attachment, compressed, with the segment's metadata, the channels known by then and the message with
-the plan. A log whose plan was damaged is read from this copy.
+Segment head: a compressed attachment with the segment's metadata, the channels known by then, and the message with the
+plan. A log whose plan was damaged is read from this copy.
 """
 
 import hashlib
@@ -26,7 +26,7 @@ _LEVEL = 9  # 2 ms for a thousand episodes; 19 makes it a tenth smaller in 110 m
 
 
 class SegmentHead:
-    """A segment's start, read from its copy."""
+    """A segment's start, read from its second copy."""
 
     def __init__(self, records: ChunkRecords) -> None:
         self.records = records
@@ -36,10 +36,10 @@ class SegmentHead:
 
     @classmethod
     def of(cls, data: bytes) -> "SegmentHead":
-        """Read the copy.
+        """Parse the second copy of a segment's start.
 
         Raises:
-            ValueError: if it is none.
+            ValueError: if the data are not such a copy.
         """
         return cls(split_chunk(decompress_zstd(data), []))
 
@@ -47,7 +47,7 @@ class SegmentHead:
 def pack_segment_head(
     metadata: Iterable[Metadata], schemas: Sequence[Schema], channels: Sequence[Channel], plan: Message
 ) -> bytes:
-    """Make the copy."""
+    """Return the second copy of a segment's start as compressed bytes."""
     builder = RecordBuilder()
     for record in (*metadata, *schemas, *channels, plan):
         record.write(builder)
@@ -59,7 +59,7 @@ _CHAIN_START = hashlib.sha256(b"minihuman chain 1").digest()
 
 
 class HashChain:
-    """The chain as far as records were taken in."""
+    """A hash chain over the records that have been added so far."""
 
     def __init__(self) -> None:
         self._head = _CHAIN_START
@@ -67,11 +67,11 @@ class HashChain:
 
     @property
     def head(self) -> str:
-        """SHA-256 over all so far, as 64 hexadecimal digits."""
+        """The SHA-256 of everything added so far, as 64 hexadecimal digits."""
         return self._head.hex()
 
     def message(self, message: LogMessage, schema: Schema | None) -> None:
-        """Take a message in."""
+        """Add a message to the chain, unless its topic is another program's."""
         if find_topic(message.channel.topic) is None:
             return
         channel = message.channel
@@ -83,14 +83,14 @@ class HashChain:
         self._take(b"message", channel.topic.encode(), name.encode(), numbers.encode(), message.data)
 
     def metadata(self, record: Metadata) -> None:
-        """Take a metadata record in, but for the head that it states."""
+        """Add a metadata record to the chain, without the chain head that it states."""
         if not record.name.startswith(METADATA_PREFIX):
             return
         facts = [text.encode() for fact in sorted(record.metadata.items()) if fact[0] != CHAIN_KEY for text in fact]
         self._take(b"metadata", record.name.encode(), *facts)
 
     def attachment(self, record: Attachment) -> None:
-        """Take an attachment in."""
+        """Add an attachment to the chain, unless it is a segment-head copy."""
         if record.name == SEGMENT_HEAD_NAME:
             return
         times = f"{record.create_time} {record.log_time}"

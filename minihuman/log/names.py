@@ -1,6 +1,6 @@
 """Names on disk that are known without the message types: schema version, profile, metadata records, the step topic.
 
-They are format, not vocabulary: they stay as they are when names in the code change.
+They are part of the format: they stay as they are when names in the code change.
 """
 
 SCHEMA_VERSION = 3  # the newest of the messages; goes up when an older reader would misread a newer log

@@ -1,7 +1,7 @@
-"""Observations in a log: exactly what the world returned, as PNG if it is an image, else as MessagePack.
+"""Observations in a log: exactly what the world returned, as PNG if it is an image and as MessagePack otherwise.
 
-A decoded observation hashes like the original: arrays keep dtype and shape, NumPy scalars stay NumPy scalars. Lists are
-decoded as tuples, the only sequence type of Gymnasium's spaces.
+A decoded observation hashes like the original: arrays keep dtype and shape, and NumPy scalars remain NumPy scalars.
+Lists are decoded as tuples, the only sequence type of Gymnasium's spaces.
 """
 
 import io
@@ -20,10 +20,10 @@ from minihuman.worlds.value_codec import decode_value, encode_value
 
 
 class ObservationSequence(Sequence[Any]):
-    """The ``n + 1`` observations of an episode of ``n`` steps, each read when it is looked at.
+    """The ``n + 1`` observations of an episode of ``n`` steps, each read when it is accessed.
 
     Raises:
-        LogError: when one is looked at that cannot be read, or is another step's.
+        LogError: when an observation is accessed that cannot be read, or belongs to another step.
     """
 
     def __init__(self, episode: int, messages: Sequence[bytes]) -> None:
@@ -59,10 +59,10 @@ class ObservationSequence(Sequence[Any]):
 
 
 def verify_observations(observations: Sequence[Any], hashes: NDArray[np.uint64], episode: int) -> Iterator[Any]:
-    """Yield stored observations, each proved to be the one whose hash was taken when it was made.
+    """Yield stored observations after checking each against the hash recorded when it was made.
 
     Raises:
-        LogError: at the first that is another, or cannot be read.
+        LogError: at the first observation that differs or cannot be read.
     """
     for step, (observation, expected) in enumerate(zip(observations, hashes.tolist(), strict=True)):
         if hash64(observation) != expected:
@@ -73,16 +73,16 @@ def verify_observations(observations: Sequence[Any], hashes: NDArray[np.uint64],
 
 
 def is_picture(observation: Any) -> bool:
-    """Tell whether an observation is a picture uint8[H, W, 3], which PNG holds exactly."""
+    """Return whether an observation is a picture, uint8[H, W, 3], which PNG stores exactly."""
     is_array = isinstance(observation, np.ndarray) and observation.dtype == np.uint8 and observation.ndim == 3
     return is_array and observation.shape[2] == 3 and observation.size > 0
 
 
 def encode_observation(observation: Any) -> dict[str, bytes]:
-    """Encode an observation; return the field of the message that holds it, with its bytes.
+    """Encode an observation; return its bytes under the name of the message field that holds them.
 
     Raises:
-        TypeError: if a part of it is nothing that can be hashed.
+        TypeError: if the observation contains a value that cannot be hashed.
     """
     if not is_picture(observation):
         return {"msgpack": encode_value(observation)}
@@ -90,7 +90,7 @@ def encode_observation(observation: Any) -> dict[str, bytes]:
 
 
 def encode_png(picture: NDArray[np.uint8]) -> bytes:
-    """Encode uint8[H, W, 3] without PNG's filters, which PIL tries on each line: 1.8 CPU-ms, not 4.6, at 640 x 480."""
+    """Encode uint8[H, W, 3] as PNG without filters: 1.8 CPU-ms at 640 x 480, instead of 4.6 with PIL's."""
     height, width, _ = picture.shape
     lines = np.zeros((height, 1 + 3 * width), np.uint8)  # each after its filter's number
     lines[:, 1:] = picture.reshape(height, -1)
@@ -105,7 +105,7 @@ def decode_observation(message: v1.Observation) -> Any:
     """Decode the observation in a message.
 
     Raises:
-        Exception: whatever PIL, msgspec or numpy say of bytes that are no observation.
+        Exception: any error that PIL, msgspec or NumPy raises for bytes that are not an observation.
     """
     if message.WhichOneof("observation") == "png":
         from PIL import Image

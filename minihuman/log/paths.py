@@ -1,4 +1,4 @@
-"""Locate session logs and open them safely; nothing in a log is interpreted here.
+"""Locates session logs and opens them safely, without interpreting their content.
 
 A session's log is ``<data>/<study>/sub-07/ses-01/sub-07_ses-01.mcap``. While a segment is live it is
 ``sub-07_ses-01.mcap.part``, or ``sub-07_ses-01_seg-02.mcap.part`` after a resume. Other programs may keep companion
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def open_regular_file(path: Path) -> BinaryIO:
-    """Open a file to read it.
+    """Open a file for reading.
 
     Raises:
         LogError: if it cannot be opened, or is a pipe, a device or anything else that is not a regular file.
@@ -54,10 +54,10 @@ LogFolders = Iterable[tuple[Path, list[str]]]  # each with all its file names
 
 
 def require_folder(study: Path, *, instead: str = "a study's folder") -> None:
-    """Refuse a path that is no folder.
+    """Refuse a path that is not a folder.
 
     Raises:
-        LogError: if it is none; ``instead`` says what to name.
+        LogError: if the path is not a folder; ``instead`` says what to name.
     """
     if not study.is_dir():
         wrong = "is not a folder" if study.exists() else "does not exist"
@@ -66,7 +66,7 @@ def require_folder(study: Path, *, instead: str = "a study's folder") -> None:
 
 @dataclass(frozen=True, slots=True)
 class SegmentPath:
-    """A live segment's file and the log it becomes part of."""
+    """The path of a live segment's file, and of the log that it becomes part of."""
 
     part: Path
     log: Path
@@ -74,10 +74,10 @@ class SegmentPath:
 
     @classmethod
     def of_plan(cls, data: Path, plan: "SessionPlan") -> "SegmentPath":
-        """Name a new segment's files under the data folder.
+        """Return the paths of a new segment under the data folder.
 
         Raises:
-            LogError: if the study's or participant's name cannot be a folder's.
+            LogError: if the study's or participant's name cannot be a folder's name.
         """
         for kind, name in (("study", plan.study), ("participant", plan.participant.id)):
             if not _SAFE.fullmatch(name):
@@ -96,7 +96,7 @@ class SegmentPath:
 
     @classmethod
     def of_part(cls, part: Path) -> "SegmentPath":
-        """Derive from a live file's name which log it belongs to.
+        """Return the paths of a segment from the path of its live file.
 
         Raises:
             LogError: if the name does not end in ``.mcap.part``.
@@ -106,11 +106,12 @@ class SegmentPath:
         stem = part.name.removesuffix(PART_SUFFIX)
         tag = _SEGMENT.search(stem)
         log = part.with_name(_SEGMENT.sub("", stem) + LOG_SUFFIX)
-        return cls(part, log, int(tag[1]) if tag else 1)
+        segment = int(tag[1]) if tag else 1
+        return cls(part, log, segment)
 
 
 def is_companion_file(path: Path) -> bool:
-    """Say whether an MCAP file belongs to another program, such as an eye tracker's, by its name and profile."""
+    """Return whether an MCAP file is another program's, such as an eye tracker's, by name and profile."""
     if _OURS.search(path.name):
         return False
     try:
@@ -123,22 +124,23 @@ def is_companion_file(path: Path) -> bool:
 
 
 def session_folder(data: Path, study: str, participant: str, session: int) -> Path:
-    """Name the folder of one session.
+    """Return the path of a session's folder.
 
     Raises:
-        OutsideNameError: if the study or the participant, whom a database or a log may name, cannot be a folder's name.
+        OutsideNameError: if the name of the study or the participant, which may come from a database or a log, cannot
+            be a folder's name.
     """
     study_dir = data / require_name(study, "the study")
     return study_dir / require_name(participant, "the participant") / f"ses-{session:02d}"
 
 
 def study_folder(log: Path) -> Path:
-    """Name the folder of the study that a log lies in, also for a relative path from inside it."""
+    """Return the folder of the study to which a log belongs, also for a relative path from inside it."""
     return log.absolute().parent.parent.parent  # behind session and participant
 
 
 def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
-    """Yield each folder below one that holds an MCAP file, with all its file names; symbolic links are not followed."""
+    """Yield each folder below ``top`` that has an MCAP file, with its file names; do not follow links."""
     waiting = [os.fspath(top)]
     while waiting:
         folder = waiting.pop()
@@ -146,10 +148,10 @@ def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
         try:
             with os.scandir(folder) as entries:
                 for entry in entries:
-                    if entry.is_dir():
-                        waiting += [] if entry.is_symlink() else [entry.path]
-                    else:
+                    if not entry.is_dir():
                         names.append(entry.name)
+                    elif not entry.is_symlink():
+                        waiting.append(entry.path)
         except OSError:  # gone since, or not ours to read
             continue
         if any(LOG_SUFFIX in name for name in names):
@@ -157,12 +159,12 @@ def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
 
 
 def list_sessions(folder: Path) -> dict[Path, list[Path]]:
-    """List a folder's sessions by the log that each has or will have: the log, then live or cut-off segments."""
+    """Return a folder's sessions: the path of each session's log, and the files that hold it so far."""
     return group_sessions(folder, os.listdir(folder))
 
 
 def group_sessions(folder: Path, names: Iterable[str]) -> dict[Path, list[Path]]:
-    """List the sessions of a folder whose file names are known, as ``list_sessions`` does."""
+    """Return a folder's sessions as ``list_sessions`` does, given the folder's file names."""
     log_names = (name for name in sorted(names) if name.endswith((LOG_SUFFIX, PART_SUFFIX)))
     paths = [folder / name for name in log_names if not is_system_companion(name)]
     ours = [path for path in paths if not is_companion_file(path)]
@@ -174,14 +176,14 @@ def group_sessions(folder: Path, names: Iterable[str]) -> dict[Path, list[Path]]
 
 
 def list_log_files(folder: Path, pattern: str) -> list[Path]:
-    """List the files in a folder that match a pattern, in order, without other systems' companions."""
+    """Return the files in a folder that match a pattern, sorted, without the companions that other systems create."""
     return sorted(path for path in folder.glob(pattern) if not is_system_companion(path.name))
 
 
 def find_system_companions(folders: LogFolders) -> list[Path]:
-    """List the files that another system keeps beside logs for itself, such as ``._sub-07_ses-01.mcap``.
+    """Return the files that another operating system keeps beside logs, such as ``._sub-07_ses-01.mcap``.
 
-    No command reads them, and ``status``, ``verify`` and whatever reads a study's logs names them.
+    No command reads them, but ``status``, ``verify`` and all readers of a study's logs mention them.
     """
     endings = (LOG_SUFFIX, PART_SUFFIX, ".jsonl")
     return [
@@ -194,10 +196,10 @@ def find_system_companions(folders: LogFolders) -> list[Path]:
 
 @contextmanager
 def raise_as_log_error(path: Path, doing: str = "read") -> Iterator[None]:
-    """Turn any error that a log's content causes into a LogError that names the file; our own errors pass.
+    """Convert any error that a log's content causes to a LogError that names the file; our own errors pass unchanged.
 
     Raises:
-        LogError: instead of whatever else was raised.
+        LogError: instead of any other error.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""Repeat a log's record for viewers: rerun and Foxglove draw poses, floor plans, images and readable lines."""
+"""Previews of a log's record for viewers: rerun and Foxglove draw poses, floor plans, images and readable lines."""
 
 import io
 import math
@@ -25,7 +25,7 @@ FRAME_ID = "world"  # x right, y up, z down the page, as minihuman.worlds.pose s
 
 
 class PreviewEncoder:
-    """Makes what viewers draw of a segment's record: an episode's poses, floor plans, pictures, readable lines.
+    """Encodes previews of a segment's record: an episode's poses, floor plans, pictures and readable lines.
 
     Args:
         started_ns: the wall clock at the segment's time 0.
@@ -37,10 +37,10 @@ class PreviewEncoder:
         self._path: PosesInFrame | None = None  # of the episode that runs
 
     def encode(self, topic: str, data: bytes) -> Iterator[tuple[str, Message]]:
-        """Yield what comes before a message of the record, in the order of the segment.
+        """Yield the previews that come before a message of the record, in the order of the segment.
 
         Raises:
-            Exception: whatever protobuf or a reader of ours says of bytes that are no such message.
+            Exception: any error that protobuf or one of our decoders raises for bytes that are not such a message.
         """
         match topic:
             case topics.KEY | topics.FRAME:
@@ -60,7 +60,7 @@ class PreviewEncoder:
                     yield from self._encode_event(event)
 
     def finish(self) -> Iterator[tuple[str, Message]]:
-        """Yield the poses of the episode so far: at its end, or where the segment ends without one."""
+        """Yield the poses of the current episode, at its end or where the segment breaks off."""
         path = self._path
         self._path = None
         if path is not None:
@@ -123,7 +123,9 @@ def _describe_session(event: events.SessionStarted | events.SessionEnded) -> _Lo
     if isinstance(event, events.SessionEnded):
         level = Log.INFO if event.reason == "complete" else Log.WARNING
         text = f"session ends: {event.reason} after {event.episodes_completed} episodes"
-        return level, "session", f"{text}: {event.detail}" if event.detail else text
+        if event.detail:
+            text = f"{text}: {event.detail}"
+        return level, "session", text
     plan = event.plan
     participant = plan.participant
     text = f"{plan.study}: {participant.id}, group {participant.group}, session {plan.session}"
@@ -153,7 +155,7 @@ AGENT = "#0072b2"
 
 
 def draw_floor_plan_png(floor: Map, pose: Pose | None) -> bytes:
-    """Draw a map seen from above, +x right and +z down, with its things and, if given, where the agent starts."""
+    """Draw a map from above, +x right and +z down, with its things and, if given, a pose; return a PNG."""
     x0, z0, x1, z1 = floor.bounds
     scale = (LONG_SIDE_PX - 2 * MARGIN_PX) / max(x1 - x0, z1 - z0, 1e-9)  # px per cell or metre
 
@@ -178,6 +180,6 @@ def draw_floor_plan_png(floor: Map, pose: Pose | None) -> bytes:
 
 
 def _arrow(pose: Pose, radius: float) -> list[tuple[float, float]]:
-    """Return the corners (x, z) of an arrowhead at the pose, pointing where it looks."""
+    """Return the corners (x, z) of an arrowhead at the pose, pointing in its direction of view."""
     angles = (pose.yaw_rad, pose.yaw_rad + 2.5, pose.yaw_rad - 2.5)
     return [(pose.x + radius * math.cos(angle), pose.z - radius * math.sin(angle)) for angle in angles]

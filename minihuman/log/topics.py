@@ -1,6 +1,6 @@
-"""Topics of the log, and the message type that each carries; docs/log-format.md says what each holds.
+"""Topics of the log, and the message type that each carries; docs/log-format.md documents them.
 
-A topic that is not listed belongs to another program: nothing here reads it or rejects it.
+A topic that is not listed belongs to another program and is neither read nor rejected.
 """
 
 from dataclasses import dataclass, field
@@ -50,7 +50,7 @@ LOG = "/log"
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic, its message type, and whether it is a preview: it only repeats the record for viewers."""
+    """A topic, its message type, and whether it is a preview, which only repeats the record for viewers."""
 
     name: str
     message: type[Message]
@@ -95,7 +95,7 @@ BY_NAME = {topic.name: topic for topic in (*TOPICS, *RARE_TOPICS)}
 
 
 def schema_bytes(message: type[Message]) -> bytes:
-    """Serialise a message type and everything it needs, as MCAP's protobuf encoding asks."""
+    """Serialise a message type and all types that it needs, as MCAP's protobuf encoding requires."""
     return _schema_bytes(message.DESCRIPTOR)
 
 

@@ -1,1 +1,1 @@
-"""Replay: a session log in the rerun viewer, from the log alone."""
+"""Replays a session log in the rerun viewer, from the log alone."""

@@ -1,7 +1,7 @@
-"""A film of episodes, and a contact sheet of a session. Every picture is drawn again and checked against the log.
+"""Films of episodes, and contact sheets of sessions. Every picture is redrawn and checked against the log.
 
-Beside what the participant saw are the keys with their actions, the map with the path so far, and each step's key and
-reaction time.
+Beside the participant's view, a film shows the keys with their actions, the map with the path so far, and each step's
+key and reaction time.
 """
 
 from collections.abc import Iterator, Sequence
@@ -42,7 +42,7 @@ _THUMB_PX = (200, 150)
 
 @dataclass(frozen=True, slots=True)
 class Lettering:
-    """The type in which words of a film are set."""
+    """The typefaces and size in which a film's text is set."""
 
     faces: TypefaceSet
     size_px: int
@@ -67,7 +67,7 @@ def draw_label(
     *,
     centred: bool = False,
 ) -> None:
-    """Set a line from its upper left corner, or around its middle."""
+    """Draw a line of text, placed by its upper left corner or, if ``centred``, by its middle."""
     faces = lettering.faces
     size_px = lettering.size_px
     x, y = place
@@ -80,17 +80,17 @@ def draw_label(
 
 
 def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Path:
-    """Write a film of one episode or of all, or, as ``.png``, a contact sheet of them.
+    """Write a film of one or all episodes, or a contact sheet if the file is a ``.png``.
 
     Args:
         log: the session.
-        out: the file; its ending says the format, one of ``FORMATS``.
-        episode: the episode's number, 1 for the first; of several attempts the last.
+        out: the file's path; its extension selects the format, one of ``FORMATS``.
+        episode: the episode's number, counted from 1; None for all. Only the last of several attempts is filmed.
 
     Raises:
-        LogError: if the format is unknown, there is no such episode or none with a step, or a world shows something
-            else than was seen.
-        WorldError: if a world cannot be run here, and the log holds no pictures.
+        LogError: if the format is unknown, there is no such episode or no step, or a world no longer shows what the
+            participant saw.
+        WorldError: if a world cannot be run here, and the log has no pictures.
         OSError: if the file cannot be written.
     """
     kind = out.suffix.lower().removeprefix(".")
@@ -118,7 +118,7 @@ def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Pat
 
 
 def _select_episodes(log: SessionLog, number: int | None) -> list[EpisodeLog]:
-    """Select the last attempt at an episode, or every episode with a step."""
+    """Return the last attempt at the episode with that number, or every episode with a step."""
     numbers = sorted({episode.number for episode in log.episodes})
     if number is None:
         episodes = [episode for episode in log.episodes if len(episode.actions)]
@@ -141,7 +141,10 @@ def _save_gif(images: Iterator[Image.Image], path: Path) -> None:
 
 
 def compose_frames(log: SessionLog, episode: EpisodeLog, *, stride: int = 1) -> Iterator[Image.Image]:
-    """Yield the film's pictures of an episode: the reset's, every ``stride``-th step's, and the last, shown longer."""
+    """Yield a film's pictures of an episode: the reset, every ``stride``-th step, and the last step.
+
+    In a film of all steps the last picture is repeated for one second.
+    """
     times_ms = response_ms(episode)
     views = render_frames(episode, VIEW_PX)
     last = len(views) - 1
@@ -181,7 +184,7 @@ def _compose(
 
 
 def _draw_keys(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, left: int) -> None:
-    """Draw the keys with their actions, the one that made this step lit."""
+    """Draw the keys with their actions, and highlight the key that made this step."""
     pressed = ""
     if step:
         pressed = episode.step_keys[step - 1]
@@ -202,7 +205,7 @@ def _draw_keys(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, left: 
 
 
 def _describe_step(episode: EpisodeLog, index: int, reaction_ms: float) -> str:
-    """Describe a step in a line: when it was made, its key and action, and the reaction time, if there is one."""
+    """Describe a step in one line: its time, key and action, and the reaction time if there is one."""
     seconds = (episode.t_ns[index + 1] - episode.t_ns[0]) / 1e9
     action = episode.start.action_names[episode.actions[index]].rpartition("_")[2][:10]
     text = f"{seconds:7.2f} s  {episode.step_keys[index] or '-':>5}  {action:<10}"
@@ -212,7 +215,7 @@ def _describe_step(episode: EpisodeLog, index: int, reaction_ms: float) -> str:
 
 
 def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tuple[int, int, int, int]) -> None:
-    """Draw the floor plan from above with the path so far; nothing where the world gives none."""
+    """Draw the floor plan from above with the path so far; draw nothing if the world has no map."""
     plan = episode.start.map
     if plan is None:
         return
@@ -238,7 +241,7 @@ def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tu
 
 
 def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image.Image:
-    """Draw a row per episode: its words, its map with the whole path, and pictures from its beginning to its end."""
+    """Draw a row for each episode: its description, its map with the whole path, and pictures from beginning to end."""
     width, height = _THUMB_PX
     rows = [episode for episode in episodes if len(episode.actions)]
     left = 190

@@ -1,7 +1,7 @@
-"""The frames that the participant saw: redrawn by the episode's world and checked against the logged hashes.
+"""The frames that the participant saw, redrawn by the episode's world and checked against the logged hashes.
 
-Where the world is gone or now shows something else, the frames in the log are used, if it holds any. Kept apart
-from `rerun_scene` because the Python interface uses it without loading rerun.
+If the world is no longer available or shows something else, the frames stored in the log are used, if there are any.
+The module is separate from `rerun_scene` because the Python interface uses it without loading rerun.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ BACKGROUND = "#24272c"
 
 
 def render_partner_frames(episode: EpisodeLog, seat: int) -> list[NDArray[np.uint8]]:
-    """Draw the n + 1 pictures that another seat of the episode's team saw, uint8[H, W, 3].
+    """Redraw the n + 1 pictures that another seat of the episode's team saw, uint8[H, W, 3].
 
     Raises:
         WorldError: if the world cannot be run.
@@ -39,13 +39,14 @@ def render_partner_frames(episode: EpisodeLog, seat: int) -> list[NDArray[np.uin
 
 
 def render_frames(episode: EpisodeLog, size_px: tuple[int, int] = SIZE_PX) -> list[NDArray[np.uint8]]:
-    """Draw the n + 1 pictures of an episode again, uint8[H, W, 3], the reset's first; else return the stored ones.
+    """Return the n + 1 pictures of an episode, uint8[H, W, 3], redrawn if possible and otherwise as stored in the log.
 
-    They are drawn within ``size_px``, width and height. Each observation is compared with its hash in the log.
+    The first is the reset's. Redrawn pictures fit within ``size_px``, width and height. Each observation is compared
+    with its hash in the log.
 
     Raises:
-        LogError: at the first observation that differs from what the participant saw, if the log holds no pictures.
-        WorldError: if the world cannot be run, and the log holds no pictures.
+        LogError: at the first observation that differs from what the participant saw, if the log has no pictures.
+        WorldError: if the world cannot be run, and the log has no pictures.
     """
     plan = episode.plan
     try:
@@ -74,7 +75,7 @@ def _redrawn(episode: EpisodeLog, world: World, size_px: tuple[int, int]) -> Ite
 
 
 def fit_picture(picture: NDArray[np.uint8], size_px: tuple[int, int]) -> NDArray[np.uint8]:
-    """Centre a picture in a dark one of that width and height; one that is larger is made smaller."""
+    """Centre a picture on a dark background of that width and height, scaling it down if it is larger."""
     width, height = size_px
     image = Image.fromarray(picture)
     image.thumbnail(size_px)

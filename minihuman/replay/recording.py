@@ -1,5 +1,6 @@
-"""Write sessions to a `.rrd` recording with its viewer layout, and open it in rerun. No world runs unless the view is
-selected.
+"""Writes sessions to a `.rrd` recording with its viewer layout, and opens it in rerun.
+
+No world runs unless the participant's view is requested.
 """
 
 import errno
@@ -34,7 +35,7 @@ Bounds = tuple[float, float, float, float]
 
 
 def build_layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprint:
-    """Lay out map and view beside numbers, keys and words for one session; several sessions have a column each."""
+    """Build the viewer's layout: one session shows all its panels, and several sessions have a column each."""
     if len(logs) == 1:
         content = _single(logs[0], with_view=with_view)
         timeline = PLAY_TIME
@@ -95,7 +96,7 @@ def _column(log: SessionLog, *, with_view: bool) -> rrb.Vertical:
 
 
 def _maps(log: SessionLog, name: str = "") -> rrb.Spatial2DView | rrb.Tabs:
-    """Make the map in as many sizes as the blocks have; the first block's is in front."""
+    """Build the view of the map, or a tab of it for each block, since blocks differ in the size of their maps."""
     bounds: dict[str, list[Bounds]] = {}
     for episode in log.episodes:
         if episode.start.map is not None:
@@ -122,15 +123,16 @@ FIRST_BYTES = 2**20  # rerun waits for ever where a disk has no room for what a 
 
 
 def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = False) -> Path:
-    """Write sessions into one ``.rrd``; several share a timeline on which their n-th episodes begin together.
+    """Write sessions to one ``.rrd`` file; the n-th episodes of several sessions begin together on a shared timeline.
 
-    ``with_view`` adds what the participant saw, drawn again by the worlds, or stored, and checked against the log.
+    With ``with_view``, what the participant saw is added: redrawn by the worlds or as stored, and checked against the
+    log.
 
     Raises:
-        LogError: if there is no session, or one session twice; or if a world shows something else than was seen, and
-            the log holds no pictures.
-        WorldError: if a world cannot be run here, and the log holds no pictures.
-        OSError: if the file cannot be written, or the disk is full; then there is no recording.
+        LogError: if there is no session, or one session twice, or if a world no longer shows what the participant saw
+            and the log has no pictures.
+        WorldError: if a world cannot be run here, and the log has no pictures.
+        OSError: if the file cannot be written or the disk is full; no recording is then left.
     """
     roots = [session_root(log) for log in logs]
     if not logs or len(set(roots)) < len(roots):
@@ -153,15 +155,24 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
             send_session(recording, log, moments)
             if with_view:
                 send_views(recording, log, moments)
-        try:
-            recording.flush()
-        except RuntimeError as error:  # all that is said of a write that failed; the reason is on the terminal
-            is_full = shutil.disk_usage(path.parent).free < FIRST_BYTES
-            recording.disconnect()
-            path.unlink(missing_ok=True)
-            raise _make_write_error(path, is_full=is_full) from error
-        recording.disconnect()
+        _finish_recording(recording, path)
     return path
+
+
+def _finish_recording(recording: rr.RecordingStream, path: Path) -> None:
+    """Write what is left of a recording and close its file; remove a file that cannot be completed.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
+    try:
+        recording.flush()
+    except RuntimeError as error:  # all that is said of a write that failed; the reason is on the terminal
+        is_full = shutil.disk_usage(path.parent).free < FIRST_BYTES
+        recording.disconnect()
+        path.unlink(missing_ok=True)
+        raise _make_write_error(path, is_full=is_full) from error
+    recording.disconnect()
 
 
 def _make_write_error(path: Path, *, is_full: bool) -> OSError:
@@ -172,7 +183,7 @@ def _make_write_error(path: Path, *, is_full: bool) -> OSError:
 
 
 def _identity(logs: Sequence[SessionLog]) -> uuid.UUID:
-    """Return the same identity for the same sessions, so that opening a replay twice shows it once."""
+    """Return an id that is the same for the same sessions, so that opening a replay twice shows it once."""
     names = [f"{log.plan.study}/{session_root(log)}/{log.started_at}" for log in logs]
     return uuid.uuid5(uuid.NAMESPACE_URL, "minihuman:" + "|".join(names))
 
@@ -181,7 +192,7 @@ ADDRESS = "127.0.0.1"
 
 
 def viewer_command(recording: Path, *, web: bool) -> list[str]:
-    """Return the command that shows a recording; the web viewer and its server listen on 127.0.0.1 alone."""
+    """Return the command that opens the viewer; the web viewer and its server listen on 127.0.0.1 only."""
     # -P: do not import a rerun.py in the current folder
     command = [sys.executable, "-P", "-m", "rerun", str(recording), "--bind", ADDRESS]
     if web:
@@ -190,15 +201,15 @@ def viewer_command(recording: Path, *, web: bool) -> list[str]:
 
 
 def viewer_environment() -> dict[str, str]:
-    """Return the environment of rerun's viewer: its usage statistics are off, for this run only.
+    """Return the environment of rerun's viewer, in which usage statistics are switched off for this run.
 
-    rerun keeps none where it sees that it runs in continuous integration; it has no other switch for a single run.
+    rerun collects none if it detects continuous integration; it has no other switch for a single run.
     """
     return os.environ | {"CI": "1", "PYTHONSAFEPATH": "1"}
 
 
 def show_recording(recording: Path, *, web: bool) -> int:
-    """Show a recording until the viewer is closed, and give its exit status."""
+    """Show a recording until the viewer is closed; return the viewer's exit status."""
     command = viewer_command(recording, web=web)
     environment = viewer_environment()
     if not web:

@@ -1,6 +1,6 @@
-"""What the replay shows of a session and when: timelines, facts, map, path, heading, keys, numbers and log lines.
+"""The content of a replay and its times: timelines, facts, map, path, heading, keys, numbers and log lines.
 
-Sending whole columns makes a session's recording tens of times faster than logging it step by step.
+Sending whole columns makes creating a session's recording tens of times faster than logging it step by step.
 """
 
 import io
@@ -31,7 +31,7 @@ ALIGNED = "aligned_time"  # several sessions: their n-th episodes begin together
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayTimeline:
-    """One session's rows in time. ``aligned_ns`` is when each episode begins on the common timeline, or None."""
+    """The times of one session's rows. ``aligned_ns`` is when each episode begins on the common timeline, or None."""
 
     row_t_ns: NDArray[np.int64]  # every pose of every episode
     start_t_ns: NDArray[np.int64]  # (episodes,)
@@ -40,7 +40,7 @@ class ReplayTimeline:
 
     @classmethod
     def of(cls, log: SessionLog, *, aligned_ns: dict[int, int] | None = None) -> "ReplayTimeline":
-        """Return the moments of a session; ``aligned_ns`` maps an episode's number to its common beginning."""
+        """Build a session's timeline; ``aligned_ns`` maps an episode's number to its common beginning."""
         numbers = [episode.number for episode in log.episodes]
         rows = np.concatenate([np.zeros(0, np.int64), *(episode.t_ns for episode in log.episodes)])
         starts = np.array([episode.t_ns[0] for episode in log.episodes], np.int64)
@@ -56,7 +56,7 @@ class ReplayTimeline:
         return 0
 
     def columns(self, t_ns: ArrayLike) -> list[rr.TimeColumn]:
-        """Return the timelines' values at these times, ns since the session began."""
+        """Return each timeline's values at these times, given in nanoseconds since the session began."""
         times = np.asarray(t_ns, np.int64)
         place = np.searchsorted(self.start_t_ns, times, side="right") - 1
         steps = np.searchsorted(self.row_t_ns, times, side="right") - 1
@@ -77,7 +77,7 @@ class ReplayTimeline:
 
 
 def align_episode_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
-    """Find when each episode begins on the common timeline, by number: a second after the longest one before it."""
+    """Return when each episode begins on the common timeline, a second after the longest one before it."""
     longest: dict[int, int] = {}
     for log in logs:
         for episode in log.episodes:
@@ -92,7 +92,7 @@ def align_episode_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
 
 
 def build_facts_page(log: SessionLog) -> str:
-    """Write who played what and when, how it ended, and one row per episode."""
+    """Return a page of Markdown that says who played what and when and how it ended, with a row for each episode."""
     plan = log.plan
     participant = log.plan.participant
     clean = "cut off"
@@ -118,7 +118,7 @@ def build_facts_page(log: SessionLog) -> str:
 
 
 def _segments(log: SessionLog) -> str:
-    """Say where each segment begins, on the session's clock."""
+    """Describe where each segment begins on the session's clock."""
     if len(log.segments) == 1:
         return "one segment"
     begins = ", ".join(f"{segment.start_ns / 1e9:.1f} s" for segment in log.segments)
@@ -161,12 +161,12 @@ _ACTIONS = (0x0072B2FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF, 0x56B4E9FF, 0xD55E00
 
 
 def session_root(log: SessionLog) -> str:
-    """Return the path of a session's things in the recording: "sub-07_ses-01"."""
+    """Return the root path of a session's entities in the recording, such as "sub-07_ses-01"."""
     return f"{log.plan.participant.id}_ses-{log.plan.session:02d}"
 
 
 def send_session(recording: rr.RecordingStream, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Send everything but the participant's view."""
+    """Send everything except the participant's view to the recording."""
     root = session_root(log)
     recording.log(
         f"{root}/facts", rr.TextDocument(build_facts_page(log), media_type=rr.MediaType.MARKDOWN), static=True
@@ -181,11 +181,11 @@ def send_session(recording: rr.RecordingStream, log: SessionLog, moments: Replay
 
 
 def send_views(recording: rr.RecordingStream, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Send the participant's view of every episode, checked against the log: drawn again, else as the log holds it.
+    """Send the view of every episode, redrawn and checked against the log or as stored, and the views of partners.
 
     Raises:
-        LogError: if what a world shows now is not what was seen, and the log holds no pictures.
-        WorldError: if a world cannot be run here, and the log holds no pictures.
+        LogError: if a world no longer shows what the participant saw, and the log has no pictures.
+        WorldError: if a world cannot be run here, and the log has no pictures.
     """
     root = session_root(log)
     files = dict[str, io.BytesIO]()
@@ -228,7 +228,7 @@ def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, moment
 
 
 def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Send the agent at every step; path and trail whenever it moved."""
+    """Send the agent's position and heading at every step, and its path and trail whenever it moved."""
     placed = [(episode, ~np.isnan(episode.poses[:, 0])) for episode in log.episodes]
     placed = [(episode, has_pose) for episode, has_pose in placed if has_pose.any()]
     if not placed:
@@ -251,7 +251,7 @@ def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, mome
 
 
 def _send_partners(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Send the other bodies of a team at every step, and their paths."""
+    """Send the position, heading and path of a team's other bodies at every step."""
     for episode in log.episodes:
         for seat in list_partner_seats(episode):
             assert episode.team is not None
@@ -280,7 +280,16 @@ def _send_lines(
     places: NDArray[np.float32],
     moves: Sequence[NDArray[np.int64]],
 ) -> None:
-    """Send path and trail, from the rows of all episodes at which the agent moved, and their number in each."""
+    """Send the agent's path and trail.
+
+    Args:
+        recording: the recording.
+        root: the root path of the session's entities.
+        moments: the session's timeline.
+        times: the time of each row, for the rows of all episodes at which the agent moved.
+        places: the position at each of these rows.
+        moves: for each episode, the numbers of its rows; only their count is used.
+    """
     path: list[tuple[int, int]] = []
     trail: list[tuple[int, int]] = []
     for begin, end in pairwise(np.cumsum([0, *map(len, moves)]).tolist()):
@@ -298,19 +307,19 @@ def _send_lines(
 
 
 def _moves(places: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Find the rows of one episode that stand elsewhere than the row before, and the first."""
+    """Return the rows of one episode whose position differs from the row before, and the first row."""
     return np.concatenate([[0], 1 + np.flatnonzero((np.diff(places, axis=0) != 0).any(axis=1))])
 
 
 def _heading(episode: EpisodeLog) -> float:
-    """Return the length of the arrow that shows where the agent looks."""
+    """Return the length of the arrow that shows the agent's direction of view."""
     if episode.start.map is None:
         return _HEADING["m"]
     return _HEADING[episode.start.map.unit]
 
 
 def _strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> pa.Array:
-    """Make a line strip of each window of rows [begin, end), as the Arrow array that rerun would make one by one."""
+    """Return a line strip for each window of rows [begin, end), as the Arrow array that rerun needs."""
     lengths = np.array([end - begin for begin, end in windows])
     rows = np.concatenate([np.arange(begin, end) for begin, end in windows])
     points = pa.FixedSizeListArray.from_arrays(pa.array(places[rows].ravel()), type=_POINT)
@@ -318,7 +327,7 @@ def _strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> 
 
 
 def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Send reward and return per step, and reaction times where there are any."""
+    """Send the reward and return at each step, and the reaction times."""
     series: dict[str, tuple[list[NDArray[np.int64]], list[NDArray[np.float64]]]] = defaultdict(lambda: ([], []))
     carried = 0.0
     for episode in log.episodes:
@@ -348,7 +357,7 @@ def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, mome
 
 
 def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Send a lane for each physical key, with its actions' names: the verdict on each press, until the key came up."""
+    """Send a lane for each physical key that shows each press's verdict until the key's release."""
     lanes: dict[str, list[KeyPressed]] = defaultdict(list)
     for press in log.keys:
         if press.verdict != "repeat":
@@ -367,14 +376,14 @@ def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moment
 
 
 def _find_key_state(press: KeyPressed) -> str:
-    """Return the state of a key's lane from a press on; "" from its release on."""
+    """Return the state of a key's lane after a press; "" after a release."""
     if press.down:
         return press.verdict
     return ""
 
 
 def _send_steering(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Send two lanes: what the policy would have done after each picture, and what the person did while steering."""
+    """Send two lanes: what the policy would have done after each picture, and what the person did while in control."""
     lanes: dict[str, list[tuple[int, str]]] = {"policy": [], "person": []}
     names: dict[str, None] = {}
     for episode in log.episodes:
@@ -406,7 +415,7 @@ def _send_steering(recording: rr.RecordingStream, root: str, log: SessionLog, mo
 
 
 def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Send readable lines: episodes, key presses, pauses and notes, in order of time."""
+    """Send readable lines about episodes, key presses, pauses and notes, in order of time."""
     lines = [line for episode in log.episodes for line in _episode_lines(episode)]
     lines += [_press_line(press) for press in log.keys if press.down and press.verdict != "repeat"]
     for note in log.notes:
@@ -426,7 +435,7 @@ def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, mome
 
 
 def _press_line(press: KeyPressed) -> tuple[int, str, str]:
-    """Describe a key press in a line: its time, level and text."""
+    """Return the time, level and text of a line about a key press."""
     level = "WARN"
     if press.verdict in ("accepted", "queued"):
         level = "INFO"

@@ -1,1 +1,1 @@
-"""Run sessions: at a window, simulated, or as a demo, with devices and an experimenter's dashboard."""
+"""Runs sessions: in a window, simulated, or as a demo, with devices and an experimenter's dashboard."""

@@ -1,6 +1,6 @@
-"""The agent host: answers what a session requests from outside, such as a policy, its advice, a clip or a group.
+"""The agent host: answers a session's requests to agents, such as for a policy, its advice, a clip or a group.
 
-Where a group is still to be drawn, the draw comes first and its host answers from then on.
+If a group is still to be drawn, the draw comes first, and the drawn plan's host answers from then on.
 """
 
 import logging
@@ -51,15 +51,15 @@ class AgentHost(RequestHandler):
     """Holds the agent that plays, and asks the learner for the next policy.
 
     Args:
-        policies: where the study's policy files are kept.
-        files: those that the protocol names beside itself, by name.
-        logs: the session's logs so far, the live one among them; looked up whenever a learner is asked.
-        learner: the process that learns; None where no part of the session has any.
+        policies: the store of the study's policy files.
+        files: the files that come with the protocol, by name.
+        logs: returns the session's logs so far, including the live one; it is called whenever a learner is asked.
+        learner: the process that learns; None if no part of the session has a learner.
         earlier: the policy that played last in each part of the session, after an interruption.
-        stretches: what is compared; None where no part of the session compares.
-        seed: of all learning.
-        patient: wait for the learner, as no participant waits.
-        unhurried: give the learner no time limit, so that its policy depends on its data alone.
+        stretches: the sampler of clips to compare; None if no part of the session compares clips.
+        seed: the seed of all learning.
+        patient: whether to wait for the learner, because no participant is waiting.
+        unhurried: whether to give the learner no time limit, so that its policy depends on its data alone.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class AgentHost(RequestHandler):
         self._last_begun: tuple[str, int] | None = None  # policy and episode of the last begin()
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """An input for the session; None where there is nothing to say yet."""
+        """Return the input that answers a request of the session; None if there is no answer yet."""
         match want:
             case PolicyRequest(learning=True):
                 return self._learnt(want, t_ns)
@@ -125,7 +125,7 @@ class AgentHost(RequestHandler):
             return NewPolicy(t_ns, want.policy, f"{name} is not there: {describe_failure(error)}")
 
     def _adopted(self, policy: str, t_ns: int) -> NewPolicy:
-        """Load a policy before it plays, so that one that cannot be loaded never does."""
+        """Load a policy before it plays, so that one that cannot be loaded never plays; return the session's input."""
         if policy and policy not in self._agents:
             try:
                 self._agents = {policy: self._load(policy)}
@@ -151,7 +151,7 @@ class AgentHost(RequestHandler):
                 learner=want.agent.learner,
                 seed=self._seed + want.episode,
                 start=start,
-                budget_s=math.inf if self._unhurried else want.agent.budget_s,
+                budget_s=self._limit_learning_s(want.agent.budget_s),
             )
             self._learner.ask(request)
         answer = self._learner.answer(patient=self._patient)
@@ -167,16 +167,24 @@ class AgentHost(RequestHandler):
             return NewPolicy(t_ns, want.policy, f"the policy cannot be kept: {describe_failure(error)}")
         return self._adopted(policy, t_ns)
 
+    def _limit_learning_s(self, budget_s: float) -> float:
+        """Return the learner's time limit: the given one, or none if the learner is unhurried."""
+        if self._unhurried:
+            return math.inf
+        return budget_s
+
     # Pairs
 
     def _offered(self, stretches: ClipSampler, want: ClipRequest, t_ns: int) -> ClipOffered | None:
-        """One side of a pair: any, or of the pair of several that the learner's ensemble disagrees on most."""
+        """Return one clip of a pair, which is random or the one on which the learner's ensemble disagrees most."""
         if want.pairing == "random" or self._learner is None:
             return ClipOffered(t_ns, stretches.draw(want))
         if want.place:
             pair = self._pair
             self._pair = None
-            return ClipOffered(t_ns, stretches.draw(want) if pair is None or pair[0] != want.again else pair[1])
+            if pair is None or pair[0] != want.again:
+                return ClipOffered(t_ns, stretches.draw(want))
+            return ClipOffered(t_ns, pair[1])
         if not self._disputed:
             pairs = stretches.candidates(want, N_CANDIDATE_PAIRS)
             if len(pairs) < 2 or self._learner.busy:
@@ -188,7 +196,7 @@ class AgentHost(RequestHandler):
                 learner="",
                 seed=self._seed + want.pair,
                 start="",
-                budget_s=math.inf if self._unhurried else want.wait_s,
+                budget_s=self._limit_learning_s(want.wait_s),
                 pairs=pairs,
             )
             self._learner.ask(request)
@@ -220,10 +228,10 @@ class AgentHost(RequestHandler):
         return Advice(t_ns, want.step, chances)
 
     def _agent(self, policy: str) -> BaseAgent:
-        """The agent of a policy; loaded again where another was there in between, or another program had it.
+        """Return the agent of a policy, loading it again if another policy or another program had its place.
 
         Raises:
-            MinihumanError: if it cannot be.
+            MinihumanError: if it cannot be loaded.
         """
         if policy not in self._agents:
             self._last_begun = None
@@ -236,7 +244,7 @@ class AgentHost(RequestHandler):
         return make_policy_agent(self._policies.checked(policy))
 
     def _begin(self, agent: BaseAgent, play: RunningEpisode) -> None:
-        """Let it begin an episode; in the middle of one it is shown all that came before, as it may remember."""
+        """Let the agent begin an episode; in the middle of one, show it all earlier steps, as it may have a memory."""
         if not play.actions:
             agent.begin(play.plan, play.world)
             return
@@ -259,20 +267,20 @@ def make_agent_host(
     changed: Callable[[], None] = lambda: None,
     signs: LifeSigns | None = None,
 ) -> RequestHandler | None:
-    """Make the host of a session's agent; None where no part has one and the group is drawn.
+    """Make the handler of a session's requests; return None if no part makes requests and the group is drawn.
 
-    Policies are kept in the study's folder. A learner's process is started at once, as it takes seconds; the policies
-    of a resumed session are those that its log names last.
+    Policies are kept in the study's folder. A learner's process is started at once, since that takes seconds. A resumed
+    session uses the policies that its log names last.
 
     Args:
         protocol: the study.
-        plan: the session's segment.
+        plan: the plan of the session's segment.
         data: the data folder.
-        patient: wait for the learner, as no participant waits.
+        patient: whether to wait for the learner, because no participant is waiting.
         logged: the events so far of a segment that is resumed.
-        teams: those of this process; None: the session's own, where only agents can sit beside its person.
-        changed: called when a member of the session's team did something that may answer a request of it.
-        signs: of life, of the page that the session is in; None: it is in none.
+        teams: the teams of this process; None to use the session's own, in which all partners are agents.
+        changed: called when a member of the session's team did something that may answer one of its requests.
+        signs: the signs of life of the session's page; None if the session is not in a page.
     """
     if is_allocation_pending(plan):
 
@@ -293,14 +301,14 @@ class AgentHostedPlan(typing.Protocol):
 
     @property
     def needs_learner(self) -> bool:
-        """Whether a learner makes policies, or judges pairs."""
+        """Return whether a learner makes policies or judges pairs."""
 
     def plays_policy_file(self, files: Container[str]) -> bool:
-        """Whether a policy plays that a learner makes, or that is one of the protocol's files."""
+        """Return whether the part plays a policy that a learner makes or that is one of the protocol's files."""
 
 
 def make_policy_host(context: HostContext) -> AgentHost:
-    """Make the host of the agents, clips and episodes that a session's parts ask for."""
+    """Make the host that answers requests for agents, clips and episodes."""
     plan = context.plan
     plans: list[AgentHostedPlan] = [part.plan for part in plan.parts if getattr(part.plan, "host", "") == AGENT_HOST]
     learner = LearnerProcess() if any(hosted.needs_learner for hosted in plans) else None

@@ -1,4 +1,4 @@
-"""Clips to compare and to correct: drawn uniformly from a session's episodes, never one against itself."""
+"""Draws clips to compare and to correct, uniformly from a session's episodes; no clip is compared with itself."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,12 +16,12 @@ _ClipStart = tuple[EpisodeLog, int]  # the episode, and the step whose picture i
 
 
 class ClipSampler:
-    """Draws from the episodes of a block, as the session's log has them.
+    """Draws clips from the episodes of a block, as the session's log has them.
 
     Args:
-        logs: the session's logs so far.
-        seed: of the study.
-        index: of the participant.
+        logs: returns the session's logs so far.
+        seed: the study's seed.
+        index: the participant's index.
     """
 
     def __init__(self, logs: Callable[[], list[Path]], *, seed: int, index: int) -> None:
@@ -32,7 +32,7 @@ class ClipSampler:
         self._places: list[_ClipStart] = []  # of that part; nothing is played while it compares
 
     def candidates(self, want: ClipRequest, count: int) -> list[tuple[EpisodeClip, EpisodeClip]]:
-        """Draw ``count`` pairs of different clips; none where no two differ."""
+        """Draw ``count`` pairs of different clips; return none if no two clips differ."""
         pairs = []
         for number in range(count):
             first = self.draw(replace(want, place=0, again=None), candidate=number)
@@ -45,12 +45,13 @@ class ClipSampler:
         return pairs
 
     def draw(self, want: ClipRequest, *, candidate: int = 0) -> EpisodeClip | None:
-        """Draw a clip; None where no two differ. Each candidate has a random stream of its own."""
+        """Draw a clip; return None if no two clips differ. Each candidate has its own random stream."""
         if self._part != want.part:
             self._part = want.part
             self._places = self._list_starts(want)
         purpose = f"stretch-{want.source}-part-{want.part}-pair-{want.pair}-{want.place}"
-        purpose += f"-candidate-{candidate}" if candidate else ""
+        if candidate:
+            purpose += f"-candidate-{candidate}"
         left = [place for place in self._places if _make_clip(place, want.steps) != want.again]
         if len(self._places) < 2 or not left:
             return None
@@ -58,7 +59,7 @@ class ClipSampler:
         return _make_clip(left[word % len(left)], want.steps)
 
     def episode(self, want: EpisodeRequest) -> EpisodeClip | None:
-        """Return one of the block's latest episodes, whole; None where there is no further one."""
+        """Return one of the block's latest episodes as a whole; None if there are no more."""
         if self._part != want.part:
             self._part = want.part
             self._places = [(episode, 0) for episode in self._episodes(want.source)]

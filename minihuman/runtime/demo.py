@@ -1,6 +1,4 @@
-"""The demo: a short session on the spot, and everything that can be made of its log. Also free play: a world controlled
-by keys and shown on the screen, without protocol and without log.
-"""
+"""The demo: a short session, and everything that can be made of its log. Also free play, without protocol and log."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
@@ -37,12 +35,12 @@ PrintLine = Callable[[str], None]
 
 
 def run_demo(data: Path, *, window: str, fullscreen: bool, say: PrintLine) -> Iterator[tuple[str, Path]]:
-    """Play the demo, prove its log and draw it; yield what each thing made is called, and where it is.
+    """Play the demo, verify its log and draw it; yield the name and path of each output.
 
-    Without a display a simulated participant plays, unless a window was asked for by name.
+    Without a display a simulated participant plays, unless a window was requested by name.
 
     Raises:
-        WindowError: if the window asked for cannot be opened here.
+        WindowError: if the requested window cannot be opened here.
     """
     log = read_log(
         _play(read_protocol(find_shipped_protocol("demo")), data, window=window, fullscreen=fullscreen, say=say)
@@ -92,7 +90,7 @@ _AIR_NS = 200_000_000  # a toolkit that blocks in C does not see Ctrl-C
 
 @dataclass(frozen=True, slots=True)
 class FreePlay:
-    """A world to play, and the view of it."""
+    """The world, seed and view of a free play."""
 
     world: str  # a Gymnasium id
     seed: int = 0  # of the first layout; each further one takes the next number
@@ -101,7 +99,7 @@ class FreePlay:
 
 
 def run_free_play(play: FreePlay, window: Window, clock: Clock) -> int:
-    """Let a person play layout after layout until Escape or the window's cross; says how many were begun.
+    """Let a person play layout after layout until Escape or the window is closed; return how many were begun.
 
     Raises:
         WorldError: if the world cannot be made or drawn.
@@ -122,7 +120,7 @@ def run_free_play(play: FreePlay, window: Window, clock: Clock) -> int:
 def _episode(
     play: FreePlay, world: World, keys: Mapping[str, str], window: Window, presses: Iterator[str], seed: int
 ) -> bool:
-    """Play one layout; tell whether another is wanted."""
+    """Play one layout; return whether the person wants another."""
     mission = world.reset(seed).mission
     judge = OutcomeJudge(find_world_rule(play.world).rule)
     steps = 0
@@ -149,12 +147,12 @@ def _over(outcome: EpisodeOutcome, steps: int, reward: float) -> Screen:
 
 
 def _next_key(presses: Iterator[str], accepted: set[str]) -> str | None:
-    """Return the next press of an accepted key; None when the person leaves."""
+    """Return the next accepted key that is pressed; None if the person leaves."""
     return next((key for key in presses if key in accepted), None)
 
 
 def _presses(window: Window, clock: Clock) -> Iterator[str]:
-    """Yield every key pressed, repeats of held ones too, until Escape or the window's cross."""
+    """Yield every key press, including repeats of held keys, until Escape or the window is closed."""
     while True:
         for happened in window.wait(clock() + _AIR_NS):
             match happened:

@@ -1,4 +1,4 @@
-"""Check whether this machine is fit to run participants: measure its display, keyboard path, disk and worlds.
+"""Checks whether this machine is fit to run participants: measures its display, keyboard path, disk and worlds.
 
 For a study it also measures how long step, picture and flip take in each block's world.
 """
@@ -74,14 +74,14 @@ _PACKAGES = (
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing looked at. ``unfit_because`` is "" where it is good enough or only for the record."""
+    """The result of one check. ``unfit_because`` is "" if it is good enough or only for the record."""
 
     name: str
     value: str
     unfit_because: str = ""
 
     def line(self) -> str:
-        """Format the finding for the terminal."""
+        """Return the finding as a line for the terminal."""
         verdict = "NOT FIT" if self.unfit_because else "ok"
         return f"{verdict:8} {self.name:22} {self.value}"
 
@@ -89,13 +89,13 @@ class Finding:
 def examine_machine(
     *, window: str, data: Path, fullscreen: bool = False, protocol: Protocol | None = None
 ) -> Iterator[Finding]:
-    """Look at this machine, finding by finding; what cannot be looked at is a finding too.
+    """Examine this machine; yield one finding after the other, including one for each check that is impossible.
 
     Args:
         window: "auto", "pygame" or "pyglet".
-        data: where sessions are to be kept; made if absent.
-        fullscreen: measure the whole screen, as participants will see it.
-        protocol: a study whose own worlds are to be drawn, too.
+        data: the folder in which sessions are to be kept; it is created if absent.
+        fullscreen: whether to measure the whole screen, as participants will see it.
+        protocol: a study whose texts and worlds are to be checked, too.
     """
     yield _versions()
     yield _clock_resolution()
@@ -107,7 +107,7 @@ def examine_machine(
 
 
 def format_verdict(findings: list[Finding]) -> str:
-    """Format the last line: fit, or not and why."""
+    """Return the last line of the report: that the machine is fit, or why it is not."""
     reasons = [finding.unfit_because for finding in findings if finding.unfit_because]
     if not reasons:
         return "This machine is fit to run participants."
@@ -135,7 +135,7 @@ def _clock_resolution() -> Finding:
 
 
 def _languages() -> Finding:
-    """Name the languages that screens can be drawn in here, and what to do for the others."""
+    """Return the languages that screens can be drawn in here, and what is missing for the others."""
     undrawable = list_undrawable_languages()
     drawable = ", ".join(language for language in LANGUAGES if language not in undrawable)
     without_face = [f"not {language}: {describe_missing_face(character)}" for language, character in undrawable.items()]
@@ -143,7 +143,7 @@ def _languages() -> Finding:
 
 
 def _texts(protocol: Protocol) -> Finding:
-    """Tell whether every text of a study can be read on this machine's screens."""
+    """Check whether every text of a study can be read on this machine's screens."""
     problems = list(dict.fromkeys(find_illegible_in_study(protocol)))
     if not problems:
         return Finding("texts", f"every text of the study can be read, in {protocol.study.language!r}")
@@ -163,24 +163,32 @@ def _display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Itera
     try:
         facts = window.facts()
         yield Finding("display", ", ".join(f"{key} {value}" for key, value in facts.items() if key != "key_identity"))
-        by_symbol = "keys are known by symbol only, which a keyboard layout changes; use --window pygame"
-        identity = facts.get("key_identity", "unknown")
-        yield Finding("keys", f"known by {identity}", "" if identity.startswith("position") else by_symbol)
+        yield _key_identity(facts.get("key_identity", "unknown"))
         if isinstance(window, BlockingWindow):
             yield from _frames(window, synced=facts["vsync"] == "on" and facts["refresh_hz_reported"] != "unknown")
-            yield from _pictures(window, protocol) if protocol is not None else ()
+            if protocol is not None:
+                yield from _pictures(window, protocol)
     finally:
         window.close()
 
 
+def _key_identity(identity: str) -> Finding:
+    unfit_because = ""
+    if not identity.startswith("position"):
+        unfit_because = "keys are known by symbol only, which a keyboard layout changes; use --window pygame"
+    return Finding("keys", f"known by {identity}", unfit_because)
+
+
 def _pictures(window: BlockingWindow, protocol: Protocol) -> Iterator[Finding]:
-    """Measure from a step to its picture's flip in the study's own worlds, in this window's size."""
+    """Measure the time from a step to its picture's flip in the study's own worlds, at this window's size."""
     for block in protocol.blocks:
         with closing(World(block.world, block.options)) as world:
             median, p95 = np.percentile(_times_ms(window, block, world)[_WARM:], (50, 95))
-        late = f"a picture of block {block.name} takes {median:.0f} ms, over {MAX_PICTURE_MS:.0f}"
+        late = ""
+        if median > MAX_PICTURE_MS:
+            late = f"a picture of block {block.name} takes {median:.0f} ms, over {MAX_PICTURE_MS:.0f}"
         delays = f"step to flip: median {median:.1f} ms, 95 % {p95:.1f} ms"
-        yield Finding(f"block {block.name}", delays, late if median > MAX_PICTURE_MS else "")
+        yield Finding(f"block {block.name}", delays, late)
 
 
 def _frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:
@@ -193,19 +201,22 @@ def _frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:
         slow = ""
     if synced:
         refresh = f"{1000 / p50:.1f} Hz measured"
+        period_ms = float(p50)
     else:
         refresh = "the flip does not wait for the display"
+        period_ms = _UNKNOWN_PERIOD_MS
     yield Finding("refresh", refresh)
     yield Finding("frame time", f"median {p50:.2f} ms, 95 % {p95:.2f} ms, 99 % {p99:.2f} ms", slow)
     late_ms = _key_to_flip_ms(window)
     median, p95 = np.percentile(late_ms, (50, 95))
-    allowed_ms = (float(p50) if synced else _UNKNOWN_PERIOD_MS) + _LATENESS_MS
-    too_late = f"a key's picture takes {median:.1f} ms" if median > allowed_ms else ""
+    too_late = ""
+    if median > period_ms + _LATENESS_MS:
+        too_late = f"a key's picture takes {median:.1f} ms"
     yield Finding("key to flip", f"median {median:.2f} ms, 95 % {p95:.2f} ms, {_KEYS} synthetic keys", too_late)
 
 
 def _key_to_flip_ms(window: BlockingWindow) -> list[float]:
-    """Measure from a key put into the toolkit's queue, while the window sleeps, to the flip that it caused."""
+    """Measure the time from a key put into the sleeping window's queue to the flip of the picture that it causes."""
     late_ms = []
     for screen in _flicker(window, _KEYS):
         sent_ns: list[int] = []
@@ -225,7 +236,7 @@ def _key_to_flip_ms(window: BlockingWindow) -> list[float]:
 
 
 def _flicker(window: BlockingWindow, count: int) -> Iterator[Screen]:
-    """Yield play screens of the size of real ones, each different from the one before."""
+    """Yield play screens of realistic size, each different from the one before."""
     width, height = window.picture_px
     for number in range(count):
         picture = np.full((height, width, 3), 60 + 60 * (number % 2), np.uint8)

@@ -1,4 +1,4 @@
-"""The draw of a group: the request that comes before all others where an answer decides the allocation."""
+"""The draw of a group, which precedes all other requests if an answer decides the allocation."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,13 +13,13 @@ from minihuman.experiment.protocol.protocol import Protocol
 
 
 class GroupDrawHost(RequestHandler):
-    """Draws a slot of a study's allocation list.
+    """Draws a slot from a study's allocation list, then passes requests to the drawn plan's host.
 
     Args:
         protocol: the study.
-        undrawn: whose group is to be drawn.
+        undrawn: the plan of the session whose group is to be drawn.
         data: the data folder.
-        then: makes the host that answers after the draw; None for none.
+        then: makes the host that answers after the draw; it returns None if none is needed.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class GroupDrawHost(RequestHandler):
         self._next: RequestHandler | None = None
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """Return the plan of the group that was drawn; then the next host's answers.
+        """Return the plan of the drawn group; after the draw, return the next host's answers.
 
         Raises:
             AllocationError: if there is no slot to draw.

@@ -1,4 +1,4 @@
-"""Host a participant's session on this machine: plan, window, devices and log around one session."""
+"""Hosts a participant's session on this machine, with its plan, window, devices and log."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -36,26 +36,26 @@ def host_session(
     on_begin: Callable[[SessionMachine], None] = lambda session: None,
     make_world: WorldFactory = World,
 ) -> Path | None:
-    """Run a session in an open window and return its log; with ``markers`` also send its events by LSL.
+    """Run a session in an open window and return its log.
 
-    Returns None where no consent was given, or the session ended before the group was drawn: then nothing was written,
+    It returns None if no consent was given, or the session ended before the group was drawn. Nothing was then written,
     and the slot is free again.
 
     Args:
-        plan: the session's.
-        window: where it is shown.
-        clock: of the session and of the devices.
+        plan: the session's plan.
+        window: the window in which the session is shown.
+        clock: the clock of the session and of the devices.
         data: the data folder.
-        markers: whether to send its events by LSL, too.
-        agent: answers what the session requests from outside; see ``agent_host``.
-        on_begin: is given the session before its first input.
-        make_world: makes its worlds.
+        markers: whether to send the session's events as LSL markers, too.
+        agent: answers the session's requests to agents; see ``agent_host``.
+        on_begin: called with the session before its first input.
+        make_world: makes the session's worlds.
 
     Raises:
-        DeviceError: if a device that the protocol asks for is not there, or there is no LSL to send markers by.
+        DeviceError: if a required device is missing, or LSL is not available for the markers.
         LogError: if the log exists already or cannot be written.
         WindowError: if the protocol needs a gamepad and none is connected.
-        WorldError: if the world failed; the log has the reason and everything before.
+        WorldError: if the world failed; the log has the reason and everything before it.
         OSError: if the data folder cannot be written.
     """
     facts_of_worlds = collect_world_facts(list_world_ids(plan))
@@ -91,7 +91,7 @@ def host_session(
 
 
 def _open_window_devices(plan: SessionPlan, window: Window) -> dict[str, str]:
-    """Open the gamepad if the plan needs one; return the window's facts, and the gamepad's."""
+    """Open the gamepad if the plan needs one; return the facts about the window and the gamepad."""
     if not needs_gamepad(plan):
         return window.facts()
     return window.facts() | window.open_gamepad()
@@ -111,7 +111,7 @@ def describe_ending(log: Path, protocol: Path) -> str:
 
 
 def _fit_four_to_three(room_px: tuple[int, int] | None) -> tuple[int, int] | None:
-    """Return the largest 4:3 picture in a room, so that any display shows the same angle of a first-person world."""
+    """Return the largest 4:3 picture that fits, so that every display shows the same angle of a first-person world."""
     if room_px is None:
         return None
     width = min(room_px[0], room_px[1] * 4 // 3)

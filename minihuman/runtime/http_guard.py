@@ -1,7 +1,7 @@
-"""One set of guards for the HTTP servers of an experimenter's machine: who may ask, how much, and for how long.
+"""Guards for the HTTP servers of an experimenter's machine: who may send requests, how large, and for how long.
 
-`watch` and the programs' interface use the standard library's server, since they belong to the base install; the pages
-of `desk` and participants are Starlette's, and ask `is_own_request` too.
+`watch` and the programs' interface use the standard library's server, since they belong to the base install. The pages
+of `desk` and of participants are Starlette's; they call `is_own_request`, too.
 """
 
 import re
@@ -18,9 +18,9 @@ _MAX_LENGTH_DIGITS = 9
 
 
 def is_own_request(headers: Mapping[str, str]) -> bool:
-    """Tell whether a request that changes something comes from a page of this server, or from no page at all.
+    """Return whether a request that changes something comes from a page of this server, or from no page at all.
 
-    A browser says which site a request comes from (`Sec-Fetch-Site`), an older one only its `Origin`.
+    A browser states the site from which a request comes (`Sec-Fetch-Site`), an older one only its `Origin`.
     """
     site = headers.get("sec-fetch-site", "")
     if site:
@@ -30,31 +30,31 @@ def is_own_request(headers: Mapping[str, str]) -> bool:
 
 
 def is_named(host_header: str, names: Collection[str]) -> bool:
-    """Tell whether a request was sent to one of a machine's own names, whatever its port."""
+    """Return whether a request was sent to one of a machine's own names, whatever the port."""
     return _PORT.sub("", host_header) in names
 
 
 def read_length(length: str, max_bytes: int) -> int | None:
-    """Read a request's Content-Length; None if it is not a number of bytes that is allowed."""
+    """Parse a request's Content-Length; return None if it is not a number, or exceeds ``max_bytes``."""
     if not (length.isascii() and length.isdecimal()) or len(length) > _MAX_LENGTH_DIGITS or int(length) > max_bytes:
         return None
     return int(length)
 
 
 class GuardedHandler(BaseHTTPRequestHandler):
-    """A connection: it is one of a few, and its requests have their time, however slowly their bytes come."""
+    """Handles one connection, with limits on the number of connections and on the duration of each request."""
 
     request_s = 10.0  # from one answer to the next request, and for a client to take one
     max_threads = 128  # of this process
     timeout = request_s
 
     def handle(self) -> None:
-        """Serve a connection; close one that is too many."""
+        """Serve a connection, unless there are too many."""
         if threading.active_count() < self.max_threads:
             super().handle()
 
     def handle_one_request(self) -> None:
-        """Give a request its time."""
+        """Handle one request within its time limit."""
         watchdog = threading.Timer(self.request_s, self._stop_reading)
         watchdog.daemon = True
         watchdog.start()
@@ -70,15 +70,15 @@ class GuardedHandler(BaseHTTPRequestHandler):
             return
 
     def log_message(self, format: str, *arguments: object) -> None:
-        """Say nothing: a line would hold an address and a secret."""
+        """Log nothing, since a line would contain an address and a secret."""
 
 
 class GuardedServer(ThreadingHTTPServer):
-    """A server that a browser may leave before it is answered."""
+    """An HTTP server whose clients may disconnect before they are answered."""
 
     daemon_threads = True
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """Say nothing of a client that has gone; print what else failed."""
+        """Ignore errors of clients that have disconnected; print all others."""
         if not isinstance(sys.exception(), ConnectionError | TimeoutError):
             super().handle_error(request, client_address)  # type: ignore[arg-type] # as it was called

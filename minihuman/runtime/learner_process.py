@@ -1,7 +1,7 @@
-"""The learner process, which makes policies between episodes. Whatever becomes of it, the session continues.
+"""The learner process, which makes policies between episodes. If it fails, the session continues.
 
-One line of JSON asks it, one line answers. It is niced, is the first that the system may kill for its memory, and is
-ended when its time is over; the next request starts another.
+A request is one line of JSON, and so is an answer. The process has a low priority, is the first that the system may
+kill for its memory, and is ended when its time is over; the next request starts another.
 """
 
 import json
@@ -19,12 +19,13 @@ from minihuman.activities.episode_clips import EpisodeClip
 
 LEARNER_COMMAND = ("-m", "minihuman.learn.teaching.learner_main")
 _LAST_LINE_TIMEOUT_S = 5.0  # a process that has died may leave its pipe to others
+_LOOK_INTERVAL_S = 0.2  # how often a patient caller looks whether the process has died
 FIRST_ANSWER_TIMEOUT_S = 60.0  # more time for the first answer: the process has to start
 
 
 @dataclass(frozen=True, slots=True)
 class LearnerRequest:
-    """A request for a policy: what to learn it from."""
+    """A request for a policy, with the data to learn it from."""
 
     logs: list[str]  # of the session so far; the live one may be among them
     part: str  # the block's name
@@ -38,17 +39,17 @@ class LearnerRequest:
 
 @dataclass(frozen=True, slots=True)
 class LearnerAnswer:
-    """The answer of a learner: a policy, or why there is none."""
+    """A learner's answer: a policy, or the reason why there is none."""
 
     file: str  # the policy's, until the next question; the place of a pair in words, where pairs were asked about
     failure: str  # why there is none; "" where there is one
 
 
 class LearnerProcess:
-    """Asks one question at a time.
+    """Starts the learner process, and sends it one request at a time.
 
     Args:
-        command: what is started, behind Python's own name.
+        command: the arguments after Python's own name.
     """
 
     def __init__(self, command: Sequence[str] = LEARNER_COMMAND) -> None:
@@ -60,17 +61,17 @@ class LearnerProcess:
 
     @property
     def busy(self) -> bool:
-        """Whether a question has no answer yet."""
+        """Whether a request has no answer yet."""
         return self._until_s is not None
 
     @property
     def pid(self) -> int:
-        """The process's number."""
+        """The process's id."""
         assert self._process is not None, "it was not started"
         return self._process.pid
 
     def start(self) -> None:
-        """Start the process, which takes seconds, before it is needed."""
+        """Start the process before it is needed, since starting takes seconds."""
         if self._process is None or self._process.poll() is not None:
             self._end()
             self._process = subprocess.Popen(
@@ -83,23 +84,26 @@ class LearnerProcess:
             self._reader.start()
 
     def ask(self, request: LearnerRequest) -> None:
-        """Ask for a policy."""
+        """Send a request, starting the process if necessary."""
         fresh = self._process is None or self._process.poll() is not None
         self.start()
         assert self._process is not None
         assert self._process.stdin is not None
         while not self._answers.empty():  # to an earlier question
             self._answers.get()
-        self._until_s = time.monotonic() + request.budget_s + (FIRST_ANSWER_TIMEOUT_S if fresh else 0.0)
+        self._until_s = time.monotonic() + request.budget_s
+        if fresh:
+            self._until_s += FIRST_ANSWER_TIMEOUT_S
         with suppress(OSError):  # of a process that has died, as the answer will say
             self._process.stdin.write(json.dumps(asdict(request)).encode() + b"\n")
             self._process.stdin.flush()
 
     def answer(self, *, patient: bool = False) -> LearnerAnswer | None:
-        """Return the answer to the question; None if there is none yet. With ``patient`` this waits for it."""
+        """Return the answer to the request; None if there is none yet. With ``patient``, wait for it."""
         assert self._until_s is not None, "nothing was asked"
+        timeout_s = _LOOK_INTERVAL_S if patient else 0.0
         while True:
-            answer = self._look(0.2 if patient else 0.0)
+            answer = self._look(timeout_s)
             if answer is not None:
                 self._until_s = None
                 return answer
@@ -107,7 +111,7 @@ class LearnerProcess:
                 return None
 
     def close(self) -> None:
-        """End the process."""
+        """End the learner process."""
         self._end()
         self._until_s = None
 
@@ -119,10 +123,11 @@ class LearnerProcess:
         if died is not None:
             self._reader.join(_LAST_LINE_TIMEOUT_S)
         with suppress(queue.Empty):
-            return _read(self._answers.get(timeout=timeout_s) if timeout_s else self._answers.get_nowait())
+            return _read(self._answers.get(block=timeout_s > 0, timeout=timeout_s))
         if died is not None:
             self._end()
-            return LearnerAnswer("", f"the learner died ({f'signal {-died}' if died < 0 else f'exit status {died}'})")
+            cause = f"signal {-died}" if died < 0 else f"exit status {died}"
+            return LearnerAnswer("", f"the learner died ({cause})")
         if time.monotonic() >= self._until_s:
             self._end()
             return LearnerAnswer("", "the learner took too long and was ended")

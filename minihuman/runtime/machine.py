@@ -1,4 +1,4 @@
-"""Facts about the machine that a session runs on, and the session's clock. Nothing that names a person or a machine."""
+"""Facts about the machine that a session runs on, and the session's clock. No fact names a person or a machine."""
 
 import hashlib
 import platform
@@ -29,10 +29,10 @@ _PACKAGES = ("numpy", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "m
 
 
 class SessionClock:
-    """The session's monotonic clock, 0 when it was made; ``started_unix_ns`` is the wall clock at that moment.
+    """The session's monotonic clock, 0 at its creation; ``started_unix_ns`` is the wall clock at that moment.
 
-    It is the finest that the system has: CLOCK_MONOTONIC on Linux, mach_absolute_time on macOS, and on Windows
-    QueryPerformanceCounter, as the clock of ``time.monotonic`` moves in steps of 16 ms there before Python 3.13.
+    It is the finest clock that the system has: CLOCK_MONOTONIC on Linux, mach_absolute_time on macOS, and on Windows
+    QueryPerformanceCounter, since the clock of ``time.monotonic`` advances in steps of 16 ms there before Python 3.13.
     """
 
     def __init__(self) -> None:
@@ -40,14 +40,14 @@ class SessionClock:
         self.started_monotonic_ns = time.perf_counter_ns()
 
     def __call__(self) -> int:
-        """Return the nanoseconds since the clock was made."""
+        """Return the nanoseconds since the clock was created."""
         return time.perf_counter_ns() - self.started_monotonic_ns
 
     def facts(self) -> dict[str, str]:
-        """Return what the machine's monotonic clock showed, which clock it is, and local time's offset from UTC.
+        """Return the monotonic clock's reading at the start, the name of that clock, and local time's offset from UTC.
 
-        Any other recording of this machine by that clock can be laid beside the log to the nanosecond. The offset says
-        which calendar day it was; no zone is named, as that would tell where the participant lives.
+        Any other recording on this machine that uses that clock can be aligned with the log to the nanosecond. The
+        offset tells which calendar day it was. No time zone is named, as that would tell where the participant lives.
         """
         local = datetime.fromtimestamp(self.started_unix_ns / 1e9).astimezone()
         return {
@@ -58,7 +58,7 @@ class SessionClock:
 
 
 def collect_machine_facts() -> dict[str, str]:
-    """Collect a digest of the worlds' rules, versions, platform, processor and the commit of a checkout, by name."""
+    """Return facts about rules, versions, platform and processor, and the commit of a checkout, by name."""
     facts = {
         "rules": rules_digest(),
         "pictures": str(PICTURES_VERSION),
@@ -84,16 +84,16 @@ def collect_machine_facts() -> dict[str, str]:
 
 
 def list_world_ids(plan: SessionPlan) -> set[str]:
-    """List the ids of the worlds that a session may play; of any group where it is not drawn yet."""
+    """Return the ids of the worlds that a session may play; those of all groups if the group is not drawn yet."""
     if is_allocation_pending(plan):
         return {block.world for block in decode_logged_protocol(plan.protocol_toml).blocks}
     return {episode.world for episode in plan.episodes}
 
 
 def collect_world_facts(worlds: Iterable[str]) -> dict[str, str]:
-    """Collect the SHA-256 of each module file that a world id names, "lab_worlds:lab/Corridor-v0", and of its imports.
+    """Return the versions of the packages that worlds come from, and the SHA-256 of the modules that world ids name.
 
-    Of installed packages, the versions.
+    An id such as "lab_worlds:lab/Corridor-v0" names a module; the modules that it imports are included.
     """
     ids = list(worlds)
     sources = {
@@ -104,7 +104,7 @@ def collect_world_facts(worlds: Iterable[str]) -> dict[str, str]:
 
 
 def _collect_package_versions(worlds: Iterable[str]) -> dict[str, str]:
-    """Collect the versions of the worlds' distributions, without those that the facts of every machine have."""
+    """Return the versions of the worlds' distributions, except those that every machine's facts have."""
     modules = {_find_drawing_package(find_registered_module(world)) for world in worlds} - {
         "",
         "minihuman",
@@ -116,7 +116,7 @@ def _collect_package_versions(worlds: Iterable[str]) -> dict[str, str]:
 
 
 def _find_drawing_package(module: str) -> str:
-    """Return the package whose version says what a module's worlds look like."""
+    """Return the package whose version determines how a module's worlds look."""
     return next(
         (package for part, package in _DRAWING_PACKAGES.items() if module.startswith(part)), module.partition(".")[0]
     )
@@ -128,16 +128,17 @@ def _list_distributions() -> Mapping[str, list[str]]:
 
 
 def _numbers(release: str) -> str:
-    """Return a kernel's version without what its builder added, which may name a machine or a person."""
+    """Return a kernel's version without its builder's suffix, which may name a machine or a person."""
     match = re.match(r"[0-9.]+", release)
     return match[0] if match else ""
 
 
 @cache
 def _git_commit(folder: Path) -> str:
-    """Return a checkout's commit, with "+" where files were changed; "" where the folder is none.
+    """Return a checkout's commit, with "+" if files were changed; "" if the folder is not a checkout.
 
-    A folder inside another project's checkout is none: an environment often lies in the repository of a lab's study.
+    A folder inside another project's checkout does not count, since an environment is often inside the repository of a
+    laboratory's study.
     """
     if not (folder / ".git").exists():
         return ""

@@ -1,4 +1,4 @@
-"""A run of sessions with a language model: what it has spent, its limits, and whether it is to stop."""
+"""A run of sessions with a language model: its expenses, its limits, and whether it has to stop."""
 
 import threading
 from collections.abc import Callable
@@ -20,12 +20,12 @@ PLAYER_PREFIX = "model:"
 
 
 class RunStoppedError(MinihumanError, RuntimeError):
-    """The run is over before its sessions are: they are resumed by the same command."""
+    """The run is over before its sessions are; the same command resumes them."""
 
 
 @dataclass(slots=True)
 class ModelRun:
-    """A run of a model: what its sessions have spent together, its limits, and whether it is to stop."""
+    """A run of a model: the expenses of all its sessions, its limits, and whether it has to stop."""
 
     name: str  # "model:NAME", or "http:NAME" of a program
     make_client: Callable[[ModelSpec], ModelClient]
@@ -39,7 +39,7 @@ class ModelRun:
 
     @classmethod
     def of_model(cls, player: str, **settings: Any) -> "ModelRun":
-        """Make the run of a language model, "model:NAME"."""
+        """Make the run of a language model, given as "model:NAME"."""
         name = player.removeprefix(PLAYER_PREFIX)
 
         def make_client(spec: ModelSpec) -> ChatClient:
@@ -50,10 +50,10 @@ class ModelRun:
         return cls(player, make_client, **settings)
 
     def check(self) -> None:
-        """Refuse another request.
+        """Refuse a further request if the run has to stop.
 
         Raises:
-            RunStoppedError: if the run is to stop.
+            RunStoppedError: if the run has to stop.
         """
         if self.max_price and self.spent.price >= self.max_price:
             self.stop(f"the run's limit of {self.max_price:g} is reached")
@@ -61,12 +61,12 @@ class ModelRun:
             raise RunStoppedError(f"{self.stopped}; run the same command again to resume with the next call")
 
     def stop(self, why: str) -> None:
-        """Let no further request begin."""
+        """Prevent further requests."""
         with self.lock:
             self.stopped = self.stopped or why
 
     def count(self, call: ModelCall) -> None:
-        """Count a call's end."""
+        """Add a finished call to the expenses."""
         with self.lock:
             self.spent = self.spent.add(call)
         self.changed(self.spent)

@@ -1,8 +1,8 @@
-"""Sessions with a language model in the participant's place: several side by side, resumed after any cut.
+"""Sessions with a language model as the participant: several in parallel, resumed after any interruption.
 
-Every request is durable before it is sent. Its answer and what came of it become durable in this order, at the latest
-with the session's next request: by one fsync. A live file that a killed program left is resumed at the same call, so
-that no stored answer is asked for again.
+Every request is durable before it is sent. The answer and its effects become durable in this order, at the latest with
+the session's next request, by the same fsync. A live file that a killed program left is resumed at the same call, so
+that no stored answer is requested again.
 """
 
 import time
@@ -55,16 +55,16 @@ from minihuman.worlds.adapters.world import World
 def simulate_models(
     protocol: Protocol, data: Path, *, participants: int, parallel: int, run: ModelRun
 ) -> Iterator[Path]:
-    """Play sessions with a model, ``parallel`` at a time: first those that were cut off, then new ones; yield the logs.
+    """Play sessions with a model, ``parallel`` at a time and unfinished ones first; yield the logs.
 
-    The models' study lies in the folder ``models`` of the data folder: a model has the slot, the keys and the seeds of
-    the participant with its number, and is in no count of people.
+    The models' study is kept in the folder ``models`` of the data folder. A model has the slot, the keys and the seeds
+    of the participant with its number, and is never counted as a person.
 
     Raises:
         AllocationError: if there are too few free slots, before any session.
-        ModelUnavailableError: if the model gives no answer; its sessions are resumed by the same call.
+        ModelUnavailableError: if the model gives no answer; the same call resumes its sessions.
         RunStoppedError: if a limit of the run is reached.
-        SimulationError: if the study has parts that a model cannot take, or strata.
+        SimulationError: if the study has strata, or parts that a model cannot take.
     """
     require_playable(protocol)
     data = data / MODELS_FOLDER
@@ -81,12 +81,13 @@ def simulate_models(
             while waiting:
                 waiting = yield from _yield_done(waiting)
         except BaseException as error:
-            run.stop("another session failed" if isinstance(error, Exception) else "the run was interrupted")
+            reason = "another session failed" if isinstance(error, Exception) else "the run was interrupted"
+            run.stop(reason)
             raise
 
 
 def _yield_done(waiting: set[Future[list[Path]]]) -> Generator[Path, None, set[Future[list[Path]]]]:
-    """Yield the logs of sessions that are done; return the others."""
+    """Yield the logs of finished sessions; return the unfinished ones."""
     finished, unfinished = wait(waiting, return_when=FIRST_COMPLETED)
     for session in finished:
         yield from session.result()
@@ -94,10 +95,11 @@ def _yield_done(waiting: set[Future[list[Path]]]) -> Generator[Path, None, set[F
 
 
 def require_playable(protocol: Protocol) -> None:
-    """Refuse a study with parts that a model cannot take.
+    """Refuse a study that a model cannot take part in.
 
     Raises:
-        SimulationError: if there is one, if groups are drawn after an answer, or if a world cannot be put into words.
+        SimulationError: if the study has a part that a model cannot play, groups that are drawn after an answer, or a
+            world that cannot be described in words although the model needs words.
     """
     require_one_process(protocol, "with a language model in a seat; give the other seats to agents")
     kinds = {block.kind for block in protocol.blocks} | {activity.kind for activity in protocol.activities}
@@ -131,12 +133,13 @@ def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
         except LogError:  # nothing was asked before the plan was written
             yield slot.participant
         else:
-            yield from [] if parts or list_log_files(folder, f"ses-*/*{LOG_SUFFIX}") else [slot.participant]
+            if not parts and not list_log_files(folder, f"ses-*/*{LOG_SUFFIX}"):
+                yield slot.participant
 
 
 @contextmanager
 def _hold_slots(data: Path) -> Iterator[None]:
-    """Let one session at a time, of all threads and processes, choose its slot and make its live file."""
+    """Let one session at a time, of all threads and processes, choose its slot and create its live file."""
     with hold_lock(data / ".slots.lock"):
         yield
 
@@ -144,15 +147,15 @@ def _hold_slots(data: Path) -> Iterator[None]:
 def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path]:
     """Play the sessions of one model to the study's end; return their logs.
 
-    It resumes a session that a killed or stopped run of this model left, and takes the next slot where there is none.
+    A session that a killed or stopped run of this model left is resumed; if there is none, the next slot is taken.
 
     Args:
         protocol: the study.
         data: the models' data folder.
-        run: whose sessions these are.
+        run: the run to which the sessions belong.
 
     Raises:
-        MinihumanError: as `simulate_models`.
+        MinihumanError: as `simulate_models` does.
     """
     run.check()
     settings = RecorderSettings(group=run.group_commit)
@@ -164,17 +167,18 @@ def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path
         plan = plan_next_session(protocol, data, participant=plan.participant.id, session=session, any_day=True)
         log = McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings)
         path, reason = _play(protocol, data, plan, run, log)
-        logs += [path] if path else []
+        if path:
+            logs.append(path)
     return logs
 
 
 def _play_first_session(
     protocol: Protocol, data_folder: Path, run: ModelRun, settings: RecorderSettings
 ) -> tuple[SessionPlan, Path | None, str]:
-    """Finish or resume the session that a killed or stopped run left, or play the next slot's first one.
+    """Finish or resume the session that a killed or stopped run left, or play the first session of the next slot.
 
     Returns:
-        Its plan, its log and why it ended.
+        The session's plan, its log and the reason why it ended.
     """
     left = None
     with _hold_slots(data_folder):
@@ -196,7 +200,7 @@ def _play_first_session(
 
 
 def _build_session(plan: SessionPlan, run: ModelRun, spec: ModelSpec) -> SessionMachine:
-    """Build a session before its first input."""
+    """Build a new session."""
     facts = {"player": run.name, **collect_machine_facts(), **collect_world_facts(list_world_ids(plan))}
     facts |= {"window": "model", "answer_rules": ANSWER_RULES}
     return SessionMachine(plan, World, facts, picture_px=find_picture_size(spec))
@@ -205,7 +209,7 @@ def _build_session(plan: SessionPlan, run: ModelRun, spec: ModelSpec) -> Session
 def _resume_session(
     left: LeftoverSegment, spec: ModelSpec, record: ConversationRecord, log: McapRecorder
 ) -> SessionMachine:
-    """Replay what was left of a session; its conversation so far is in the record then."""
+    """Replay the logged part of a session, which also restores its conversation in the record."""
 
     def follow(session: SessionMachine, event: Event | None) -> None:
         if event is None or isinstance(event, ModelCall):
@@ -226,7 +230,7 @@ def _play(
     log: McapRecorder,
     left: LeftoverSegment | None = None,
 ) -> tuple[Path | None, str]:
-    """Play one session, or the rest of one; return its log and why it ended."""
+    """Play one session, or the rest of one; return its log and the reason why it ended."""
     spec = decode_logged_protocol(plan.protocol_toml).model
     clock = VirtualClock()
     record = ConversationRecord(spec)

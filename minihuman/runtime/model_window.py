@@ -1,4 +1,4 @@
-"""A window with a language model at the keys, and a recorder that makes each call durable before it is sent."""
+"""A window that a language model controls, and a recorder that makes each call durable before it is sent."""
 
 import time
 from dataclasses import replace
@@ -44,14 +44,14 @@ RETRY_WAIT_S = 0.5  # doubled each time, 30 s at most
 
 
 class ModelWindow(Window):
-    """Asks a model what to press, and presses it. It reads what takes no decision in a second.
+    """Asks a model which key to press, and presses it. Screens that need no decision are read in one second.
 
     Args:
-        session: the session it sits in.
-        clock: the session's; waiting moves it, by as much as an answer took.
+        session: the model's session.
+        clock: the session's clock; waiting advances it by the time that an answer took.
         client: asks the model.
-        spec: the protocol's settings.
-        run: counts what is spent.
+        spec: the protocol's settings for models.
+        run: counts the expenses.
         record: the conversation so far.
         recorder: makes a call's events durable.
     """
@@ -78,7 +78,8 @@ class ModelWindow(Window):
         self._attempt = 1
         self._useless = 0
         self._step: tuple[int, int] | None = None  # episode and step at the last key
-        self._question: tuple[str, int] = ("", 0)  # the last one, and how often it was asked in a row
+        self._last_question = ""
+        self._n_times_asked = 0  # how often that question was asked in a row
         last = record.call
         if last is not None and last.state == "answered":  # of a program that was killed
             self._attempt = last.attempt + (last.verdict == "invalid")
@@ -89,7 +90,7 @@ class ModelWindow(Window):
                 self._stop("a call's answer was lost")
 
     def show(self, screen: Screen) -> ScreenShown:
-        """Look at a screen; it is there one frame later."""
+        """Show a screen to the model; it counts as displayed one frame later."""
         self._screen = screen
         self._record.conversation.see(screen)
         submit_ns = self._clock()
@@ -97,10 +98,10 @@ class ModelWindow(Window):
         return ScreenShown(t_ns=self._clock(), submit_ns=submit_ns, flip_ns=self._clock())
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Move the clock to the next input, or to ``until_ns``.
+        """Advance the clock to the next input, or to ``until_ns``; return the input.
 
         Raises:
-            SessionLeft: if the model gives no answer, or the run is to stop.
+            SessionLeft: if the model gives no answer, or the run has to stop.
         """
         if not any(isinstance(coming, KeyDown | PointerPressed | TextInput | Stop) for coming in self._record.coming):
             try:
@@ -118,11 +119,11 @@ class ModelWindow(Window):
         return [happened]
 
     def facts(self) -> dict[str, str]:
-        """Return the facts of the window."""
+        """Return the facts about the window."""
         return {"window": "model"}
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the connection to the model."""
         self._client.close()
 
     def _think(self) -> None:
@@ -162,7 +163,7 @@ class ModelWindow(Window):
             self._waiting_screen = self._screen
 
     def _find_end(self, rule: AnswerRule) -> str:
-        """Say why no further answer is asked for; "" for no reason."""
+        """Return the reason for ending the session instead of asking again; "" if there is none."""
         spec = self._spec
         spent = self._record.spent
         session = self._session
@@ -184,8 +185,12 @@ class ModelWindow(Window):
                 return f"{MAX_USELESS_KEYS} keys in a row led to no step"
             return ""
         question = getattr(self._screen, "question", "")
-        self._question = (question, self._question[1] + 1 if question == self._question[0] else 1)
-        if question and self._question[1] > MAX_SAME_QUESTION:
+        if question == self._last_question:
+            self._n_times_asked += 1
+        else:
+            self._last_question = question
+            self._n_times_asked = 1
+        if question and self._n_times_asked > MAX_SAME_QUESTION:
             return f"a question was answered {MAX_SAME_QUESTION} times and not left"
         return ""
 
@@ -193,11 +198,11 @@ class ModelWindow(Window):
         self._record.coming = [Stop(self._clock(), "player_failed", reason)]
 
     def _ask(self, rule: AnswerRule) -> ModelCall:
-        """Ask until there is an answer, as often as the protocol says.
+        """Ask the model, with as many retries as the protocol allows, and return the call.
 
         Raises:
-            ModelUnavailableError: if there is none.
-            RunStoppedError: if the run is to stop.
+            ModelUnavailableError: if the model gives no answer.
+            RunStoppedError: if the run has to stop.
         """
         session = self._session
         record = self._record
@@ -259,7 +264,7 @@ class ModelWindow(Window):
 
 
 class SessionLeft(BaseException):
-    """A session is left where it is, to be resumed: no exception, or the loop would end it in its log."""
+    """A session is left to be resumed. It is not an `Exception`, for which the loop would end the session."""
 
     def __init__(self, error: MinihumanError) -> None:
         super().__init__(str(error))
@@ -267,7 +272,7 @@ class SessionLeft(BaseException):
 
 
 class ResumableRecorder(WrappedRecorder):
-    """Leaves the live file as it is when a run stops between two calls."""
+    """Leaves the live file unfinished when a run stops between two calls."""
 
     def __init__(self, log: McapRecorder) -> None:
         super().__init__(log)
@@ -275,7 +280,7 @@ class ResumableRecorder(WrappedRecorder):
         self.leave = False
 
     def record(self, call: ModelCall) -> None:
-        """Write a call down; a request is durable then, and all that came before it."""
+        """Write a call; a request and everything before it is durable when this returns."""
         self._log.begin([call])
         if call.state == "asked":
             self._log.drain()

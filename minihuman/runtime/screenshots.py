@@ -1,7 +1,8 @@
 """Screenshots of every screen of a participant's sessions, without a window.
 
-A session is played twice: by a player that knows the way and reaches the end, and by one that does not, which shows
-what participants see who make mistakes. Where a world has no planner, one that presses any key takes the first's place.
+A session is played twice: by a player that knows the way and reaches the end, and by one that does not, which shows the
+screens of participants who make mistakes. If a world has no planner, a player that presses random keys replaces the
+first one.
 """
 
 import re
@@ -36,16 +37,16 @@ _LABEL_PX = 22
 
 
 class _Camera(SimulatedWindow):
-    """A window that keeps the screens worth a picture: of play each block's first, and its last for each outcome.
+    """A window that collects distinct screens; of play, each block's first screen and the last per outcome.
 
     Args:
-        screens: gets the screens with their phases' names.
-        screen_kinds: what tells those from others; a screen like one of them is not kept.
-        parts: gets the number of each part that shows a screen.
-        session: the session that it shows.
-        clock: the session's.
-        player: the name of who sits in front of it.
-        wrong_in_ten: as ``SimulatedWindow``.
+        screens: receives the screens with the names of their phases.
+        screen_kinds: the descriptions of the screens kept so far; a screen with the same description is not kept again.
+        parts: receives the number of each part that shows a screen.
+        session: the session that is shown.
+        clock: the session's clock.
+        player: the name of the simulated participant.
+        wrong_in_ten: how many in ten answers are random, as in ``SimulatedWindow``.
     """
 
     def __init__(
@@ -67,12 +68,13 @@ class _Camera(SimulatedWindow):
         self._parts = parts
 
     def show(self, screen: Screen) -> ScreenShown:
-        """Keep a screen that is not like one before."""
+        """Keep a screen that differs from all screens before it."""
         name = str(self._watched.phase)
         self._parts.add(self._watched.part.number)
         if isinstance(screen, PlayScreen):
             plan = self._watched.plan.episodes[screen.episode]
-            kind: object = (plan.block_name, f"held {screen.mark}" if screen.mark or name == "hold" else "playing")
+            state = f"held {screen.mark}" if screen.mark or name == "hold" else "playing"
+            kind: object = (plan.block_name, state)
             name = f"{plan.block_name}-{name}"
         else:
             kind = (name, _words(screen, but_sums=name in ("feedback", "closing")))
@@ -84,13 +86,13 @@ class _Camera(SimulatedWindow):
 
 
 def render_screens(plans: Sequence[SessionPlan], size_px: Size) -> tuple[list[tuple[str, Screen]], tuple[str, ...]]:
-    """Render the screens of sessions, with their phases' names; one that comes again is kept once.
+    """Play sessions and collect their distinct screens, with the names of their phases.
 
     Returns:
         The screens, and the names of the parts that no player reached.
 
     Raises:
-        Exception: what a world raised.
+        WorldError: if a world failed.
     """
     screens: list[tuple[str, Screen]] = []
     screen_kinds: set[object] = set()
@@ -117,8 +119,8 @@ class Screenshots:
     """The pictures of a participant's sessions.
 
     Attributes:
-        screens: a PNG of each screen, numbered in the order in which they come.
-        sheet: all of them at a glance.
+        screens: a PNG of each screen, numbered in the order in which the screens appear.
+        sheet: the contact sheet with all screens.
         missing: the parts that no simulated participant reached.
     """
 
@@ -128,7 +130,7 @@ class Screenshots:
 
 
 def save_screenshots(plans: Sequence[SessionPlan], out: Path, size_px: Size = (1280, 720)) -> Screenshots:
-    """Write every screen as a PNG, and all of them on one contact sheet."""
+    """Write every screen as a PNG, and a contact sheet of all of them."""
     out.mkdir(parents=True, exist_ok=True)
     screens, missing = render_screens(plans, size_px)
     pictures = []
@@ -159,7 +161,7 @@ def _contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
 
 
 def _words(screen: Screen, *, but_sums: bool) -> tuple[str, ...]:
-    """Return a screen's title, text and page, without what counts down, fills or was earned."""
+    """Return a screen's title, text, page and question; with ``but_sums``, replace all amounts by 0."""
     words = tuple(str(getattr(screen, name, "")) for name in ("title", "body", "page", "question"))
     if but_sums:
         return tuple(_SUM.sub("0", text) for text in words)

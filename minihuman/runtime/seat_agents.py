@@ -1,4 +1,4 @@
-"""Agents in the seats of a team: each follows the joint actions in a world of its own."""
+"""Agents in the seats of a team, each of which follows the joint actions in a world of its own."""
 
 from collections.abc import Mapping, Sequence
 
@@ -19,14 +19,14 @@ from minihuman.worlds.adapters.world import World
 
 
 class SeatAgent:
-    """An agent in one seat of one episode: follows the joint actions in a world of its own.
+    """An agent in one seat for one episode, which follows the joint actions in a world of its own.
 
     Args:
-        agent: chooses.
-        plan: the episode, of any seat.
-        team: whose index its random stream has.
-        seat: the agent's.
-        seed: the study's.
+        agent: the agent that chooses actions.
+        plan: the episode's plan, for any seat.
+        team: the team; its index selects the agent's random stream.
+        seat: the agent's seat.
+        seed: the study's seed.
     """
 
     def __init__(self, agent: BaseAgent, plan: EpisodePlan, team: Team, seat: int, seed: int) -> None:
@@ -42,10 +42,10 @@ class SeatAgent:
         agent.begin(plan, self._world)
 
     def choose(self, steps: Sequence[JointAction]) -> int:
-        """Choose the action that follows these joint actions.
+        """Return the agent's action after these joint actions.
 
         Raises:
-            WorldError: if the agent gives no chance to any action.
+            WorldError: if the agent gives no action a positive probability.
         """
         for actions, _ in steps[self._n_steps :]:
             if self._n_asked == self._n_steps:  # an agent with a memory has to see every state, and each once
@@ -68,12 +68,12 @@ class SeatAgent:
         return np.asarray(self._agent.action_probabilities(self._world), np.float64)
 
     def close(self) -> None:
-        """Close its world."""
+        """Close the agent's world."""
         self._world.close()
 
 
 class SimulatedAgent(BaseAgent):
-    """A simulated participant in a seat: acts by the keys that it presses, and idles at a key without an action."""
+    """A simulated participant in a seat, who acts through keys and idles when a key has no action."""
 
     def __init__(self, argument: str, rng: np.random.Generator, pool: tuple[str, ...]) -> None:
         super().__init__(argument)
@@ -86,7 +86,7 @@ class SimulatedAgent(BaseAgent):
         self._participant.begin(plan, self._pool, world)
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """Give the action of the key that is pressed the probability 1."""
+        """Return probability 1 for the action of the pressed key."""
         press = self._participant.press(world)
         names = world.action_names
         if press is None or isinstance(press, NoPress):
@@ -98,12 +98,12 @@ class SimulatedAgent(BaseAgent):
 
 
 class SeatAgents:
-    """The agents of one team, in its present episode.
+    """The agents of one team in its present episode.
 
     Args:
         protocol: the study.
-        policies: where its policy files are kept.
-        team: of any seat.
+        policies: the store of the study's policy files.
+        team: the team, as seen from any seat.
         rules: the protocol's ``[blocks.team]``.
     """
 
@@ -116,10 +116,10 @@ class SeatAgents:
         self._episode = -1
 
     def choose(self, seat: int, plan: EpisodePlan, steps: Sequence[JointAction]) -> int:
-        """Return what the agent of a seat does after these joint actions of an episode.
+        """Return the action of a seat's agent after these joint actions of an episode.
 
         Raises:
-            WorldError: if the agent gives no chance to any action.
+            WorldError: if the agent gives no action a positive probability.
         """
         if self._episode != plan.episode:
             self.close()
@@ -130,14 +130,16 @@ class SeatAgents:
         return self._agents[seat].choose(steps)
 
     def close(self) -> None:
-        """Close the worlds."""
+        """Close the agents' worlds."""
         for agent in self._agents.values():
             agent.close()
         self._agents.clear()
 
     def _load(self, seat: int, purpose: str) -> BaseAgent:
         kind = self._team.seats[seat]
-        name = find_seat_agent(self._rules.stand_in if kind == PERSON else kind)
+        if kind == PERSON:
+            kind = self._rules.stand_in
+        name = find_seat_agent(kind)
         seat_kind, _, player = name.partition(":")
         if seat_kind == SIMULATED:
             [word] = draw_words(1, seed=self._protocol.study.seed, purpose=purpose, index=self._team.index)

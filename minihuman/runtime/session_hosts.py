@@ -1,4 +1,4 @@
-"""What answers a session's requests from outside: made by the hosts that the plans of its parts name."""
+"""Handlers of a session's requests to agents and other participants, as the plans of its parts name them."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -18,17 +18,17 @@ from minihuman.runtime.team_host import TeamTable
 
 @dataclass(frozen=True, slots=True)
 class HostContext:
-    """What the host of a part knows of its session.
+    """The session for which a part's host is made.
 
     Args:
         protocol: the study.
-        plan: the session's segment.
+        plan: the plan of the session's segment.
         data: the data folder.
-        patient: wait for the learner and for partners, as no participant waits.
+        patient: whether to wait for the learner and for partners, because no participant is waiting.
         logged: the events so far of a segment that is resumed.
-        teams: those of this process; None: the session's own, where only agents can sit beside its person.
-        changed: called when a member of the session's team did something that may answer a request of it.
-        signs: of life, of the page that the session is in; None: it is in none.
+        teams: the teams of this process; None to use the session's own, in which all partners are agents.
+        changed: called when a member of the session's team did something that may answer one of its requests.
+        signs: the signs of life of the session's page; None if the session is not in a page.
     """
 
     protocol: Protocol
@@ -41,30 +41,30 @@ class HostContext:
     signs: LifeSigns | None = None
 
     def list_logs(self) -> list[Path]:
-        """List the files of the session's segment that are there now."""
+        """Return the existing log files of the session's segment."""
         path = SegmentPath.of_plan(self.data, self.plan)
         return [file for file in (path.log, path.part) if file.exists()]
 
 
 class SessionHosts(RequestHandler):
-    """Hands each request to the host that answers it."""
+    """Passes each request to the host that answers it."""
 
     def __init__(self, hosts: Sequence[RequestHandler]) -> None:
         self._hosts = tuple(hosts)
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """Return the first answer of a host; None as long as none has one."""
+        """Return the first answer that a host gives; None if no host has one yet."""
         answers = (host.answer(want, play, t_ns) for host in self._hosts)
         return next((answer for answer in answers if answer is not None), None)
 
     def close(self) -> None:
-        """Close each host."""
+        """Close all hosts."""
         for host in self._hosts:
             host.close()
 
 
 def make_session_host(context: HostContext) -> RequestHandler | None:
-    """Make what answers a session's requests; None where no part of it asks for anything."""
+    """Make the handler of a session's requests; return None if no part of the session makes requests."""
     hosts = [make(context) for make in _load_makers(context.plan)]
     if len(hosts) > 1:
         return SessionHosts(hosts)
@@ -72,7 +72,7 @@ def make_session_host(context: HostContext) -> RequestHandler | None:
 
 
 def _load_makers(plan: SessionPlan) -> Iterator[Callable[[HostContext], RequestHandler]]:
-    """Load the makers of hosts that a session's parts name, each once."""
+    """Yield the functions that make the hosts that a session's parts name, each once."""
     for place in dict.fromkeys(getattr(part.plan, "host", "") for part in plan.parts):
         if place:
             module, _, name = place.partition(":")

@@ -1,7 +1,8 @@
 """The loop around a session: wait for inputs, receive them, write the events, show the screen.
 
-Every effect is here; every decision is the session's. The command inbox brings the experimenter's requests: one JSON
-line each in a file beside the log. The file is all that connects the two: the sender may die at any time.
+All effects are here; all decisions are the session's. The command inbox passes the experimenter's requests to the
+session, as one JSON line each in a file beside the log. Only this file connects the two, so the sender may die at any
+time.
 """
 
 import logging
@@ -32,7 +33,7 @@ CommandKind = Literal["pause", "go_on", "abort", "note"]
 
 
 class CommandRequest(msgspec.Struct, frozen=True):
-    """A request of the experimenter to a running session."""
+    """An experimenter's request to a running session."""
 
     what: CommandKind
     text: str = ""  # the note, or why
@@ -40,20 +41,20 @@ class CommandRequest(msgspec.Struct, frozen=True):
 
 
 def inbox_path(log: Path) -> Path:
-    """Name the file of requests to a log's session: ``sub-07_ses-01.asked.jsonl``."""
+    """Return the path of the file with requests to a log's session: ``sub-07_ses-01.asked.jsonl``."""
     return log.with_name(log.name.removesuffix(LOG_SUFFIX) + ".asked.jsonl")
 
 
 def send_command(log: Path, request: CommandRequest) -> None:
-    """Send a request to a log's session, which looks several times per second."""
+    """Send a request to a log's session, which reads its inbox several times per second."""
     append_durably(inbox_path(log), msgspec.json.encode(request) + b"\n")
 
 
 class CommandInbox:
-    """The session's side: returns the requests made from now on.
+    """Reads the requests that are sent to a session from now on.
 
     Args:
-        path: the file of requests; it need not exist.
+        path: the file of requests, which need not exist.
     """
 
     def __init__(self, path: Path) -> None:
@@ -61,7 +62,7 @@ class CommandInbox:
         self._read = self._size()  # requests to an earlier segment are done
 
     def read_new(self) -> list[CommandRequest]:
-        """Return new requests. Unreadable lines are skipped, and half a line waits for the rest."""
+        """Return the new requests. Unreadable lines are skipped; an incomplete line is read once it is complete."""
         if self._size() <= self._read:
             return []
         with self._path.open("rb") as file:
@@ -106,17 +107,17 @@ def run_session(
     """Run a session to its end, whatever ends it; the log is finished before this returns or raises.
 
     Args:
-        inbox: the experimenter's commands; None: there are none.
-        agent: answers what a part requests from outside; None: no part does. It is closed at the end.
-        finished: called with the finished log's path, while signals still wait.
-        last_screen_s: how long a screen that says what failed waits for a key, seconds.
+        inbox: the experimenter's commands; None if there are none.
+        agent: answers the parts' requests; None if no part makes any. It is closed at the end.
+        finished: called with the finished log's path, while signals are still deferred.
+        last_screen_s: for how many seconds a screen that reports a failure waits for a key.
 
     Returns:
-        Where the log is; None if it was kept in memory.
+        The log's path; None if it was kept in memory.
 
     Raises:
         LogError: if the log could not be written; what was written before is kept.
-        Exception: what the window or a bug of ours raised.
+        Exception: an error of the window, or a bug of ours.
     """
     loop = _SessionLoop(session, window, recorder, clock, inbox, agent)
     with receive_end_signals(loop.note_signal):  # to the end: a second Ctrl-C must not cut off the log that finishes
@@ -149,13 +150,13 @@ def _close_world(session: SessionMachine) -> None:
 
 
 def describe_world_failure(session: SessionMachine, log: Path | None) -> WorldError:
-    """Make the error of a session that its world ended: what failed, and where what was recorded is."""
+    """Return the error for a session that its world ended, with the failure and the path of what was recorded."""
     log_note = "" if log is None else f"; what was recorded up to then is in {log}"
     return WorldError(f"the world failed ({session.end_detail}){log_note}")
 
 
 class _SessionLoop:
-    """A session between its window and its log."""
+    """The loop between a session, its window and its log."""
 
     def __init__(
         self,
@@ -179,14 +180,14 @@ class _SessionLoop:
         self._failed = False
 
     def note_signal(self, name: str) -> None:
-        """Have the session end at its next input, because of a signal."""
+        """Record a signal, which ends the session at its next input."""
         self.signal_name = name
 
     def run_or_stop(self) -> None:
-        """Run until the session is over; whatever is raised ends the session in its log first.
+        """Run until the session is over; an error first ends the session in its log, then is raised.
 
         Raises:
-            Exception: what the window, the player or a bug of ours raised.
+            Exception: an error of the window or the player, or a bug of ours.
         """
         try:
             self.run()
@@ -214,9 +215,9 @@ class _SessionLoop:
             self._stop(error)
 
     def take(self, happened: Input) -> None:
-        """Pass an input to the session and begin to write its events; no picture is shown before they are written.
+        """Pass an input to the session and begin to write its events; the next picture waits for them.
 
-        A log that cannot be written stops the session.
+        If the log cannot be written, the session is stopped.
         """
         events = self._session.receive(happened)
         self._failed |= any(isinstance(event, SessionEnded) and event.reason == "world_error" for event in events)
@@ -228,7 +229,7 @@ class _SessionLoop:
             self._stop(error)
 
     def hold_last_screen(self, last_screen_s: float) -> None:
-        """Leave the failure on the screen until a key, the window's cross, a signal or the time limit."""
+        """Keep a failure on the screen until a key, the window's closing, a signal or the time limit."""
         if not (self._failed or self.log_error):
             return
         try:
@@ -251,7 +252,7 @@ class _SessionLoop:
         self._window.show(build_end_screen(InterfaceWords(plan.language, plan.words), reason, detail))
 
     def _show(self) -> None:
-        """Show the session's screen if it is a new one; the events that led to it were written before."""
+        """Show the session's screen if it is new; the events that led to it are written before it is flipped."""
         screen = self._session.screen
         if screen is self._last_screen:
             return
@@ -261,7 +262,7 @@ class _SessionLoop:
             self.take(screen_shown)
 
     def _display(self, screen: Screen) -> ScreenShown | None:
-        """Draw a screen while the log is written, and flip when it is; None if it could not be written."""
+        """Draw a screen while the log is written, then flip; return None if the log could not be written."""
         try:
             return self._window.show_after(screen, self._settle_log)
         except LogError as error:
@@ -273,12 +274,12 @@ class _SessionLoop:
             self._recorder.settle()
 
     def _stop(self, error: LogError) -> None:
-        """End the session: what is done cannot be logged."""
+        """Stop the session, because its events cannot be logged."""
         self.log_error = error
         self.take(Stop(self._clock(), "disk_full", str(error)))
 
     def _answer(self) -> None:
-        """Give the running part the answer that it waits for; after the picture, which nothing is to hold up."""
+        """Answer the running part's requests. This comes after the picture, which nothing may delay."""
         while self._agent is not None and not self._session.over and (want := self._session.request) is not None:
             answer = self._agent.answer(want, self._session.play, self._clock())
             if answer is None:
@@ -288,8 +289,10 @@ class _SessionLoop:
 
     def _next_inputs(self) -> list[Input]:
         tick_ns = self._session.next_tick_ns
-        air_ns = self._clock() + SIGNAL_CHECK_INTERVAL_NS
-        inputs = self._window.wait(air_ns if tick_ns is None else min(air_ns, tick_ns))
+        until_ns = self._clock() + SIGNAL_CHECK_INTERVAL_NS
+        if tick_ns is not None:
+            until_ns = min(until_ns, tick_ns)
+        inputs = self._window.wait(until_ns)
         if self.signal_name:
             inputs.append(Stop(self._clock(), "signal", self.signal_name))
         elif commands := self._new_commands():
@@ -299,7 +302,7 @@ class _SessionLoop:
         return inputs
 
     def _new_commands(self) -> list[ExperimenterCommand]:
-        """Return the experimenter's new requests, read several times per second."""
+        """Return the experimenter's new requests; the inbox is read several times per second."""
         now_ns = self._clock()
         if self._inbox is None or now_ns < self._look_ns:
             return []
@@ -309,7 +312,7 @@ class _SessionLoop:
 
 @contextmanager
 def _short_switch_interval() -> Iterator[None]:
-    """Let the loop have the interpreter back soon after it asks for it."""
+    """Shorten the interpreter's thread switch interval while the context lasts, so that the loop soon gets its turn."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     try:

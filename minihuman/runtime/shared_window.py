@@ -1,8 +1,8 @@
-"""One window for several people at one machine: what each of them sees, and whose key a key is.
+"""One window for several people at one machine: what each of them sees, and to whom a key belongs.
 
-Each session runs in a thread of its own, in front of a window that is a part of this one; the thread that runs this one
-alone touches the display. While all play, their pictures stand side by side, and a key goes to the seat whose map has
-it. Outside of play one person after the other is asked, until all wait for each other.
+Each session runs in a thread of its own, in front of a window that is a part of this one. Only the thread that runs
+this window touches the display. While all play, their pictures are side by side, and a key goes to the seat whose key
+map has it. Outside of play one person after the other is asked, until all wait for each other.
 """
 
 import queue
@@ -42,7 +42,7 @@ Result = TypeVar("Result")
 
 
 class SeatWindow(Window):
-    """One person's part of a shared window. Its screens are shown when it is in front, and `wait` says so."""
+    """One person's part of a shared window. Its screens are shown while it is in front, which `wait` then reports."""
 
     def __init__(self, window: Window, clock: Clock, number: int, seats: int) -> None:
         self.session: SessionMachine | None = None  # once it has begun
@@ -55,7 +55,7 @@ class SeatWindow(Window):
         self._inputs: queue.SimpleQueue[Input | tuple[Screen, ScreenShown] | None] = queue.SimpleQueue()
 
     def begin(self, session: SessionMachine) -> None:
-        """Take the session of this seat."""
+        """Set the session of this seat."""
         words = InterfaceWords(session.plan.language, session.plan.words, session.plan.fonts)
         self.session = session
         self.label = words.fill("team.person", number=self.label)
@@ -67,29 +67,29 @@ class SeatWindow(Window):
         return screen is None or (isinstance(screen, TextScreen) and not screen.prompt and not screen.keys)
 
     def has_key(self, key: str) -> bool:
-        """Tell whether a key has an action in the seat's episode, or had one in the last episode."""
+        """Return whether a key has an action in the seat's episode, or had one in the last episode."""
         play = None if self.session is None else self.session.play
         if play is not None:
             self._keys = play.plan.key_map.keys
         return key in self._keys
 
     def put(self, message: Input | tuple[Screen, ScreenShown] | None = None) -> None:
-        """Hand an input to the seat's session, or wake it up."""
+        """Pass an input or a displayed screen to the seat's session, or wake it up with None."""
         self._inputs.put(message)
 
     def show(self, screen: Screen) -> None:  # type: ignore[override]
-        """Have a screen shown; `wait` returns when it was."""
+        """Set the screen to be shown; `wait` returns once it was."""
         self.screen = screen
 
     def show_after(self, screen: Screen, settle_log: Callable[[], None]) -> None:
-        """Have a screen shown once the events that led to it are written."""
+        """Set the screen to be shown once the events that led to it are written."""
         settle_log()
         self.show(screen)
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Block until the seat's person does something, its screen was shown, or another seat wakes it up.
+        """Wait until the seat's person does something, its screen was shown, or another seat wakes it up.
 
-        One input at a time, so that a screen's time is later than what the session did before.
+        It returns one input at a time, so that a screen's time is later than what the session did before.
         """
         try:
             timeout_s = None if until_ns is None else max(0.0, (until_ns - self._clock()) / 1e9)
@@ -106,28 +106,28 @@ class SeatWindow(Window):
         return [replace(screen_shown, t_ns=self._clock())]
 
     def facts(self) -> dict[str, str]:
-        """Return the shared window's facts, and how many seats share it."""
+        """Return the facts about the shared window, and how many seats share it."""
         return self._window.facts() | {"seats_at_window": str(self._seats)}
 
     @property
     def picture_px(self) -> tuple[int, int] | None:
-        """The seat's share of the room."""
+        """The seat's share of the size that the shared window has for pictures."""
         room = self._window.picture_px
         if room is None:
             return None
         return ((room[0] - GAP_PX * (self._seats - 1)) // self._seats, room[1])
 
     def close(self) -> None:
-        """Do nothing: the shared window is not the seat's to close."""
+        """Do nothing, since the seat does not own the shared window."""
 
 
 class SharedWindow:
     """Shows several seats in one window.
 
     Args:
-        window: open; used by the thread that calls `run` alone.
-        clock: of all sessions.
-        seats: how many.
+        window: the open window, used only by the thread that calls `run`.
+        clock: the clock of all sessions.
+        seats: the number of seats.
     """
 
     def __init__(self, window: Window, clock: Clock, seats: int) -> None:
@@ -138,10 +138,10 @@ class SharedWindow:
         self._down: dict[str, Sequence[SeatWindow]] = {}  # whose keys are down
 
     def run(self, plays: Sequence[Callable[[], Result]]) -> list[Result]:
-        """Call each seat's function in a thread of its own until all have returned.
+        """Call each seat's function in a thread of its own, and return their results once all have returned.
 
         Raises:
-            Exception: what one of them raised; the others were ended.
+            Exception: the first error of one of them; the other sessions were ended.
         """
         with (
             receive_end_signals(lambda name: self._stop("signal", name)),
@@ -166,12 +166,12 @@ class SharedWindow:
 
     @property
     def _active_seats(self) -> list[SeatWindow]:
-        """The seats whose sessions are not over."""
+        """The seats whose sessions are not over; all seats if every session is."""
         return [seat for seat in self.seats if seat.session is None or not seat.session.over] or [*self.seats]
 
     @property
     def _front(self) -> SeatWindow:
-        """The seat that is asked something; the first, if all play or wait."""
+        """The seat whose person has something to do; the first active seat if all of them wait."""
         return next((seat for seat in self._active_seats if not seat.waits), self._active_seats[0])
 
     def _show(self) -> None:
@@ -186,7 +186,8 @@ class SharedWindow:
             return
         frame = self._window.show(_compose([seat.label for seat, _ in coming], [screen for _, screen in coming]))
         for seat, screen in new:
-            seat.put((screen, replace(frame, step=screen.step) if isinstance(screen, PlayScreen) else frame))
+            screen_shown = replace(frame, step=screen.step) if isinstance(screen, PlayScreen) else frame
+            seat.put((screen, screen_shown))
         self._displayed = coming
 
     def _route(self, happened: Input) -> None:
@@ -205,7 +206,11 @@ class SharedWindow:
             seat.put(happened)
 
     def _owners(self, key: str) -> Sequence[SeatWindow]:
-        """Return the seats that a key is for, by what people see: in play those that have it, else all of them."""
+        """Return the seats that receive a key, judging by what people see.
+
+        Keys that stop a session, and all keys while a question about the sessions is shown, go to every active seat.
+        During play, other keys go to the seats that have them.
+        """
         phases = {seat.session.phase for seat in self._active_seats if seat.session is not None}
         if key in _STOP_KEYS or phases.intersection(_QUESTIONS):
             return self._active_seats
@@ -216,7 +221,7 @@ class SharedWindow:
 
 
 def _compose(labels: Sequence[str], screens: Sequence[Screen]) -> Screen:
-    """Compose one screen: pictures side by side, or one person's screen with its seat's label."""
+    """Compose one screen: the pictures side by side, or one person's screen with the label of their seat."""
     first = screens[0]
     if isinstance(first, TextScreen | PageScreen | QuestionScreen):
         title = f"{labels[0]}: {first.title}" if first.title else labels[0]
@@ -231,10 +236,16 @@ def _compose(labels: Sequence[str], screens: Sequence[Screen]) -> Screen:
         for label, screen in zip(labels, plays, strict=True)
         if screen.controller_text
     ]
+    progress = plays[0].progress
+    if len(plays) > 1:
+        progress = "   ".join((labels[0], progress, *labels[1:]))
+    picture = plays[0].picture
+    if picture.size:
+        picture = np.concatenate(pictures, axis=1)
     return replace(
         plays[0],
-        progress="   ".join((labels[0], plays[0].progress, *labels[1:])) if len(plays) > 1 else plays[0].progress,
-        picture=np.concatenate(pictures, axis=1) if plays[0].picture.size else plays[0].picture,
+        progress=progress,
+        picture=picture,
         legend=tuple(chain.from_iterable(screen.legend for screen in plays)),
         labels=tuple(chain.from_iterable(screen.labels for screen in plays)),
         controller="person" if controllers else "",
@@ -251,10 +262,10 @@ def host_team(
     *,
     markers: bool = False,
 ) -> list[Path | None]:
-    """Run the sessions of people who share this machine; return the logs, as `host_session` does for each.
+    """Run the sessions of people who share this machine; return each session's log as `host_session` does.
 
     Raises:
-        Exception: what `host_session` raises for one of them; the others were ended, and their logs finished.
+        Exception: the error that `host_session` raised for one of them; the others were ended, and their logs finished.
     """
     table = TeamTable(protocol, data, gather=len(plans))
 

@@ -1,6 +1,6 @@
-"""Simulated sessions: the same session as a participant's, with a simulated player at the keys of a virtual window.
+"""Simulated sessions: the same sessions as a participant's, with a simulated player in a virtual window.
 
-The clock is virtual and no picture is drawn, so that a session takes as long as its computation.
+The clock is virtual and no picture is drawn, so that a session takes only as long as its computation.
 """
 
 import time
@@ -55,13 +55,13 @@ def simulate(
 ) -> Iterator[Path]:
     """Run simulated participants one after the other, in the next free slots; yield the log of each of their sessions.
 
-    A study of several sessions is played to its end, without the days between; a participant who is screened out does
-    not come back. Each has a random stream of its own, from ``seed``, its slot, and how many left that slot before.
-    A player that crashes or gives no answer ends its session as ``player_failed``, its slot is free again, and no
-    further session begins. ``make_world`` makes the sessions' worlds.
+    A study of several sessions is played to its end, without the days in between; a participant who is screened out
+    does not come back. Each participant has a random stream of its own, derived from ``seed``, the slot, and the number
+    of earlier participants who left that slot. A player that crashes or gives no answer ends its session as
+    ``player_failed``, its slot is free again, and no further session begins. ``make_world`` makes the sessions' worlds.
 
     Raises:
-        AllocationError: if there are too few free slots, before any session; or another program took them since.
+        AllocationError: if there are too few free slots before any session, or another program took them since.
         LogError: if a log cannot be written.
         SimulationError: if there is no such player; ``PlayerFailedError`` if it fails, or cannot play a block's world.
     """
@@ -89,7 +89,7 @@ def simulate(
 def _simulate_teams(
     protocol: Protocol, data: Path, people: list[tuple[SessionPlan, SimulatedParticipant]], facts: dict[str, str]
 ) -> Iterator[Path]:
-    """Simulate all at once, a thread each, as they wait for each other; no thread's speed changes what they do."""
+    """Simulate all people at once, each in a thread; thread timing does not affect the results."""
     teams = TeamTable(protocol, data, lambda: 0.0, gather=len(people))
 
     def play(person: tuple[SessionPlan, SimulatedParticipant]) -> list[Path]:
@@ -114,7 +114,7 @@ def _play_sessions(
     *,
     make_world: WorldFactory = World,
 ) -> Iterator[Path]:
-    """Play all sessions of one person, who is counted in ``left`` if there are no data of them."""
+    """Play all sessions of one person; if the first leaves no data, count the person in ``left``."""
     place = plan.participant.index
     log, reason = _play(protocol, plan, person, data, facts, before=left[place], teams=teams, make_world=make_world)
     if log is None:
@@ -132,7 +132,7 @@ def _play_sessions(
 
 
 def _require_player(protocol: Protocol, player: str, seed: int) -> None:
-    """Let a player press its first key in each world of the study that it plays alone.
+    """Let a player press its first key in each of the study's worlds that simulated players play.
 
     Raises:
         SimulationError: if there is no such player, or it cannot play one of the worlds.
@@ -169,7 +169,7 @@ def _play(
     teams: TeamTable | None = None,
     make_world: WorldFactory = World,
 ) -> tuple[Path | None, str]:
-    """Return the log (None if screened out before the group was drawn) and why the session ended."""
+    """Play one session; return its log, None if it ended before anything was recorded, and the reason why it ended."""
     clock = VirtualClock()
     facts = facts | collect_world_facts(list_world_ids(plan)) | {"window": "simulated"}
     session = build_session(plan, make_world, facts, picture_px=None)
@@ -187,7 +187,7 @@ def _play(
 
 
 def _free(data: Path, plan: SessionPlan, error: PlayerFailedError) -> str:
-    """Give the slot of a player that failed to the next one, and say where its log is."""
+    """Free the slot of a player that failed; return a sentence that says where its log is."""
     study_dir = data / plan.study
     code = plan.participant.id
     why = f"player_failed: {error.reason}"

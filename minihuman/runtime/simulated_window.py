@@ -1,4 +1,4 @@
-"""A window with a simulated participant at the keys: texts are read in a second and answered as they ask."""
+"""A window with a simulated participant, who reads texts in a second and answers as they ask."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -35,14 +35,14 @@ MOST_USELESS_PRESSES = 1_000  # in a row that lead to no step
 
 
 class SimulatedWindow(Window, SimulatedPerson):
-    """Presses keys for a simulated participant; texts are read in a second and answered as they ask.
+    """Presses keys for a simulated participant, who reads texts in a second and answers as they ask.
 
     Args:
-        player: presses the keys while playing.
-        session: the session it sits in, for the world that the player looks at.
-        clock: the session's; waiting moves it.
-        before: how many earlier participants of this slot left no data.
-        wrong_in_ten: of answers to questions that have a right one, how many in ten are any answer.
+        player: the simulated participant, who presses the keys while playing.
+        session: the participant's session, which has the world that the player sees.
+        clock: the session's clock; waiting advances it.
+        before: the number of earlier participants of this slot who left no data.
+        wrong_in_ten: how many in ten answers to questions with a correct answer are random.
         at_rest: called between episodes, when nothing is urgent.
     """
 
@@ -73,7 +73,7 @@ class SimulatedWindow(Window, SimulatedPerson):
         self._coming: list[Input] = []  # in order of time
 
     def show(self, screen: Screen) -> ScreenShown:
-        """Look at a screen; it is there one frame later."""
+        """Show a screen to the player; it counts as displayed one frame later."""
         self._screen = screen
         submit_ns = self._last_ns = self._clock()
         self._clock.advance_to(submit_ns + FRAME_NS)
@@ -82,7 +82,7 @@ class SimulatedWindow(Window, SimulatedPerson):
         return ScreenShown(t_ns=self._clock(), submit_ns=submit_ns, flip_ns=self._clock())
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Move the clock to the player's next key, or to ``until_ns``."""
+        """Advance the clock to the player's next input, or to ``until_ns``; return the input."""
         if not any(isinstance(happened, KeyDown | PointerPressed | TextInput) for happened in self._coming):
             self._think()
         if not self._coming or (until_ns is not None and until_ns < self._coming[0].t_ns):
@@ -97,35 +97,35 @@ class SimulatedWindow(Window, SimulatedPerson):
         return [happened]
 
     def facts(self) -> dict[str, str]:
-        """Return the facts of the window."""
+        """Return the facts about the window."""
         return {"window": "simulated"}
 
     def close(self) -> None:
-        """Do nothing: there is nothing to give back."""
+        """Do nothing, since this window holds no resources."""
 
     # What the simulators of parts can do
 
     @property
     def now_ns(self) -> int:
-        """The session's time."""
+        """The session's time in nanoseconds."""
         return self._clock()
 
     def begin_episode(self, play: RunningEpisode) -> None:
-        """Let the player look at an episode, if it is a new one."""
+        """Show the player an episode, if it is a new one."""
         if play is not self._last_play:
             self._last_play = play
             with name_failures():
                 self.participant.begin(play.plan, self._session.plan.key_pool, play.world)
 
     def press_key(self, key: str, delay_ms: float = READING_MS, hold_ms: float = HOLD_MS) -> None:
-        """Press a key."""
+        """Schedule the press and release of a key."""
         down_ns = self._clock() + round(delay_ms * NS_PER_MS)
         up_ns = down_ns + round(hold_ms * NS_PER_MS)
         self._coming += [KeyDown(down_ns, key, key), KeyUp(up_ns, key, key)]
         self._coming.sort(key=lambda happened: happened.t_ns)
 
     def point(self, target: str, along: float) -> None:
-        """Click a target of the screen."""
+        """Schedule a click on a target of the screen."""
         down_ns = self._clock() + round(READING_MS * NS_PER_MS)
         up_ns = down_ns + round(HOLD_MS * NS_PER_MS)
         self._coming += [
@@ -134,13 +134,15 @@ class SimulatedWindow(Window, SimulatedPerson):
         ]
 
     def type_text(self, text: str) -> None:
-        """Type a text."""
+        """Schedule the typing of a text."""
         self._coming.append(TextInput(self._clock() + round(READING_MS * NS_PER_MS), text))
 
     def choose(self, count: int) -> int:
-        """Draw a number below ``count``, from the study's seed, who answers and how many answers came before."""
+        """Draw a number below ``count``, determined by the study's seed, the participant and earlier draws."""
         plan = self._session.plan
-        purpose = f"simulated-answers-session-{plan.session}" + (f"-after-{self._before}" if self._before else "")
+        purpose = f"simulated-answers-session-{plan.session}"
+        if self._before:
+            purpose += f"-after-{self._before}"
         self._n_draws += 1
         words = draw_words(self._n_draws, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
         return int(words[-1] % count)
@@ -148,7 +150,7 @@ class SimulatedWindow(Window, SimulatedPerson):
     # What is pressed next
 
     def _think(self) -> None:
-        """Decide on the next key."""
+        """Schedule the player's next input."""
         part = self._session.part
         if self._session.phase is part.phase:
             key = part.simulate(self.choose)
@@ -160,14 +162,14 @@ class SimulatedWindow(Window, SimulatedPerson):
             self._do_usual()
 
     def _find_simulator(self, kind: str) -> PartSimulator | None:
-        """Find the simulator of a kind's parts; None where it has none."""
+        """Return the simulator of a kind's parts; None if the kind has none."""
         if kind not in self._simulators:
             module, _, name = find_kind(kind).simulator.partition(":")
             self._simulators[kind] = getattr(import_module(module), name)(self) if module else None
         return self._simulators[kind]
 
     def _do_usual(self) -> None:
-        """Do what is usual on screens that every kind may show."""
+        """Schedule the usual input for screens that every kind may show."""
         match self._screen:
             case PlayScreen() if self._session.play is not None:  # else the last picture stays
                 self._play(self._session.play)

@@ -1,4 +1,4 @@
-"""The history of a team: what its members' logs hold of a block that a process before this one led."""
+"""The history of a team's block in its members' logs, from before this process led the team."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from minihuman.log.read.session_reader import read_events
 
 @dataclass(frozen=True, slots=True, order=True)
 class TeamSegment:
-    """A segment of a member's session."""
+    """A segment of a team member's session."""
 
     started_ns: int
     path: Path
@@ -25,7 +25,7 @@ class TeamSegment:
 
 @dataclass(frozen=True, slots=True)
 class TeamBlockKey:
-    """A team's block in a session."""
+    """The key of a team's block in a session."""
 
     team: str
     session: int
@@ -33,7 +33,7 @@ class TeamBlockKey:
 
 
 def list_team_segments(study_dir: Path, data: Path, key: TeamBlockKey) -> list[TeamSegment]:
-    """List the segments of a team's members, in the order in which they began."""
+    """Return the segments of a team's members, in the order in which they began."""
     segments: set[TeamSegment] = set()
     for entry in list_team_entries(study_dir):
         if TeamBlockKey(entry.team, entry.session, entry.block) != key:
@@ -47,9 +47,9 @@ def list_team_segments(study_dir: Path, data: Path, key: TeamBlockKey) -> list[T
 
 
 def read_team_history(study_dir: Path, data: Path, key: TeamBlockKey, *, n_persons: int) -> TeamHistory:
-    """Read what the logs of a team that still plays hold of a block.
+    """Read the history of a block from the logs of a team that is still playing.
 
-    Where every session of the team was over at a time, it begins the episode anew that it did not complete.
+    If at some time every session of the team was over, the team restarts the episode that it did not complete.
     """
     history = TeamHistory()
     until_ns = 0.0  # when the last of the sessions so far ended
@@ -58,7 +58,9 @@ def read_team_history(study_dir: Path, data: Path, key: TeamBlockKey, *, n_perso
             _forget(history)
         end_ns = _read_segment(history, segment, key)
         is_cut_off = segment.path.name.endswith(PART_SUFFIX)
-        until_ns = max(until_ns, math.inf if is_cut_off else end_ns)
+        if is_cut_off:
+            until_ns = math.inf
+        until_ns = max(until_ns, end_ns)
     if until_ns < math.inf or n_persons == 1:
         _forget(history)
     return history
@@ -70,7 +72,7 @@ def _forget(history: TeamHistory) -> None:
 
 
 def _read_segment(history: TeamHistory, segment: TeamSegment, key: TeamBlockKey) -> int:
-    """Add what a segment's log holds of the block; return when its last event was."""
+    """Add the block's events in a segment's log to the history; return the time of the segment's last event."""
     is_in_team = False
     is_in_block = False
     end_ns = segment.started_ns
@@ -91,7 +93,7 @@ def _read_segment(history: TeamHistory, segment: TeamSegment, key: TeamBlockKey)
 
 
 def _add_step(history: TeamHistory, event: JointStepped) -> None:
-    """Add a step, unless another member's log had it."""
+    """Add a joint step, unless another member's log had it already."""
     steps = history.steps.setdefault(event.episode, [])
     if event.step == len(steps) + 1:
         steps.append(JointAction(event.actions, event.sources))  # type: ignore[arg-type]

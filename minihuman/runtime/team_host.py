@@ -1,8 +1,8 @@
 """The team host: forms teams, lifts barriers and closes joint actions for the sessions of one process. No socket.
 
-It drives what knows no clock, thread or file: the lobbies and the play of each team. What it closes is the truth: a
-closed step never reopens. All that it knows of an episode can be read from any member's running session or log, so a
-server that was killed goes on from the longest of them.
+It drives the lobbies and the play of each team, which use no clock, thread or file. A joint step that it has closed is
+final and never reopens. Everything that it knows of an episode can be read from any member's running session or log, so
+a restarted server continues from the longest of them.
 """
 
 import secrets
@@ -49,7 +49,7 @@ PRESENCE_S = 3.0  # who waits in a lobby asks several times a second
 
 @dataclass(slots=True)
 class RunningTeam:
-    """A team that plays in this process."""
+    """A team that is playing in this process."""
 
     play: JointPlay
     agents: SeatAgents
@@ -57,13 +57,14 @@ class RunningTeam:
 
 
 class TeamTable:
-    """All teams of a study in this process. Called by the threads of several sessions.
+    """All teams of a study in this process. The threads of several sessions call it.
 
     Args:
         protocol: the study.
         data: the data folder.
-        now_s: the clock that waiting is measured by.
-        gather: pair only when so many sessions wait or are over, which makes a simulation's teams repeatable.
+        now_s: the clock that measures waiting.
+        gather: pair people only when this many sessions are waiting or over, which makes a simulation's teams
+            repeatable.
     """
 
     def __init__(
@@ -80,11 +81,11 @@ class TeamTable:
         self._policies = PolicyStore(self._study_dir)
 
     def read_clock_s(self) -> float:
-        """Return the time that waiting is measured by."""
+        """Return the time, in seconds, of the clock that measures waiting."""
         return self._now_s()
 
     def depart(self) -> None:
-        """One of those who are gathered comes to no further lobby."""
+        """Expect one session fewer in the lobbies, since one of the gathered sessions is over."""
         with self.lock:
             self._gather -= 1
             self.lock.notify_all()
@@ -95,7 +96,7 @@ class TeamTable:
             member.changed()
 
     def _notify_concerned(self, running: RunningTeam) -> None:
-        """Tell the members whose next answer may be another than their last."""
+        """Notify the members whose next answer may differ from their last."""
         seats = running.play.pop_concerned()
         if seats:
             self._notify(member for seat, member in running.members.items() if seat in seats)
@@ -103,7 +104,7 @@ class TeamTable:
     # Forming
 
     def join(self, want: TeamRequest, member: "TeamMember") -> Team | TeamLost | None:
-        """The team of a member, once there is one."""
+        """Return the team of a member; None while the member has to wait, ``TeamLost`` if no partner came."""
         if len(want.plan.team.persons) == 1:
             return self._form_alone(want, member)
         lobby = self._lobbies.get(want.block)
@@ -129,7 +130,7 @@ class TeamTable:
         return self._leave_lobby(want, lobby, entry)
 
     def _form_alone(self, want: TeamRequest, member: "TeamMember") -> Team:
-        """Form the team of the one person among agents."""
+        """Form the team of a person whose partners are all agents."""
         plan = want.plan.team
         index = member.plan.participant.index
         seat = plan.persons[0]
@@ -138,7 +139,7 @@ class TeamTable:
         return Team(name, index, seat, plan.seats)
 
     def _list_places(self, group: str) -> list[int]:
-        """List the places of the allocation list that a group has, in order."""
+        """Return the indices of a group's slots in the allocation list, in order."""
         return [slot.index for slot in build_allocation_list(self._protocol) if slot.group == group]
 
     def _pair(
@@ -149,7 +150,7 @@ class TeamTable:
         *,
         present_since_s: float,
     ) -> None:
-        """Form a team with a member of a lobby, if there are partners."""
+        """Form a team with a waiting member of a lobby, if there are partners."""
         if entry.team is None:
             partners = lobby.match(entry, present_since_s)
             if partners is not None:
@@ -158,7 +159,7 @@ class TeamTable:
     def _leave_lobby(
         self, want: TeamRequest, lobby: "Lobby[TeamMember]", entry: "LobbyEntry[TeamMember]"
     ) -> Team | TeamLost | None:
-        """Let a member out who has a team, or has waited long enough; None as long as neither."""
+        """Return the team of a member, ``TeamLost`` after the longest wait, or None while the member waits."""
         rules = want.plan.team
         if entry.team is None:
             if not self._gather and self._now_s() - entry.since_s < rules.lobby_s:
@@ -191,7 +192,7 @@ class TeamTable:
         record_team(self._study_dir, TeamRecorded(name, index, block, session, codes, kinds, now_text(), is_solo))
 
     def _find_recorded(self, want: TeamRequest, member: "TeamMember") -> Team | None:
-        """The team that a member was recorded in before this process began, or before a page was lost."""
+        """Return the team in which a member was recorded before this process began, or before a page was lost."""
         place = (want.block, member.plan.session)
         for entry in reversed(list_team_entries(self._study_dir)):
             if entry.solo or (entry.block, entry.session) != place:
@@ -207,7 +208,7 @@ class TeamTable:
     # Playing
 
     def take_seat(self, team: Team, block: str, rules: TeamPlayPlan, member: "TeamMember") -> RunningTeam:
-        """The running team of a member in a block."""
+        """Seat a member in its team for a block; return the running team."""
         key = TeamBlockKey(team.team, member.plan.session, block)
         running = self._teams.get(key)
         if running is None:
@@ -221,7 +222,7 @@ class TeamTable:
         return running
 
     def answer_ready(self, want: ReadyRequest, member: "TeamMember") -> SeatsReady | TeamLost | None:
-        """Whether an episode may begin."""
+        """Return the start of an episode once all members are ready; None while others are awaited."""
         running = self.take_seat(want.team, want.plan.block_name, want.rules, member)
         answer = running.play.answer_ready(want, self._now_s())
         self._notify_concerned(running)
@@ -230,9 +231,9 @@ class TeamTable:
     def answer_joint(
         self, want: JointRequest, episode: TeamEpisode, member: "TeamMember"
     ) -> MessageGiven | SeatSighted | JointTaken | TeamLost | None:
-        """A message of another, or how a seat is seen now; or the joint action of a step.
+        """Return a message of another member, a change in how a seat is seen, or the joint action of a step.
 
-        A step's joint action is there once every seat's input is, or its time is over.
+        A step's joint action is available once every seat's input is, or the step's time is over.
         """
         running = self.take_seat(want.team, want.plan.block_name, want.rules, member)
         now_s = self._now_s()
@@ -256,12 +257,13 @@ class TeamTable:
         return play.close(answer, want.team.seat, chosen, idle_action)
 
     def leave(self, member: "TeamMember") -> None:
-        """A member's session is over: nobody waits for its input any more."""
+        """Remove a member whose session is over, so that no one waits for its input any more."""
         with self.lock:
             for lobby in self._lobbies.values():
                 lobby.leave(member)
             for key, running in list(self._teams.items()):
-                for seat in [seat for seat, other in running.members.items() if other is member]:
+                seats = [seat for seat, other in running.members.items() if other is member]
+                for seat in seats:
                     del running.members[seat]
                     member.signs.lose_page("closed", self._now_s())
                     running.play.leave(seat)
@@ -272,14 +274,14 @@ class TeamTable:
 
 
 class TeamMember(RequestHandler):
-    """Answers one session's requests for its team.
+    """Answers one session's requests to its team.
 
     Args:
         table: the study's teams.
-        plan: the session.
-        patient: wait for the others instead of saying that nothing is there yet.
-        changed: called when another member's input may have an answer for this one.
-        signs: of life, of the page that the session is in; None: there is no page, and each request is a sign.
+        plan: the session's plan.
+        patient: whether to wait for the others instead of returning None while there is no answer.
+        changed: called when another member's input may have answered this one's request.
+        signs: the signs of life of the session's page; None if there is no page, so that each request counts as a sign.
     """
 
     def __init__(
@@ -299,7 +301,7 @@ class TeamMember(RequestHandler):
         self.signs = signs or LifeSigns()
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """The team, the start of an episode or a joint action; None as long as others are waited for."""
+        """Return the team, the start of an episode or a joint action; None while others are awaited."""
         if not isinstance(want, TeamRequest | ReadyRequest | JointRequest):
             return None
         has_submitted = not isinstance(want, JointRequest) or want.action is not None
@@ -310,8 +312,10 @@ class TeamMember(RequestHandler):
                 answer = self._ask(want, play)
             if isinstance(answer, Team) and isinstance(want, TeamRequest):
                 self.table.take_seat(answer, want.block, want.plan, self)
-                writes = want.plan.team.chat and not self._patient
-                return TeamJoined(t_ns, answer, secrets.token_hex(16) if writes else "")
+                chat_token = ""
+                if want.plan.team.chat and not self._patient:
+                    chat_token = secrets.token_hex(16)
+                return TeamJoined(t_ns, answer, chat_token)
         if answer is None or isinstance(answer, Team):
             return None
         return replace(answer, t_ns=t_ns)
@@ -331,7 +335,7 @@ class TeamMember(RequestHandler):
         return None
 
     def close(self) -> None:
-        """The session is over."""
+        """Leave the team, because the session is over."""
         self.table.leave(self)
 
 

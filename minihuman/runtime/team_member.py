@@ -1,4 +1,4 @@
-"""Lets a session take part in the teams of its process."""
+"""Makes the host through which a session takes part in the teams of its process."""
 
 from minihuman.runtime.session_hosts import HostContext
 from minihuman.runtime.team_host import TeamMember, TeamTable

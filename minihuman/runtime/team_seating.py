@@ -1,4 +1,4 @@
-"""Who has to sit together: the teams of a protocol, and which ways to run a study its people can meet in."""
+"""Which people sit together: the teams of a protocol, and the ways to run a study in which its people can meet."""
 
 from collections.abc import Iterator
 
@@ -8,13 +8,16 @@ from minihuman.experiment.protocol.protocol import Protocol
 
 
 def count_seats_at_machine(protocol: Protocol, group: str | None = None) -> int:
-    """How many people sit at one machine: as many as its blocks of teams seat, where these say each seat's keys."""
+    """Return how many people share one machine: the most people in a team whose seats have keys of their own.
+
+    Without such teams it is 1.
+    """
     teams = [team for _, team in list_teams(protocol, group)]
     return max((len(team.persons) for team in teams if team.seat_keys), default=1)
 
 
 def list_teams(protocol: Protocol, group: str | None) -> Iterator[tuple[str, TeamPlan]]:
-    """The blocks' names and teams, in a group or in all."""
+    """Yield the name and the team of each block with a team, in one group or in all."""
     groups = [spec.name for spec in protocol.groups] if group is None else [group]
     for block in protocol.blocks:
         for name in groups:
@@ -24,13 +27,13 @@ def list_teams(protocol: Protocol, group: str | None) -> Iterator[tuple[str, Tea
 
 
 def require_one_process(protocol: Protocol, way: str, *, group: str | None = None, at_one_machine: int = 1) -> None:
-    """Refuse a way to run a study in which its people would never meet.
+    """Refuse a way of running a study in which its people would never meet.
 
     Args:
         protocol: the study.
-        way: how it is run, and what to do instead, for the message.
-        group: of the participant; None: any.
-        at_one_machine: how many are there together.
+        way: how it is run and what to do instead, for the message.
+        group: the participant's group; None for any.
+        at_one_machine: the number of people at this machine.
 
     Raises:
         AllocationError: if several people sit in one world in a block of the group.

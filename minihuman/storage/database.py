@@ -1,4 +1,4 @@
-"""A connection to a PostgreSQL database that is made when it is needed, and given up when it takes too long."""
+"""A connection to a PostgreSQL database that is opened on demand and closed when it takes too long."""
 
 import os
 import socket
@@ -18,20 +18,21 @@ _CONNECT_TIMEOUT_S = 5
 
 
 class JournalDatabaseError(OSError):
-    """The database that holds a study's journals cannot be asked."""
+    """The database that holds a study's journals cannot be queried."""
 
 
 class Database:
-    """A connection to a database, made when it is needed, and made again after it was lost.
+    """A connection to a database, opened on demand and reopened after it was lost.
 
-    A network that swallows what is sent breaks no connection by itself. So a transaction that takes too long is cut
-    off: here, where the caller waits for the answer, and in the database, where others wait for its locks.
+    A network that silently drops data does not break a connection by itself. A transaction that takes too long is
+    therefore cut off on both sides: here, where the caller waits for the answer, and in the database, where others wait
+    for its locks.
 
     Args:
-        url: as libpq has it: postgresql://user@host/database.
-        tables: SQL that makes the tables where there are none.
-        purpose: what it is for, in errors: "the database of ...".
-        timeout_s: how long a transaction may take.
+        url: the address in libpq's form, postgresql://user@host/database.
+        tables: SQL statements that create the tables if they do not exist.
+        purpose: the use of the database, for errors: "the database of ...".
+        timeout_s: the longest duration of a transaction, in seconds.
     """
 
     def __init__(self, url: str, tables: str, purpose: str, *, timeout_s: float) -> None:
@@ -44,10 +45,11 @@ class Database:
 
     @contextmanager
     def transaction(self) -> Iterator["psycopg.Cursor[Any]"]:
-        """Open a transaction; other threads wait.
+        """Open a transaction, for which other threads wait.
 
         Raises:
-            JournalDatabaseError: if the database cannot be asked; whether it was committed is then unknown.
+            JournalDatabaseError: if the database cannot be queried; it is then unknown whether the transaction was
+                committed.
         """
         with self.ask() as cursor, cursor.connection.transaction():
             yield cursor
@@ -57,7 +59,8 @@ class Database:
         """Open a cursor on which every statement is committed by itself; other threads wait.
 
         Raises:
-            JournalDatabaseError: if the database cannot be asked; whether it was committed is then unknown.
+            JournalDatabaseError: if the database cannot be queried; it is then unknown whether a statement was
+                committed.
         """
         with self._guard:
             try:
@@ -73,7 +76,7 @@ class Database:
                 ) from None  # its text may hold the password
 
     def close(self) -> None:
-        """Let go of the connection; it is made again when it is needed."""
+        """Close the connection, which is reopened on demand."""
         with self._guard:
             if self._connection is not None:
                 self._connection.close()

@@ -1,7 +1,7 @@
-"""One total deadline for a wait on a store, a database or a model's endpoint: a peer that drips is late, too.
+"""Total deadlines for waiting on a store, a database or a model's endpoint, which also apply to peers that send slowly.
 
-A timeout of a socket counts from one byte to the next, so that a peer which sends a byte now and then holds its caller
-for ever. Here the whole of a call counts.
+A socket's timeout restarts at every byte, so a peer that sends a byte now and then could hold its caller for ever. Here
+the duration of the whole call counts.
 """
 
 import errno
@@ -16,10 +16,10 @@ T = TypeVar("T")
 
 @contextmanager
 def cut_off_late(timeout_s: float, shut: Callable[[], None]) -> Iterator[threading.Timer]:
-    """Call ``shut`` if what is done inside takes longer: it lets go of whatever the caller waits for.
+    """Call ``shut``, which must release whatever the caller waits for, if the context lasts too long.
 
     Yields:
-        The timer, which is alive until it has called that.
+        The timer, which is alive until it has called ``shut``.
     """
     timer = threading.Timer(timeout_s, shut)
     timer.daemon = True
@@ -31,7 +31,7 @@ def cut_off_late(timeout_s: float, shut: Callable[[], None]) -> Iterator[threadi
 
 
 class _Call(Generic[T]):
-    """A call in a thread of its own, and how it ended."""
+    """A call that runs in a thread of its own, with its result or error."""
 
     def __init__(self, function: Callable[[], T]) -> None:
         self._function = function
@@ -57,14 +57,14 @@ def call_within(timeout_s: float, function: Callable[[], T], *, shut: Callable[[
     """Call a function in a thread of its own, and wait no longer than ``timeout_s`` in all.
 
     Args:
-        timeout_s: how long; whatever the function does meanwhile does not extend it.
-        function: what is called. After the deadline nobody hears how it ends, so it must change nothing that others
-            still use.
-        shut: called after the deadline: closes what the function waits for, so that its thread ends, too.
+        timeout_s: the total time in seconds, which no progress of the function extends.
+        function: the function. After the deadline its result is discarded, so it must change nothing that others still
+            use.
+        shut: called after the deadline, to close what the function waits for, so that its thread ends, too.
 
     Raises:
-        TimeoutError: if it has not ended by then.
-        Exception: what the function raised.
+        TimeoutError: if the function has not returned by the deadline.
+        Exception: any error of the function.
     """
     call = _Call(function)
     thread = threading.Thread(target=copy_context().run, args=[call.run], name="minihuman-call", daemon=True)

@@ -1,7 +1,7 @@
-"""Write files so that they last, and are whole: the one way in which minihuman does so, on the disk of ``system``.
+"""Writes files durably and whole. All of minihuman's files are written in this way, on the disk of ``system``.
 
 A file is durable when its bytes are (``write_durably``) and its name in its folder is (``sync_folder``). A file that
-readers may have is never changed in place but replaced (``replace_durably``).
+may have readers is never changed in place but replaced (``replace_durably``).
 """
 
 import hashlib
@@ -25,14 +25,14 @@ def sync_folder(folder: Path) -> None:
     """Make a folder's entries durable.
 
     Raises:
-        OSError: if it cannot be done; it names the folder.
+        OSError: if that fails; the error names the folder.
     """
     with name_file_in_errors(folder):
         current_system().disk.sync_folder(folder)
 
 
 class _RawFile(RawIOBase):
-    """An open file of a disk, as Python's buffers want it."""
+    """An open file on a disk, with the interface that Python's buffers require."""
 
     def __init__(self, fd: int, disk: FileSystem) -> None:
         self._fd = fd
@@ -61,19 +61,20 @@ class _RawFile(RawIOBase):
 
 @contextmanager
 def write_durably(path: Path, mode: int = 0o600, *, new: bool = False) -> Iterator[BufferedWriter]:
-    """Make or replace a file's content; all of it is durable on exit, but not yet its name in its folder.
+    """Create or overwrite a file. On exit its content is durable, but not yet its name in its folder.
 
     Args:
-        path: the file.
-        mode: who may read it, if it is made.
-        new: refuse to replace a file.
+        path: the file's path.
+        mode: the permissions of a file that is created.
+        new: whether to refuse to overwrite an existing file.
 
     Raises:
-        FileExistsError: if the file has to be new and is there.
-        OSError: if it cannot be written; it names the file.
+        FileExistsError: if the file must be new but exists.
+        OSError: if the file cannot be written; the error names it.
     """
     disk = current_system().disk
-    flags = os.O_CREAT | os.O_WRONLY | (os.O_EXCL if new else os.O_TRUNC)
+    flags = os.O_CREAT | os.O_WRONLY
+    flags |= os.O_EXCL if new else os.O_TRUNC
     with name_file_in_errors(path):
         raw = _RawFile(disk.open(path, flags, mode), disk)
         with BufferedWriter(cast(Any, raw)) as file:
@@ -83,13 +84,13 @@ def write_durably(path: Path, mode: int = 0o600, *, new: bool = False) -> Iterat
 
 
 def write_again(path: Path, *, begin: int = 0) -> None:
-    """Write a file's bytes from ``begin`` on once more, as they are, and make them durable.
+    """Write a file's bytes from ``begin`` on once more, unchanged, and make them durable.
 
-    Where an fsync failed, the system may show bytes that the disk lacks, and later fsyncs pass them over: only what is
-    written anew reaches the disk. The caller holds the file's lock.
+    After a failed fsync the system may show bytes that the disk lacks, and later fsyncs skip them: only what is written
+    again reaches the disk. The caller holds the file's lock.
 
     Raises:
-        OSError: if it cannot be done; it names the file.
+        OSError: if that fails; the error names the file.
     """
     disk = current_system().disk
     with name_file_in_errors(path):
@@ -107,16 +108,16 @@ def write_again(path: Path, *, begin: int = 0) -> None:
 def replace_durably(
     path: Path, unfinished: Path | None = None, *, mode: int = 0o600, new_folders: int = 0
 ) -> Iterator[BufferedWriter]:
-    """Write a file beside another, and put it in that place once it is durable: a crash leaves one of them, whole.
+    """Write a file under a temporary name and rename it once it is durable, so that no crash leaves half of it.
 
     Args:
-        path: the place; its folder is made.
-        unfinished: the file's name until then; None is a hidden one of this process.
-        mode: who may read it.
-        new_folders: how many of the folders above it an earlier call may have made and not made durable.
+        path: the file's path; its folder is created.
+        unfinished: the temporary path; None for a hidden file of this process.
+        mode: the permissions of the file.
+        new_folders: how many of the folders above it an earlier call may have created without making them durable.
 
     Raises:
-        OSError: if it cannot be written; it names ``path``, and nothing of the new content is left.
+        OSError: if the file cannot be written; the error names ``path``, and nothing of the new content is left.
     """
     disk = current_system().disk
     unfinished = unfinished or path.with_name(f".{path.name}.{os.getpid()}")
@@ -137,20 +138,20 @@ def replace_durably(
 
 
 def write_atomically(text: str, path: Path) -> None:
-    """Write a text file so that a reader sees the old one or the new one, whole, and so that it lasts.
+    """Write a text file durably, so that readers see either the whole old file or the whole new one.
 
     Raises:
-        OSError: if it cannot be written; it names ``path``.
+        OSError: if the file cannot be written; the error names ``path``.
     """
     with replace_durably(path, path.with_name(path.name + UNFINISHED_SUFFIX)) as file:
         file.write(text.encode())
 
 
 def append_durably(path: Path, content: bytes) -> None:
-    """Add bytes to a file's end, and make them durable; a file that is not there is made.
+    """Append bytes to a file and make them durable; create the file if it does not exist.
 
     Raises:
-        OSError: if they cannot be written; it names the file.
+        OSError: if the bytes cannot be written; the error names the file.
     """
     disk = current_system().disk
     with name_file_in_errors(path):
@@ -166,27 +167,27 @@ def append_durably(path: Path, content: bytes) -> None:
 def copy_durably(
     source: Path, target: Path, unfinished: Path | None = None, *, mode: int = 0o600, new_folders: int = 0
 ) -> None:
-    """Copy a file so that its place has the old content or all of the new one.
+    """Copy a file so that the target has either its old content or all of the new one.
 
     Args:
-        source: the file.
-        target: the place.
-        unfinished: as in ``replace_durably``.
-        mode: who may read it.
-        new_folders: as in ``replace_durably``.
+        source: the file to copy.
+        target: the path of the copy.
+        unfinished: the temporary path, as in ``replace_durably``.
+        mode: the permissions of the copy.
+        new_folders: the number of folders to make durable, as in ``replace_durably``.
 
     Raises:
-        OSError: if it cannot be copied.
+        OSError: if the file cannot be copied.
     """
     with source.open("rb") as file, replace_durably(target, unfinished, mode=mode, new_folders=new_folders) as copy:
         shutil.copyfileobj(file, copy)
 
 
 def hash_file(path: Path, algorithm: str = "sha256") -> str:
-    """Return a file's digest, hexadecimal.
+    """Return a file's digest in hexadecimal.
 
     Raises:
-        OSError: if it cannot be read.
+        OSError: if the file cannot be read.
     """
     with path.open("rb") as file:
         return hashlib.file_digest(file, algorithm).hexdigest()

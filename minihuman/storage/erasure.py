@@ -1,4 +1,4 @@
-"""Erase files and folders so that they stay erased, as far as the disk lets it, and tell what could not be."""
+"""Erases files and folders durably, as far as the disk allows, and reports what could not be erased."""
 
 import os
 from collections.abc import Iterator
@@ -9,12 +9,12 @@ from minihuman.storage.system import current_system
 
 
 def erase(path: Path) -> list[OSError]:
-    """Erase a file, or a folder with all that is below it; a power cut brings nothing back.
+    """Erase a file, or a folder with everything below it, so that a power cut brings nothing back.
 
-    What cannot be erased does not keep the rest from it. A link is erased, not what it leads to.
+    A file that cannot be erased does not stop the erasure of the rest. A link is erased, but not its target.
 
     Returns:
-        Why each file or folder that is left could not be erased; each error names it. None is left if it is empty.
+        An error for each file or folder that could not be erased, which names it; empty if everything was erased.
     """
     errors = list(_erase_entry(path))
     try:

@@ -17,14 +17,14 @@ from minihuman.storage.system import current_system
 
 
 class FileJournal(Journal[Line]):
-    """Lines of JSON in a file under an exclusive lock, each fsynced.
+    """A journal whose lines of JSON are in a file, written under an exclusive lock and each fsynced.
 
     Args:
-        path: the file; it and its folder are made when first written to.
-        decode: reads a line.
-        mode: who may read it.
-        chained: each line carries a checksum and the head of the chain before it; nothing is ever taken out.
-        declaration: written once, before the first line that is added; None: there is none.
+        path: the file's path; the file and its folder are created by the first write.
+        decode: decodes a line.
+        mode: the permissions of the file.
+        chained: whether each line has a checksum and the head of the chain before it; no line may then be removed.
+        declaration: a line that is written once, before the first added line; None for none.
     """
 
     _durable: int
@@ -48,7 +48,7 @@ class FileJournal(Journal[Line]):
 
     @property
     def begun(self) -> bool:
-        """Whether the file is there."""
+        """Whether the file exists."""
         return self._path.exists()
 
     @property
@@ -57,7 +57,7 @@ class FileJournal(Journal[Line]):
         return self._chain.unchained
 
     def read(self) -> Sequence[Line]:
-        """Read all lines; one that is being written is left out."""
+        """Return all lines except one that is just being written."""
         try:
             with name_file_in_errors(self._path), self._path.open("rb") as file:
                 return self._read_on(file.fileno())
@@ -66,7 +66,7 @@ class FileJournal(Journal[Line]):
 
     @contextmanager
     def hold(self) -> Iterator[LockedJournal[Line]]:
-        """Keep others out by a lock, which ends with the process."""
+        """Lock the journal for this process; the lock ends with the process."""
         disk = current_system().disk
         disk.make_folder(self._path.parent)
         while True:
@@ -88,7 +88,7 @@ class FileJournal(Journal[Line]):
                     os.close(fd)
 
     def keep(self, is_kept: Callable[[bytes], bool]) -> None:
-        """Put a file without the others in this one's place, whole and durable."""
+        """Replace the file, durably, by one that has only the kept lines."""
         if not self.begun:
             return
         with self.hold():
@@ -108,7 +108,7 @@ class FileJournal(Journal[Line]):
         self._chain: LineChain = LineChain(str(self._path))
 
     def _read_on(self, fd: int) -> Sequence[Line]:
-        """Read on in an open file; a file that was replaced or changed is read from its start."""
+        """Read new lines of an open file; a file that was replaced or changed is read from its start."""
         with self._guard:
             now = os.fstat(fd)
             size, mtime_ns = self._size_and_mtime_ns
@@ -169,7 +169,7 @@ class _LockedFile(LockedJournal[Line]):
         self._chain = chain
 
     def _write(self, lines: tuple[Line, ...]) -> None:
-        """Write them; a line that a crash cut off is finished first."""
+        """Write lines, after completing a line that a crash cut off."""
         size = os.fstat(self._fd).st_size
         tail = max(0, size - _LONGEST)
         start = read_at(self._fd, _LONGEST, tail).rpartition(b"\n")[2]

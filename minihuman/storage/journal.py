@@ -1,7 +1,7 @@
-"""Journals: durable, append-only lines that many processes write in turn. The port, and the chain of its lines.
+"""Journals: durable, append-only lines that many processes write in turn, with their hash chain.
 
-A reader who asks again gets only the added lines. ``file_journal`` and ``postgres_journal`` have the two kinds that
-there are, and ``study_journals`` says which one a study has.
+Repeated reads parse only the added lines. ``file_journal`` and ``postgres_journal`` have the two implementations, and
+``study_journals`` selects one for a study.
 """
 
 import abc
@@ -25,11 +25,11 @@ _CHAIN_START = "0" * 32
 
 
 class LineChain:
-    """The hash chain of a journal's lines, as far as lines were taken in.
+    """The hash chain over the lines of a journal that have been processed so far.
 
     A chained line ends with ``"previous"``, the head of the chain over all lines before it, and ``"digest"``, the
-    checksum of the line up to there. Lines that earlier versions wrote have neither: they are read as they are, counted
-    as ``unchained``, and covered by the next chained line.
+    checksum of the line up to there. Lines that earlier versions wrote have neither: they are accepted as they are,
+    counted as ``unchained``, and covered by the next chained line.
     """
 
     def __init__(self, journal: str) -> None:
@@ -38,28 +38,28 @@ class LineChain:
         self._journal = journal  # its name in errors
 
     def copy(self) -> "LineChain":
-        """Return the chain as it is now."""
+        """Return a copy of the chain."""
         chain = LineChain(self._journal)
         chain.head = self.head
         chain.unchained = self.unchained
         return chain
 
     def seal(self, encoded: bytes) -> bytes:
-        """Add checksum and chain to a JSON object, and take the line in."""
+        """Return the chained line for an encoded JSON object, and add it to the chain."""
         body = encoded[:-1] + b',"previous":"' + self.head.encode() + b'"'
         line = body + b',"digest":"' + _digest(body).encode() + b'"}'
         self.pass_over(line)
         return line
 
     def pass_over(self, line: bytes) -> None:
-        """Fold a line into the state, as it is."""
+        """Add a line to the chain without checking it."""
         self.head = _digest(self.head.encode() + line)
 
     def open(self, line: bytes, number: int) -> bytes:
-        """Check a line; return the JSON object in it, b"" for a line that a crash cut off.
+        """Check a line and add it to the chain; return its JSON object, b"" for a line that a crash cut off.
 
         Raises:
-            LogError: if the line was changed, or one before it was changed, added or removed.
+            LogError: if the line was changed, or a line before it was changed, added or removed.
         """
         head = self.head
         self.pass_over(line)
@@ -87,7 +87,7 @@ def _digest(content: bytes) -> str:
 
 
 class LinesRead(Sequence[Line]):
-    """The lines of a list that only grows, as far as it goes now; no copy, which a long study pays at each join."""
+    """A view of the present lines of a list that only grows; long studies would pay for copies."""
 
     def __init__(self, lines: list[Line]) -> None:
         self._lines = lines
@@ -106,7 +106,7 @@ class LinesRead(Sequence[Line]):
 
 
 class LockedJournal(abc.ABC, Generic[Line]):
-    """A journal while no other process can write to it."""
+    """A journal that this process has locked, so that no other process can write to it."""
 
     def __init__(self, lines: Sequence[Line], declaration: Line | None = None) -> None:
         self._before = lines
@@ -115,13 +115,13 @@ class LockedJournal(abc.ABC, Generic[Line]):
 
     @property
     def lines(self) -> Sequence[Line]:
-        """Every line, with those that were added here."""
+        """Every line, including those added under this lock."""
         if self._added:
             return (*self._before, *self._added)
         return self._before
 
     def append(self, *lines: Line) -> None:
-        """Add lines, all or none; they last when the journal is let go of, at the latest.
+        """Add lines, all or none; they are durable by the time that the journal is unlocked.
 
         Raises:
             OSError: if they cannot be written.
@@ -133,20 +133,20 @@ class LockedJournal(abc.ABC, Generic[Line]):
 
     @abc.abstractmethod
     def _write(self, lines: tuple[Line, ...]) -> None:
-        """Write lines behind the others."""
+        """Write lines after all existing ones."""
 
 
 class Journal(abc.ABC, Generic[Line]):
-    """Lines in the order in which they were added."""
+    """Durable lines in the order in which they were added."""
 
     @property
     @abc.abstractmethod
     def begun(self) -> bool:
-        """Whether there ever was a line."""
+        """Whether a line was ever written."""
 
     @abc.abstractmethod
     def read(self) -> Sequence[Line]:
-        """Read all lines.
+        """Return all lines.
 
         Raises:
             OSError: if they cannot be read.
@@ -154,32 +154,32 @@ class Journal(abc.ABC, Generic[Line]):
 
     @abc.abstractmethod
     def hold(self) -> AbstractContextManager[LockedJournal[Line]]:
-        """Keep every other process out for a while.
+        """Lock the journal against all other processes while the context lasts.
 
         Raises:
-            OSError: if that cannot be.
+            OSError: if it cannot be locked.
         """
 
     @property
     @abc.abstractmethod
     def unchained(self) -> int:
-        """The number of lines read that have no checksum: earlier versions wrote them."""
+        """The number of lines read that have no checksum, because an earlier version wrote them."""
 
     @abc.abstractmethod
     def keep(self, is_kept: Callable[[bytes], bool]) -> None:
-        """Take out for ever the lines that are not kept.
+        """Remove permanently the lines that are not kept.
 
         Raises:
-            OSError: if that cannot be.
+            OSError: if they cannot be removed.
         """
 
 
 class JournalState(Generic[Line, State]):
-    """The state that a journal's lines add up to, kept between reads: only added lines are folded into it.
+    """The state that results from a journal's lines, kept between reads so that only added lines are processed.
 
     Args:
-        make: makes a state without lines.
-        take: takes a line into it.
+        make: makes the state of an empty journal.
+        take: updates a state with a line.
     """
 
     def __init__(self, make: Callable[[], State], take: Callable[[State, Line], object]) -> None:
@@ -191,7 +191,7 @@ class JournalState(Generic[Line, State]):
         self._last = cast(Line, None)
 
     def after(self, lines: Sequence[Line]) -> State:
-        """Return the state after all lines of the journal, which its next call changes."""
+        """Return the state after all lines of the journal. The next call may change the returned object."""
         with self._guard:
             if self._count > len(lines) or (self._count and lines[self._count - 1] is not self._last):  # read anew
                 self._state = self._make()

@@ -1,9 +1,9 @@
-"""Leases of sessions in a database that several servers share: one hosts a session, and the next resumes where it was.
+"""Leases of sessions in a database that several servers share: one hosts a session, and the next can resume it.
 
-A lease runs out unless its holder renews it. Each has a number (its fence) that grows: a holder with an older one can
-write nothing any more. With the leases lie copies of what their holders have recorded.
+A lease expires unless its holder renews it. Each lease has a fence, a number that grows: a holder with an older fence
+can no longer write. The database also keeps copies of what the holders have recorded.
 
-Where a study's journals are files, all its servers are on one machine: the lock of the live log does instead.
+If a study's journals are files, all its servers are on one machine, and the lock of the live log replaces the lease.
 """
 
 import abc
@@ -29,7 +29,7 @@ class LeaseLostError(LogError):
 
 @dataclass(frozen=True, slots=True)
 class LeaseGrant:
-    """The database's answer to a server that asks for a lease."""
+    """The database's answer to a server that requests a lease."""
 
     fence: int
     name: str  # of the session, for its page: random, the same for every holder
@@ -40,7 +40,7 @@ class LeaseGrant:
 
 @dataclass(frozen=True, slots=True)
 class LogPiece:
-    """The bytes of a live log from a place on."""
+    """The bytes of a live log from a position on."""
 
     file: str
     start: int
@@ -49,7 +49,7 @@ class LogPiece:
 
 @dataclass(frozen=True, slots=True)
 class LeaseRenewal:
-    """A lease to renew, with the bytes to add to the copy."""
+    """A lease to renew, with the bytes to add to the copy of its log."""
 
     session: str
     fence: int
@@ -57,43 +57,43 @@ class LeaseRenewal:
 
 
 class LeaseTable(abc.ABC):
-    """The leases of a study's sessions, and copies of their logs, on the database's clock.
+    """The leases of a study's sessions, and copies of their logs, timed by the database's clock.
 
-    Every method raises OSError where the database cannot be asked; it may then have been done or not, and can be
-    repeated.
+    Every method raises OSError if the database cannot be queried. It is then unknown whether the operation was done,
+    and it can be repeated.
     """
 
     @abc.abstractmethod
     def acquire(self, session: str) -> LeaseGrant | None:
-        """Lease a session for ``TTL_S``; None where it is leased, whose holder hears of it at its next renewal."""
+        """Lease a session for ``TTL_S`` seconds; if it is leased, return None and mark it as requested."""
 
     @abc.abstractmethod
     def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
-        """Renew leases and add pieces to copies, all or none; a piece replaces what the copy has from its start on.
+        """Renew leases and add pieces to copies, all or none; a piece replaces the copy from its start on.
 
         Returns:
-            The sessions that are still held, and whether another server wants each.
+            For each session that is still held, whether another server requests it.
         """
 
     @abc.abstractmethod
     def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
-        """Put files in the place of a session's copies; False, and nothing done, where the lease is another's."""
+        """Replace a session's copies by files; return False, without a change, if another server has the lease."""
 
     @abc.abstractmethod
     def read_files(self, session: str) -> dict[str, bytes]:
-        """Read the copies of a session's files, by name."""
+        """Return the copies of a session's files, by name."""
 
     @abc.abstractmethod
     def release(self, session: str, fence: int, *, ended: str = "") -> bool:
-        """End a lease; with why the session ended, if it did for good. False where the lease is another's."""
+        """End a lease, with the reason if the session ended for good; return False if another server has the lease."""
 
     @abc.abstractmethod
     def forget(self, prefix: str) -> None:
-        """Delete the copies of sessions whose names begin so, and take their leases from their holders."""
+        """Delete the copies of all sessions whose names begin with ``prefix``, and revoke their leases."""
 
 
 def open_lease_table(study_dir: Path) -> LeaseTable | None:
-    """Open the leases of a study; None where its journals are files."""
+    """Open the leases of a study; return None if its journals are files."""
     if url := find_database_url(study_dir):
         return PostgresLeaseTable(url)
     return None
@@ -122,10 +122,10 @@ _INSERT = "insert into minihuman_log_copies (session, file, start, data) values 
 
 
 class PostgresLeaseTable(LeaseTable):
-    """Rows of two tables; each method is a transaction that locks the session's row.
+    """Leases in two tables of a PostgreSQL database; each method is a transaction that locks the session's row.
 
     Args:
-        url: as libpq has it.
+        url: the address in libpq's form.
     """
 
     def __init__(self, url: str) -> None:
@@ -136,7 +136,7 @@ class PostgresLeaseTable(LeaseTable):
         self._renewals = Database(url, _TABLES, purpose, timeout_s=_TIMEOUT_S)  # never wait for a server that acquires
 
     def acquire(self, session: str) -> LeaseGrant | None:
-        """Lease a session, or mark it as wanted; in one statement, on the clock of its start."""
+        """Lease a session, or mark it as requested, in one statement that uses the time of its start."""
         ask = """
             insert into minihuman_leases as had (session, name, fence, until)
                 values (%s, %s, 1, now() + make_interval(secs => %s))
@@ -156,7 +156,7 @@ class PostgresLeaseTable(LeaseTable):
         return LeaseGrant(fence, name, ended, copied, float(idle_s))
 
     def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
-        """Renew them in the order of their names, so that no two servers wait for each other."""
+        """Renew leases in the order of their sessions' names, so that no two servers wait for each other."""
         ordered = sorted(renewals, key=lambda renewal: renewal.session)
         names = [renewal.session for renewal in ordered]
         fences = [renewal.fence for renewal in ordered]
@@ -193,7 +193,7 @@ class PostgresLeaseTable(LeaseTable):
             return wanted_by_session
 
     def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
-        """Replace the copies."""
+        """Replace the copies of a session's files."""
         mine = "update minihuman_leases set copied_at = clock_timestamp() where session = %s and fence = %s"
         with self._database.transaction() as cursor:
             if cursor.execute(mine, [session, fence]).rowcount != 1:
@@ -204,7 +204,7 @@ class PostgresLeaseTable(LeaseTable):
             return True
 
     def read_files(self, session: str) -> dict[str, bytes]:
-        """Join the pieces to files."""
+        """Return the copies of a session's files, joined from their pieces."""
         ask = "select file, start, data from minihuman_log_copies where session = %s order by file, start"
         copies: dict[str, bytearray] = {}
         with self._database.transaction() as cursor:
@@ -215,7 +215,7 @@ class PostgresLeaseTable(LeaseTable):
         return {name: bytes(copy) for name, copy in copies.items()}
 
     def release(self, session: str, fence: int, *, ended: str = "") -> bool:
-        """Let the lease run out now."""
+        """Let a lease expire at once."""
         over = """
             update minihuman_leases set until = '-infinity', wanted = false, ended = %s
             where session = %s and fence = %s and ended in ('', %s)
@@ -224,7 +224,7 @@ class PostgresLeaseTable(LeaseTable):
             return bool(cursor.execute(over, [ended, session, fence, ended]).rowcount == 1)
 
     def forget(self, prefix: str) -> None:
-        """Delete the copies; the numbers of leases go on."""
+        """Delete the copies of sessions and revoke their leases; the fences keep growing."""
         with self._database.transaction() as cursor:
             cursor.execute(
                 """

@@ -1,4 +1,4 @@
-"""Locks of open files: the kernel's, which end with the process, however that ends, and need no clean-up."""
+"""Kernel locks of open files. They end with the process, however it ends, and need no clean-up."""
 
 import os
 from collections.abc import Iterator
@@ -12,10 +12,10 @@ from minihuman.storage.system import current_system
 
 @contextmanager
 def hold_lock(path: Path, mode: int = 0o600) -> Iterator[None]:
-    """Wait for a file's lock and keep every other process and thread out; the file and its folder are made.
+    """Wait for a file's lock, and hold it against every other process and thread; the file and its folder are created.
 
     Raises:
-        OSError: if the file cannot be made.
+        OSError: if the file cannot be created.
         LogError: if its file system has no locks.
     """
     disk = current_system().disk
@@ -47,7 +47,7 @@ def lock_file(fd: int, path: Path, *, wait: bool = True) -> None:
 
 
 def is_file_at(fd: int, path: Path) -> bool:
-    """Say whether an open file is the one at a path."""
+    """Return whether an open file is the one at a path."""
     try:
         file_status = os.stat(path)
     except (FileNotFoundError, NotADirectoryError):

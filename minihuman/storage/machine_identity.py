@@ -1,4 +1,4 @@
-"""Says which machine of a study a data folder is: a random number that names no host, account or address."""
+"""The identity of the machine that has a data folder: a random number that names no host or account."""
 
 import secrets
 from pathlib import Path
@@ -19,12 +19,12 @@ class _Identity(msgspec.Struct, frozen=True):
 
 
 def read_machine_id(data: Path) -> str:
-    """Return the number of the machine that a data folder is; it is made when first asked for.
+    """Return the id of the machine to which a data folder belongs, creating it on the first call.
 
-    A data folder that several stations share is one machine, as it holds one copy of the data.
+    A data folder that several stations share counts as one machine, as it holds one copy of the data.
 
     Raises:
-        OSError: if the number cannot be written.
+        OSError: if the id cannot be written.
     """
     inode = data.stat().st_ino
     identity = _read(data)

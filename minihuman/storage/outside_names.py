@@ -1,8 +1,8 @@
-"""Turns what a store, a database, an archive or a log says into a place in a study: by its form, never as a path.
+"""Checks names that come from a store, a database, an archive or a log, and maps them to files of a study.
 
-A place is ``STUDY/CODE/ses-NN/FILE``, each part of letters, digits, ``-``, ``_`` and ``.`` alone. Whatever has another
-form is refused with a reason, so that no name leaves its study, reaches a device of Windows or hides a second meaning.
-No other module joins a name from outside to a folder; a test over the package's source says so.
+A valid name is ``STUDY/CODE/ses-NN/FILE``, with parts of letters, digits, ``-``, ``_`` and ``.`` only. Any other form
+is refused with a reason, so that no name leads out of its study, to a device of Windows, or to a second meaning. No
+other module joins a name from outside to a folder; a test over the package's source enforces that.
 """
 
 import re
@@ -22,16 +22,16 @@ _SHOWN_LETTERS = 60  # of a refused name
 
 
 class OutsideNameError(LogError):
-    """A name from outside has not the form of a place in a study."""
+    """A name from outside does not have the form of a file's place in a study."""
 
 
 def is_system_companion(name: str) -> bool:
-    """Say whether another system keeps a file of that name beside ours for itself, such as ``._sub-01.mcap``."""
+    """Return whether another operating system keeps a file of that name beside ours (``._sub-01.mcap``)."""
     return name.startswith(_COMPANION_PREFIX)
 
 
 def explain_refused_name(name: str) -> str:
-    """Say why a name cannot be that of a study, a participant or a file; "" where it can."""
+    """Return why a name cannot be that of a study, a participant or a file; "" if it can."""
     if len(name) > MAX_NAME_LETTERS:
         return f"it has {len(name)} characters; the maximum is {MAX_NAME_LETTERS}"
     if not _NAME.fullmatch(name):
@@ -40,7 +40,7 @@ def explain_refused_name(name: str) -> str:
 
 
 def shorten_name(name: str) -> str:
-    """Return a name from outside as a line may show it: with its control characters escaped, and not too long."""
+    """Return a name from outside as a message may show it: shortened, with its control characters escaped."""
     quoted = repr(name[:_SHOWN_LETTERS])
     if len(name) <= _SHOWN_LETTERS:
         return quoted
@@ -48,14 +48,14 @@ def shorten_name(name: str) -> str:
 
 
 def require_name(name: str, owner: str) -> str:
-    """Return a name that may be a folder's or a file's.
+    """Return a name after checking that it may be that of a folder or a file.
 
     Args:
-        name: as it was given from outside.
-        owner: what has the name, for the error: "the participant".
+        name: the name, as it was given from outside.
+        owner: what has the name, for the error, such as "the participant".
 
     Raises:
-        OutsideNameError: if it may not.
+        OutsideNameError: if the name is not allowed.
     """
     if reason := explain_refused_name(name):
         raise OutsideNameError(f"{owner} {shorten_name(name)} cannot be a file's name: {reason}")
@@ -64,7 +64,7 @@ def require_name(name: str, owner: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class StudyFile:
-    """The place of a file in a study; ``parse`` makes it."""
+    """The place of a file in a study, as parsed by ``parse``."""
 
     study: str
     participant: str
@@ -73,10 +73,10 @@ class StudyFile:
 
     @classmethod
     def parse(cls, name: str) -> "StudyFile":
-        """Read a name from outside.
+        """Parse a name from outside.
 
         Raises:
-            OutsideNameError: if it is not of the form ``STUDY/CODE/ses-NN/FILE``.
+            OutsideNameError: if it does not have the form ``STUDY/CODE/ses-NN/FILE``.
         """
         parts = name.split("/")
         if len(parts) != 4:
@@ -91,23 +91,23 @@ class StudyFile:
 
     @property
     def name(self) -> str:
-        """The place as a store names it."""
+        """The file's name in a store."""
         return f"{self.study}/{self.participant}/{self.session}/{self.file}"
 
     def path(self, data: Path) -> Path:
-        """Return the place in a data folder."""
+        """Return the file's path in a data folder."""
         return data / self.study / self.participant / self.session / self.file
 
 
 def parse_study_files(names: Iterable[str], prefix: str) -> tuple[dict[str, StudyFile], list[str]]:
-    """Sort names from outside into places and refusals.
+    """Parse names from outside, and separate valid from refused ones.
 
     Args:
-        names: as a store lists them.
-        prefix: with which the caller asked for them, "study/" or "study/sub-07/": other places are refused.
+        names: the names, as a store lists them.
+        prefix: the prefix for which the caller asked, "study/" or "study/sub-07/"; names outside it are refused.
 
     Returns:
-        The places by name, and a line for each name that is refused.
+        The parsed files by name, and a line for each name that is refused.
     """
     files: dict[str, StudyFile] = {}
     refusals: list[str] = []
@@ -136,10 +136,10 @@ def _parse_below(name: str, prefix: str) -> StudyFile:
 
 
 def join_inside(folder: Path, name: str) -> Path:
-    """Return the path of a file that our own code has named, with slashes, inside a folder.
+    """Return the path, inside a folder, of a file that our own code has named, with slashes.
 
     Raises:
-        OutsideNameError: if a part of the name leads elsewhere.
+        OutsideNameError: if a part of the name would lead out of the folder.
     """
     for part in name.split("/"):
         if part in ("", ".", "..") or "\\" in part or "\0" in part or len(part) > 2 * MAX_NAME_LETTERS:

@@ -32,14 +32,14 @@ _Asking = Callable[[], AbstractContextManager["psycopg.Cursor[Any]"]]
 
 
 class PostgresJournal(Journal[Line], Generic[Line]):
-    """Rows of a table; its journal's row is locked while a process holds it.
+    """A journal in the rows of a table; the journal's own row is locked while a process holds it.
 
     Args:
-        url: as libpq has it: postgresql://user@host/database.
-        name: of the journal.
-        decode: reads a line.
-        chained: as in ``FileJournal``.
-        declaration: as there.
+        url: the address in libpq's form, postgresql://user@host/database.
+        name: the journal's name.
+        decode: decodes a line.
+        chained: whether each line has a checksum and the head of the chain before it, as in ``FileJournal``.
+        declaration: a line that is written once, before the first added line, as in ``FileJournal``; None for none.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
 
     @property
     def begun(self) -> bool:
-        """Whether it has a line."""
+        """Whether the journal has a line."""
         return bool(self.read())
 
     @property
@@ -72,21 +72,21 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         return self._chain.unchained
 
     def read(self) -> Sequence[Line]:
-        """Read all lines."""
+        """Return all lines."""
         with self._asking(self._database.ask) as cursor:  # lines taken out in between change the next generation
             row = cursor.execute("select generation from minihuman_journals where name = %s", [self._name]).fetchone()
             return self._read_on(cursor, row[0]) if row else ()
 
     @contextmanager
     def hold(self) -> Iterator[LockedJournal[Line]]:
-        """Keep others out by the lock of a row, which ends with the connection."""
+        """Lock the journal by its row; the lock ends with the connection."""
         with self._asking(self._database.transaction) as cursor:
             lines = self._read_on(cursor, self._locked(cursor))
             chain = self._chain.copy() if self._chained else None
             yield _LockedRows(cursor, self._name, self._last, lines, self._declaration, chain)
 
     def keep(self, is_kept: Callable[[bytes], bool]) -> None:
-        """Delete the others; readers read everything again."""
+        """Delete the lines that are not kept, and make readers read everything again."""
         with self._asking(self._database.transaction) as cursor:
             self._locked(cursor)
             rows = cursor.execute(
@@ -101,11 +101,11 @@ class PostgresJournal(Journal[Line], Generic[Line]):
                 )
 
     def close(self) -> None:
-        """Let go of the connection; it is made again when it is needed."""
+        """Close the connection, which is reopened on demand."""
         self._database.close()
 
     def _locked(self, cursor: "psycopg.Cursor[Any]") -> int:
-        """Lock the journal's row, made where there is none; its generation."""
+        """Lock the journal's row, inserting it if necessary; return the journal's generation."""
         lock = "select generation from minihuman_journals where name = %s for update"
         while (row := cursor.execute(lock, [self._name]).fetchone()) is None:
             make = "insert into minihuman_journals (name) values (%s) on conflict do nothing"
@@ -156,9 +156,10 @@ class _LockedRows(LockedJournal[Line]):
         self._chain = chain
 
     def _write(self, lines: tuple[Line, ...]) -> None:
-        """Insert them; they last when the transaction has ended."""
-        encoded = map(msgspec.json.encode, lines)
-        sealed = list(encoded if self._chain is None else map(self._chain.seal, encoded))
-        numbers = list(range(self._last + 1, self._last + 1 + len(sealed)))
-        self._cursor.execute(_ADD, [self._name, numbers, sealed])  # one round trip for all: there may be 1,000 links
-        self._last += len(sealed)
+        """Insert lines, which are durable once the transaction has ended."""
+        encoded = [msgspec.json.encode(line) for line in lines]
+        if self._chain is not None:
+            encoded = [self._chain.seal(line) for line in encoded]
+        numbers = list(range(self._last + 1, self._last + 1 + len(encoded)))
+        self._cursor.execute(_ADD, [self._name, numbers, encoded])  # one round trip for all: there may be 1,000 links
+        self._last += len(encoded)

@@ -1,7 +1,7 @@
-"""Takes secrets out of what third parties say of an error: passwords in addresses, keys, and the values of variables.
+"""Removes secrets from third parties' errors: passwords in addresses, keys, and values of variables.
 
-Libraries put addresses and settings into their errors as they were given. Whatever of that reaches a person, a log or
-another error goes through ``redact`` first.
+Libraries put addresses and settings into their errors as they were given. Any such text goes through ``redact`` before
+it reaches a person, a log or another error.
 """
 
 import os
@@ -22,7 +22,7 @@ _SECRET_VARIABLE = re.compile(r"(?i)(password|passwd|secret|token|key)")
 
 
 def redact(text: str) -> str:
-    """Return a text without secrets; what stands in their place says that something was there."""
+    """Return a text with a placeholder in place of each secret."""
     for secret in _find_secrets():
         text = text.replace(secret, REDACTED)
     text = _USER_INFO.sub(f"{REDACTED}@", text)
@@ -30,12 +30,15 @@ def redact(text: str) -> str:
 
 
 def _find_secrets() -> list[str]:
-    """List the secrets that the environment holds, the longest first, also as an address would hold them."""
+    """Return the secrets in the environment, longest first, both as they are and unquoted as from an address."""
     secrets: set[str] = set()
     for name, text in os.environ.items():
         if _SECRET_VARIABLE.search(name):
             secrets |= {text, unquote(text)}
         for info in _USER_INFO.findall(text):
             user, _, password = info.removesuffix("@").partition(":")
-            secrets |= {password, unquote(password)} if password else {user}
+            if password:
+                secrets |= {password, unquote(password)}
+            else:
+                secrets.add(user)
     return sorted((secret for secret in secrets if len(secret) >= _MIN_SECRET_LETTERS), key=len, reverse=True)

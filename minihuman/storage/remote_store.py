@@ -1,6 +1,6 @@
-"""Remote stores, which every machine of a study reaches: the port, and stores in a folder and in S3.
+"""Remote stores, which every machine of a study can reach: the interface, and stores in a folder and in S3.
 
-The file ``logs.url`` of the data folder names the store of finished logs, ``tables.url`` that of tables:
+The file ``logs.url`` in the data folder names the store of finished logs, and ``tables.url`` that of tables:
 ``s3://bucket/prefix``, or a folder such as a network share.
 """
 
@@ -30,92 +30,92 @@ LOG_DEPTH = 3  # folders above a log: session, participant and study
 
 
 class RemoteStoreError(LogError):
-    """The remote store cannot be reached; its text holds no secret, whatever an address or a library put into it."""
+    """The remote store cannot be used; secrets are removed from the message."""
 
     def __init__(self, message: str) -> None:
         super().__init__(redact(message))
 
 
 class RemoteStoreConflictError(RemoteStoreError):
-    """A file was put there by another machine meanwhile."""
+    """Another machine has stored a different version of the file in the meantime."""
 
 
 class DamagedCopyError(RemoteStoreError):
-    """A file of the remote store is not what its name or its digest says; it is not believed."""
+    """A file in the remote store does not match its name or its digest, so it is refused."""
 
 
 class RemoteStore(abc.ABC):
-    """Files by name, each whole or not at all."""
+    """A store of named files, each of which is stored whole or not at all."""
 
     @abc.abstractmethod
     def put(self, name: str, path: Path, *, over: str = "") -> None:
-        """Put a file there.
+        """Store a file.
 
         Args:
-            name: of the file in the store.
-            path: the file.
-            over: the version that it replaces; "" where there is none.
+            name: the file's name in the store.
+            path: the local path of the file.
+            over: the version that it replaces; "" if there must be none.
 
         Raises:
-            RemoteStoreConflictError: if there is another version; nothing is changed.
-            RemoteStoreError: if that cannot be.
+            RemoteStoreConflictError: if the store has another version; nothing is changed.
+            RemoteStoreError: if the file cannot be stored.
         """
 
     @abc.abstractmethod
     def fetch(self, name: str, path: Path) -> None:
-        """Bring a file here; its folder is made.
+        """Download a file to a local path, whose folder is created.
 
         Raises:
-            RemoteStoreError: if that cannot be.
+            RemoteStoreError: if the file cannot be fetched.
         """
 
     @abc.abstractmethod
     def versions(self, prefix: str) -> dict[str, str]:
-        """Return the version of each file whose name begins so: its MD5, hexadecimal, where the store has that.
+        """Return the version of each file whose name begins with ``prefix``, which is its MD5 if possible.
 
         Raises:
-            RemoteStoreError: if that cannot be.
+            RemoteStoreError: if the files cannot be listed.
         """
 
     def names(self, prefix: str) -> list[str]:
-        """List the names of the files that begin so.
+        """Return the names of the files whose names begin with ``prefix``.
 
         Raises:
-            RemoteStoreError: if that cannot be.
+            RemoteStoreError: if the files cannot be listed.
         """
         return list(self.versions(prefix))
 
     @abc.abstractmethod
     def remove(self, name: str) -> None:
-        """Take a file away, if it is there, so that it stays away.
+        """Delete a file durably, if it exists.
 
         Raises:
-            RemoteStoreError: if that cannot be.
+            RemoteStoreError: if the file cannot be deleted.
         """
 
     def erase(self, owner: str, names: Iterable[str]) -> None:
-        """Take a participant's files away, and whatever a crash left of them.
+        """Delete a participant's files, and whatever a crash left of them.
 
         Args:
             owner: the participant's code.
-            names: of the files.
+            names: the names of the files.
 
         Raises:
-            RemoteStoreError: if that cannot be.
+            RemoteStoreError: if a file cannot be deleted.
         """
         for name in names:
             self.remove(name)
 
 
 class FolderStore(RemoteStore):
-    """A folder that all machines have."""
+    """A remote store in a folder that all machines share."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._unfinished = folder / ".unfinished"  # one for all, so that what a crash leaves does not stay
 
     def put(self, name: str, path: Path, *, over: str = "") -> None:
-        """Copy it, durable before it has its name; a lock keeps the other machines out."""
+        """Copy a file into the folder under a lock against other machines; it is durable before it gets its name."""
         try:
             with self._locked():
                 if compute_md5(join_inside(self._folder, name)) != over:
@@ -132,7 +132,7 @@ class FolderStore(RemoteStore):
             ) from error
 
     def fetch(self, name: str, path: Path) -> None:
-        """Copy it."""
+        """Copy a file out of the folder."""
         try:
             copy_durably(join_inside(self._folder, name), path, new_folders=LOG_DEPTH)
         except OSError as error:
@@ -141,25 +141,26 @@ class FolderStore(RemoteStore):
             ) from error
 
     def versions(self, prefix: str) -> dict[str, str]:
-        """Return the versions of the files below, each read for its MD5."""
+        """Return the MD5 of each file whose name begins with ``prefix``, which requires reading all of them."""
         return {name: compute_md5(join_inside(self._folder, name)) for name in self.names(prefix)}
 
     def names(self, prefix: str) -> list[str]:
-        """List the files below, unread."""
+        """Return the names that begin with ``prefix``, without reading the files."""
         return list_files(self._folder, prefix)
 
     def remove(self, name: str) -> None:
-        """Delete it, and the folders that are empty then: some are named after a participant."""
+        """Delete a file and any folders that become empty, since some are named after a participant."""
         with self._raise_as_store_error(name), self._locked():
             self._remove(name)
 
     def erase(self, owner: str, names: Iterable[str]) -> None:
-        """Delete them, folders of theirs that an erasure left empty, and what a crash left of any file being stored."""
+        """Delete a participant's files, their empty folders, and what a crash left of unfinished files."""
         with self._raise_as_store_error(f"all of {owner}"), self._locked():
             sync_folder(self._folder)  # the unfinished file may have been theirs
             for name in names:
                 self._remove(name)
-            for folder in [path for path in self._folder.rglob("*") if path.is_dir() and not any(path.iterdir())]:
+            empty_folders = [path for path in self._folder.rglob("*") if path.is_dir() and not any(path.iterdir())]
+            for folder in empty_folders:
                 if owner in {part.rpartition("=")[2] for part in folder.relative_to(self._folder).parts}:
                     self._remove_empty_folders(folder)
 
@@ -171,7 +172,7 @@ class FolderStore(RemoteStore):
             self._remove_empty_folders(path.parent)
 
     def _remove_empty_folders(self, folder: Path) -> None:
-        """Make what was taken out of a folder durable, and remove it and those above that are empty then."""
+        """Make removals from a folder durable, and remove it and the folders above it that are then empty."""
         sync_folder(folder)  # first: once the folder is gone, nothing says that its files may come back
         with suppress(OSError):  # not empty
             while folder != self._folder:
@@ -197,14 +198,14 @@ class FolderStore(RemoteStore):
 
 
 def open_remote_store(data: Path, *, may_be_new: bool = True) -> RemoteStore | None:
-    """Open the remote store that a data folder names for logs; None where it names none.
+    """Open the remote store that a data folder names for logs; return None if it names none.
 
     Args:
         data: the data folder.
-        may_be_new: as in ``open_store_url``.
+        may_be_new: whether the store may be a folder that does not exist yet, as in ``open_store_url``.
 
     Raises:
-        RemoteStoreError: if it is a folder that has to be there and is not.
+        RemoteStoreError: if the store is a folder that must exist but does not.
     """
     path = data / STORE_URL_FILE_NAME
     if path.is_file():
@@ -216,11 +217,12 @@ def open_store_url(url: str, *, may_be_new: bool = True) -> RemoteStore:
     """Open the store at an address.
 
     Args:
-        url: as ``logs.url`` has it.
-        may_be_new: a folder that does not exist is made; else it is refused, as a share may not be mounted.
+        url: the address, as in ``logs.url``.
+        may_be_new: whether a folder that does not exist is created; otherwise it is refused, since a share may not be
+            mounted.
 
     Raises:
-        RemoteStoreError: if it is refused.
+        RemoteStoreError: if the folder is refused, or the address of an S3 store is not valid.
     """
     if url.startswith(_S3):
         return S3Store(url.removeprefix(_S3))
@@ -231,15 +233,15 @@ def open_store_url(url: str, *, may_be_new: bool = True) -> RemoteStore:
 
 @contextmanager
 def fetch_temporarily(store: RemoteStore, name: str, *, version: str = "") -> Iterator[Path]:
-    """Bring a file of the store to a folder that goes away again, and compare it with its digest.
+    """Download a file to a temporary folder, and compare it with its digest.
 
     Args:
         store: the store.
-        name: of the file there, of a form that was checked.
-        version: as the store listed it; what is no MD5 is not compared.
+        name: the file's name in the store, whose form was checked.
+        version: the version that the store listed; it is compared only if it is an MD5.
 
     Raises:
-        RemoteStoreError: if it cannot be fetched.
+        RemoteStoreError: if the file cannot be fetched.
         DamagedCopyError: if it is not the file that was listed.
     """
     with tempfile.TemporaryDirectory(prefix="minihuman-") as folder:
@@ -251,7 +253,7 @@ def fetch_temporarily(store: RemoteStore, name: str, *, version: str = "") -> It
 
 
 def list_files(folder: Path, prefix: str) -> list[str]:
-    """List the files in a folder whose paths from there begin so, but for hidden ones."""
+    """Return the relative paths of the files in a folder that begin with ``prefix``, without hidden files."""
     below = folder / prefix.rpartition("/")[0]
     files = (path for path in below.rglob("*") if path.is_file() and not path.name.startswith("."))
     names = (path.relative_to(folder).as_posix() for path in sorted(files))
@@ -259,7 +261,7 @@ def list_files(folder: Path, prefix: str) -> list[str]:
 
 
 def compute_md5(path: Path) -> str:
-    """Return a file's MD5, hexadecimal; "" where there is no file."""
+    """Return a file's MD5 in hexadecimal; "" if the file does not exist."""
     try:
         return hash_file(path, "md5")
     except FileNotFoundError:
@@ -274,15 +276,15 @@ _CONFLICTS = ("PreconditionFailed", "ConditionalRequestConflict", "412", "409")
 
 
 def _limit_transfer_s(size_bytes: int) -> float:
-    """Compute how long a file's transfer may take in all."""
+    """Return the longest total time for a file's transfer, in seconds."""
     return STORE_TIMEOUT_S + size_bytes / _SLOWEST_BYTES_PER_S
 
 
 class S3Store(RemoteStore):
-    """Objects of a bucket. The store's address, keys and region are boto3's to find: ``AWS_ENDPOINT_URL`` and the like.
+    """A remote store in an S3 bucket; endpoint, keys and region are boto3's settings (``AWS_ENDPOINT_URL``).
 
     Args:
-        address: the bucket, and what all names begin with: "bucket/prefix".
+        address: the bucket and the prefix of all names, "bucket/prefix".
     """
 
     def __init__(self, address: str) -> None:
@@ -306,7 +308,7 @@ class S3Store(RemoteStore):
             ) from None
 
     def put(self, name: str, path: Path, *, over: str = "") -> None:
-        """Send it, on the condition that the store has that version; the store shows it when all of it is there."""
+        """Upload a file if the store has the expected version; it becomes visible only once it is complete."""
         condition = {"IfMatch": f'"{over}"'} if over else {"IfNoneMatch": "*"}
         target = {"Bucket": self._bucket, "Key": self._prefix + name, **condition}
         with self._raise_as_store_error(f"{path} cannot be put into"), path.open("rb") as file:
@@ -314,7 +316,7 @@ class S3Store(RemoteStore):
             call_within(limit_s, lambda: self._client.put_object(Body=file, **target))
 
     def fetch(self, name: str, path: Path) -> None:
-        """Download a file beside its place, then move it there."""
+        """Download a file under a temporary name, then rename it."""
         with (
             self._raise_as_store_error(f"{name} cannot be fetched from"),
             replace_durably(path, new_folders=LOG_DEPTH) as file,
@@ -326,7 +328,7 @@ class S3Store(RemoteStore):
             call_within(limit_s, lambda: shutil.copyfileobj(body, file))
 
     def versions(self, prefix: str) -> dict[str, str]:
-        """Return the objects' entity tags, page by page."""
+        """Return the entity tag of each object whose name begins with ``prefix``, listed page by page."""
         with self._raise_as_store_error("nothing can be listed of"):
             paginator = self._client.get_paginator("list_objects_v2")
             pages = iter(paginator.paginate(Bucket=self._bucket, Prefix=self._prefix + prefix))
@@ -336,7 +338,7 @@ class S3Store(RemoteStore):
         return {stored["Key"].removeprefix(self._prefix): stored["ETag"].strip('"') for stored in objects}
 
     def remove(self, name: str) -> None:
-        """Delete it."""
+        """Delete an object."""
         with self._raise_as_store_error(f"{name} cannot be removed from"):
             target = {"Bucket": self._bucket, "Key": self._prefix + name}
             call_within(STORE_TIMEOUT_S, lambda: self._client.delete_object(**target))

@@ -1,6 +1,6 @@
-"""Where a study's journals are: files in its folder, or a database that ``register.url`` in the data folder names.
+"""The location of a study's journals: files in its folder, or the database that ``register.url`` names.
 
-A study that began in files stays in files: the database lacks its earlier lines, withdrawals among them.
+A study that began with files keeps using files, because the database lacks its earlier lines, withdrawals among them.
 """
 
 import atexit
@@ -27,19 +27,16 @@ def open_journal(
     chained: bool = False,
     declaration: Line | None = None,
 ) -> Journal[Line]:
-    """Open a study's journal of that name; the same object for every caller in this process."""
+    """Open a study's journal of that name; all callers in this process get the same object."""
     study_dir = study_dir.absolute()
     url = find_database_url(study_dir)
-    journal: Any = (
-        _in_database(url, f"{study_dir.name}/{name}", decode, chained, declaration)
-        if url
-        else _in_file(study_dir / name, decode, mode, chained, declaration)
-    )
-    return journal  # type: ignore[no-any-return]
+    if url:
+        return _in_database(url, f"{study_dir.name}/{name}", decode, chained, declaration)
+    return _in_file(study_dir / name, decode, mode, chained, declaration)
 
 
 def find_database_url(study_dir: Path) -> str:
-    """Find the address of the database that holds a study's journals; "" where they are files."""
+    """Return the address of the database that holds a study's journals; "" if they are files."""
     study_dir = study_dir.absolute()
     path = study_dir.parent / URL_FILE_NAME
     if not path.is_file() or any((study_dir / name).exists() for name in (ENROLMENT_FILE_NAME, ARRIVALS_FILE_NAME)):

@@ -1,7 +1,7 @@
-"""What a program asks of its machine to record a study: the disk that it writes, clocks, a database.
+"""The machine as a program sees it while recording a study: the disk that it writes, clocks, a database.
 
-``use_system`` puts others in place for a block of code and all that it awaits, so that a test can let each of them
-fail. Files are read directly: a ``FileSystem`` has only what changes them or makes a change last.
+``use_system`` replaces them for a block of code and everything that it awaits, so that a test can make each of them
+fail. Files are read directly: a ``FileSystem`` has only the operations that change files or make a change durable.
 """
 
 import os
@@ -18,17 +18,17 @@ from minihuman import operating_system
 
 
 class FileSystem:
-    """Changes files on the machine's disk; each method raises ``OSError`` where it cannot.
+    """Changes files on the machine's disk; each method raises ``OSError`` if it fails.
 
-    A subclass may be another disk: one that fails, or one that loses power.
+    A subclass may be another disk, such as one that fails or one that loses power.
     """
 
     def open(self, path: Path, flags: int, mode: int = 0o600) -> int:
-        """Open a file or a folder, as ``os.open`` does, and return its descriptor, which ``os.close`` closes."""
+        """Open a file or a folder as ``os.open`` does, and return its descriptor, to be closed with ``os.close``."""
         return operating_system.open_file(path, flags, mode)
 
     def write(self, fd: int, data: bytes | memoryview) -> int:
-        """Write bytes at the file's position, or append them; return how many were taken, which may be fewer."""
+        """Write or append bytes at the file's position; return how many were written, which may be fewer."""
         return os.write(fd, data)
 
     def sync(self, fd: int) -> None:
@@ -36,11 +36,11 @@ class FileSystem:
         operating_system.sync_file(fd)
 
     def truncate(self, fd: int, size_bytes: int) -> None:
-        """Cut a file's end off."""
+        """Truncate a file to a size."""
         os.ftruncate(fd, size_bytes)
 
     def rename(self, source: Path, target: Path) -> None:
-        """Give a file another name in its folder, whole or not at all; a file of that name is replaced."""
+        """Rename a file atomically; an existing file of the new name is replaced."""
         operating_system.replace_file(source, target)
 
     def unlink(self, path: Path) -> None:
@@ -48,11 +48,11 @@ class FileSystem:
         operating_system.remove_file(path)
 
     def link(self, source: Path, target: Path) -> None:
-        """Give a file a second name; FileExistsError where there is a file of that name."""
+        """Give a file a second name; raise FileExistsError if a file of that name exists."""
         os.link(source, target)
 
     def make_folder(self, folder: Path, mode: int = operating_system.OWNER_ONLY_FOLDER) -> None:
-        """Make a folder, and those above that are not there, for their owner alone; one that is there stays."""
+        """Create a folder and its missing parents, for their owner alone; an existing one stays as it is."""
         operating_system.make_private_folder(folder, mode)
 
     def remove_folder(self, folder: Path) -> None:
@@ -60,30 +60,30 @@ class FileSystem:
         folder.rmdir()
 
     def sync_folder(self, folder: Path) -> None:
-        """Make a folder's entries durable, where the system can: a new or renamed file is safe only when they are."""
+        """Make a folder's entries durable if the system can; a new or renamed file is safe only then."""
         operating_system.sync_folder(folder)
 
 
 class SystemClock:
-    """Both of a machine's clocks; a subclass may let the wall clock jump."""
+    """The machine's wall clock and monotonic clock; a subclass may let the wall clock jump."""
 
     def wall_ns(self) -> int:
-        """Read the wall clock, ns since 1970; it is set now and then."""
+        """Return the wall clock's time in nanoseconds since 1970; that clock is adjusted now and then."""
         return time.time_ns()
 
     def monotonic_ns(self) -> int:
-        """Read a clock that never goes back, from an arbitrary zero."""
+        """Return the time, in nanoseconds, of a clock that never goes back and starts at an arbitrary zero."""
         return time.perf_counter_ns()
 
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """The machine as a program has it.
+    """The parts of the machine that a program uses.
 
     Args:
-        disk: what it writes to.
+        disk: the disk to which it writes.
         clock: its clocks.
-        open_database_journal: opens a journal of the database at a URL; None: in PostgreSQL.
+        open_database_journal: opens a journal in the database at a URL; None to use PostgreSQL.
     """
 
     disk: FileSystem = field(default_factory=FileSystem)
@@ -95,13 +95,13 @@ _SYSTEM: ContextVar[System] = ContextVar("system", default=System())  # noqa: B0
 
 
 def current_system() -> System:
-    """Return the machine's system, or what ``use_system`` put in its place."""
+    """Return the machine's system, or its replacement by ``use_system``."""
     return _SYSTEM.get()
 
 
 @contextmanager
 def use_system(system: System) -> Iterator[None]:
-    """Put another system in place for a while."""
+    """Replace the system while the context lasts."""
     before = _SYSTEM.set(system)
     try:
         yield
@@ -110,15 +110,15 @@ def use_system(system: System) -> Iterator[None]:
 
 
 def wall_time() -> datetime:
-    """Return the wall clock's time, UTC."""
+    """Return the wall clock's time in UTC."""
     return datetime.fromtimestamp(current_system().clock.wall_ns() / 1e9, UTC)
 
 
 def monotonic_s() -> float:
-    """Read the monotonic clock, in seconds."""
+    """Return the monotonic clock's time in seconds."""
     return current_system().clock.monotonic_ns() / 1e9
 
 
 def now_text() -> str:
-    """Return the time for an entry: ISO 8601, UTC, whole seconds."""
+    """Return the present time as text for a log line: ISO 8601, UTC, whole seconds."""
     return wall_time().isoformat(timespec="seconds").replace("+00:00", "Z")

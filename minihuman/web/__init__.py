@@ -1,4 +1,4 @@
-"""Sessions in a browser: the same session and the same log as at a window, over a network connection.
+"""Sessions in a browser: the same sessions and logs as in a desktop window, over a network connection.
 
 Only ``server`` imports a network library.
 """

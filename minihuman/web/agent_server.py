@@ -1,9 +1,11 @@
-"""Programs of any language in a participant's place: a small HTTP face of the models' sessions, and the
-same as tools of the Model Context Protocol, for a language model that plays by calling tools (extra ``mcp``).
+"""Servers through which programs in any language take part in a study in place of a participant.
 
-A program begins a session, gets each screen as JSON with its picture as PNG, and answers it. Its sessions are recorded
-and proved like a model's. Connections, sessions, and requests' sizes and times are bounded; web pages are refused; a
-session is known by a secret of 128 bits, and a program that stays away leaves a log that the same name resumes.
+The sessions are offered over a small HTTP interface, and as tools of the Model Context Protocol for language models
+that play by calling tools (extra ``mcp``). A program begins a session, receives each screen as JSON with its picture as
+PNG, and answers it. These sessions are recorded and verified like those of language models. The numbers of connections
+and sessions, the sizes of requests and their durations are bounded, and requests from web pages are refused. A session
+is identified by a secret of 128 bits. If a program stays away, its log remains, and a session begun under the same name
+resumes it.
 """
 
 import base64
@@ -41,7 +43,7 @@ REQUEST_S = 120.0  # from one answer to the next, and for a client to take one
 
 
 class ProgramClient(ModelClient):
-    """Hands screens to a program and takes its answers, each with a number, so that none counts twice."""
+    """Hands screens to a program and takes its answers; screens are numbered, so that no answer counts twice."""
 
     def __init__(self, name: str, timeout_s: float) -> None:
         self.model = name
@@ -53,10 +55,10 @@ class ProgramClient(ModelClient):
         self.over = ""
 
     def ask(self, prompt: Prompt) -> ChatAnswer:
-        """Show a screen and wait for the program.
+        """Show a screen and wait for the program's answer.
 
         Raises:
-            ModelUnavailableError: if it does not answer in time.
+            ModelUnavailableError: if the program does not answer in time.
         """
         with self._changed:
             self._prompt = prompt
@@ -70,17 +72,17 @@ class ProgramClient(ModelClient):
         return ChatAnswer(text, "", self.model, "", 0, 0, (time.perf_counter() - started_s) * 1_000)
 
     def close(self) -> None:
-        """Do nothing: nothing is open."""
+        """Do nothing, since this client holds no resources."""
 
     def end(self, reason: str) -> None:
-        """Say that there is no further screen, and why."""
+        """Record that the session is over, and why."""
         with self._changed:
             self._prompt = None
             self.over = reason
             self._changed.notify_all()
 
     def answer(self, number: int, text: str) -> bool:
-        """Take an answer to the screen of that number; False if it is not the one that waits."""
+        """Take the answer to a screen; return False if that screen is not waiting for one."""
         with self._changed:
             if self._prompt is None or number != self._number:
                 return False
@@ -89,7 +91,7 @@ class ProgramClient(ModelClient):
         return True
 
     def read_screen(self) -> dict[str, Any]:
-        """Return the screen that waits for an answer, or how the session ended, as JSON values."""
+        """Return, as JSON values, the screen that is waiting for an answer or how the session ended."""
         with self._changed:
             self._changed.wait_for(lambda: self._prompt is not None or self.over, ANSWER_WAIT_S)
             if self._prompt is None:
@@ -116,7 +118,7 @@ class ProgramClient(ModelClient):
 
 
 class BadRequestError(MinihumanError, ValueError):
-    """A program's request is not valid; the text is for the program."""
+    """A program's request is invalid; the message is meant for the program."""
 
 
 class TooManySessionsError(MinihumanError, BlockingIOError):
@@ -147,18 +149,19 @@ class ProgramSessions:
         require_playable(self.protocol)
 
     def begin(self, name: object) -> tuple[str, ProgramClient]:
-        """Begin a program's session, or resume one of that name that was left; return its secret and its client.
+        """Begin a program's session, or resume an unfinished session of that name; return its secret and its client.
 
         Raises:
-            BadRequestError: if the name is none.
-            TooManySessionsError: if too many sessions run.
+            BadRequestError: if the name is not valid.
+            TooManySessionsError: if too many sessions are running.
         """
         if not (isinstance(name, str) and name.isprintable() and 0 < len(name) <= MAX_NAME):
             raise BadRequestError(f"name is a text of 1 to {MAX_NAME} characters")
         with self.lock:
             self.threads = [thread for thread in self.threads if thread.is_alive()]
-            for ended in [secret for secret, client in self.clients.items() if client.over][:-MAX_SESSIONS]:
-                del self.clients[ended]
+            ended_secrets = [secret for secret, client in self.clients.items() if client.over]
+            for ended_secret in ended_secrets[:-MAX_SESSIONS]:
+                del self.clients[ended_secret]
             if len(self.threads) >= MAX_SESSIONS:
                 raise TooManySessionsError(f"{MAX_SESSIONS} sessions run already; try again later")
             secret = secrets.token_urlsafe(16)
@@ -188,7 +191,7 @@ class ProgramSessions:
 
 
 class AgentRequestHandler(GuardedHandler):
-    """Answers a program's requests; `make_agent_server` sets what it serves."""
+    """Answers a program's requests; `make_agent_server` sets the sessions that it serves."""
 
     programs: ProgramSessions
     host: str  # the name by which this machine may be asked, beside the local ones
@@ -198,7 +201,7 @@ class AgentRequestHandler(GuardedHandler):
     max_threads = MAX_THREADS
 
     def do_GET(self) -> None:  # noqa: N802 - the library's name
-        """Read the screen again."""
+        """Reply with the screen that is waiting for an answer."""
         if not self._is_local():
             return
         client = self._find_client()
@@ -206,7 +209,7 @@ class AgentRequestHandler(GuardedHandler):
             self._reply(200, client.read_screen())
 
     def do_POST(self) -> None:  # noqa: N802 - the library's name
-        """Begin a session or answer its screen."""
+        """Begin a session, or answer the screen of one."""
         if not self._is_local():
             return
         body = self._read_body()
@@ -246,7 +249,10 @@ class AgentRequestHandler(GuardedHandler):
         return client
 
     def _is_local(self) -> bool:
-        """Whether a program asks; a web page's request, or one by another name of this machine, is refused."""
+        """Return whether a request comes from a program on this machine; refuse it otherwise.
+
+        Requests from web pages and requests that address the server by an unknown host name are refused.
+        """
         local = is_named(self.headers.get("Host", ""), (*LOCAL_HOSTS, self.host)) and "Origin" not in self.headers
         if not local:
             self._refuse(403, "only programs on this machine may play; ask for http://127.0.0.1 and the port")
@@ -283,10 +289,11 @@ class AgentRequestHandler(GuardedHandler):
 
 
 def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.0.0.1") -> ThreadingHTTPServer:
-    """Make the server; ``serve_forever`` runs it.
+    """Make the HTTP server; its ``serve_forever`` runs it.
 
     ``POST /sessions`` with ``{"name": ...}`` begins a session, ``POST /sessions/SECRET`` with ``{"number": n, "answer":
-    ...}`` answers its screen, and ``GET /sessions/SECRET`` reads it again. Each returns the screen that follows.
+    ...}`` answers its screen, and ``GET /sessions/SECRET`` reads the screen again. Each request returns the next
+    screen.
     """
     handler = type("BoundHandler", (AgentRequestHandler,), {"programs": programs, "host": host})
     return GuardedServer((host, port), handler)
@@ -299,7 +306,7 @@ _INSTRUCTIONS = (
 
 
 def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
-    """Make the server; ``run()`` serves one client on the standard input and output."""
+    """Make the server of the Model Context Protocol; its ``run()`` serves one client on standard input and output."""
     from mcp.server.mcpserver import MCPServer  # the extra mcp
     from mcp.server.mcpserver.exceptions import ToolError
 
@@ -312,7 +319,7 @@ def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
 
     @server.tool(structured_output=False)
     def begin(name: str) -> list[Any]:
-        """Begin a session, or resume one of that name that was left; return its secret and the first screen."""
+        """Begin a session, or resume an unfinished session of that name; return its secret and its first screen."""
         try:
             secret, client = programs.begin(name)
         except (BadRequestError, TooManySessionsError) as error:
@@ -321,7 +328,7 @@ def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
 
     @server.tool(structured_output=False)
     def answer(session: str, number: int, answer: str) -> list[Any]:
-        """Answer the screen of that number; return the next one."""
+        """Answer the screen with that number; return the next screen."""
         client = find(session)
         if not client.answer(number, answer):
             raise ToolError(f"screen {number} does not wait for an answer; call read_screen")
@@ -329,14 +336,14 @@ def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
 
     @server.tool(structured_output=False)
     def read_screen(session: str) -> list[Any]:
-        """Read the screen again."""
+        """Return the screen that is waiting for an answer."""
         return _show_screen(find(session))
 
     return server
 
 
 def _show_screen(client: ProgramClient, **more: str) -> list[Any]:
-    """Return a screen as JSON, and its picture."""
+    """Return a client's screen as a list of its JSON text and, if it has one, its picture."""
     from mcp.server.mcpserver import Image
 
     screen = client.read_screen()

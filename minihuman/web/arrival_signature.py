@@ -1,7 +1,7 @@
-"""Signed arrivals: proof that a recruiting platform's visitor came through a link or redirect of the study's own.
+"""Signed arrivals: proof that a visitor from a recruiting platform came through one of the study's own links.
 
-The signature is an HMAC-SHA256 of the study, the platform and the visitor's id there. Its key is in the environment of
-the server and of the program that makes links, and in no protocol: a protocol is published.
+The signature is an HMAC-SHA256 of the study, the platform and the visitor's id on that platform. The key is kept in the
+environment of the server and of the program that makes links. It is in no protocol, because protocols are published.
 """
 
 import hashlib
@@ -19,14 +19,14 @@ _MIN_KEY_CHARACTERS = 32
 
 
 class ArrivalKeyError(MinihumanError, ValueError):
-    """There is no key that arrivals can be signed with."""
+    """No usable key for signing arrivals is configured."""
 
 
 def read_arrival_key(environment: Mapping[str, str] = os.environ) -> bytes:
-    """Read the key from the environment, or from the file that it names.
+    """Read the signing key from the environment, or from the file that the environment names.
 
     Raises:
-        ArrivalKeyError: if there is none, or it is too short to be a secret.
+        ArrivalKeyError: if there is no key, its file cannot be read, or it is too short to be a secret.
     """
     key = environment.get(KEY_VARIABLE, "")
     file_name = environment.get(KEY_FILE_VARIABLE, "")
@@ -49,11 +49,11 @@ def read_arrival_key(environment: Mapping[str, str] = os.environ) -> bytes:
 
 
 def sign_arrival(key: bytes, study: str, platform: str, person: str) -> str:
-    """Return the signature of a visitor, 64 hexadecimal digits."""
+    """Return a visitor's signature, a text of 64 hexadecimal digits."""
     return hmac.new(key, f"{study}:{platform}:{person}".encode(), hashlib.sha256).hexdigest()
 
 
 def is_signed(key: bytes, study: str, platform: str, person: str, signature: str) -> bool:
-    """Whether a signature is this visitor's; without a key none is."""
+    """Return whether a signature is this visitor's; without a key, always return False."""
     expected = sign_arrival(key, study, platform, person)
     return bool(key) and hmac.compare_digest(expected.encode(), signature.encode())

@@ -1,7 +1,8 @@
-"""Arrivals: who opens a study's page, by link or from a recruiting platform, and what they are to play. No network.
+"""Arrivals: identifies the visitors who open a study's page, and plans their sessions.
 
-A link has an unguessable token behind the #, which browsers send to no server. Each call may wait for a lock and for
-the disk, so it must not run on the event loop.
+Visitors come by link or from a recruiting platform. This module uses no network. A link carries an unguessable token
+behind the #, which browsers send to no server. Each call may wait for a lock and for the disk, so it must not run on
+the event loop.
 """
 
 import logging
@@ -40,12 +41,12 @@ _TOKEN = re.compile(r"[A-Za-z0-9_-]{22}")  # 16 random bytes, as secrets.token_u
 
 
 def build_link(address: str, token: str) -> str:
-    """Build the link that a participant gets."""
+    """Build a participant's link from the page's address and the participant's token."""
     return f"{address}#t={token}"
 
 
 def is_token(text: str) -> bool:
-    """Whether it is written as a token is; most guesses are not."""
+    """Return whether a text has the form of a link's token; most guesses do not."""
     return _TOKEN.fullmatch(text) is not None
 
 
@@ -61,7 +62,7 @@ _PREVIEW = "ASSIGNMENT_ID_NOT_AVAILABLE"  # MTurk shows a task to people who hav
 
 @dataclass(frozen=True, slots=True)
 class PlatformVisitor:
-    """A visitor whom a platform sent."""
+    """A visitor sent by a recruiting platform."""
 
     platform: RecruitmentPlatform
     id: str
@@ -69,12 +70,12 @@ class PlatformVisitor:
     signature: str = ""  # that they came through a link of the study's own
 
     def __repr__(self) -> str:
-        """Leave out the id, which belongs in no log and no traceback."""
+        """Return a description without the id, which must appear in no log and no traceback."""
         return f"Visitor({self.platform})"
 
 
 def identify_visitor(parameters: Mapping[str, str], allowed: tuple[RecruitmentPlatform, ...]) -> PlatformVisitor | None:
-    """Identify a visitor by a link's parameters, on the study's platforms; None without a valid id."""
+    """Identify a visitor by a link's parameters, among the study's platforms; return None if there is no valid id."""
     for platform in allowed:
         visitor_id = parameters.get(_PARAMETERS[platform], "")
         if _ID.fullmatch(visitor_id):
@@ -86,7 +87,7 @@ def identify_visitor(parameters: Mapping[str, str], allowed: tuple[RecruitmentPl
 
 
 def build_platform_link(platform: RecruitmentPlatform, address: str) -> str:
-    """Build the link for a platform, which puts its ids in; behind the #, where no server logs it."""
+    """Build the study's link for a platform, which inserts its ids behind the #, where no server logs them."""
     return f"{address}{_FRAGMENTS[platform]}"
 
 
@@ -95,14 +96,14 @@ RejectionReason = Literal["unknown", "closed", "full", "preview", "finished", "n
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """The page's facts about the visitor who opened it."""
+    """What the page reports about the visitor who opened it."""
 
     token: str = ""  # of the link
     platform: Mapping[str, str] = field(default_factory=dict)  # the platform's parameters
     utc_offset_min: int | None = None  # of the browser's local time
 
     def __repr__(self) -> str:
-        """Leave out what identifies them."""
+        """Return a description without anything that identifies the visitor."""
         token = "no token"
         if self.token:
             token = "token"
@@ -126,7 +127,7 @@ class Admission:
 
 @dataclass(frozen=True, slots=True)
 class Rejection:
-    """A visitor who may not take part, and why."""
+    """A visitor who may not take part, and the reason."""
 
     reason: RejectionReason
     ended: str = ""  # where they have taken part: why their last session ended
@@ -135,13 +136,13 @@ class Rejection:
 
 
 class Arrivals:
-    """Admits visitors to one study, and plans and settles their sessions.
+    """Admits visitors to one study, plans their sessions, and hands over sessions that did not start.
 
     Args:
         protocol: the study.
         data: the data folder.
-        leases: of this server; None where no other machine has this study.
-        arrival_key: signs visitors, where the study requires that.
+        leases: this server's session leases; None if no other machine serves this study.
+        arrival_key: the key that signs visitors, if the study requires signatures.
     """
 
     def __init__(
@@ -157,7 +158,7 @@ class Arrivals:
         allocation_sha256(build_allocation_list(protocol))  # 100,000 slots take longer than a journal may be held
 
     def arrive(self, arrival: Arrival) -> Admission | Rejection:
-        """Identify a visitor, and enrol a new one if the study has room.
+        """Identify a visitor, and enrol a new visitor if the study has room.
 
         Raises:
             OSError: if the study's folder cannot be read or written.
@@ -178,7 +179,7 @@ class Arrivals:
             return Rejection("broken")
 
     def is_invited(self, token: str) -> bool:
-        """Whether a link was issued: a guess is no invitation, also where an open study gives it a slot.
+        """Return whether the study issued a link; a guessed token is no invitation, even in an open study.
 
         Raises:
             OSError: if the study's folder cannot be read.
@@ -186,7 +187,7 @@ class Arrivals:
         return is_token(token) and self.recruits.has_issued(hash_link_token(token))
 
     def _is_proven(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> bool:
-        """Whether a visitor has a link of the study's, or a signature where that is required."""
+        """Return whether a visitor has one of the study's links, or the signature that the study requires."""
         if not self.protocol.web.require_signed_arrival or self.is_invited(arrival.token):
             return True
         study = self.protocol.study.name
@@ -195,12 +196,12 @@ class Arrivals:
         )
 
     def plan(self, admission: Admission) -> SessionPlan:
-        """Plan a participant's next segment; a log that was cut off is finished first.
+        """Plan a participant's next segment, after finishing a log that was cut off.
 
         Raises:
-            AllocationError: if there is nothing left to play, or it is not the day.
+            AllocationError: if there is nothing left to play, or this is not the day of the session.
             LogError: if an earlier log is damaged, or is being written.
-            OSError: if it cannot be kept where every server has it.
+            OSError: if the log cannot be stored where every server can read it.
         """
         return plan_next_session(
             self.protocol,
@@ -212,14 +213,14 @@ class Arrivals:
         )
 
     def _publish(self, lease: Lease | None, log: Path) -> None:
-        """Keep a log where every server has it, if there are others."""
+        """Store a log where every server can read it, if there are other servers."""
         if self.leases is not None and lease is not None:
             self.leases.publish(lease, log)
 
     def decline(self, admission: Admission, why: str) -> None:
-        """Forget a visitor who left no data: the enrolment log keeps why they left, and the slot is free.
+        """Forget a visitor who left no data and free their slot; the enrolment log records why they left.
 
-        A participant with earlier data stays.
+        A participant with earlier data stays enrolled.
         """
         if (self._study_dir / admission.participant).exists():
             return
@@ -227,14 +228,14 @@ class Arrivals:
         free_slot(self._study_dir, admission.participant, why)
 
     def release(self, admission: Admission, why: str) -> None:
-        """Offer the slot of a visitor who vanished before they played; if they come back all the same, they play on."""
+        """Offer the slot of a visitor who vanished before they played; a visitor who comes back may still play."""
         if admission.session > 1:
             return
         reason = f"left without playing: {why.replace('_', ' ')}"
         replace_participant(self._study_dir, admission.participant, AuditNote(reason, "server"))
 
     def id_on_platform(self, participant: str) -> str:
-        """Return a participant's id on the platform that sent them, for the link back; "" for the others."""
+        """Return a participant's id on the platform that sent them, for the link back; "" if no platform sent them."""
         platform_visitor = self.recruits.ids().get(participant)
         if platform_visitor is None:
             return ""
@@ -300,7 +301,7 @@ class Arrivals:
     def _first_time(
         self, key: str, platform_visitor: PlatformVisitor | None
     ) -> tuple[str, SessionPlan | None] | Rejection:
-        """Give a new visitor the next slot; return its plan if they just got it."""
+        """Give a new visitor the next slot; return the participant's code, and the session plan if the slot is new."""
         with self.recruits.exclusive() as file:
             if key in file.standing.came:
                 return file.standing.came[key], None  # in another tab, at the same moment
@@ -323,7 +324,7 @@ class Arrivals:
             return participant, plan
 
     def _next_session(self, participant: str) -> tuple[int, Lease | None] | str:
-        """Find and lease a participant's first session that is not complete; if all are, return why the last ended."""
+        """Find and lease a participant's first incomplete session, or return why the last one ended."""
         if self.leases is None:
             with suppress(RemoteStoreError):  # it is away: what is here is what there is
                 self._sync(participant)
@@ -341,7 +342,7 @@ class Arrivals:
         return ended
 
     def _lease(self, leases: SessionLeases, participant: str, session: int) -> Lease:
-        """Lease a session, and bring its files to where another server left them."""
+        """Lease a session, and restore the files that another server left of it."""
         lease = leases.acquire(name_session(self.protocol.study.name, participant, session))
         try:
             if not lease.grant.ended:
@@ -365,7 +366,7 @@ class Arrivals:
         sync_logs(self._data, f"{self.protocol.study.name}/{participant}/")
 
     def _read_end(self, participant: str, session: int) -> str:
-        """Return why a session ended, by the log that is here; "" if anything of it is left to do."""
+        """Return why a session ended, according to its log on this machine; "" if anything is unfinished."""
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         if not folder.is_dir() or find_leftovers(folder) or not list_sessions(folder):
             return ""
@@ -375,7 +376,7 @@ class Arrivals:
         return log.end_reason
 
     def settle(self, admission: Admission) -> None:
-        """Hand a session over that was not started; of one whose log turned out to be complete, say that it ended."""
+        """Release the lease of a session that was not started; mark it as ended if its log is complete."""
         if self.leases is None or admission.lease is None:
             return
         if ended := self._read_end(admission.participant, admission.session):
@@ -385,10 +386,10 @@ class Arrivals:
         self.leases.release(admission.lease)
 
     def finish_ended(self) -> None:
-        """Finish logs of sessions that had ended for good when this server was killed; record chain heads not recorded.
+        """Finish the logs of sessions that had ended when this server was killed, and record missing chain heads.
 
         Raises:
-            OSError: if the database or the remote store cannot be asked, or a log cannot be written.
+            OSError: if the database or the remote store cannot be reached, or a log cannot be written.
             LogError: if a log cannot be finished.
         """
         if self.leases is None:

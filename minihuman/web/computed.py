@@ -1,8 +1,8 @@
-"""Episodes that the page computes: the states and arrays that it needs, and its steps compared with the session's.
+"""Episodes that the page computes: the states and arrays that the page needs, and the comparison of its steps.
 
-The page runs the kernels that the session's world runs, compiled to WebAssembly, so that a key is stepped and drawn
-where the participant is. The session's step decides: each key brings the digest of the page's step, and where it is not
-the session's own, that is noted, and the page gets the session's state. No I/O.
+The page runs the same kernels as the session's world, compiled to WebAssembly, so that each key is stepped and drawn in
+the participant's browser. The session's step is authoritative: each key message carries the digest of the page's step.
+If that digest differs from the session's, the difference is noted and the page is sent the session's state. No I/O.
 """
 
 import hashlib
@@ -43,7 +43,7 @@ MOST_UNKNOWN = 50  # steps that a page may leave open, as after a reload without
 
 
 def can_compute(play: RunningEpisode) -> bool:
-    """Whether a page can compute an episode: kernels alone step its world, and draw the view of it."""
+    """Return whether a page can compute an episode: kernels alone must step its world and draw its view."""
     world = play.world
     if not isinstance(world, PageWorld) or not world.is_compiled:
         return False
@@ -54,8 +54,8 @@ class ComputedEpisode:
     """An episode that the page computes.
 
     Args:
-        play: the session's own, in a `PageWorld` that is compiled.
-        picture_px: the largest picture wanted, width and height.
+        play: the session's running episode, in a compiled `PageWorld`.
+        picture_px: the largest picture wanted, as width and height.
     """
 
     def __init__(self, play: RunningEpisode, picture_px: tuple[int, int]) -> None:
@@ -73,12 +73,12 @@ class ComputedEpisode:
         self._fixed, self.arrays, self._look = describe_world(self._env, play.plan, picture_px)
 
     def state(self) -> WorldState:
-        """Return where the session is, for a page that has the episode's ``arrays``."""
+        """Return the session's complete world state, for a page that has the episode's ``arrays``."""
         state: WorldState = msgspec.structs.replace(self._fixed, **msgspec.structs.asdict(self.position()))
         return state
 
     def position(self) -> WorldPosition:
-        """Return where the session is, for a page that has a state of the episode."""
+        """Return the session's position in the episode, for a page that already has a state of it."""
         self.is_elsewhere = False
         self.sent_step = self.play.steps
         if self._look is None:
@@ -90,7 +90,7 @@ class ComputedEpisode:
         )
 
     def compare(self, message: KeyMessage | TickMessage, events: Sequence[Event]) -> str:
-        """Compare a message's step in the page with the session's; return a difference that is not known yet, or ""."""
+        """Compare the page's step for a message with the session's; return a new difference in words, or ""."""
         stepped = next((event for event in events if isinstance(event, Stepped)), None)
         own = ""
         if stepped is not None:
@@ -101,7 +101,8 @@ class ComputedEpisode:
                 self._unknown = 0
             return ""
         self.is_elsewhere = True
-        self._unknown += not message.digest
+        if not message.digest:
+            self._unknown += 1
         if not message.digest and self._unknown == MOST_UNKNOWN:
             return f"the page said nothing of {MOST_UNKNOWN} steps in a row that it was to compute"
         if not message.digest or self._differs:
@@ -119,7 +120,7 @@ class ComputedEpisode:
 def _describe_grid(
     env: GridEngine, plan: EpisodePlan, picture_px: tuple[int, int]
 ) -> tuple[WorldState, list[ArraysMessage], None]:
-    """Return what no step changes, and the arrays that the page needs."""
+    """Return the part of the state that no step changes, and the arrays that the page needs."""
     assert plan.view != "text", "no page computes it"
     tile_px, palette = env.tiles(plan.view, picture_px, plan.palette)
     tiles = pack_atlas(tile_px, palette, env.kinds)
@@ -157,7 +158,7 @@ def _run_lengths(row: NDArray[np.int32]) -> list[int]:
 
 @lru_cache(maxsize=16)
 def pack_atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = ()) -> ArraysMessage:
-    """Draw the tiles of a size and palette once, and pack them for pages."""
+    """Draw the tiles of one size and palette once, and pack them for pages."""
     tile_atlas = atlas(tile_px, palette, kinds)
     names = ("number", "under", "tiles", "agents", "carried")
     sizes = np.array([tile_px, tile_atlas.carried.shape[1]], np.int32)
@@ -166,7 +167,7 @@ def pack_atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...
 
 
 def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> ArraysMessage:
-    """Pack arrays for pages, under a digest of them."""
+    """Pack arrays for pages, named by their digest."""
     entries = [(name, str(array.dtype), array.nbytes) for name, array in arrays.items()]
     content = b"".join(array.tobytes() for array in arrays.values())
     digest = hashlib.sha256(repr(entries).encode() + content).hexdigest()[:16]

@@ -1,7 +1,7 @@
-"""A participant's connection: their session, what it records to, and the page in front of it. asyncio and disk.
+"""A participant's connection: the session, its recording, and the page. This module uses asyncio and the disk.
 
-The parts know no asyncio: which streams resume (`page_protocol`), whether the page is here (`page_presence`), what time
-it is in the session (`session_clocks`), and what becomes of the log in the end (`hosted_session`).
+The parts do without asyncio: `page_protocol` decides which streams resume, `page_presence` whether the page is here,
+`session_clocks` keeps the session's time, and `hosted_session` finishes the log.
 """
 
 import asyncio
@@ -41,12 +41,13 @@ class Connection(PageSession):
     """Connects one participant's page with their session.
 
     Args:
-        admission: whose it is.
-        hosted: their session.
+        admission: the participant's admission.
+        hosted: the participant's session.
         inbox: the experimenter's commands.
-        leases: of this server; None where no other machine has this study.
-        max_outage_s: for how long, at most, no server had a session that another one had.
-        threads: where the session runs, as its worlds may keep it waiting; None: in the server's loop.
+        leases: this server's session leases; None if no other machine serves this study.
+        max_outage_s: the longest time for which a session taken over from another server may have had no server.
+        threads: the threads in which the session runs, as its worlds may keep it waiting; None to run it in the
+            server's loop.
     """
 
     def __init__(
@@ -89,48 +90,49 @@ class Connection(PageSession):
 
     @property
     def outgoing(self) -> ServerMessages:
-        """Return the messages to the page; another object after a restart."""
+        """Return the stream of messages to the page; a restart replaces it."""
         return self.host.outgoing
 
     @property
     def agreed(self) -> bool:
-        """Whether anything is recorded: there was a consent, or none was asked for."""
+        """Return whether anything is recorded: the participant consented, or the study asks for no consent."""
         return bool(self.hosted.files)
 
     @property
     def has_taken_part(self) -> bool:
-        """Whether the participant made a step; in a study without episodes, whether they agreed."""
+        """Return whether the participant made a step or, in a study without episodes, whether they agreed."""
         return self.host.has_stepped or (self.agreed and not self.host.session.plan.episodes)
 
     @property
     def is_unproven(self) -> bool:
-        """Whether all that is known of the participant is an address: no link of ours, and nothing that they did."""
+        """Return whether only the participant's address is known: no link of the study's, and no participation."""
         return bool(self.network) and not self.has_taken_part
 
     def now_ns(self) -> int:
-        """Return the session's time, by the server's clock."""
+        """Return the session's time in nanoseconds, by the server's clock."""
         return self._clock.at(current_system().clock.monotonic_ns())
 
     def _next_ns(self) -> int:
-        """Return a time for an input from outside: now, and after the page's last message."""
+        """Return the time of an input from outside the page: now, and later than the page's last message."""
         return max(self.now_ns(), self.host.last_at_ns + 1)
 
     # Threads
 
     @property
     def has_threads(self) -> bool:
-        """Whether its worlds may keep it waiting, so that its work is done in threads."""
+        """Return whether the session's work is done in threads, because its worlds may keep it waiting."""
         return self._threads is not None
 
     @property
     def is_busy(self) -> bool:
-        """Whether a thread is at work on the session, so that nothing else may look at it."""
+        """Return whether a thread is at work on the session, so that no other code may read it."""
         return self._turn.locked()
 
     async def run(self, work: Callable[..., T], *arguments: Any) -> T:
-        """Do something with the session: where its worlds may keep it waiting, in a thread, after what came before.
+        """Call a function that works on the session.
 
-        The work is finished even if the task that awaits it is cancelled.
+        If the session's worlds may keep it waiting, the call runs in a thread, after the calls before it. The work is
+        finished even if the task that awaits it is cancelled.
         """
         if self._threads is None:
             return work(*arguments)
@@ -141,14 +143,14 @@ class Connection(PageSession):
             return await self.loop.run_in_executor(threads, work, *arguments)
 
     async def take_batches(self, protocol: PageProtocol) -> Iterable[bytes]:
-        """Take what there is to send, while no thread adds to it."""
+        """Take the messages to be sent, in batches, while no thread adds to them."""
         if self._threads is None:
             return protocol.take_batches()
         async with self._turn:
             return list(protocol.take_batches())
 
     def poll_soon(self) -> None:
-        """Poll from the loop, in a thread where the session runs in one."""
+        """Poll the session from the loop, or in a thread if the session runs in one."""
         if self._threads is None:
             self.poll()
         else:
@@ -168,7 +170,7 @@ class Connection(PageSession):
         """Welcome a page on a new socket, or another transport.
 
         Returns:
-            the answer, the socket's number, and the last of our messages that the page has.
+            The answer, the socket's number, and the number of the last server message that the page has.
         """
         socket_number = self.presence.open_socket(monotonic_s())
         if transport != self.transport:  # the log's fact is of the segment's start
@@ -230,15 +232,19 @@ class Connection(PageSession):
         )
 
     def hear(self) -> None:
-        """Take note that the page is alive."""
+        """Record that the page is alive."""
         self.presence.hear(monotonic_s())
 
     def bid_farewell(self, *, is_left: bool) -> None:
-        """Take note that the page is closed, or left for another."""
+        """Record that the page was closed, or was left for another page."""
         self.presence.bid_farewell(monotonic_s(), is_left=is_left)
 
     def spend(self, n_bytes: int) -> bool:
-        """Take the size of a message into account; the session of a page that sends too much is noted and ended."""
+        """Count the size of a message against the session's budget; end the session of a page that sends too much.
+
+        Returns:
+            True if the message is within the budget.
+        """
         if self.is_over_budget:
             return False
         now_ns = self.now_ns()
@@ -250,30 +256,34 @@ class Connection(PageSession):
         return False
 
     def forget(self) -> None:
-        """Keep nothing for the page: it begins anew when it comes again."""
+        """Discard the messages kept for the page, which starts afresh when it comes again."""
         self._streams.life = ""
         self.host.restart()
 
     def dismiss(self, code: int) -> None:
-        """Send the page away: this server does not host the session any more."""
+        """Dismiss the page, because this server no longer hosts the session."""
         self.presence.dismiss(code)
         self.changed.set()
 
     def safe(self) -> int:
-        """Return the last of the page's messages that may be acknowledged: no crash and no other server can undo it."""
+        """Return the last of the page's messages that may be acknowledged, because nothing can undo it."""
         if self.lease is None:
             return self.host.safe()
         return self.host.safe(self.lease.count_acknowledgeable(monotonic_s()))
 
     def count_unsaved(self) -> int:
-        """Count the page's messages that were taken, and may not be on the disk."""
+        """Count the page's messages that were received but may not be on the disk yet."""
         return max(0, self.host.outbox.through - self.safe())
 
     def take(self, numbered: messages.NumberedMessage, *, more: bool = False) -> None:
-        """Take a message of the page's stream; ``more`` came with it. A log that cannot be written ends the session.
+        """Handle a numbered message of the page's stream. If the log cannot be written, the session ends.
+
+        Args:
+            numbered: the message.
+            more: whether further messages arrived with this one.
 
         Raises:
-            MessageError: if it is out of order, or of another time.
+            MessageError: if the message is out of order, or its time is not plausible.
         """
         incoming = self._streams.incoming
         received = incoming.received
@@ -300,14 +310,14 @@ class Connection(PageSession):
     # What does not come from the page
 
     def poll(self) -> bool:
-        """See whether a learner has made something; True if there is something to tell the page."""
+        """Check whether a learner has produced something; return True if there is news for the page."""
         has_news = bool(self._guarded(self.host.poll))
         if has_news:
             self._say_changed()
         return has_news
 
     def grow(self) -> bool:
-        """Look one scene further ahead; False if nothing is left. Where that fails the session goes on without."""
+        """Look one scene further ahead; return False if nothing is left or looking ahead has failed."""
         if self._is_blind:
             return False
         try:
@@ -318,12 +328,12 @@ class Connection(PageSession):
             return False
 
     def send_prefetched(self) -> None:
-        """Tell the page what was found ahead."""
+        """Send the page the scenes and screens that were found ahead."""
         self.host.outbox.send_prefetched()
         self._say_changed()
 
     def read_inbox(self) -> None:
-        """Hand on what the experimenter asks for: to the page, or at once where there is none."""
+        """Pass the experimenter's commands to the page, or carry them out at once if no page is connected."""
         for request in self._inbox.read_new():
             if self.presence.is_here:
                 self.host.ask(request.what, request.text)
@@ -332,7 +342,7 @@ class Connection(PageSession):
             self._say_changed()
 
     def stop(self, reason: str, detail: str) -> None:
-        """End the session from outside."""
+        """End the session for a reason outside the page."""
         self._guarded(self.host.stop, Stop(self._next_ns(), reason, detail))  # type: ignore[arg-type]
         self._say_changed()
 
@@ -359,21 +369,21 @@ class Connection(PageSession):
     # Its end
 
     def finish(self) -> None:
-        """Finish the log and seal it; blocks for the disk. After an ``OSError`` it can be called again.
+        """Finish and seal the log, waiting for the disk. After an ``OSError`` this can be called again.
 
         Raises:
-            LeaseLostError: if another server has the session: it did not end here.
+            LeaseLostError: if another server has the session, so that it did not end here.
             OSError: if the enrolment log, the lease or the log cannot be written where other servers have them.
         """
         self.recording.finish()
 
     def leave(self) -> None:
-        """Make the log durable and go: the next server goes on with it. Blocks for the disk."""
+        """Make the log durable and stop hosting the session, which the next server resumes. This waits for the disk."""
         self.recording.leave(is_dismissed=bool(self.presence.dismissal_code))
 
 
 def _start_clock(hosted: HostedSession, max_outage_s: float) -> SegmentClock:
-    """Start the clock of a session where it is by the wall clock, which may have been set back since it began."""
+    """Start a session's clock at its time by the wall clock, which may have been set back since the session began."""
     clock = current_system().clock
     wall_ns = clock.wall_ns()
     monotonic_ns = clock.monotonic_ns()

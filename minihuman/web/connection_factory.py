@@ -1,7 +1,7 @@
-"""Makes connections: who says hello is found, admitted, or refused. asyncio and disk.
+"""Creates connections: a page that says hello is identified, then admitted or refused. It uses asyncio and disk.
 
-A hello's link is looked up, then its session is planned, started or resumed in a thread. Two tabs of one link, and
-visitors of one network without a link of ours, have their turns one after the other.
+The link in a hello is looked up, then its session is planned, started or resumed in a thread. Two tabs with one link
+are handled one after the other, and so are visitors from one network who have none of the study's links.
 """
 
 import asyncio
@@ -49,11 +49,11 @@ class ConnectionFactory:
     """Makes a study's connections.
 
     Args:
-        arrivals: the study, and who comes.
-        data: where sessions are kept.
-        connections: the open ones; new ones are added.
-        group: writes their logs; None: a thread of its own.
-        worlds: runs worlds that are not ours in processes of their own; None: all run in this one.
+        arrivals: the study and its visitors.
+        data: the folder in which sessions are recorded.
+        connections: the open connections by key; new ones are added.
+        group: the writer of all their logs; None for a thread of this factory's own.
+        worlds: runs foreign worlds in processes of their own; None to run all worlds in this process.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class ConnectionFactory:
         self._turns: WeakValueDictionary[bytes, asyncio.Lock] = WeakValueDictionary()  # while one waits
 
     def _make_threads(self, worlds: IsolatedWorlds | None) -> Executor | None:
-        """Make threads for the sessions of a study with isolated worlds, which may keep all of them waiting at once."""
+        """Make a thread for each session of a study whose isolated worlds may keep all sessions waiting."""
         protocol = self._arrivals.protocol
         if worlds is None or not any(worlds.isolates(block.world) for block in protocol.blocks):
             return None
@@ -93,7 +93,7 @@ class ConnectionFactory:
     async def connect(
         self, hello: Hello, address: str = "", *, transport: TransportName = "websocket"
     ) -> Connection | Refusal:
-        """Find or make the connection for a hello from a network address, and by what its page speaks."""
+        """Find or make the connection for a page's hello, given its network address and its transport."""
         if hello.version != MESSAGE_VERSION:
             return self._refusals.ask_to_reload()
         if (refusal := self._refuse_browser(hello)) is not None:
@@ -148,7 +148,7 @@ class ConnectionFactory:
         return len(self._connections) >= self._web.max_concurrent_sessions
 
     def _is_disk_low(self) -> bool:
-        """Whether the disk has no more room than the logs of those who play need to be finished."""
+        """Return whether the disk has no more room than is reserved for finishing the logs of the running sessions."""
         folder = next(path for path in (self._data, *self._data.absolute().parents) if path.is_dir())
         is_low = shutil.disk_usage(folder).free < RESERVE_BYTES
         if is_low:
@@ -156,14 +156,14 @@ class ConnectionFactory:
         return is_low
 
     async def _is_issued(self, token: str) -> bool:
-        """Whether a link of an open study was issued, by the experimenter or by a page that comes again."""
+        """Return whether a token was issued, by the experimenter or earlier by the page of an open study."""
         try:
             return await asyncio.to_thread(self._arrivals.is_invited, token)
         except OSError:  # the database is away, which admission reports
             return False
 
     def _is_crowded(self, network: str) -> bool:
-        """Whether as many came from a network as may, consented or not, and have played nothing."""
+        """Return whether a network has reached the limit of visitors who have not taken part yet, consented or not."""
         unproven = [
             connection
             for connection in self._connections.values()
@@ -172,7 +172,7 @@ class ConnectionFactory:
         return len(unproven) >= self._web.max_unconsented_per_address
 
     def isolate(self, connection: Connection) -> None:
-        """Keep a connection for its own page alone: the participant's code is free for the next one."""
+        """Rename a connection so that only its own page uses it, which frees the participant's key."""
         if connection.key != connection.admission.key:  # it was, and its end is tried again
             return
         del self._connections[connection.key]
@@ -233,7 +233,7 @@ class ConnectionFactory:
         return connection
 
     def _collect_facts(self, hello: Hello) -> dict[str, str]:
-        """Collect the facts of this machine, of the browser, and of what the page is sent."""
+        """Collect the facts about this machine, the browser, and the pictures that the page is sent."""
         facts = {**self.facts, **collect_browser_facts(hello.facts)}
         facts["picture_px"] = "{} x {}".format(*self._settings.picture_px)
         facts["picture_encoding"] = self._settings.encoding
@@ -244,7 +244,7 @@ class ConnectionFactory:
     def _host_session(
         self, admission: Admission, facts: dict[str, str], wake: Callable[[], None], ask_team: Callable[[], None]
     ) -> HostedSession:
-        """Start or resume a host; blocks for the disk."""
+        """Start or resume the host of an admitted participant's session, waiting for the disk."""
         hosted = self._start_or_resume(admission, facts, wake, ask_team)
         if admission.lease is not None:
             hosted.segment = name_segment(Path(admission.lease.grant.name), hosted.host.session.plan)
@@ -271,7 +271,7 @@ class ConnectionFactory:
         return start_host(plan, self._disk, facts, self._settings, at_sync=wake, at_team_change=ask_team)
 
     def _open_inbox(self, admission: Admission) -> CommandInbox:
-        """Open the inbox in which the experimenter asks for something."""
+        """Open the inbox through which the experimenter sends commands to a session."""
         folder = session_folder(
             self._data, self._arrivals.protocol.study.name, admission.participant, admission.session
         )
@@ -279,7 +279,7 @@ class ConnectionFactory:
 
 
 class _WakeQueue:
-    """Wakes connections whose data became durable; one call of the loop wakes all that wait."""
+    """Wakes connections whose data became durable; one call on the event loop wakes all that are waiting."""
 
     def __init__(self, recorded: set[Connection]) -> None:
         self._recorded = recorded
@@ -287,7 +287,7 @@ class _WakeQueue:
         self._is_called = False
 
     def wake(self, connection: Connection) -> None:
-        """Take note that something became durable; called by the log's thread."""
+        """Schedule a connection to be woken because its data became durable; called by the log's thread."""
         self._woken.append(connection)
         if not self._is_called:
             self._is_called = True

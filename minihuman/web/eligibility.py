@@ -1,8 +1,9 @@
-"""Eligibility and completion: may this browser, window, connection and keyboard take part, a browser's facts for the
-log, and what a participant gets at the end: the completion code, the address to return to, and the page's texts.
+"""Eligibility and completion: whether a browser may take part, and what its participant gets at the end.
 
-Facts in, a reason out. The facts are family and version, display and clocks, never a user agent. A code is given only
-when the log is on the disk. The texts (waiting, refusals, the end) are in ``page_texts.toml``. No I/O.
+Eligibility depends on the browser, its window, its connection and its keyboard. The facts kept in the log are the
+browser's family and version, its display and its clocks, never the user agent. At the end a participant gets the
+completion code and the address to return to; a code is given only when the log is on the disk. The page's texts (for
+waiting, refusals and the end) are in ``page_texts.toml``. No I/O.
 """
 
 import math
@@ -42,7 +43,7 @@ _TRUTHS = ("isolated", "touch", "mouse")
 
 
 def collect_browser_facts(facts_given: Mapping[str, bool | float | str]) -> dict[str, str]:
-    """Collect the facts among what a page says; what has not a fact's form is left out."""
+    """Collect the valid facts from a page's report; malformed and unknown values are left out."""
     facts = {"window": "web", "key_times": "the browser's (event.timeStamp)", "key_identity": "position (event.code)"}
     for name, shape in _TEXTS.items():
         value = facts_given.get(name)
@@ -62,7 +63,7 @@ def collect_browser_facts(facts_given: Mapping[str, bool | float | str]) -> dict
 
 
 def find_utc_offset_min(facts_given: Mapping[str, bool | float | str]) -> int | None:
-    """Find how many minutes a browser's local time is ahead of UTC; None where it does not say so."""
+    """Return how many minutes a browser's local time is ahead of UTC; None if its page does not report it."""
     offset_min = facts_given.get("utc_offset_min")  # a whole number, which arrives as a float
     if (
         not isinstance(offset_min, int | float)
@@ -79,7 +80,7 @@ Ineligibility = Literal["", "browser", "window", "latency", "keyboard", "gamepad
 
 
 class BrowserProperties(msgspec.Struct, frozen=True):
-    """The properties of a browser that eligibility depends on; only the log's facts are kept."""
+    """The properties of a browser on which eligibility depends. They are not logged; only the browser facts are."""
 
     browser: str = "other"  # the family
     window_px: tuple[int, int] = (0, 0)
@@ -89,7 +90,7 @@ class BrowserProperties(msgspec.Struct, frozen=True):
 
 
 def read_browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserProperties:
-    """Read what eligibility depends on from a page's facts."""
+    """Read the properties on which eligibility depends from a page's facts."""
     family = str(facts.get("browser", "other")).lower()
     window_px = (0, 0)
     if size := _WINDOW_SIZE.fullmatch(str(facts.get("window_px", ""))):
@@ -113,13 +114,13 @@ def read_browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserP
 def check_eligibility(
     online: WebSpec, browser: BrowserProperties, *, needs_keyboard: bool = False, needs_gamepad: bool = False
 ) -> Ineligibility:
-    """Check a browser; return why it is not eligible, "" if it is.
+    """Return why a browser is not eligible; "" if it is.
 
     Args:
-        online: what the study requires.
-        browser: what it is.
-        needs_keyboard: whether the study cannot be done without one, whatever it requires.
-        needs_gamepad: likewise.
+        online: the study's requirements.
+        browser: the browser's properties.
+        needs_keyboard: whether the study cannot be done without a keyboard, whatever it requires.
+        needs_gamepad: whether the study cannot be done without a gamepad.
     """
     if (online.require_keyboard or needs_keyboard) and not browser.keyboard:
         return "keyboard"
@@ -138,7 +139,7 @@ MAX_TOUCH_KEYS = 12  # buttons of 48 px that leave half of a phone's screen to t
 
 
 def needs_keyboard(protocol: Protocol) -> bool:
-    """Whether a study cannot be done with buttons on a touch screen that stand for the keys of its pool."""
+    """Return whether a study needs keys that buttons on a touch screen cannot provide."""
     # agents and partners need keys beside those of the pool
     has_other_keys = any(not find_kind(block.kind).is_played_alone for block in protocol.blocks)
     has_many_keys = bool(protocol.blocks) and len(protocol.keys.pool) > MAX_TOUCH_KEYS
@@ -146,13 +147,13 @@ def needs_keyboard(protocol: Protocol) -> bool:
 
 
 def requires_gamepad(protocol: Protocol) -> bool:
-    """Whether a study's keys are drawn over a gamepad's buttons, or its axes move anything."""
+    """Return whether a study uses a gamepad's buttons as keys or its axes as actions."""
     axes = [name for block in protocol.blocks for name in block.axes]
     return bool(list_pad_inputs([*protocol.keys.pool, *axes]))
 
 
 def list_touch_keys(plan: SessionPlan) -> dict[str, str]:
-    """List the keys that have buttons on a touch screen, each with its words; none where there are too many."""
+    """Return the label of each key that has a button on a touch screen; empty if there are too many keys."""
     if len(plan.key_pool) > MAX_TOUCH_KEYS:
         return {}
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
@@ -176,7 +177,7 @@ _ENDS: dict[str, WebEnding] = {
 
 @dataclass(frozen=True, slots=True)
 class Completion:
-    """The page's last message: how the session ended, and the code."""
+    """How a session ended, with the completion code and address that the page's last message gives."""
 
     end: WebEnding
     code: str = ""
@@ -184,12 +185,12 @@ class Completion:
 
 
 def classify_ending(reason: EndReason, *, agreed: bool, part_kind: str = "") -> WebEnding:
-    """Classify a session's end for its participant.
+    """Return the kind of ending that a participant is told.
 
     Args:
-        reason: the session's.
-        agreed: whether there was a consent, or none was asked for; an end before that is a refusal.
-        part_kind: the kind of the part in which it ended.
+        reason: the reason for which the session ended.
+        agreed: whether the participant consented or no consent was asked for; without consent, leaving means declining.
+        part_kind: the kind of the part in which the session ended.
     """
     if not agreed and reason in ("quit", "window_closed", "declined"):
         return "declined"
@@ -199,19 +200,19 @@ def classify_ending(reason: EndReason, *, agreed: bool, part_kind: str = "") -> 
 
 
 def get_session_code(protocol: Protocol, session: int) -> str:
-    """Return a session's own completion code; "" where it has none."""
+    """Return a session's own completion code; "" if it has none."""
     if session <= len(protocol.sessions):
         return protocol.sessions[session - 1].completion_code
     return ""
 
 
 def build_completion(online: WebSpec, end: WebEnding, *, session_code: str = "", person: str = "") -> Completion:
-    """Build the code and the address for an end.
+    """Build the completion code and the return address for an ending.
 
     Args:
-        online: the study's codes, and where the page leads.
-        end: of the session.
-        session_code: of this session if it is complete; "": the study's.
+        online: the study's codes and return address.
+        end: the kind of ending.
+        session_code: the session's own code for a complete session; "" to use the study's code.
         person: the participant's id on the platform.
     """
     code: str = getattr(online.completion_codes, end, "")
@@ -225,10 +226,10 @@ def build_completion(online: WebSpec, end: WebEnding, *, session_code: str = "",
 
 @cache
 def load_page_texts() -> dict[str, dict[str, str]]:
-    """Load the page's texts, by language and key."""
+    """Load the page's texts by language and key."""
     return tomllib.loads(files(__package__).joinpath("page_texts.toml").read_text(encoding="utf-8"))
 
 
 def get_page_texts(language: str) -> dict[str, str]:
-    """Return what the page says in a language; English where we have no translation."""
+    """Return the page's texts in a language; English if there is no translation."""
     return load_page_texts().get(language, load_page_texts()[ENGLISH])

@@ -1,7 +1,7 @@
-"""What a page goes ahead of the session by in an episode: it computes the steps, or is sent the scenes they lead to.
+"""Keeps a page ahead of the session in an episode: it computes the steps itself, or is sent the scenes they lead to.
 
-An episode that the page computes needs its first state alone. Of any other the next scenes are looked for in a world
-of its own. No socket, no clock.
+An episode that the page computes needs only its first state. For any other episode, the next scenes are explored in a
+separate world. This module uses no socket and no clock.
 """
 
 from collections.abc import Sequence
@@ -21,11 +21,11 @@ _STEPPING = (messages.KeyMessage, messages.TickMessage)
 
 
 class EpisodeAhead:
-    """Goes ahead of the session in the episode whose rules the page has: computed by the page, or by look-ahead.
+    """Keeps the page ahead of the session in the current episode, by the page's own computation or by look-ahead.
 
     Args:
         make_world: makes worlds to look ahead in.
-        picture_px: the largest picture wanted, width and height.
+        picture_px: the largest picture wanted, as width and height.
     """
 
     def __init__(self, make_world: WorldFactory, picture_px: tuple[int, int]) -> None:
@@ -38,20 +38,24 @@ class EpisodeAhead:
         self._lends = True  # a world of its own can restore the copies of the session's
 
     def forget(self, *, keeps_computed: bool) -> None:
-        """Begin with a page that has no rules; what it computes can be the same episode when it is loaded again."""
+        """Start over for a page that has no episode rules yet.
+
+        Args:
+            keeps_computed: whether to keep the computed episode, in case the reloaded page continues the same one.
+        """
         self.plan = None
         self.graph = None
         if not keeps_computed:
             self.computed = None
 
     def begin(self, play: RunningEpisode, actions: Sequence[int], images: ImageCache, *, computes: bool) -> int:
-        """Begin an episode; return the scene that it is in, -1 where the page computes it.
+        """Begin an episode; return its current scene, or -1 if the page computes it.
 
         Args:
-            play: the session's own.
-            actions: those that can happen: what keys do, and the no-op where time makes steps.
+            play: the session's running episode.
+            actions: the actions that can occur: those of keys, and the no-op if time makes steps.
             images: numbers and packs pictures.
-            computes: the page computes it.
+            computes: whether the page computes the episode.
         """
         self.plan = play.plan
         self.graph = None
@@ -83,11 +87,11 @@ class EpisodeAhead:
         return self.graph.root.name
 
     def step(self, action: int, play: RunningEpisode | None) -> int:
-        """Go where the session went by an action; return the scene, -1 if it is unknown.
+        """Follow the session's action; return the scene that it led to, -1 if that is unknown.
 
         Args:
-            action: what was done.
-            play: the session's own; None where it is over, and its world may have been reset for the next one.
+            action: the action that the session took.
+            play: the session's running episode; None if it is over and its world may have been reset for the next one.
         """
         if self.graph is None:
             return -1
@@ -104,24 +108,27 @@ class EpisodeAhead:
         return scene.name
 
     def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
-        """Compare a message's step in the page with the session's; return how they differ, "" if they do not."""
+        """Return how the page's step for a message differs from the session's; "" if it does not."""
         if self.computed is None or not isinstance(message, _STEPPING):
             return ""
         return self.computed.compare(message, events)
 
     def stop_if_slow(self, step_ns: int) -> None:
-        """Look no further ahead in a world of real time whose steps take longer than its period."""
+        """Stop looking ahead in a real-time world whose steps take longer than their period."""
         if self.plan is not None and self.graph is not None and self.plan.pace == "real_time":
             self.graph.blind |= step_ns > self.plan.step_period_ms * 1e6
 
     def lend(self, world_id: str, options: dict[str, Any]) -> World | None:
-        """Lend the own world, if it will do: a graph goes back to a scene of its own before each step."""
+        """Lend the look-ahead world if it has this id and these options; return None otherwise.
+
+        The borrower may reset it, because the graph restores one of its scenes before each step.
+        """
         if self.plan is None or not self._lends or (self.plan.world, self.plan.options) != (world_id, options):
             return None
         return self._find_world(self.plan)
 
     def _find_world(self, plan: EpisodePlan) -> World:
-        """Return a world of its own for an episode, the last one's if it will do."""
+        """Return the look-ahead world for an episode, which is the last episode's if that suits."""
         own = self._own_world
         if own is None or (own.id, own.options) != (plan.world, plan.options):
             if own is not None:
@@ -131,6 +138,6 @@ class EpisodeAhead:
         return own
 
     def close(self) -> None:
-        """Let go of the own world."""
+        """Close the look-ahead world."""
         if self._own_world is not None:
             self._own_world.close()

@@ -1,6 +1,6 @@
-"""The steps of the episode that is played: which scene each led to, and what the page says that it showed of them.
+"""Steps of the current episode: the scene that each step led to, and what the page reports to have shown of it.
 
-No socket, no clock.
+This module uses no socket and no clock.
 """
 
 from collections.abc import Iterable, Mapping
@@ -13,10 +13,10 @@ UNKNOWN_SCENE = -1
 
 
 class EpisodeSteps:
-    """Keeps the scenes of the latest episode's steps.
+    """Keeps the scene that each step of the latest episode led to.
 
     Args:
-        logged: the events of the log that a session is resumed from.
+        logged: the events of the log that the session is resumed from.
     """
 
     def __init__(self, logged: Iterable[Event]) -> None:
@@ -33,26 +33,26 @@ class EpisodeSteps:
                     self._scenes.append(UNKNOWN_SCENE)
 
     def begin(self, play: RunningEpisode) -> None:
-        """Begin with an episode, of which the page knows no steps yet."""
+        """Begin an episode of which the page knows no steps yet."""
         self._play = play
         self._early = None
 
     @property
     def _is_joint(self) -> bool:
-        """Whether the page shows the own action before the others'."""
+        """Return whether the page shows the participant's own action before the others' actions are known."""
         return self._play is not None and self._play.is_joint
 
     def place(self, play: RunningEpisode, scene: int) -> None:
-        """Set the scene that an episode is in now; those before it are unknown."""
+        """Set an episode's current scene and mark all earlier scenes as unknown."""
         self.episode = play.plan.episode
         self._scenes = [*[UNKNOWN_SCENE] * play.steps, scene]
 
     def append(self, scene: int) -> None:
-        """Add a step's scene."""
+        """Add the scene that the next step led to."""
         self._scenes.append(scene)
 
     def find_scene(self, step: int) -> int:
-        """Return the scene that a step led to, if it was made and is known."""
+        """Return the scene that a step led to; UNKNOWN_SCENE if the step was not made or its scene is unknown."""
         if 0 <= step < len(self._scenes):
             return self._scenes[step]
         return UNKNOWN_SCENE
@@ -60,16 +60,16 @@ class EpisodeSteps:
     # What the page showed
 
     def knows(self, message: DisplayedMessage) -> bool:
-        """Whether a picture that was shown is one of the present episode's steps."""
+        """Return whether a displayed picture shows a step of the current episode."""
         return message.episode == self.episode and message.step < len(self._scenes)
 
     def keep_early(self, message: DisplayedMessage) -> None:
-        """Keep word of a picture that was shown before its joint step was closed."""
+        """Keep the message about a picture that was shown before its joint step was closed."""
         if self._is_joint and (message.episode, message.step) == (self.episode, len(self._scenes)):
             self._early = message
 
     def take_early(self) -> DisplayedMessage | None:
-        """Return what was kept, once its step is closed."""
+        """Return the message kept by ``keep_early`` once its step is closed; None before."""
         early = self._early
         if early is None or not self.knows(early):
             return None
@@ -77,11 +77,11 @@ class EpisodeSteps:
         return early
 
     def find_corrected(self, message: DisplayedMessage, pictures: Mapping[int, int]) -> RunningEpisode | None:
-        """Return the episode if a joint step of it came out otherwise than a picture had shown it.
+        """Return the running episode if its joint step differs from the picture shown for it; else None.
 
         Args:
-            message: what was shown.
-            pictures: the numbers of the scenes' pictures.
+            message: the message about the displayed picture.
+            pictures: the number of each scene's picture.
         """
         scene = self._scenes[message.step]
         if not self._is_joint or scene not in pictures:
@@ -91,7 +91,7 @@ class EpisodeSteps:
         return self._play
 
     def difference(self, message: DisplayedMessage) -> str:
-        """Return how a step's picture was another than the session's; "" where it was the same."""
+        """Return how a step's displayed picture differs from the session's; "" if it does not."""
         scene = self._scenes[message.step]
         if self._is_joint or not scene >= 0 <= message.node or scene == message.node:
             return ""

@@ -1,7 +1,7 @@
-"""A session that this server hosts, and what it records to: started, resumed from a live log, finished or left. Disk.
+"""Hosted sessions and their recordings: start, resume from a live log, finish or leave. All of it waits for the disk.
 
-A page gets the host that is running, one resumed at its exact step from the log of a killed server, or one for a new
-segment. All of this waits for the disk.
+A page gets the running host, a host resumed at its exact step from the log of a killed server, or a host for a new
+segment.
 """
 
 import hashlib
@@ -52,13 +52,13 @@ _RULES = (
 
 @dataclass(frozen=True, slots=True)
 class HostStorage:
-    """The storage that sessions are recorded to, and what their hosts share.
+    """The storage to which sessions are recorded, and the objects that their hosts share.
 
     Args:
-        protocol: the study; the policies of its agents lie beside it.
+        protocol: the study; the policies of its agents are stored beside it.
         data: the data folder.
-        group_commit: writes for all sessions of a process.
-        teams: those of the sessions of a process.
+        group_commit: the writer shared by all sessions of a process.
+        teams: the teams among the sessions of a process.
         make_world: makes the worlds of sessions.
     """
 
@@ -81,7 +81,7 @@ class HostedSession:
     signs: LifeSigns = field(default_factory=LifeSigns)  # of its page and participant
 
     def find_live_log(self) -> Path | None:
-        """Find the log that is being written; None before there is one."""
+        """Return the path of the log that is being written; None before there is one."""
         if not self.files:
             return None
         return self.files[0].segment_path.part
@@ -96,7 +96,7 @@ def start_host(
     at_sync: Callable[[], None],
     at_team_change: Callable[[], None] = lambda: None,
 ) -> HostedSession:
-    """Start a host for a new segment; nothing is on the disk before the consent.
+    """Start a host for a new segment. Nothing is written to the disk before the consent.
 
     Raises:
         LogError: if the log exists already or cannot be written.
@@ -133,12 +133,12 @@ def resume_host(
     at_sync: Callable[[], None],
     at_team_change: Callable[[], None] = lambda: None,
 ) -> HostedSession:
-    """Resume the segment of a live file: the session is fed its own log.
+    """Resume the segment of a live log by feeding the session its own logged events.
 
     Raises:
-        LogError: if that cannot be, or if the segment began by other rules than are here, which its facts say of all of
-            it; then the file is to be recovered, and the session resumes in another segment.
-        WorldError: if its world cannot be made here.
+        LogError: if the log cannot be resumed, or was begun under other rules than this server's. Its facts apply to
+            all of it, so it then has to be recovered and the session resumed in a new segment.
+        WorldError: if the session's world cannot be made here.
     """
     left = resume_segment(part)
     try:
@@ -168,7 +168,7 @@ def resume_host(
 
 
 def _refuse_other_rules(part: Path, events: Sequence[Event], facts: Mapping[str, str]) -> None:
-    """Refuse what another release began, or another state of the worlds."""
+    """Refuse a log that was begun by another release, or with another version of the worlds."""
     began: Mapping[str, str] = {}
     if events and isinstance(events[0], SessionStarted):
         began = events[0].facts
@@ -181,17 +181,17 @@ def _refuse_other_rules(part: Path, events: Sequence[Event], facts: Mapping[str,
 
 
 def name_segment(data: Path, plan: SessionPlan) -> str:
-    """Return what pages call a segment of that data folder; it says nothing of whose it is."""
+    """Return the name by which pages know a segment; the name does not reveal whose segment it is."""
     return hashlib.sha256(str(SegmentPath.of_plan(data, plan).part).encode()).hexdigest()[:16]
 
 
 class SessionRecording:
-    """Finishes or leaves a session's log and lease, once it is over or its server stops. Blocks for the disk.
+    """Finishes a session's log and lease when it is over, or leaves them when its server stops. It waits for the disk.
 
     Args:
         hosted: the session.
-        lease: of the session; None where no other machine has this study.
-        leases: of this server; None where no other machine has this study.
+        lease: the session's lease; None if no other machine serves this study.
+        leases: this server's session leases; None if no other machine serves this study.
     """
 
     def __init__(self, hosted: HostedSession, lease: Lease | None, leases: SessionLeases | None) -> None:
@@ -206,12 +206,12 @@ class SessionRecording:
         self._is_closed = False  # the log is
 
     def finish(self) -> None:
-        """Finish the log and seal it. After an ``OSError`` it can be called again.
+        """Finish and seal the log. After an ``OSError`` this can be called again.
 
         Raises:
-            LeaseLostError: if another server has the session: it did not end here.
+            LeaseLostError: if another server has the session, so that it did not end here.
             OSError: if the enrolment log cannot be written, the lease cannot be ended, or the log of a session that
-                another server can resume cannot be kept where that server has it.
+                another server can resume cannot be stored where that server can read it.
         """
         reason = self._hosted.host.session.end_reason
         is_final = bool(self._hosted.files) and reason in FINAL_END_REASONS
@@ -228,7 +228,7 @@ class SessionRecording:
         self.is_finished = True
 
     def _end_lease(self, final_reason: str) -> None:
-        """End the lease; ``final_reason`` is "" of a session that another server can resume."""
+        """End the lease; ``final_reason`` is "" if another server can resume the session."""
         if self._leases is None or self._lease is None:
             return
         leases = self._leases
@@ -250,7 +250,7 @@ class SessionRecording:
         self._hosted.host.close_agent()
 
     def _store_log(self, log: Path, *, is_final: bool) -> None:
-        """Seal the log, and keep it in the database unless the remote store has it or nothing of it is left to do."""
+        """Seal the log, and store it in the database if it may be needed and the remote store lacks it."""
         is_in_store = _seal(log)
         if self._leases is None or self._lease is None:
             return
@@ -263,10 +263,10 @@ class SessionRecording:
             self._leases.store(self._lease, None)
 
     def leave(self, *, is_dismissed: bool) -> None:
-        """Make the log durable and go: the next server goes on with it.
+        """Make the log durable and stop hosting the session, which the next server resumes.
 
         Args:
-            is_dismissed: another server has the session; the log that is here is put aside.
+            is_dismissed: whether another server has the session; the log on this machine is then put aside.
         """
         if self._is_closed:
             return
@@ -282,9 +282,9 @@ class SessionRecording:
 
 
 def _seal(log: Path) -> bool:
-    """Seal a log, and copy it to the remote store; False where that failed.
+    """Seal a log and copy it to the remote store; return False if that failed.
 
-    A failure costs no participant their code, as the log is here.
+    A failure costs no participant their code, because the log is on this machine.
     """
     try:
         record_log_end(log)

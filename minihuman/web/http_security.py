@@ -1,4 +1,4 @@
-"""What keeps the pages of a server to themselves: the headers of its answers, and whose sockets it accepts. No I/O."""
+"""Protection of a server's pages: the headers of its answers, and the origins whose sockets it accepts. No I/O."""
 
 from urllib.parse import urlsplit
 
@@ -20,9 +20,9 @@ HEADERS: tuple[tuple[str, str], ...] = (
 
 
 def is_same_origin(origin: str | None, host: str | None) -> bool:
-    """Whether a socket's Origin is the page that this server gave: the same host and port.
+    """Return whether a socket's Origin is a page of this server, with the same host and port.
 
-    A proxy in front hands both on as the browser sent them.
+    A proxy in front of the server must pass both headers on as the browser sent them.
     """
     if not origin or not host:
         return False

@@ -1,4 +1,4 @@
-"""Our names of key positions, by a browser's (`KeyboardEvent.code`). One unknown to us is `code_...`."""
+"""Our names of physical keys by the browser's name (`KeyboardEvent.code`); a key without a name is `code_...`."""
 
 from collections.abc import Mapping
 

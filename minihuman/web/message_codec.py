@@ -1,6 +1,7 @@
-"""The bytes of messages: what a page sends is decoded and checked, what it is sent is encoded. No I/O.
+"""Encodes the server's messages, and decodes and checks the page's. No I/O.
 
-Several of the server's messages go as one; a picture is binary. What a page sends with every key is a short array.
+Several of the server's messages are sent as one batch, and pictures are binary. Messages that a page sends with every
+key are short arrays.
 """
 
 import struct
@@ -58,10 +59,10 @@ _SHORT: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Press | _Shown | _Tick
 
 
 def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck | Ping | Farewell:
-    """Decode a message of the page's.
+    """Decode a message from the page.
 
     Raises:
-        MessageError: if it is none, or over its limits.
+        MessageError: if the text is not a message, or exceeds its limits.
     """
     if len(text) > MAX_MESSAGE_BYTES:
         raise MessageError(f"a message has {len(text)} bytes; at most {MAX_MESSAGE_BYTES} are allowed; reload the page")
@@ -92,7 +93,7 @@ def _expand(short: Any) -> NumberedMessage:
 
 
 def _require_since_start(ago_us: int, at_us: int) -> None:
-    """Refuse a time, so long before a message's, that is before the session's start."""
+    """Refuse a time that lies before the session's start."""
     if ago_us > at_us:
         raise ValueError("a time is before the session's start")
 
@@ -106,7 +107,7 @@ class _NumberedServerMessage(msgspec.Struct):
 
 
 def encode_numbered(number: int, message: ServerMessage | PictureMessage) -> bytes:
-    """Encode a message of the server's stream, as part of a batch."""
+    """Encode a message of the server's stream as part of a batch."""
     if isinstance(message, PictureMessage):
         head = _PICTURE.pack(number, message.number, message.encoding, 0, message.width, message.height)
         return _PART.pack(1, len(head) + len(message.data)) + head + message.data
@@ -114,12 +115,12 @@ def encode_numbered(number: int, message: ServerMessage | PictureMessage) -> byt
 
 
 def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
-    """Encode a message beside the stream."""
+    """Encode a message that is not part of the server's numbered stream."""
     return _ENCODER.encode(message).decode()
 
 
 def encode_text(message: _NumberedServerMessage | ServerAck | Pong) -> bytes:
-    """Encode a message as the bytes of a text, to be sent together with others."""
+    """Encode a message as a text part of a batch."""
     return _frame(_ENCODER.encode(message))
 
 

@@ -1,7 +1,7 @@
-"""The numbers and acknowledgements of messages, one stream in each direction. No I/O.
+"""Message numbers and acknowledgements, with one stream in each direction. No I/O.
 
-Each side repeats its messages until the other has them: the page until they are on the disk, the server until the page
-has them. A stream outlives what carries it: a gap is an error, since whatever carries it keeps its order.
+Each side repeats its messages until the other has them: the page until they are on the server's disk, the server until
+the page has them. A stream outlives the sockets that carry it. A socket keeps its order, so a gap is an error.
 """
 
 from collections import deque
@@ -14,7 +14,7 @@ Message = TypeVar("Message")
 
 
 class OutgoingStream(Generic[Message]):
-    """Numbers this side's messages, from 1 on, and keeps them until they are acknowledged."""
+    """Numbers this side's messages from 1, and keeps them until they are acknowledged."""
 
     def __init__(self) -> None:
         self._unacknowledged: deque[tuple[int, Message]] = deque()
@@ -31,10 +31,10 @@ class OutgoingStream(Generic[Message]):
         self._unacknowledged.append((self.last_number, message))
 
     def acknowledge(self, number: int) -> None:
-        """Forget the messages up to a number: the other side has them.
+        """Discard the messages up to a number, which the other side has received.
 
         Raises:
-            MessageError: if that number was never sent.
+            MessageError: if no message with that number was sent.
         """
         if number > self.last_number:
             raise MessageError(
@@ -44,21 +44,21 @@ class OutgoingStream(Generic[Message]):
             self._unacknowledged.popleft()
 
     def after(self, number: int) -> Iterator[tuple[int, Message]]:
-        """Yield the unacknowledged messages after a number."""
+        """Yield the unacknowledged messages after a number, each with its own number."""
         return (numbered for numbered in tuple(self._unacknowledged) if numbered[0] > number)
 
 
 class IncomingStream:
-    """Counts the other side's messages, which are received up to a number."""
+    """Counts the messages received from the other side."""
 
     def __init__(self, received: int = 0) -> None:
         self.received = received
 
     def take(self, number: int) -> bool:
-        """Whether a message is new.
+        """Count a message as received; return whether it is new.
 
         Raises:
-            MessageError: if one before it is missing.
+            MessageError: if a message before it is missing.
         """
         if number > self.received + 1:
             raise MessageError(

@@ -2,10 +2,10 @@
 
 The page's types are generated from here: `python -m minihuman.web.page_types` writes `page/messages.d.ts`.
 
-Times are ns on the session's clock. The page repeats its messages until they are acknowledged, which happens when they
-are on the disk; the server repeats its own until the page has them. A numbered message of the page has a time of its
-own, later than the one before, so that the log's last time shows what is in it. Key positions are
-`KeyboardEvent.code`; one unknown to us is `code_...`.
+Times are nanoseconds on the session's clock. The page repeats its messages until they are acknowledged, which happens
+when they are on the disk; the server repeats its messages until the page has them. Each numbered message of the page
+has a time later than that of the message before it, so that the log's last time shows which messages it contains.
+Physical keys are named by `KeyboardEvent.code`; a key without a name of ours is `code_...`.
 """
 
 from typing import Annotated, Any, Literal
@@ -33,11 +33,11 @@ ScreenDict = Annotated[dict[str, Any], PageType(ScreenValues)]
 
 
 class MessageError(MinihumanError, ValueError):
-    """A message that our page never sends."""
+    """A message that the study's own page never sends."""
 
 
 class KeyMessage(msgspec.Struct, tag="key", tag_field="t", forbid_unknown_fields=True):
-    """A key went down or came up at ``stamp``, by the event's own time."""
+    """A press or release of a key, with the event's own time as ``stamp``."""
 
     key: KeyName
     down: bool
@@ -51,7 +51,7 @@ class KeyMessage(msgspec.Struct, tag="key", tag_field="t", forbid_unknown_fields
 
 
 class DisplayedMessage(msgspec.Struct, tag="shown", tag_field="t", forbid_unknown_fields=True):
-    """A screen, or in an episode a step's picture, reached the display."""
+    """The report that a screen, or the picture of an episode's step, reached the display."""
 
     submit: Ns
     flip: Ns
@@ -63,19 +63,19 @@ class DisplayedMessage(msgspec.Struct, tag="shown", tag_field="t", forbid_unknow
 
 
 class TickMessage(msgspec.Struct, tag="tick", tag_field="t", forbid_unknown_fields=True):
-    """The time came at which the session asked for a tick."""
+    """A tick at the time that the session asked for."""
 
     digest: Digest = ""  # as a key's
 
 
 class TextMessage(msgspec.Struct, tag="typed", tag_field="t", forbid_unknown_fields=True):
-    """The keyboard's layout or the input method made text."""
+    """Text produced by the keyboard layout or the input method."""
 
     text: LongText
 
 
 class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknown_fields=True):
-    """Mouse or finger, at ``stamp``, by the event's own time."""
+    """A press, movement or release of the mouse or a finger, with the event's own time as ``stamp``."""
 
     what: Literal["pressed", "moved", "released"]
     x: Fraction
@@ -87,7 +87,7 @@ class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknow
 
 
 class AxisMessage(msgspec.Struct, tag="axis", tag_field="t", forbid_unknown_fields=True):
-    """An axis of a gamepad moved, at ``stamp``, by the gamepad's own time."""
+    """A movement of a gamepad's axis, with the gamepad's own time as ``stamp``."""
 
     axis: Literal[PAD_AXES]  # type: ignore[valid-type]
     value: Annotated[float, Meta(ge=-1.0, le=1.0)]
@@ -95,7 +95,7 @@ class AxisMessage(msgspec.Struct, tag="axis", tag_field="t", forbid_unknown_fiel
 
 
 class GamepadMessage(msgspec.Struct, tag="pad", tag_field="t", forbid_unknown_fields=True):
-    """A gamepad was seen for the first time."""
+    """The report that a gamepad was detected for the first time."""
 
     id: ShortText
     axes: Number
@@ -103,13 +103,13 @@ class GamepadMessage(msgspec.Struct, tag="pad", tag_field="t", forbid_unknown_fi
 
 
 class FocusMessage(msgspec.Struct, tag="focus", tag_field="t", forbid_unknown_fields=True):
-    """The page lost or found the keyboard, or was hidden or seen again."""
+    """The report that the page lost or gained the keyboard focus, or was hidden or shown again."""
 
     focused: bool
 
 
 class RoundTripMessage(msgspec.Struct, tag="link", tag_field="t", forbid_unknown_fields=True):
-    """The quickest of the latest messages there and back: its ends by the page's clock, in between the server's."""
+    """The fastest of the latest round trips: its ends by the page's clock, the times in between by the server's."""
 
     sent: Ns
     received: int
@@ -119,7 +119,7 @@ class RoundTripMessage(msgspec.Struct, tag="link", tag_field="t", forbid_unknown
 
 
 class CommandEcho(msgspec.Struct, tag="asked", tag_field="t", forbid_unknown_fields=True):
-    """The experimenter's command reached the page, at the message's time."""
+    """The report that the experimenter's command reached the page, at the message's time."""
 
     number: Number
 
@@ -149,7 +149,7 @@ TransportName = Literal["websocket", "http"]  # by what a page speaks
 
 
 class Hello(msgspec.Struct, tag="hello", tag_field="t", forbid_unknown_fields=True):
-    """The first message on every socket."""
+    """The page's first message on every socket."""
 
     version: int
     token: Annotated[str, Meta(max_length=200)] = ""
@@ -165,7 +165,7 @@ class Hello(msgspec.Struct, tag="hello", tag_field="t", forbid_unknown_fields=Tr
 
 
 class NumberedMessage(msgspec.Struct, tag="n", tag_field="t", forbid_unknown_fields=True):
-    """A message of the page's stream."""
+    """A numbered message of the page's stream."""
 
     n: Annotated[int, Meta(ge=1, le=2**31)]
     at: Annotated[int, Meta(ge=1, le=2**53)]
@@ -173,25 +173,25 @@ class NumberedMessage(msgspec.Struct, tag="n", tag_field="t", forbid_unknown_fie
 
 
 class PageAck(msgspec.Struct, tag="heard", tag_field="t", forbid_unknown_fields=True):
-    """The page has all of the server's messages up to this."""
+    """The acknowledgement that the page has all of the server's messages up to ``n``."""
 
     n: Number
 
 
 class Ping(msgspec.Struct, tag="ping", tag_field="t", forbid_unknown_fields=True):
-    """Ask for the server's time."""
+    """A request for the server's time."""
 
     sent: Ns
 
 
 class Farewell(msgspec.Struct, tag="bye", tag_field="t", forbid_unknown_fields=True):
-    """The page is being closed, or gives way to another one in its place."""
+    """The report that the page is being closed, or gives way to another page."""
 
     left: bool  # for another page
 
 
 class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
-    """The answer to a hello: whose turn it is in both streams, and the session's time."""
+    """The answer to a hello: where both message streams stand, and the session's time."""
 
     segment: str
     life: str  # names the server's numbering
@@ -208,7 +208,7 @@ class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
 
 
 class Refusal(msgspec.Struct, tag="refused", tag_field="t"):
-    """The server refuses the page, which does not come again by itself."""
+    """The server's refusal of a page, which does not reconnect by itself."""
 
     reason: str
     words: str  # what the page says
@@ -217,13 +217,13 @@ class Refusal(msgspec.Struct, tag="refused", tag_field="t"):
 
 
 class ServerAck(msgspec.Struct, tag="acked", tag_field="t"):
-    """All of the page's messages up to this are on the disk."""
+    """The acknowledgement that all of the page's messages up to ``through`` are on the disk."""
 
     through: int
 
 
 class Pong(msgspec.Struct, tag="pong", tag_field="t"):
-    """The answer to a ping, by the server's clock."""
+    """The answer to a ping, with times by the server's clock."""
 
     sent: int
     received: int
@@ -231,7 +231,7 @@ class Pong(msgspec.Struct, tag="pong", tag_field="t"):
 
 
 class ScreenMessage(msgspec.Struct, tag="screen", tag_field="t"):
-    """A screen, as `drawn` makes it."""
+    """A screen of the session, as values for the page."""
 
     id: int
     through: int  # the page's messages that led to it
@@ -242,7 +242,7 @@ class ScreenMessage(msgspec.Struct, tag="screen", tag_field="t"):
 
 
 class PrefetchedScreen(msgspec.Struct):
-    """A screen that an input may lead to."""
+    """A screen to which an input may lead."""
 
     name: int
     screen: ScreenDict
@@ -252,14 +252,14 @@ class PrefetchedScreen(msgspec.Struct):
 
 
 class ScreenPrefetch(msgspec.Struct, tag="onward", tag_field="t"):
-    """What would come outside of episodes: screens, and which input leads from one to another."""
+    """Screens outside of episodes that may come next, and the inputs that lead from one to another."""
 
     screens: list[PrefetchedScreen]
     edges: list[tuple[int, str, int]]  # screen, "key:enter", "point:go_on" or "tick", screen
 
 
 class FilmFrame(msgspec.Struct, tag="frame", tag_field="t"):
-    """A picture of the film on the screen, drawn since the screen was sent."""
+    """A picture of a film on the screen, drawn after the screen was sent."""
 
     name: int  # of the screen
     side: int  # which of its films
@@ -268,7 +268,7 @@ class FilmFrame(msgspec.Struct, tag="frame", tag_field="t"):
 
 
 class GridPosition(msgspec.Struct, tag="grid", tag_field="world"):
-    """Where a grid world is after a step."""
+    """The position of a grid world after a step."""
 
     step: int
     row: list[int]  # a number and how often it comes, and so on
@@ -276,7 +276,7 @@ class GridPosition(msgspec.Struct, tag="grid", tag_field="world"):
 
 
 class GridState(GridPosition, tag="grid", tag_field="world"):
-    """A grid world's state, for the page to compute the steps that follow it."""
+    """A grid world's state, from which the page computes the steps that follow."""
 
     view_size: int
     full: bool  # the picture is of the whole world
@@ -285,7 +285,7 @@ class GridState(GridPosition, tag="grid", tag_field="world"):
 
 
 class FirstPersonPosition(msgspec.Struct, tag="first_person", tag_field="world"):
-    """Where a first-person world is after a step; arrays are little-endian."""
+    """The position of a first-person world after a step; arrays are little-endian."""
 
     step: int
     things: bytes
@@ -294,7 +294,7 @@ class FirstPersonPosition(msgspec.Struct, tag="first_person", tag_field="world")
 
 
 class FirstPersonState(FirstPersonPosition, tag="first_person", tag_field="world"):
-    """A first-person world's state, for the page to compute the steps that follow it."""
+    """A first-person world's state, from which the page computes the steps that follow."""
 
     walls: bytes
     rooms: bytes
@@ -313,7 +313,7 @@ JointPace = Literal["", "turns", "ticks"]
 
 
 class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
-    """What keys and time do in the episode that is played: what the page needs to go ahead of the session."""
+    """The effects of keys and time in the current episode, which let the page go ahead of the session."""
 
     episode: int
     actions: dict[str, int]  # key -> action
@@ -330,7 +330,7 @@ class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
 
 
 class ArraysMessage(msgspec.Struct, tag="arrays", tag_field="t"):
-    """Tiles of grid worlds, a first-person scene or a texture, for the page to keep under their name, a digest."""
+    """Arrays that the page keeps under a name, their digest: grid tiles, a first-person scene or a texture."""
 
     name: str
     arrays: list[tuple[str, str, int]]  # name, NumPy's name of its numbers, bytes
@@ -338,7 +338,7 @@ class ArraysMessage(msgspec.Struct, tag="arrays", tag_field="t"):
 
 
 class StateCorrection(msgspec.Struct, tag="state", tag_field="t"):
-    """Where the session is in an episode that the page computes, which may be elsewhere."""
+    """The session's position in an episode that the page computes, from which the page may have diverged."""
 
     through: int
     episode: int
@@ -346,7 +346,7 @@ class StateCorrection(msgspec.Struct, tag="state", tag_field="t"):
 
 
 class EpisodeState(msgspec.Struct, tag="now", tag_field="t"):
-    """Where the session stands in an episode."""
+    """The session's current state in an episode."""
 
     through: int
     tick: int | None
@@ -360,7 +360,7 @@ class EpisodeState(msgspec.Struct, tag="now", tag_field="t"):
 
 
 class AgentControl(msgspec.Struct, tag="beside", tag_field="t"):
-    """An agent plays an episode: what keys and time do then, and the texts below the picture."""
+    """The controls of an episode that an agent plays: the effects of keys and time, and the texts below the picture."""
 
     episode: int
     period: int  # ns from the picture of one of its steps to the next step
@@ -374,7 +374,7 @@ class AgentControl(msgspec.Struct, tag="beside", tag_field="t"):
 
 
 class LookAheadUpdate(msgspec.Struct, tag="ahead", tag_field="t"):
-    """What would come: scenes with their pictures, and which action leads from one to another."""
+    """Scenes that may come next, with their pictures, and the actions that lead from one to another."""
 
     episode: int
     nodes: list[tuple[int, int]]  # scene, picture
@@ -382,13 +382,13 @@ class LookAheadUpdate(msgspec.Struct, tag="ahead", tag_field="t"):
 
 
 class CommandMessage(msgspec.Struct, tag="ask", tag_field="t"):
-    """The experimenter asks for something; the page says when that was."""
+    """The experimenter's command; the page answers with the time at which it arrived."""
 
     number: int
 
 
 class SessionOver(msgspec.Struct, tag="over", tag_field="t"):
-    """The session's log is on the disk; where to go from here."""
+    """The end of a session whose log is on the disk, and the address to which the participant goes next."""
 
     end: str
     words: str
@@ -399,7 +399,7 @@ class SessionOver(msgspec.Struct, tag="over", tag_field="t"):
 
 
 class PictureMessage(msgspec.Struct, frozen=True):
-    """A picture, for the page to keep under its number."""
+    """A picture that the page keeps under its number."""
 
     number: int
     encoding: int  # 0: zlib of RGB, 1: JPEG, 2: the numbers of its tiles, uint32, row by row

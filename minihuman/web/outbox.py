@@ -1,8 +1,8 @@
-"""The outbox of a session: screens, the state of an episode, and what was prefetched. No socket, no clock.
+"""The outbox of a session: screens, the state of an episode, and prefetched scenes. It uses no socket and no clock.
 
-Messages stay here, numbered, until the page has them. Along the keys the future is sent in advance: in an episode by
-its rules (`episode_ahead`), outside of episodes by copies of the session (`page_contents`). The page learns in advance
-what an agent will do, so that keys and the agent's steps show at once.
+Messages stay here, numbered, until the page has them. What the next keys lead to is sent in advance: in an episode by
+its rules (`episode_ahead`), outside of episodes by copies of the session (`page_contents`). The page also learns in
+advance what an agent will do, so that keys and the agent's steps are shown at once.
 """
 
 from collections.abc import Iterable, Sequence
@@ -25,7 +25,7 @@ from minihuman.web.traffic_limits import PREFETCH_BACKLOG
 
 @dataclass(frozen=True, slots=True)
 class PageSettings:
-    """The protocol's settings of pages."""
+    """The protocol's settings for pages."""
 
     picture_px: tuple[int, int] = (400, 300)
     encoding: ImageEncoding = "auto"
@@ -38,10 +38,10 @@ class Outbox:
     """Sends a page the state of its session.
 
     Args:
-        session: new, or resumed from its log.
+        session: the session, new or resumed from its log.
         make_world: makes worlds to look ahead in.
-        settings: what of the protocol is about pages.
-        logged: the events of the log that a session is resumed from.
+        settings: the protocol's settings for pages.
+        logged: the events of the log that the session is resumed from.
     """
 
     def __init__(
@@ -64,11 +64,11 @@ class Outbox:
 
     @property
     def outgoing(self) -> OutgoingStream[messages.ServerMessage | messages.PictureMessage]:
-        """Return the messages to the page; another object after a restart."""
+        """Return the stream of messages to the page; a restart replaces it."""
         return self._page.outgoing
 
     def is_present(self, message: messages.DisplayedMessage) -> bool:
-        """Whether a screen that was shown is what the session shows."""
+        """Return whether a displayed screen is the session's current screen."""
         if message.name:
             return message.name == self._page.screen_name
         return message.screen == self._screen_id
@@ -76,7 +76,7 @@ class Outbox:
     def describe_correction(
         self, message: messages.DisplayedMessage, at_ns: int, submit_ns: int, flip_ns: int
     ) -> Event | None:
-        """Return the event of a picture that a joint step came out otherwise than; None if it did not."""
+        """Return an event if a joint step turned out differently from the picture displayed for it; None otherwise."""
         if self._ahead.graph is None:
             return None
         play = self.steps.find_corrected(message, self._ahead.graph.pictures)
@@ -86,12 +86,15 @@ class Outbox:
 
     @property
     def _ignores_releases(self) -> bool:
-        """Whether the page waits for no word of a release: an episode is played, and by no agent."""
+        """Return whether the page needs no answer to a key release, because the participant plays an episode alone."""
         session = self._session
         return not session.over and session.play is not None and not session.part.agent_plays
 
     def waits_for(self, message: messages.PageMessage) -> bool:
-        """Whether the page waits for word of where a message led: it knows of a step that it computed."""
+        """Return whether the page waits for the answer to a message.
+
+        It does not wait after a step that it computed itself, nor for messages without an effect.
+        """
         if isinstance(message, messages.KeyMessage):
             if message.down:
                 return not message.digest
@@ -101,18 +104,18 @@ class Outbox:
         return not isinstance(message, _WITHOUT_EFFECT)
 
     def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
-        """Compare a message's step in the page with the session's; return how they differ, "" if they do not."""
+        """Return how the page's step for a message differs from the session's; "" if it does not."""
         return self._ahead.compare(message, events)
 
     # Where the session went
 
     @property
     def is_computed(self) -> bool:
-        """Whether the page computes the episode."""
+        """Return whether the page computes the episode."""
         return self._ahead.computed is not None
 
     def follow(self, events: list[Event]) -> None:
-        """Move the look-ahead where the session went; ``send_state`` then tells the page."""
+        """Move the look-ahead to the session's new state; ``send_state`` then informs the page."""
         next_play = None
         if not self._session.over:
             next_play = self._session.part.next_play
@@ -134,7 +137,7 @@ class Outbox:
             self._page.send_scenes(self._ahead.graph)
 
     def _begin_episode(self, play: RunningEpisode) -> None:
-        """Send the rules of an episode that has begun or is about to, once, and what the page goes ahead by."""
+        """Send, once, the rules of an episode that has begun or is about to begin, and its first scenes or state."""
         plan = play.plan
         if self._ahead.plan is plan:
             return
@@ -185,20 +188,23 @@ class Outbox:
         )
 
     def _computes(self, play: RunningEpisode) -> bool:
-        """Whether the page computes an episode."""
+        """Return whether the page computes an episode."""
         computed = getattr(self._session.part.part.plan, "computed", "server")
         return self.page_computes and computed == "page" and can_compute(play)
 
     def record_step_time(self, took_ns: int) -> None:
-        """Take note of what a step's message took. A world too slow for its period is not looked ahead in as well."""
+        """Record how long a step's message took; stop looking ahead in a world that is too slow."""
         before_ns = self._pace_ns or took_ns
         self._pace_ns = before_ns + (took_ns - before_ns) // 8
         self._ahead.stop_if_slow(self._pace_ns)
 
     def grow(self, rtt_ns: int) -> bool:
-        """Draw one picture of a film, or look one scene or screen further ahead; False if nothing is left.
+        """Draw one picture of a film, or look one scene or screen further ahead; return False if nothing is left.
 
-        ``send_prefetched`` sends what was found. ``rtt_ns`` is the round trip.
+        Args:
+            rtt_ns: the round-trip time in nanoseconds.
+
+        ``send_prefetched`` sends what was found.
         """
         session = self._session
         if session.over or self.outgoing.n_unacknowledged > PREFETCH_BACKLOG:
@@ -211,16 +217,16 @@ class Outbox:
         return not no_key_acts and self._ahead.graph.grow()
 
     def send_prefetched(self) -> None:
-        """Tell the page what was found ahead."""
+        """Send the page the scenes and screens that were found ahead."""
         self._page.send_prefetched()
         self._page.send_scenes(self._ahead.graph)
 
     def restart(self, open_questions: Iterable[int], *, has_begun: bool) -> None:
-        """Tell everything from the start.
+        """Send the page everything from the start.
 
         Args:
             open_questions: the numbers of the questions that the page has not answered.
-            has_begun: whether there is anything to send.
+            has_begun: whether the session has begun, so that there is a state to send.
         """
         self._page = PageContents(self._settings.encoding, self._ahead.lend)
         for number in open_questions:
@@ -233,7 +239,7 @@ class Outbox:
             self.send_state()
 
     def send_state(self) -> None:
-        """Tell the page what it does not know of where the session is."""
+        """Send the page what it does not know yet of the session's state."""
         play = self._present_play
         tick_ns = self._next_tick_ns
         computed = self._ahead.computed
@@ -252,7 +258,7 @@ class Outbox:
 
     @property
     def _present_play(self) -> RunningEpisode | None:
-        """Return the episode that is played now; None where none is."""
+        """Return the running episode; None if no episode is being played."""
         if self._session.over:
             return None
         return self._session.play
@@ -275,7 +281,7 @@ class Outbox:
         page.send_screen(session, screen, message)
 
     def _send_position(self, play: RunningEpisode | None, steering: Steering | None, tick_ns: int | None) -> None:
-        """Tell where the session is in its episode; the page knows how far it went where it computes."""
+        """Send the session's position in its episode; a page that computes the episode knows its own step count."""
         step = -1
         episode = -1
         waited_for = 0
@@ -314,7 +320,7 @@ class Outbox:
 
     @property
     def _next_tick_ns(self) -> int | None:
-        """Return when the page is to send a tick; it makes the real-time steps that it computes by itself."""
+        """Return when the page must send a tick; a page that computes real-time steps makes them without ticks."""
         session = self._session
         if session.over:
             return None
@@ -323,14 +329,14 @@ class Outbox:
         return session.next_tick_ns
 
     def _correct(self, computed: ComputedEpisode, play: RunningEpisode | None) -> None:
-        """Tell a page that computes where the session is, if it may be elsewhere or does not know since a pause."""
+        """Send the session's state to a page that computes, if the page may have diverged or fallen behind."""
         resumes = not self._page.plays and play is not None and computed.sent_step != play.steps
         self._page.plays = play is not None
         if play is not None and (resumes or computed.is_elsewhere):
             self.outgoing.add(messages.StateCorrection(self.through, play.plan.episode, computed.position()))
 
     def _send_control(self, steering: Steering, episode: int) -> None:
-        """Tell what an agent means for this episode, and show the page where its next action leads."""
+        """Send the controls of an agent's episode, and the scene that the agent's next action leads to."""
         rules = steering.rules
         good, bad = rules.rating_keys
         self._page.send_control(
@@ -351,5 +357,5 @@ class Outbox:
             self._page.send_scenes(self._ahead.graph)
 
     def close(self) -> None:
-        """Let go of the world that was looked ahead in."""
+        """Close the look-ahead world."""
         self._ahead.close()

@@ -1,6 +1,6 @@
-"""What a page has: numbered messages that it may not have yet, pictures, arrays, and the screens sent ahead. No socket.
+"""What a page has: numbered messages that it may not have received yet, pictures, arrays, and prefetched screens.
 
-A page that knows nothing has contents of its own, anew.
+A page that knows nothing gets new, empty contents. This module uses no socket.
 """
 
 from minihuman.experiment.machine.running_episode import RunningEpisode
@@ -18,7 +18,7 @@ class PageContents:
     """Tracks what a page has, and what is on its way to it.
 
     Args:
-        encoding: of pictures.
+        encoding: the encoding of pictures.
         lend: lends a world that may be reset.
     """
 
@@ -36,7 +36,7 @@ class PageContents:
         self._films = FilmPrefetcher(self.images.number)
 
     def send(self, message: messages.ServerMessage) -> None:
-        """Send a message, after the pictures that it names."""
+        """Send a message, after the pictures that it refers to."""
         self.send_pictures()
         self.outgoing.add(message)
 
@@ -46,7 +46,7 @@ class PageContents:
             self.outgoing.add(picture)
 
     def send_world_state(self, computed: ComputedEpisode) -> messages.WorldState:
-        """Send the arrays for an episode that the page computes; return where the session is in it."""
+        """Send the arrays that the page lacks for a computed episode; return the session's state in the episode."""
         for arrays in computed.arrays:
             if arrays.name not in self._arrays:
                 self._arrays.add(arrays.name)
@@ -54,19 +54,19 @@ class PageContents:
         return computed.state()
 
     def send_control(self, control: messages.AgentControl) -> None:
-        """Send what an agent means for an episode, if the page does not have it."""
+        """Send the controls of an agent's episode, unless the page has them already."""
         if control != self._control:
             self._control = control
             self.outgoing.add(control)
 
     def has_state(self, state: tuple[object, ...]) -> bool:
-        """Whether the page has been told just this of the episode; if not, it is going to be."""
+        """Return whether the page has this state of the episode already; record it as sent."""
         is_known = state == self._state
         self._state = state
         return is_known
 
     def send_screen(self, session: SessionMachine, screen: Screen, message: messages.ScreenMessage) -> None:
-        """Send a screen of the session's, and look from it for those that inputs lead to."""
+        """Send one of the session's screens, and start prefetching the screens that inputs lead to."""
         self.screen_name = message.name
         self._screens.start_from(session, message.name)
         self._films.start_from(screen, message.name)
@@ -75,7 +75,7 @@ class PageContents:
     # Ahead
 
     def grow(self, session: SessionMachine, rtt_ns: int) -> bool:
-        """Draw one picture of a film, or look one screen further ahead; False if nothing is left."""
+        """Draw one picture of a film, or look one screen further ahead; return False if nothing is left."""
         frame = self._films.grow()
         if frame is not None:
             self.send(frame)
@@ -90,7 +90,7 @@ class PageContents:
             self.outgoing.add(prefetch)
 
     def send_scenes(self, graph: LookAheadGraph | None) -> None:
-        """Send the scenes that were found ahead."""
+        """Send the scenes that the look-ahead graph has found; without a graph, send only new pictures."""
         update = None
         if graph is not None:
             update = graph.take_new()

@@ -1,4 +1,4 @@
-"""A page's messages as a session's inputs. No I/O: times come with the messages."""
+"""Converts a page's messages to a session's inputs. No I/O: times come with the messages."""
 
 from collections.abc import Callable, Iterable, Mapping
 
@@ -17,7 +17,7 @@ MakeInput = Callable[[int], inputs.Input | None]  # at the time of the page's ec
 
 
 class PageInputs:
-    """Converts what a page did, and knows which presses the log has.
+    """Converts a page's messages to inputs, and remembers which key presses the log has.
 
     Args:
         known: the events of the session so far.
@@ -38,18 +38,18 @@ class PageInputs:
         return tuple(self._questions)
 
     def ask(self, make_input: MakeInput) -> int:
-        """Make an input at the time that the page says when it is asked; return the number of the question."""
+        """Register an input for the time at which the page echoes a question; return the question's number."""
         self._last_question += 1
         self._questions[self._last_question] = make_input
         return self._last_question
 
     def convert(self, message: messages.PageMessage, at_ns: int, *, is_present: bool) -> inputs.Input | None:
-        """Convert a message; None where it is no input.
+        """Convert a message to an input; return None if it is not one.
 
         Args:
             message: the message.
-            at_ns: its time.
-            is_present: the session shows the screen that a `DisplayedMessage` is about.
+            at_ns: the message's time in nanoseconds.
+            is_present: whether the session still shows the screen that a `DisplayedMessage` reports.
         """
         match message:
             case messages.KeyMessage():
@@ -73,7 +73,7 @@ class PageInputs:
         return None
 
     def _convert_key(self, message: messages.KeyMessage, at_ns: int) -> inputs.Input:
-        """Convert a key; a cause that does not fit, which our page never says, counts as a finger."""
+        """Convert a key message; a cause that does not fit, which our own page never sends, is replaced by a finger."""
         stamp_ns = min(message.stamp, at_ns)
         if not message.down:
             release_cause: inputs.KeyReleaseCause = "finger"
@@ -92,7 +92,10 @@ class PageInputs:
             self._forgotten_ns = max(self._forgotten_ns, oldest[0])
 
     def note_missed(self, message: messages.PageMessage, at_ns: int, now_ns: int) -> list[Event]:
-        """Return a note of a press of a time that has passed: what the log does not have was done in another tab."""
+        """Return a note about a key press from before the session's present time, unless the log has that press.
+
+        Such a press was made in another tab. The list is empty for any other message.
+        """
         if not isinstance(message, messages.KeyMessage) or not message.down:
             return []
         stamp_ns = min(message.stamp, at_ns)
@@ -102,6 +105,6 @@ class PageInputs:
 
 
 def order_flip(message: messages.DisplayedMessage, at_ns: int) -> tuple[int, int]:
-    """Return when a picture was submitted and when it was shown, no later than the word of it."""
+    """Return when a picture was submitted and when it was displayed, both no later than the message that reports it."""
     flip_ns = min(message.flip, at_ns)
     return min(message.submit, flip_ns), flip_ns

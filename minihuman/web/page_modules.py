@@ -1,4 +1,4 @@
-"""JavaScript modules that kinds of activity bring for their own screens: where they lie, and their addresses."""
+"""JavaScript modules that activity kinds provide for their own screens: their files and their addresses."""
 
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -12,16 +12,18 @@ _ROOT = "/static"
 
 
 def find_module_address(module: str) -> str:
-    """Return the address at which the page finds a kind's module, "package:file"."""
+    """Return the address at which the page loads a kind's module, given as "package:file"."""
     package, _, file = module.partition(":")
     return f"{_ROOT}/{package.replace('.', '/')}/{file}"
 
 
 def list_page_modules() -> Iterator[tuple[str, Path]]:
-    """Yield the address and the file of each module of the installed kinds, and of those beside it that it may import.
+    """Yield the address and file of every JavaScript module in the packages of the installed kinds' modules.
+
+    The packages' other modules are included because a kind's module may import them.
 
     Raises:
-        ProtocolError: if a kind names a module that is not there.
+        ProtocolError: if a kind names a module that does not exist.
     """
     packages = {module.partition(":")[0] for name in list_plugin_names(GROUP) for module in _list_modules_of_kind(name)}
     for package in sorted(packages):

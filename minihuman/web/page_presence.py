@@ -1,4 +1,7 @@
-"""Whether a page is here: which of its sockets counts, and when it and its participant were last heard of. No I/O."""
+"""Whether a page is connected, which of its sockets is current, and when the page and its participant were last active.
+
+No I/O.
+"""
 
 from minihuman.experiment.machine.life_signs import LifeSigns
 from minihuman.experiment.plan.session_plan import SessionPlan
@@ -8,11 +11,11 @@ _GOING_AWAY = 1001  # a browser closes a socket with this code when its page is 
 
 
 class PagePresence:
-    """Tracks a connection's newest socket, and when its page was last heard of. Times are monotonic, s.
+    """Tracks a connection's newest socket and its page's last signs of life. Times are monotonic, in seconds.
 
     Args:
         now_s: the present time.
-        signs: of life, for those who wait for this participant.
+        signs: the signs of life that other participants of a team wait for.
     """
 
     def __init__(self, now_s: float, signs: LifeSigns | None = None) -> None:
@@ -26,7 +29,7 @@ class PagePresence:
         self._acted_s = now_s
 
     def open_socket(self, now_s: float) -> int:
-        """Let a new socket count from here on, and return its number."""
+        """Make a new socket the current one, and return its number."""
         self._sockets += 1
         self.is_here = True
         self._seen_s = now_s
@@ -34,12 +37,12 @@ class PagePresence:
         return self._sockets
 
     def close_socket(self, number: int, now_s: float, code: int = 0) -> None:
-        """Take note that a socket is closed; the page is gone if it was the newest.
+        """Record that a socket was closed; the page is gone if it was the newest one.
 
         Args:
-            number: the socket's.
+            number: the socket's number.
             now_s: the present time.
-            code: that the page closed it with; 0: none, as the connection broke.
+            code: the code with which the page closed the socket; 0 if the connection broke.
         """
         self._seen_s = now_s
         if self.is_newest(number):
@@ -51,47 +54,50 @@ class PagePresence:
                     self.signs.lose_page("offline", now_s)
 
     def hear(self, now_s: float) -> None:
-        """Take note that something came from the page."""
+        """Record that a message arrived from the page."""
         self.signs.hear(now_s)
 
     def bid_farewell(self, now_s: float, *, is_left: bool) -> None:
-        """Take note that the page says that it goes: closed, or left for another in its place."""
+        """Record the page's announcement that it is being closed or replaced by another page."""
         if is_left:
             self.signs.lose_page("left", now_s)
         else:
             self.signs.lose_page("closed", now_s)
 
     def turn_focus(self, now_s: float, *, has_focus: bool) -> None:
-        """Take note that the page lost the keyboard, or has it again."""
+        """Record that the page lost or regained the keyboard focus."""
         self.signs.turn_focus(now_s, has_focus=has_focus)
 
     def is_newest(self, number: int) -> bool:
-        """Whether a socket is the one that counts."""
+        """Return whether a socket is the current one."""
         return number == self._sockets
 
     def dismiss(self, code: int) -> None:
-        """Send the page away, whichever socket it is on."""
+        """Dismiss the page on every socket, with this closing code."""
         self.dismissal_code = code
         self.is_here = False
         self._sockets += 1
 
     def record_act(self, now_s: float) -> None:
-        """Take note that the participant pressed, pointed at or typed something."""
+        """Record that the participant pressed a key, used the pointer or typed."""
         self._acted_s = now_s
         self.signs.act(now_s)
 
     def absence_s(self, now_s: float) -> float:
-        """Return for how long there has been no page; 0 while it is here."""
+        """Return for how many seconds no page has been connected; 0 while one is."""
         if self.is_here:
             return 0.0
         return now_s - self._seen_s
 
     def inactivity_s(self, now_s: float) -> float:
-        """Return for how long the participant has done nothing."""
+        """Return for how many seconds the participant has done nothing."""
         return now_s - self._acted_s
 
 
 def find_sign_interval_ms(plan: SessionPlan) -> int:
-    """Find the longest time in which a session's page may send nothing, as its parts ask for signs of life."""
+    """Return the longest time, in milliseconds, for which a session's page may send nothing.
+
+    The parts of the plan may ask for signs of life at shorter intervals than the default.
+    """
     asked_s: list[float] = [getattr(part.plan, "sign_interval_s", 0.0) for part in plan.parts]  # not of every kind
     return round(1_000 * min([MAX_SIGN_INTERVAL_S, *filter(None, asked_s)]))

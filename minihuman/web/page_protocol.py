@@ -1,8 +1,8 @@
-"""The protocol of a page on one socket: its texts in, batches of bytes out. No I/O, no clock.
+"""The protocol of a page on one socket: texts in, batches of bytes out. No I/O, no clock.
 
-A hello settles where both streams resume; then come numbered messages, acknowledgements and pings, several in a text. A
-page is sent what the session has for it, numbered, in batches, with the acknowledgement of what is safe. Whatever
-carries the texts and the batches (a socket, or requests) is not known here.
+A hello settles where both streams resume. Numbered messages, acknowledgements and pings follow, several in one text.
+The page is sent the session's messages, numbered, in batches, with the acknowledgement of its messages that are safe.
+The protocol does not depend on what carries the texts and batches, which may be a socket or HTTP requests.
 """
 
 import abc
@@ -20,7 +20,7 @@ ServerMessages = OutgoingStream[messages.ServerMessage | messages.PictureMessage
 
 
 class StreamNames:
-    """Tracks which of the page's streams is received, and which of the server's numberings the page follows."""
+    """Tracks which of the page's streams is being received, and which of the server's numberings the page follows."""
 
     def __init__(self) -> None:
         self.incoming = IncomingStream()
@@ -28,7 +28,7 @@ class StreamNames:
         self._stream = ""
 
     def receive_stream(self, stream: str, first: int) -> bool:
-        """Follow a page's stream from its first message that is not acknowledged; True if it is another stream."""
+        """Follow a page's stream from its first unacknowledged message; return True if it is a new stream."""
         if stream == self._stream:
             return False
         self._stream = stream
@@ -36,23 +36,26 @@ class StreamNames:
         return True
 
     def resumes(self, life: str, heard: int, outgoing: ServerMessages) -> bool:
-        """Whether a page goes on with the server's numbering: it names it, and has no message that was never sent."""
+        """Return whether a page can continue with the server's numbering.
+
+        It can if it names that numbering and claims to have no message that was never sent.
+        """
         return bool(self.life) and life == self.life and heard <= outgoing.last_number
 
 
 class PageSession(abc.ABC):
-    """The port by which a page's protocol uses its session."""
+    """The interface through which a page's protocol uses its session."""
 
     ping: tuple[int, int] | None = None  # of a text: when it was sent and received; answered with the rest
 
     @property
     @abc.abstractmethod
     def outgoing(self) -> ServerMessages:
-        """Return the messages to the page; another object after a restart."""
+        """Return the stream of messages to the page; a restart replaces it."""
 
     @abc.abstractmethod
     def now_ns(self) -> int:
-        """Return the session's time."""
+        """Return the session's time in nanoseconds."""
 
     @abc.abstractmethod
     def safe(self) -> int:
@@ -60,36 +63,36 @@ class PageSession(abc.ABC):
 
     @abc.abstractmethod
     def take(self, numbered: messages.NumberedMessage, *, more: bool = False) -> None:
-        """Take a message of the page's stream.
+        """Handle a numbered message of the page's stream.
 
         Args:
             numbered: the message.
-            more: others came with it.
+            more: whether further messages arrived with this one.
 
         Raises:
-            MessageError: if it is out of order, or of another time.
+            MessageError: if the message is out of order, or its time is not plausible.
         """
 
     @abc.abstractmethod
     def hear(self) -> None:
-        """Take note that the page is alive."""
+        """Record that the page is alive."""
 
     @abc.abstractmethod
     def bid_farewell(self, *, is_left: bool) -> None:
-        """Take note that the page is closed, or left for another."""
+        """Record that the page was closed, or was left for another page."""
 
     @abc.abstractmethod
     def spend(self, n_bytes: int) -> bool:
-        """Take the size of a message into account; False if the session takes no more."""
+        """Count the size of a message against the session's budget; return False if the session accepts no more."""
 
     @abc.abstractmethod
     def forget(self) -> None:
-        """Keep nothing for the page: it begins anew when it comes again."""
+        """Discard the messages kept for the page, which starts afresh when it comes again."""
 
 
 @dataclass(frozen=True, slots=True)
 class TextEffect:
-    """The effect of a page's text."""
+    """The effect of a text that a page sent."""
 
     has_answer: bool  # there is something to send: messages, or an acknowledgement
     wants_more: bool  # there is more to look for ahead
@@ -99,10 +102,10 @@ class PageProtocol:
     """Speaks the protocol between one socket of a page and its session.
 
     Args:
-        session: the page's.
+        session: the page's session.
         welcome: the answer to the page's hello.
-        after: the last of the server's messages that the page has.
-        now_s: the present time.
+        after: the number of the last server message that the page has.
+        now_s: the present time in seconds.
     """
 
     def __init__(self, session: PageSession, welcome: messages.Welcome, after: int, now_s: float) -> None:
@@ -120,25 +123,25 @@ class PageProtocol:
     # From the page
 
     def begin_text(self) -> None:
-        """Begin to receive a text, which has several messages."""
+        """Begin to receive a text, which may contain several messages."""
         self._session.hear()
         self._last_number = self._session.outgoing.last_number
         self._safe = self._session.safe()
         self._was_behind = False
 
     def admits(self, now_s: float) -> bool:
-        """Whether another message is within the rate limit; else it has to wait."""
+        """Return whether another message is within the rate limit; otherwise it has to wait."""
         return self._rate_limit.take(now_s)
 
     def receive(self, text: str, *, more: bool) -> str | None:
-        """Take one message; return the answer that is sent at once, if it has any.
+        """Handle one message; return the answer to be sent at once, if there is one.
 
         Args:
             text: the message.
-            more: others come behind it in its text.
+            more: whether further messages follow in the same text.
 
         Raises:
-            MessageError: if no page of ours sends it.
+            MessageError: if the message is one that our own page never sends.
         """
         message = decode_page_message(text)
         self._ends_with_round_trip = False
@@ -169,7 +172,7 @@ class PageProtocol:
         self._was_behind |= was_behind
 
     def end_text(self) -> TextEffect:
-        """End a text; return what it led to. A page that acknowledges nothing begins anew.
+        """End a text and return its effect. A page that acknowledges nothing starts afresh.
 
         Raises:
             MessageError: if too many of the server's messages have not been acknowledged.
@@ -192,19 +195,19 @@ class PageProtocol:
 
     @property
     def is_superseded(self) -> bool:
-        """Whether the session's messages are numbered anew, so that this socket's page has to come again."""
+        """Return whether the session's messages have been renumbered, so that this socket's page must reconnect."""
         return self._session.outgoing is not self._outgoing
 
     @property
     def can_wait(self) -> bool:
-        """Whether a page that went ahead loses nothing if what there is for it comes later."""
+        """Return whether the pending messages may be delayed at no cost to a page that is ahead."""
         return all(
             isinstance(message, messages.EpisodeState) and message.tick is None and not message.who
             for _, message in self._outgoing.after(self._sent)
         )
 
     def take_batches(self) -> Iterator[bytes]:
-        """Yield what there is to send, in batches: messages, the acknowledgement of what is safe, a ping's answer."""
+        """Yield the pending data in batches: messages, their acknowledgement, and the answer to a ping."""
         safe = self._session.safe()  # asked first: a page that hears of a safe key has heard where it led
         parts: list[bytes] = []
         size = 0

@@ -1,4 +1,4 @@
-"""The page's numbers of a grid world's row and of a first-person world's arrays, generated from the rules' own.
+"""The offsets in a grid world's row and a first-person world's arrays, generated for the page from the worlds' rules.
 
 python -m minihuman.web.page_rows     # writes page/row.js, which is committed
 """
@@ -18,7 +18,7 @@ _OF_NUMBERS = ("REWARD",)
 
 
 def write_page_rows() -> str:
-    """Return the module's text."""
+    """Return the text of `page/row.js`."""
     rows = [f"export const {name} = {getattr(state, name)};" for name in _OF_ROW]
     numbers = [f"export const NUMBERS_{name} = {getattr(rules, name)};" for name in _OF_NUMBERS]
     return _HEAD + "\n".join([*rows, *numbers]) + "\n"

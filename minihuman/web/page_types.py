@@ -1,4 +1,4 @@
-"""The page's types of messages, generated from `messages.py` and `screen_types.py`.
+"""The page's message types, generated from `messages.py` and `screen_types.py`.
 
     python -m minihuman.web.page_types     # writes page/messages.d.ts, which is committed
 
@@ -60,14 +60,14 @@ class _Field:
 
 
 class _Writer:
-    """Writes TypeScript's text of types, and finds those that they name."""
+    """Writes types as TypeScript, together with the types that they refer to."""
 
     def __init__(self) -> None:
         self._interfaces: dict[type, str] = {}  # by type, in the order in which they were found
         self._sent_by_page = _list_structs(FROM_PAGE)
 
     def write(self) -> str:
-        """Write all types."""
+        """Return the TypeScript text of all types."""
         aliases = [f"export type {name} = {self._write_alias(form)};\n" for name, form in ALIASES.items()]
         return _HEAD + "\n" + "".join(aliases) + "".join("\n" + text for text in self._interfaces.values())
 
@@ -79,7 +79,7 @@ class _Writer:
         return self._write_structure(form)
 
     def _write_type(self, annotation: Any) -> str:
-        """Write a type where it is used: by its name, if it has one."""
+        """Return a type as it is used in a declaration: by its name, if it has one."""
         for name, form in ALIASES.items():
             if annotation == form:
                 return name
@@ -160,13 +160,13 @@ def _list_fields(form: type) -> Iterator[_Field]:
 
 
 def _load_page_fields() -> list[type]:
-    """Load what kinds of block add to the screen of play."""
+    """Load the typed dictionaries that block kinds add to the play screen."""
     places = [find_kind(name).page_fields.partition(":") for name in list_kinds(lambda kind: bool(kind.page_fields))]
     return [getattr(import_module(module), name) for module, _, name in places]
 
 
 def _list_structs(annotation: Any) -> set[type]:
-    """List the structs that a type has, itself among them."""
+    """Return the structs that a type contains, including itself."""
     structs: set[type] = set()
     to_do = [annotation]
     while to_do:
@@ -179,7 +179,7 @@ def _list_structs(annotation: Any) -> set[type]:
 
 
 def write_page_types() -> str:
-    """Write the text of `page/messages.d.ts`."""
+    """Return the text of `page/messages.d.ts`."""
     return _Writer().write()
 
 

@@ -1,8 +1,9 @@
-"""Prefetch the screens that the next inputs lead to outside of episodes, and the pictures of films; and look
-ahead in episodes where a page does not compute: the scenes that the next key would lead to. No I/O, no clock.
+"""Prefetching of the screens, film pictures and scenes that a page may show next. No I/O, no clock.
 
-A copy of the session tries each likely input; the session's own screen counts where the two differ. Films are drawn one
-picture at a time: a whole episode at once would keep all other participants waiting.
+Outside of episodes, copies of the session try each likely input to find the screens that it leads to. If the copy's
+screen differs from the session's, the session's counts. In an episode that the page does not compute itself, look-ahead
+finds the scenes that the next keys lead to. Films are drawn one picture at a time, since a whole episode at once would
+keep all other participants waiting.
 """
 
 import hashlib
@@ -44,7 +45,7 @@ _NAME_BITS = 2**52 - 1  # of a scene's hash: what a page's numbers hold
 
 @dataclass(slots=True, eq=False)
 class SceneNode:
-    """A state of the world, whatever its age in steps."""
+    """A state of the world, regardless of how many steps it took to reach."""
 
     hash: int
     picture: int
@@ -54,27 +55,27 @@ class SceneNode:
 
     @property
     def name(self) -> int:
-        """Return the page's name of the scene: the same in every graph."""
+        """Return the page's name of the scene, which is the same in every graph."""
         return name_scene(self.hash)
 
 
 def name_scene(scene_hash: int) -> int:
-    """Return the page's name of a scene."""
+    """Return the page's name of a scene, from the scene's hash."""
     return scene_hash & _NAME_BITS
 
 
 class LookAheadGraph:
-    """Looks ahead in one episode.
+    """Finds the scenes to which the next actions of one episode lead.
 
     Args:
         plan: the episode.
-        make_world: makes a world for an id and its options.
-        actions: those that can happen: what keys do, and the no-op where time makes steps.
-        picture_px: the largest picture wanted, width and height.
+        make_world: makes a world from an id and its options.
+        actions: the actions that can occur: those of keys, and the no-op if time makes steps.
+        picture_px: the largest picture wanted, as width and height.
         image_cache: numbers and packs pictures.
-        world: one made for this episode's world before, to be used again.
-        blind: look at what the session does alone, one round trip later.
-        actual: the session's own world, where no other can restore its copies: then it alone is looked at, too.
+        world: a world made earlier for the same id and options, to be reused.
+        blind: whether to follow only the session's own steps, one round trip later, without looking ahead.
+        actual: the session's own world, if no other world can restore its copies; the graph is then blind, too.
     """
 
     def __init__(
@@ -108,31 +109,35 @@ class LookAheadGraph:
         self.root = self._scene(self.world)
 
     def step(self, action: int, actual: World) -> SceneNode:
-        """Follow a step of the session.
+        """Follow a step of the session; return the scene that it led to.
 
         Args:
-            action: what it did.
-            actual: its world, now; what it shows counts where the two differ.
+            action: the session's action.
+            actual: the session's world after the step; its scene counts if the predicted one differs.
         """
         self.look(action)
         edge = self.root.edges.get(action)
-        if edge is None or edge[0].hash != actual.scene_hash():
-            self.wrong += edge is not None
+        if edge is None:
             self.move_to(actual)
+            return self.root
+        predicted, _ = edge
+        if predicted.hash == actual.scene_hash():
+            self.root = predicted
         else:
-            self.root = edge[0]
+            self.wrong += 1
+            self.move_to(actual)
         return self.root
 
     def move_to(self, actual: World) -> None:
-        """Move to where the session is, by its own world."""
+        """Move to the scene that the session's own world is in."""
         self.root = self._scene(actual)
 
     def grow(self) -> bool:
-        """Look at one action that is not known from here; False if all are."""
+        """Try one action not yet tried in the present scene; return False if all are known."""
         return any(self.look(action) for action in self._actions)
 
     def look(self, action: int) -> bool:
-        """See where an action leads from here; False if that is known or cannot be."""
+        """Find the scene to which an action leads; return False if it is known or cannot be found."""
         root = self.root
         world = self.world
         if self.blind or root.closed or action in root.edges:
@@ -154,11 +159,11 @@ class LookAheadGraph:
 
     @property
     def picture_hash(self) -> int:
-        """Return the hash of the picture that the page shows where the session is; 0 where none was taken."""
+        """Return the hash of the picture that the page shows for the present scene; 0 if none was computed."""
         return self._picture_hashes.get(self.root.name, 0)
 
     def take_new(self) -> LookAheadUpdate | None:
-        """Take what the page does not know yet."""
+        """Return the scenes and edges that the page has not been sent; None if there are none."""
         nodes = self._new_nodes
         edges = self._new_edges
         self._new_nodes = []
@@ -168,7 +173,7 @@ class LookAheadGraph:
         return None
 
     def _scene(self, world: World, *, closed: bool = False) -> SceneNode:
-        """Find the scene that a world is in; add it if it is new."""
+        """Return the scene that a world is in, adding it to the graph if it is new."""
         scene_hash = world.scene_hash()
         known = self._scenes.get(scene_hash)
         if known is not None and (closed or not known.closed):
@@ -207,7 +212,7 @@ _MOVING = ("step", "controller", "controller_text")  # of a screen that the page
 
 @dataclass(slots=True)
 class _CopiedScreen:
-    """A screen, and the session that shows it."""
+    """A screen, with the copy of the session that shows it."""
 
     name: int
     session: SessionMachine
@@ -215,10 +220,10 @@ class _CopiedScreen:
 
 
 class ScreenPrefetcher:
-    """Finds the screens that inputs lead to from where a session is.
+    """Finds the screens to which inputs lead from the session's present screen.
 
     Args:
-        number: numbers a picture, which is sent before the screen that has it.
+        number: gives a picture its number; the picture is sent before the screen that contains it.
         lend: lends a world that may be reset.
     """
 
@@ -234,7 +239,7 @@ class ScreenPrefetcher:
         self._new_edges: list[tuple[int, str, int]] = []
 
     def start_from(self, session: SessionMachine, name: int) -> None:
-        """Start from another screen of the session."""
+        """Start again from another screen of the session."""
         self._to_do.clear()
         self._left = _MOST_TRIES
         self._looked_from = set()
@@ -242,7 +247,7 @@ class ScreenPrefetcher:
             self._look_at(_CopiedScreen(name, session, 0))
 
     def grow(self, rtt_ns: int) -> bool:
-        """Try one input; False where there is none that is worth it."""
+        """Try one input; return False if none is left that is worth trying at this round-trip time."""
         deepest = 3
         if rtt_ns < NEAR_RTT_NS:
             deepest = 1
@@ -255,7 +260,7 @@ class ScreenPrefetcher:
         return False
 
     def take_new(self) -> ScreenPrefetch | None:
-        """Take what the page does not know yet."""
+        """Return the screens and edges that the page has not been sent; None if there are none."""
         screens = self._new_screens
         edges = self._new_edges
         self._new_screens = []
@@ -298,19 +303,22 @@ class ScreenPrefetcher:
 
 
 def _locate_beginning(play: RunningEpisode | None) -> tuple[int, int]:
-    """Return the episode that begins with a screen, and the scene that it begins in; -1 where none does."""
+    """Return the episode that begins with a screen and the scene that it begins in; both are -1 if none begins."""
     if play is None:
         return -1, -1
     return play.plan.episode, name_scene(play.world.scene_hash())
 
 
 def describe_screen(session: SessionMachine, number: NumberPicture, known: int = 0) -> tuple[dict[str, Any], int]:
-    """Return a screen's values for the page and its name, which is the same wherever the session is in the same state.
+    """Return a screen's values for the page, and its name.
+
+    The name depends on the screen's content and the session's state alone, so a copy of the session yields the same
+    name.
 
     Args:
-        session: as it stands.
+        session: the session in its present state.
         number: gives a picture its number.
-        known: the name of what the page has; a film is not sent again for each step.
+        known: the name of the screen that the page has; a film is not sent again for each of its steps.
     """
     screen = session.screen
     if isinstance(screen, FilmsScreen):
@@ -335,12 +343,12 @@ def _name(looks: object, session: SessionMachine) -> int:
 
 
 def advances_by_itself(session: SessionMachine) -> bool:
-    """Whether the page moves what is on the screen: an episode that is played or gone through, two films."""
+    """Return whether the page advances the screen by itself: in an episode, or while films are shown."""
     return session.play is not None or isinstance(session.screen, FilmsScreen)
 
 
 def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
-    """List likely next inputs, the likeliest first, as the page names them: "key:enter", "point:go_on", "tick"."""
+    """Yield the names of likely inputs, such as "key:enter", "point:go_on" or "tick", likeliest first."""
     screen: Screen = session.screen
     if session.next_tick_ns is not None:
         yield _TICK
@@ -382,7 +390,7 @@ def _choices(count: int) -> Iterator[str]:
 
 
 def _mark_shown(session: SessionMachine) -> tuple[int, int]:
-    """Mark the screen as shown; return when it was, and when an input may follow."""
+    """Report the screen as displayed; return the display time and the earliest time of an input after it."""
     flip_ns = session.now_ns + _FLIP_NS
     if isinstance(session.screen, BlankScreen | TextScreen | PlayScreen):
         session.receive(ScreenShown(flip_ns, flip_ns, flip_ns))
@@ -400,10 +408,10 @@ def _input(input_name: str, at_ns: int) -> Input:
 
 
 class FilmPrefetcher:
-    """Draws what is left of the films on the screen, a picture at a time.
+    """Draws the remaining pictures of the films on the screen, one at a time.
 
     Args:
-        number: numbers a picture, which is sent before the frame that has it.
+        number: gives a picture its number; the picture is sent before the frame that contains it.
     """
 
     def __init__(self, number: NumberPicture) -> None:
@@ -413,7 +421,7 @@ class FilmPrefetcher:
         self._to_do: deque[tuple[int, int]] = deque()  # films and indices in them, the next to be seen first
 
     def start_from(self, screen: Screen, name: int) -> None:
-        """Start from a screen that was sent with its first pictures."""
+        """Start again from a screen whose first pictures were sent with it."""
         self._name = name
         self._films = ()
         step = 0
@@ -428,7 +436,7 @@ class FilmPrefetcher:
         self._to_do = deque((side, copied) for away, side, copied in sorted(places) if away)
 
     def grow(self) -> FilmFrame | None:
-        """Draw the next picture; None if all are there."""
+        """Draw the next picture; return None if none is left."""
         if not self._to_do:
             return None
         side, copied = self._to_do.popleft()

@@ -1,4 +1,4 @@
-"""Refusals: what a page says when its participant may not take part, and the code that some get all the same.
+"""Refusals: what a page shows when its participant may not take part, sometimes with a completion code.
 
 No I/O.
 """
@@ -24,7 +24,7 @@ WAIT = Refusal("wait", "")  # the page tries again by itself
 
 
 class RefusalTexts:
-    """Words a study's refusals in its language.
+    """Builds a study's refusals, in the study's language.
 
     Args:
         protocol: the study.
@@ -36,7 +36,7 @@ class RefusalTexts:
         self._texts = get_page_texts(protocol.study.language)
 
     def ask_to_reload(self) -> Refusal:
-        """Refuse a page of another release, which is loaded again by itself."""
+        """Refuse a page of another release, which then reloads itself."""
         return Refusal("old", self._texts["busy"])
 
     def turn_away(self, reason: str, *, person: str = "") -> Refusal:
@@ -59,7 +59,7 @@ class RefusalTexts:
         return self._with_code(reason, words, build_completion(self._web, "screened_out", person=person))
 
     def answer_rejection(self, rejection: Rejection) -> Refusal:
-        """Refuse a visitor; one who has taken part and comes again gets the code again."""
+        """Refuse a rejected visitor; one who has taken part before gets their completion code again."""
         if rejection.reason == "wait":
             return WAIT
         if not rejection.ended:

@@ -1,6 +1,6 @@
-"""The fields of a screen as a page has it, kind by kind. `page/messages.d.ts` is generated from here.
+"""The fields of each kind of screen in the page; `page/messages.d.ts` is generated from here.
 
-What is not in every screen of a kind is not required.
+Fields that not every screen of a kind has are not required.
 """
 
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from minihuman.experiment.machine.screens import AnswerWidget, ControlIndicator,
 
 @dataclass(frozen=True, slots=True)
 class PageType:
-    """Says in an annotation what a page finds in a field that this side does not look into."""
+    """An annotation that states the page's type of a field that the server itself does not inspect."""
 
     form: Any  # a type
 
 
 class ScreenLocale(TypedDict):
-    """How a screen's words are written."""
+    """The language, writing direction and theme of a screen."""
 
     language: str
     rtl: bool
@@ -25,7 +25,7 @@ class ScreenLocale(TypedDict):
 
 
 class ButtonValues(TypedDict):
-    """A spot to click; ``name`` is the target of the pointer's messages."""
+    """A button; ``name`` is the target in the pointer's messages."""
 
     name: str
     label: str
@@ -33,7 +33,7 @@ class ButtonValues(TypedDict):
 
 
 class KeyValues(TypedDict):
-    """A key of a drawn keyboard; lengths are in widths of a key."""
+    """A key of a drawn keyboard; lengths are multiples of one key's width."""
 
     x: float
     y: float
@@ -44,7 +44,7 @@ class KeyValues(TypedDict):
 
 
 class TextValues(ScreenLocale):
-    """A few words to read."""
+    """A short text to read, with the keys to try if it has any."""
 
     kind: Literal["text"]
     title: str
@@ -57,16 +57,17 @@ class TextValues(ScreenLocale):
 
 
 class BlankValues(ScreenLocale):
-    """Nothing, or a cross to look at."""
+    """A blank screen, or one with a fixation cross."""
 
     kind: Literal["blank"]
     cross: bool
 
 
 class PlayValues(ScreenLocale):
-    """What is around an episode's picture; the picture itself only where it is held, since scenes have theirs.
+    """The texts around an episode's picture, and the picture itself while it is held.
 
-    Kinds of block add fields of their own: `ActivityKind.page_fields`.
+    At other times the picture comes with the scene. Block kinds add their own fields through
+    `ActivityKind.page_fields`.
     """
 
     kind: Literal["play"]
@@ -84,7 +85,7 @@ class PlayValues(ScreenLocale):
 
 
 class PageValues(ScreenLocale):
-    """A page of a text, with a picture above it where it has one."""
+    """A page of a text, with its picture above it if it has one."""
 
     kind: Literal["page"]
     title: str
@@ -111,7 +112,7 @@ class QuestionValues(ScreenLocale):
 
 
 class ActivityValues(ScreenLocale):
-    """A screen of one kind of activity, which the module at that address draws; it has fields of its own."""
+    """A screen of one activity kind, drawn by the module at ``module``; the kind adds its own fields."""
 
     kind: Literal["activity"]
     view: str

@@ -1,9 +1,10 @@
-"""Screens as plain values for the page: one function per kind of screen. The page decides how they look. No I/O.
+"""Screens as plain values for the page, with one function per kind of screen. The page decides how they look. No I/O.
 
-The image cache sends each picture once, by its content, packed as small as can be decoded in time.
+The image cache sends each distinct picture once, packed as small as the page can decode in time.
 
-What every activity may show is a function here with its row, and a function of the same name in ``page/screens.js``. A
-kind's own screen says itself how the page shows it, or is sent as the picture that a window would show.
+A screen that every activity may show has a converter here, in `CONVERTERS`, and a function of the same name in
+``page/screens.js``. An activity kind's own screen states how the page shows it, or is sent as the picture that a window
+would show.
 """
 
 from collections import OrderedDict
@@ -43,7 +44,7 @@ NumberPicture = Callable[[NDArray[np.uint8]], int]  # a picture's number; it is 
 
 
 def convert_screen(screen: screens.Screen, number: NumberPicture) -> dict[str, Any]:
-    """Convert a screen to JSON values: its kind, its locale, and the fields of the kind."""
+    """Convert a screen to JSON values: its kind, its locale, and the kind's fields."""
     if isinstance(screen, screens.ActivityScreen):
         return _activity(screen, number)
     return dict(CONVERTERS[type(screen)](screen, number))
@@ -57,7 +58,7 @@ def _locale(screen: screens.Screen) -> ScreenLocale:
 
 
 def _activity(screen: screens.ActivityScreen, number: NumberPicture) -> dict[str, Any]:
-    """Convert a kind's own screen; to a page with a picture where the kind has no view for pages."""
+    """Convert an activity kind's own screen; if the kind has no view for pages, convert its picture to a page."""
     view = screen.page_view
     if view is None:
         return dict(_picture(screen, number))
@@ -70,7 +71,7 @@ def _activity(screen: screens.ActivityScreen, number: NumberPicture) -> dict[str
 
 
 def select_values(screen: screens.Screen, names: str) -> dict[str, Any]:
-    """Select a screen's fields by their names, which spaces separate."""
+    """Return a screen's fields with the given names, which are separated by spaces."""
     return {name: getattr(screen, name) for name in names.split()}
 
 
@@ -127,7 +128,7 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
 
 
 def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
-    """Number the picture of a film that is seen; the others, which are drawn later, are `PENDING_PICTURE`."""
+    """Number only the film's current picture; the others are drawn later and are `PENDING_PICTURE`."""
     current = min(step, len(pictures) - 1)
     numbers = [PENDING_PICTURE] * len(pictures)
     if pictures:
@@ -136,6 +137,9 @@ def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: Numbe
 
 
 def _page(screen: screens.PageScreen, number: NumberPicture) -> PageValues:
+    picture = None
+    if screen.picture is not None:
+        picture = number(screen.picture)
     return {
         "kind": "page",
         **_locale(screen),
@@ -145,7 +149,7 @@ def _page(screen: screens.PageScreen, number: NumberPicture) -> PageValues:
         "prompt": screen.prompt,
         "progress": screen.progress,
         "buttons": _buttons(screen),
-        "picture": None if screen.picture is None else number(screen.picture),
+        "picture": picture,
         "marks": [(mark.x, mark.y, mark.label) for mark in screen.marks],
     }
 
@@ -195,14 +199,14 @@ _SHARED_BYTES = 32 * 2**20  # of packed pictures that are cached for all session
 
 
 class _SharedImages:
-    """Packed pictures by what they show, the latest: in grids many people see the same ones."""
+    """Caches recently packed pictures for all sessions, since many participants see the same grids."""
 
     def __init__(self) -> None:
         self._packed: OrderedDict[tuple[bytes, ImageEncoding], tuple[int, bytes]] = OrderedDict()
         self._bytes = 0
 
     def of(self, digest: bytes, encoding: ImageEncoding, picture: NDArray[np.uint8]) -> tuple[int, bytes]:
-        """Pack a picture, or find it packed; return its encoding and its bytes."""
+        """Return a picture's encoding and packed bytes, from the cache if they are there."""
         known = self._packed.get((digest, encoding))
         if known is not None:
             self._packed.move_to_end((digest, encoding))
@@ -221,7 +225,8 @@ class ImageCache:
     """Numbers pictures, and packs those that the page does not have.
 
     Args:
-        encoding: "lossless", "jpeg", or "auto": exact where that is small, as for a grid, else JPEG.
+        encoding: "lossless", "jpeg" or "auto"; "auto" is lossless if the result is small, as for grids, and JPEG
+            otherwise.
     """
 
     def __init__(self, encoding: ImageEncoding = "auto") -> None:
@@ -232,12 +237,12 @@ class ImageCache:
         self._tiles: dict[Hashable, int] = {}  # numbers of tiles, by key
 
     def number(self, picture: NDArray[np.uint8], *, is_tile: bool = False, picture_hash: int = 0) -> int:
-        """Number a picture; a new one is to be sent before it is named.
+        """Return a picture's number; a new picture must be sent before a message refers to it.
 
         Args:
-            picture: uint8[H, W, 3].
-            is_tile: whether it is one of a picture's tiles, which are packed exactly.
-            picture_hash: its hash by `hash_picture`, where that was taken already.
+            picture: the picture, uint8[H, W, 3].
+            is_tile: whether the picture is a tile of another one; tiles are packed losslessly.
+            picture_hash: the picture's `hash_picture`, if it was computed already; 0 otherwise.
         """
         raw = np.ascontiguousarray(picture)
         digest = (picture_hash or hash_picture(raw)).to_bytes(8, "little") + bytes(str(picture.shape), "ascii")
@@ -250,7 +255,7 @@ class ImageCache:
         return self._numbers[digest]
 
     def number_tiles(self, tiles: PictureTiles) -> int:
-        """Number a picture of tiles, which have numbers of their own: only new ones are packed."""
+        """Return the number of a picture that is made of tiles; only new tiles are packed."""
         new = dict.fromkeys(key for key in tiles.keys if key not in self._tiles)
         self._tiles |= {key: self.number(tiles.draw(*key), is_tile=True) for key in new}
         data = np.array([self._tiles[key] for key in tiles.keys], "<u4").tobytes()
@@ -266,12 +271,12 @@ class ImageCache:
         self.next += 1
 
     def forget(self) -> None:
-        """Forget all pictures, as the page does: one that comes again is new."""
+        """Forget all pictures, as the page does, so that a repeated picture is new again."""
         self._numbers.clear()
         self._tiles.clear()
 
     def take_new(self) -> list[PictureMessage]:
-        """Take the pictures that are to be sent."""
+        """Return the pictures that have not been sent, and mark them as sent."""
         new = self._new
         self._new = []
         return new
@@ -286,6 +291,6 @@ def _encode_picture(encoding: ImageEncoding, picture: NDArray[np.uint8]) -> tupl
 
 
 def _may_be_flat(picture: NDArray[np.uint8]) -> bool:
-    """Whether it is worth packing all of it to find out; what is drawn of many colours shows in some rows."""
+    """Return whether a sample of rows suggests that the picture has few colours and packs well."""
     rows = picture[:: max(_EVERY, len(picture) // _ROWS)]
     return len(isal_zlib.compress(rows.tobytes(), _LEVEL)) < 2 * _FLAT * rows.nbytes

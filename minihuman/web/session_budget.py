@@ -1,6 +1,6 @@
-"""How many bytes a page may send in a session: what its plan can honestly need, times a factor. No I/O.
+"""The number of bytes that a page may send in a session: what its plan can honestly need, times a factor. No I/O.
 
-A rate limit of messages lets one page write a gigabyte in twenty minutes, which fills the disk for everyone.
+A rate limit on messages alone would let one page write a gigabyte in twenty minutes, which fills the disk for everyone.
 """
 
 from minihuman.experiment.plan.session_plan import SessionPlan, needs_gamepad
@@ -18,10 +18,10 @@ _GAMEPAD_BYTES_PER_S = 60 * 2 * (60 + MESSAGE_COST_BYTES)  # both axes of a stic
 
 
 class SessionBudget:
-    """Limits the bytes of one session.
+    """Limits the bytes that a page may send in one session.
 
     Args:
-        plan: what is played.
+        plan: the session's plan.
     """
 
     def __init__(self, plan: SessionPlan) -> None:
@@ -34,17 +34,17 @@ class SessionBudget:
             self._bytes_per_s += _TEXT_BYTES_PER_S
 
     def spend(self, n_bytes: int, session_ns: int) -> bool:
-        """Take the bytes of a message into account; False once they are more than the session can need by now."""
+        """Count the bytes of a message; return False if the session has now sent more than it can need by this time."""
         self.spent_bytes += n_bytes + MESSAGE_COST_BYTES
         return self.spent_bytes <= self.find_limit_bytes(session_ns)
 
     def find_limit_bytes(self, session_ns: int) -> int:
-        """Return how many bytes a session can need until a time of it."""
+        """Return how many bytes a session can need up to this time in the session."""
         return self._fixed_bytes + self._bytes_per_s * max(0, session_ns) // 1_000_000_000
 
 
 def estimate_plan_bytes(plan: SessionPlan) -> int:
-    """Estimate what a plan needs at full length: every step of every episode, every answer as long as it may be."""
+    """Estimate the bytes that a plan needs with every step of every episode and the longest answers."""
     steps = sum(min(episode.max_steps, _MAX_STEPS) for episode in plan.episodes)
     answer_characters = sum(
         getattr(item, "longest", 0) for part in plan.parts for item in getattr(part.plan, "items", ())

@@ -1,6 +1,6 @@
-"""The clocks of a session in a browser: the session's time by the server's clock, and the page's compared with it.
+"""The clocks of a session in a browser: the session's time, and the page's clock compared with the server's.
 
-No I/O: every time comes in as an argument.
+No I/O: all times are passed in as arguments.
 """
 
 from minihuman.experiment.machine.events import CLOCK_NOTE, Linked
@@ -16,13 +16,13 @@ _NEVER_NS = 1 << 62
 
 
 class SegmentClock:
-    """Tells a segment's time by the server's clock, which bounds the times that a page claims.
+    """Keeps a segment's time by the server's clock, which bounds the times that a page claims.
 
     Args:
         zero_ns: the server's monotonic time at the session's time 0.
-        wall_ns: the wall clock at ``monotonic_ns``: it goes on while the server's machine sleeps.
-        monotonic_ns: the present time.
-        outage_ns: for how long, at most, no server had the session, beyond what the wall clock says.
+        wall_ns: the wall clock at ``monotonic_ns``; unlike the monotonic clock it advances while the machine sleeps.
+        monotonic_ns: the present monotonic time.
+        outage_ns: the longest time without a server that the wall clock does not account for.
     """
 
     def __init__(self, zero_ns: int, *, wall_ns: int = 0, monotonic_ns: int = 0, outage_ns: int = 0) -> None:
@@ -34,16 +34,16 @@ class SegmentClock:
         self._claimed_ns = _NOTED_AHEAD_NS
 
     def at(self, monotonic_ns: int) -> int:
-        """Return the session's time at a monotonic time of the server's."""
+        """Return the session's time at a monotonic time of the server."""
         return monotonic_ns - self._zero_ns
 
     def catch_up(self, ahead_ns: int, *, wall_ns: int, monotonic_ns: int) -> str:
-        """Go on from the time of a page whose clock ran on, by ``ahead_ns``, while there was no server.
+        """Advance to the time of a page whose clock ran on, by ``ahead_ns``, while there was no server.
 
-        What the page claims counts for as long as this server or the one before was away, and once only.
+        The page's claim counts only up to the time for which this server or the previous one was away, and only once.
 
         Returns:
-            a note where the page claims more than a second, and more than twice what it claimed before; "" if not.
+            A note if the page claims more than a second, and more than twice its previous claim; otherwise "".
         """
         asleep_ns = max(0, wall_ns - monotonic_ns - self._wall_zero_ns)
         known_ns = max(0, self._outage_ns + asleep_ns - self._caught_up_ns)
@@ -57,17 +57,17 @@ class SegmentClock:
         return f"{CLOCK_NOTE} was claimed to be {claimed}; {counted_ns / 1e9:.3f} s count"
 
     def allows(self, at_ns: int, now_ns: int) -> bool:
-        """Whether a page's time can be ``at_ns`` when the session's is ``now_ns``."""
+        """Return whether a page's clock can plausibly read ``at_ns`` when the session's time is ``now_ns``."""
         return at_ns <= now_ns + _AHEAD_NS + now_ns // 1000
 
     def check(self, number: int, at_ns: int, now_ns: int) -> str:
         """Check the time that a page claims for a message.
 
         Returns:
-            a note where it is more than a second ahead, or a second more than noted before; "" if not.
+            A note if the time is more than a second ahead, or a second more than noted before; otherwise "".
 
         Raises:
-            MessageError: if it is further ahead of the session's time ``now_ns`` than two clocks can be apart.
+            MessageError: if the time is further ahead of the session's time ``now_ns`` than two clocks can differ.
         """
         if not self.allows(at_ns, now_ns):
             raise MessageError(
@@ -81,7 +81,7 @@ class SegmentClock:
 
 
 class PageClock:
-    """Compares the page's clock with the server's, by what the page measured and by when its messages came."""
+    """Compares the page's clock with the server's, by measured round trips and by the arrival of messages."""
 
     def __init__(self) -> None:
         self.rtt_ns: int | None = None  # of the quickest of the latest; None until one was measured
@@ -94,10 +94,14 @@ class PageClock:
         self._least_lag_ns = _NEVER_NS
 
     def arrive(self, at_ns: int, arrival_ns: int) -> str:
-        """Take the page's time of a message and the server's when it came: all but the quickest waited on the way.
+        """Compare a message's time with its time of arrival; only the fastest messages are informative.
+
+        Args:
+            at_ns: the message's time by the page's clock, in nanoseconds.
+            arrival_ns: the time of arrival by the server's clock, in nanoseconds.
 
         Returns:
-            a note where a page that measures nothing moved its time; "" if not.
+            A note if a page that measures nothing moved its time; otherwise "".
         """
         if self._began_ns is None:
             self._began_ns = arrival_ns
@@ -110,7 +114,7 @@ class PageClock:
         )
 
     def look(self, link: Linked, arrival_ns: int) -> str:
-        """Return how far the page's time has moved against the server's clock, if that is too far; "" if not."""
+        """Return a note if the page's time has moved too far against the server's clock; otherwise ""."""
         return self._compare(arrival_ns, error_ns=link.error_ns, is_early=link.drift_ppm is None)
 
     def _compare(self, arrival_ns: int, *, error_ns: int, is_early: bool) -> str:
@@ -127,11 +131,11 @@ class PageClock:
         return f"{CLOCK_NOTE} moved by {drift_ns / 1e6:+.0f} ms against the times at which its messages came"
 
     def linked(self, at_ns: int, link: RoundTripMessage) -> Linked:
-        """Return an event for the log.
+        """Return the log event for a measured round trip.
 
         Args:
-            at_ns: the session's time.
-            link: the quickest of the page's latest messages there and back.
+            at_ns: the session's time in nanoseconds.
+            link: the fastest of the page's latest round trips.
         """
         least_ns = max(0, (link.back - link.sent) - (link.answered - link.received))
         offset_ns = ((link.received - link.sent) + (link.answered - link.back)) // 2

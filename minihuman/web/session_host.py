@@ -1,8 +1,8 @@
-"""The session host: one participant's session between a page and a log. Messages in, messages out; no socket, no clock.
+"""The session host: one participant's session between a page and a log, with messages in and out. No socket, no clock.
 
-The page is the only source of inputs, and stamps them; the session alone decides their effect, and what the page showed
-in advance is compared with it at every step. The offset between page and server clock comes from the message with the
-shortest round trip.
+The page is the only source of inputs, and timestamps them. The session alone decides their effect, and what the page
+showed in advance is compared with the session at every step. The offset between the page's and the server's clock is
+taken from the message with the shortest round trip.
 """
 
 from collections.abc import Sequence
@@ -30,13 +30,13 @@ class SessionHost:
     """Receives the page's messages and fills the outbox with the answers.
 
     Args:
-        session: new, or resumed from its log.
-        recorder: where its events go; the session's, and a few of the page's own.
+        session: the session, new or resumed from its log.
+        recorder: the recorder of the session's events and of a few events of the page.
         make_world: makes worlds to look ahead in.
-        settings: what of the protocol is about pages.
-        agent: answers what a part wants from outside; None where no part does.
+        settings: the protocol's settings for pages.
+        agent: answers the parts' requests to agents and other participants; None if no part makes requests.
         logged: the events of the log that the session is resumed from.
-        unwritten: events of that session that the log does not hold.
+        unwritten: the session's events that the log does not contain yet.
     """
 
     def __init__(
@@ -73,37 +73,38 @@ class SessionHost:
 
     @property
     def over(self) -> bool:
-        """Whether the session is."""
+        """Return whether the session is over."""
         return self.session.over
 
     @property
     def outgoing(self) -> OutgoingStream[messages.ServerMessage | messages.PictureMessage]:
-        """Return the messages to the page; another object after a restart."""
+        """Return the stream of messages to the page; a restart replaces it."""
         return self.outbox.outgoing
 
     @property
     def is_polled(self) -> bool:
-        """Whether a part may want something from outside; in joint turns the page asks four times a second."""
+        """Return whether the host must be polled for answers, which in joint turns the page's ticks do."""
         play = self.session.play
         return self._agent is not None and (play is None or not play.is_joint or play.real_time)
 
     def safe(self, durable: int | None = None) -> int:
-        """Return the last of the page's messages that may be acknowledged, and all before it: those on the disk.
+        """Return the last of the page's messages that may be acknowledged, which is on the disk with all before it.
 
         Args:
-            durable: how many of the recorder's writes count, if not all on the disk; -1: not even those before it.
+            durable: how many of the recorder's writes count; None for all that are on the disk, -1 for none at all.
         """
         return self._writer.safe(durable)
 
     # Inputs
 
     def begin_stream(self, settled: int) -> None:
-        """Begin with another stream of the page's: it was loaded again, or is open in another tab.
+        """Begin another stream of the page, which was reloaded or is open in another tab.
 
-        What of it is not later than the session was taken under another number, or never will be.
+        Messages of the stream that are not later than the session's time are not taken: each was taken under another
+        number, or never will be.
 
         Args:
-            settled: the last of its messages that were acknowledged.
+            settled: the number of the stream's last acknowledged message.
         """
         self.outbox.through = settled
         self.outbox.moved = settled
@@ -112,7 +113,7 @@ class SessionHost:
         self.link = PageClock()
 
     def note(self, text: str) -> None:
-        """Note something of the page at the time of its next message; "" is nothing."""
+        """Keep a note about the page, to be logged with its next message; "" is ignored."""
         if text:
             self._notes.append(text)
 
@@ -125,19 +126,19 @@ class SessionHost:
         more: bool = False,
         arrival_ns: int | None = None,
     ) -> bool:
-        """Take a numbered message of the page's, and say whether the world made a step.
+        """Handle a numbered message of the page; return whether the world made a step.
 
         Args:
-            number: the message's.
-            at_ns: its time.
+            number: the message's number.
+            at_ns: the message's time in nanoseconds.
             message: the message.
-            more: whether others came with it: of an episode those that lead nowhere are one write and one answer with
-                what follows, and where the page computes all are.
-            arrival_ns: when it came, by the server's clock; None: the clocks are not compared.
+            more: whether further messages arrived with this one. In an episode, a message that leads nowhere is then
+                written and answered with the next; if the page computes the episode, every message is.
+            arrival_ns: the time of arrival by the server's clock; None to leave the clocks uncompared.
 
         Raises:
             LogError: if the log cannot be written.
-            MessageError: if its time is not later than the last one's.
+            MessageError: if the time is not later than that of the last message.
         """
         self.outbox.through = number
         leads = self.outbox.waits_for(message)
@@ -167,7 +168,7 @@ class SessionHost:
         return is_step
 
     def _add_notes(self, message: messages.PageMessage, at_ns: int, events: list[Event]) -> list[Event]:
-        """Put notes of the page before a message's events, and how its step differed from the session's."""
+        """Return a message's events, preceded by notes about the page and about differences of its step."""
         notes = self._notes
         self._notes = []
         if difference := self.outbox.compare(message, events):
@@ -175,7 +176,7 @@ class SessionHost:
         return [*(Noted(at_ns, BROWSER_NOTE, note) for note in notes), *events]
 
     def _advance(self, number: int, at_ns: int, message: messages.PageMessage, arrival_ns: int | None) -> None:
-        """Let the session's time be a message's."""
+        """Advance the session's time to that of a message."""
         if at_ns <= self.last_at_ns:
             raise messages.MessageError(
                 f"message {number} has time {at_ns} ns, which is not after the previous one's {self.last_at_ns} ns; "
@@ -190,7 +191,7 @@ class SessionHost:
         self._has_begun = True
 
     def stop(self, stop: inputs.Stop | inputs.ExperimenterCommand) -> None:
-        """End the session from outside, or do what the experimenter asks while no page is there.
+        """End the session from outside, or carry out an experimenter's command while no page is connected.
 
         Raises:
             LogError: if the log cannot be written.
@@ -198,7 +199,7 @@ class SessionHost:
         self._writer.write(self.session.receive(stop))
 
     def ask(self, command: str, text: str) -> None:
-        """Let the page say when the experimenter's wish reached it."""
+        """Have the experimenter's command carried out at the time at which it reaches the page."""
         self._ask_page(lambda at_ns: inputs.ExperimenterCommand(at_ns, command, text))  # type: ignore[arg-type]
 
     def _ask_page(self, make_input: MakeInput) -> None:
@@ -207,9 +208,9 @@ class SessionHost:
     # What a part wants from outside
 
     def _answer(self) -> None:
-        """Answer the part's requests at the time of the page's last message, and tell the page where that led.
+        """Answer the part's requests at the time of the page's last message, and send the page the resulting state.
 
-        What takes long is polled for.
+        Requests whose answer takes long are left to ``poll``.
         """
         while self._agent is not None and not self.session.over and (request := self.session.request) is not None:
             answer = None
@@ -225,7 +226,7 @@ class SessionHost:
         self.outbox.send_state()
 
     def poll(self) -> bool:
-        """See whether others, or what takes long, have an answer; True if there is something to tell the page."""
+        """Check whether a pending request has an answer; return True if there is news for the page."""
         request = self._request
         if request is not None and request.awaits_others:
             count = self._writer.count
@@ -243,21 +244,24 @@ class SessionHost:
 
     @property
     def _request(self) -> ActivityRequest | None:
-        """Return what a part of the session wants from outside."""
+        """Return the present request of the session's part to an agent or to others; None if there is none."""
         if self.session.over:
             return None
         return self.session.request
 
     @property
     def _long_request(self) -> ActivityRequest | None:
-        """Return the request whose answer takes long, where it can be taken now; during an episode it has to wait."""
+        """Return the present request if its answer takes long; None otherwise, as during an episode."""
         request = self._request
         if request is not None and request.takes_long:
             return request
         return None
 
     def _take_prepared(self, at_ns: int) -> inputs.Input | None:
-        """Return the answer that took long; if an episode has begun since the page is asked again after it."""
+        """Return the prepared answer to a long request, timed at the page's echo.
+
+        If an episode has begun in the meantime, return None; the page is asked again after the episode.
+        """
         self._is_announced = False
         if self._prepared is None or self._long_request is None:
             return None
@@ -302,7 +306,7 @@ class SessionHost:
         return self.session.receive(page_input, at_ns=at_ns, draws=self._draws)
 
     def _step_shown(self, message: messages.DisplayedMessage, at_ns: int) -> list[Event]:
-        """Take word of a step's picture, compared with where the session was then."""
+        """Return the events of a displayed step's picture, with notes on how it differs from the session's."""
         steps = self.outbox.steps
         if not steps.knows(message):
             steps.keep_early(message)
@@ -321,13 +325,14 @@ class SessionHost:
     # Messages to the page
 
     def grow(self) -> bool:
-        """Look one scene, or one screen, further ahead; False if there is nothing to look at."""
+        """Look one scene or one screen further ahead; return False if nothing is left."""
         return self.outbox.grow(self.link.rtt_ns or _FAR_RTT_NS)
 
     def restart(self, *, computes: bool | None = None) -> None:
-        """Tell the page everything from the start: it is another one, or knows nothing any more.
+        """Send the page everything from the start, because it is a new page or knows nothing any more.
 
-        ``computes`` says whether it has compiled the rules that are here; None: it is as it was.
+        Args:
+            computes: whether the page has compiled the rules of this server; None to leave that as it was.
         """
         if computes is not None:
             self.outbox.page_computes = computes
@@ -336,12 +341,12 @@ class SessionHost:
             self._answer()
 
     def close_agent(self) -> None:
-        """Let a learner go."""
+        """Close the agent, if there is one."""
         if self._agent is not None:
             self._agent.close()
 
     def close(self) -> None:
-        """Let go of worlds and of a learner."""
+        """Close the session's worlds and its agent."""
         self.session.close()
         self.close_agent()
         self.outbox.close()

@@ -1,4 +1,7 @@
-"""Writes a session's events, and knows by that which of the page's messages are safe. No disk of its own, no clock."""
+"""Writes a session's events, and derives from the durable writes which of the page's messages are safe.
+
+It has no disk of its own and no clock.
+"""
 
 from collections import deque
 from collections.abc import Sequence
@@ -12,18 +15,18 @@ from minihuman.log.record.recorder import Recorder
 
 @dataclass(slots=True)
 class _PendingMessage:
-    """A message of the page's that was taken, and the write that has to be on the disk for it to be safe."""
+    """A message of the page that was taken, with the number of the write that must be on the disk for it to be safe."""
 
     number: int
     write: int
 
 
 class SessionWriter:
-    """Writes the events of a session and a few of the page's own.
+    """Writes the events of a session and a few events of the page.
 
     Args:
-        session: whose events they are.
-        recorder: where they go.
+        session: the session.
+        recorder: the recorder to which the events are written.
     """
 
     def __init__(self, session: SessionMachine, recorder: Recorder) -> None:
@@ -36,7 +39,7 @@ class SessionWriter:
         self._settled = 0  # the last message of the page's that is safe
 
     def write(self, events: Sequence[Event]) -> None:
-        """Write what the session says; what the page says of itself before there is a plan comes with it."""
+        """Write the session's events, with earlier events of the page that had to wait for the plan."""
         events = [*self._unwritten, *events]
         self._unwritten = []
         if awaits_allocation(self._session):
@@ -50,31 +53,31 @@ class SessionWriter:
             self._recorder.write(events)
 
     def write_later(self, events: Sequence[Event]) -> None:
-        """Write events together with the next ones."""
+        """Keep events until the next write, and write them together with it."""
         self._unwritten += events
 
     # Which messages are safe
 
     def begin_stream(self, settled: int) -> None:
-        """Begin with another stream of the page's, whose messages up to a number were acknowledged."""
+        """Begin another stream of the page, whose messages up to ``settled`` were acknowledged."""
         self._settled = settled
         self._pending.clear()
 
     def record_taken(self, number: int, *, with_next: bool = False) -> None:
-        """Take note of a message of the page's whose events were handed in.
+        """Record that a message of the page was taken and its events were handed to ``write``.
 
         Args:
-            number: the message's.
-            with_next: it is safe once the next write is.
+            number: the message's number.
+            with_next: whether the message is safe only once the next write is.
         """
         is_unwritten = with_next or bool(self._unwritten) or awaits_allocation(self._session)
         self._pending.append(_PendingMessage(number, self.count + is_unwritten))
 
     def safe(self, durable: int | None = None) -> int:
-        """Return the last of the page's messages that may be acknowledged, and all before it: those on the disk.
+        """Return the last of the page's messages that may be acknowledged, which is on the disk with all before it.
 
         Args:
-            durable: how many of the recorder's writes count, if not all on the disk; -1: not even those before it.
+            durable: how many of the recorder's writes count; None for all that are on the disk, -1 for none at all.
         """
         if durable is None:
             durable = self._recorder.durable_writes

@@ -1,4 +1,4 @@
-"""How much a page may send, and how long it may keep a server waiting. No I/O; times come in as arguments."""
+"""Limits on how much a page may send and how long it may keep a server waiting. No I/O, no clock."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ MAX_BACKLOG = 3_000  # and above which the page starts anew
 
 @dataclass(slots=True)
 class RateLimit:
-    """Limits the messages of a socket: a rate per second, and a burst."""
+    """Limits the messages of a socket by a rate per second and a burst."""
 
     now_s: float  # of the last message
     left: float = MESSAGE_BURST
 
     def take(self, now_s: float) -> bool:
-        """Whether a message that comes now is within it."""
+        """Return whether a message that arrives now is within the limit, and count it if it is."""
         self.left = min(MESSAGE_BURST, self.left + (now_s - self.now_s) * MESSAGES_PER_S)
         self.now_s = now_s
         if self.left < 1:
@@ -33,12 +33,12 @@ class RateLimit:
 
 
 def count_handles(max_concurrent_sessions: int) -> int:
-    """Return how many files and sockets a server has open at most."""
+    """Return the largest number of files and sockets that a server may have open at once."""
     return HANDLES_PER_SESSION * max_concurrent_sessions + _OTHER_HANDLES
 
 
 def find_network(address: str) -> str:
-    """Return the network of an address whose sessions are counted together: of IPv6 the /64, which a household has."""
+    """Return the network whose sessions count together: the /64 of an IPv6 address, or an IPv4 address."""
     with suppress(ValueError):
         return ip_address(address).exploded[:19]
     return address

@@ -1,4 +1,4 @@
-"""Pack worlds for pages without a server: their compiled rules, tiles and textures, and the first states of some seeds.
+"""Packs worlds for pages without a server: compiled rules, tiles, textures and the first states of some seeds.
 
 `minihuman pack` and the live gallery write these folders; `page/packed_world.js` plays from them, in a page or in Node.
 """
@@ -45,12 +45,12 @@ class PackSummary:
 
 
 def pack_worlds(folder: Path, seeds: range, names: Collection[str] = ()) -> PackSummary:
-    """Pack worlds into a folder, with the first states of these seeds.
+    """Pack worlds into a folder, with their first states for the given seeds.
 
     Args:
-        folder: is made where it does not exist; files of an earlier pack in it are replaced.
-        seeds: consecutive seeds, from 0 up.
-        names: the worlds, with or without ``minihuman/``; none: all that a page can compute.
+        folder: the folder, which is created if necessary; files of an earlier pack in it are replaced.
+        seeds: consecutive seeds, each 0 or more.
+        names: the worlds' names, with or without ``minihuman/``; empty for all that a page can compute.
 
     Raises:
         WorldError: if there is no such world, or a named one has rules that a page cannot compute.
@@ -86,10 +86,10 @@ def pack_worlds(folder: Path, seeds: range, names: Collection[str] = ()) -> Pack
 
 
 def parse_seeds(text: str) -> range:
-    """Read seeds as the command line has them: "0-99", or one.
+    """Parse seeds from the command line, such as "0-99" or a single number.
 
     Raises:
-        WorldError: if they are none, or more than a million.
+        WorldError: if the text is not a range of seeds, or the range has more than a million.
     """
     match = re.fullmatch(r"(\d{1,18})(?:-(\d{1,18}))?", text.strip())
     if match is None:
@@ -110,14 +110,14 @@ def _find_entries(names: Collection[str]) -> list[tuple[str, CatalogueEntry]]:
 
 
 def _make_world(entry: CatalogueEntry, options: dict[str, Any]) -> Any:
-    """Make a world; that there is a `-v1` of some is no news, since all are packed."""
+    """Make a world without the warning that a newer version exists, since all versions are packed."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)
         return gymnasium.make(entry.id, **options).unwrapped
 
 
 def _write_rows(folder: Path, env: GridEngine, entry: CatalogueEntry, seeds: Sequence[int]) -> dict[str, Any]:
-    """Pack a grid world's first states: the random streams of all seeds, then the rows, then the missions."""
+    """Pack a grid world's first states: the random states of all seeds, then the rows, then the missions."""
     rows = []
     words = []
     missions = []
@@ -136,14 +136,14 @@ def _write_rows(folder: Path, env: GridEngine, entry: CatalogueEntry, seeds: Seq
 
 
 class _ArrayPool:
-    """Different arrays, each once, by number."""
+    """Numbers distinct arrays and keeps each of them once."""
 
     def __init__(self) -> None:
         self.kinds: list[str] = []
         self._numbers: dict[bytes, int] = {}
 
     def number(self, array: NDArray[Any]) -> int:
-        """Return an array's number."""
+        """Return an array's number, adding the array if it is new."""
         content = array.tobytes()
         if content not in self._numbers:
             self._numbers[content] = len(self._numbers)
@@ -151,19 +151,19 @@ class _ArrayPool:
         return self._numbers[content]
 
     def extents(self) -> Iterator[tuple[str, int]]:
-        """Yield the kind and the bytes of each array."""
+        """Yield the data type and the number of bytes of each array."""
         return zip(self.kinds, map(len, self._numbers), strict=True)
 
     def join(self) -> bytes:
-        """Return all arrays, in order of their numbers."""
+        """Return the bytes of all arrays in order of their numbers."""
         return b"".join(self._numbers)
 
 
 def _write_scenes(folder: Path, env: FirstPersonEnv, entry: CatalogueEntry, seeds: Sequence[int]) -> dict[str, Any]:
-    """Pack a world's first states and scenes: how long the head is, the head, and each different array once.
+    """Pack a first-person world's first states and scenes: header length, header, each distinct array.
 
-    The head is JSON: the kind and bytes of each array, and for each seed the numbers of its arrays by name, of how many
-    things the scene is made, and the names of its textures, which are files of their own.
+    The header is JSON. It gives the data type and bytes of each array and, for each seed, the numbers of its arrays by
+    name, the number of things in its scene, and the names of its textures, which are files of their own.
     """
     pool = _ArrayPool()
     starts = []
@@ -184,7 +184,7 @@ def _write_scenes(folder: Path, env: FirstPersonEnv, entry: CatalogueEntry, seed
 
 
 def _write_texture(folder: Path, pixels: bytes) -> str:
-    """Write a texture, unless it is there, under its digest; return that."""
+    """Write a texture under its digest, unless it exists already; return the digest."""
     name = hashlib.sha256(pixels).hexdigest()[:16]
     path = folder / f"{name}.z"
     if not path.exists():
@@ -194,7 +194,7 @@ def _write_texture(folder: Path, pixels: bytes) -> str:
 
 
 def _write_atlas(folder: Path) -> dict[str, Any]:
-    """Pack the tiles; return where each array of theirs begins."""
+    """Pack the tiles; return the position of each of their arrays."""
     tile_atlas = atlas(TILE_PX, "classic")
     content = b""
     arrays: dict[str, Any] = {}

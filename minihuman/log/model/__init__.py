@@ -1,1 +1,1 @@
-"""What a session recorded, as values: no file is opened here and the log's format is unknown."""
+"""Recorded sessions as values. This package opens no file and does not know the log's format."""

@@ -1,7 +1,8 @@
-"""Presses of earlier logs that did something though perhaps nobody made them in the study's window.
+"""Key presses in earlier logs that had an effect although the participant may not have made them in the study's window.
 
-Before the second key rules a session took every press that its window reported. SDL reports one for each key that is
-down when the focus comes; to pyglet the X server sends the key's auto-repeat; a page took a gamepad's held button.
+Before the second version of the key rules, a session accepted every press that its window reported. SDL reports a press
+for each key that is down when the window gains the focus, the X server sends the key's auto-repeat to pyglet, and a
+page accepted a gamepad button that was held down.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,7 +21,7 @@ _ACTED = ("accepted", "queued")
 
 
 class DoubtfulPress(NamedTuple):
-    """A press that did something, and was made before the window had the focus, or may have been."""
+    """A press that had an effect, and certainly or possibly was made before the window had the focus."""
 
     key: str
     t_ns: int  # when the session took it
@@ -28,14 +29,14 @@ class DoubtfulPress(NamedTuple):
 
 
 def find_doubtful_presses(log: SessionLog) -> list[DoubtfulPress]:
-    """Find them in a session; none where the session judged the causes of presses itself."""
+    """Return a session's doubtful presses, from segments that did not judge the causes of presses."""
     return [
         press for segment in log.segments if "key_rules" not in segment.facts for press in _find_in_segment(segment)
     ]
 
 
 def describe_doubtful_presses(presses: Sequence[DoubtfulPress]) -> str:
-    """Say which they are, in a sentence; "" for none."""
+    """Describe doubtful presses in one sentence; "" if there are none."""
     if not presses:
         return ""
     certain = [press for press in presses if press.is_certain]

@@ -1,7 +1,7 @@
-"""Columns of recorded events: one field of all events of a kind, and categorical texts such as keys and verdicts.
+"""Columns of recorded events: one field of all events of a kind, with categorical texts such as keys and verdicts.
 
-A session has thousands of key presses, and most readers want two or three columns: nothing is read before that, and an
-event object is made only when one is indexed.
+A session has thousands of key presses, and most readers need only two or three columns. A column is read only when it
+is used, and an event object is created only when an event is indexed.
 """
 
 from collections import Counter
@@ -17,7 +17,7 @@ from minihuman.experiment.machine.events import FrameShown, KeyPressed
 
 
 class CategoricalTexts(Sequence[str]):
-    """A sequence of texts, equal to any other of the same texts."""
+    """A sequence of texts with few distinct values, stored as codes; equal to any other sequence of the same texts."""
 
     __slots__ = ("categories", "codes")
     __hash__ = None  # type: ignore[assignment] # as a list
@@ -28,7 +28,7 @@ class CategoricalTexts(Sequence[str]):
 
     @classmethod
     def of(cls, texts: Iterable[str]) -> "CategoricalTexts":
-        """Build the column of these texts."""
+        """Build a column from texts."""
         if isinstance(texts, CategoricalTexts):
             return texts
         codes: dict[str, int] = {}
@@ -36,7 +36,7 @@ class CategoricalTexts(Sequence[str]):
 
     @classmethod
     def joined(cls, parts: Sequence["CategoricalTexts"]) -> "CategoricalTexts":
-        """Return several, one behind the other; there is at least one."""
+        """Concatenate one or more columns."""
         words = parts[0].categories
         if all(part.categories == words for part in parts):
             return cls(np.concatenate([part.codes for part in parts]), words)
@@ -58,11 +58,10 @@ class CategoricalTexts(Sequence[str]):
     @overload
     def __getitem__(self, place: slice | NDArray[Any]) -> "CategoricalTexts": ...
     def __getitem__(self, place: int | slice | NDArray[Any]) -> "str | CategoricalTexts":
-        return (
-            CategoricalTexts(self.codes[place], self.categories)
-            if isinstance(place, slice | np.ndarray)
-            else self.categories[self.codes[place]]
-        )
+        if isinstance(place, slice | np.ndarray):
+            return CategoricalTexts(self.codes[place], self.categories)
+        text: str = self.categories[self.codes[place]]
+        return text
 
     def __eq__(self, other: object) -> bool:
         return list(self) == list(other) if isinstance(other, Sequence) else NotImplemented
@@ -71,17 +70,17 @@ class CategoricalTexts(Sequence[str]):
         return f"CategoricalTexts.of({list(self)!r})"
 
     def equals_any(self, texts: Collection[str]) -> NDArray[np.bool_]:
-        """Mark the places where one of some texts stands, (n,)."""
+        """Return a mask of the rows whose text is one of the given texts, (n,)."""
         is_equal: NDArray[np.bool_] = np.array([word in texts for word in self.categories], np.bool_)[self.codes]
         return is_equal
 
     def count_values(self, rows: NDArray[np.bool_] | slice = slice(None)) -> Counter[str]:
-        """Count how often each text stands in the chosen rows, 0 for one that does not."""
+        """Count how often each category occurs in the selected rows, with 0 for one that does not."""
         counts = np.bincount(self.codes[rows], minlength=len(self.categories))
         return Counter(dict(zip(self.categories, counts.tolist(), strict=True)))
 
     def first_index(self, rows: NDArray[np.bool_]) -> dict[str, int]:
-        """Find the first of the chosen rows in which each text stands, for those that do in any."""
+        """Return the first of the selected rows in which each text occurs, for the texts that occur there."""
         places = np.flatnonzero(rows)
         codes, firsts = np.unique(self.codes[places], return_index=True)
         return {
@@ -94,23 +93,29 @@ NO_ACTION = -1  # in a column of actions, where an event has none
 
 
 class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
-    """A sequence of events of one kind, kept column by column.
+    """A sequence of events of one kind, stored by column.
 
     Raises:
-        LogError: when a column or an event is looked at that cannot be read.
+        LogError: when a column or an event is accessed that cannot be read.
     """
 
     __slots__ = ("_column", "_kind", "_rows")
 
     def __init__(self, kind: type[KeyOrFrame], column: Callable[[str], Any], rows: range) -> None:
-        """``column`` gives the field of that name of all events that were recorded; these here are the ``rows``."""
+        """Create the sequence.
+
+        Args:
+            kind: the class of the events.
+            column: returns the field of a given name for all recorded events.
+            rows: the recorded events that belong to this sequence.
+        """
         self._kind: type[KeyOrFrame] = kind
         self._column = column
         self._rows = rows
 
     @classmethod
     def of(cls, kind: type[KeyOrFrame], events: Iterable[KeyOrFrame]) -> "EventColumns[KeyOrFrame]":
-        """Build the columns of these events."""
+        """Build the columns of events that exist as objects."""
         event_list = tuple(events)
 
         @cache
@@ -121,27 +126,25 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
 
     @classmethod
     def joined(cls, parts: "Sequence[EventColumns[KeyOrFrame]]") -> "EventColumns[KeyOrFrame]":
-        """Return several, one behind the other; there is at least one."""
+        """Concatenate one or more sequences of events."""
         if len(parts) == 1:
             return parts[0]
 
         @cache
         def column(name: str) -> Any:
             columns = [part.column(name) for part in parts]
-            return (
-                CategoricalTexts.joined(columns)
-                if isinstance(columns[0], CategoricalTexts)
-                else np.concatenate(columns)
-            )
+            if isinstance(columns[0], CategoricalTexts):
+                return CategoricalTexts.joined(columns)
+            return np.concatenate(columns)
 
         return cls(parts[0]._kind, column, range(sum(map(len, parts))))
 
     def column(self, name: str) -> Any:
-        """Return the field of that name of every event: ``CategoricalTexts`` or an array; NO_ACTION for no action."""
+        """Return one field of every event, as ``CategoricalTexts`` or an array; NO_ACTION for no action."""
         return self._column(name)[self._rows.start : self._rows.stop : self._rows.step]
 
     def place(self, part: "EventColumns[KeyOrFrame]") -> slice:
-        """Return where a part lies that was cut from these."""
+        """Return the position, in this sequence, of a part that was sliced from it."""
         begin = part._rows.start - self._rows.start
         return slice(begin, begin + len(part))
 
@@ -163,15 +166,17 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
 
 
 def _values(name: str, column: Any) -> Iterable[Any]:
-    """Return a column's values, as events have them."""
+    """Return a column's values as event objects have them."""
     if isinstance(column, CategoricalTexts):
         return column
     values: list[Any] = column.tolist()
-    return [None if value == NO_ACTION else value for value in values] if name == "action" else values
+    if name == "action":
+        return [None if value == NO_ACTION else value for value in values]
+    return values
 
 
 def _value(name: str, cell: Any) -> Any:
-    """Return one value of a column, as events have it."""
+    """Return one value of a column as an event object has it."""
     value = cell if isinstance(cell, str) else cell.item()
     return None if name == "action" and value == NO_ACTION else value
 

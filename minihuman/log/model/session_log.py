@@ -1,10 +1,9 @@
-"""A recorded session as values: ``SessionLog``, its segments and its episodes. Everything that analyses data reads
-these.
+"""A recorded session as values: ``SessionLog``, its segments and its episodes, which all analyses of data read.
 
-A segment runs from one start of the program to its end; a resumed session has several. Every time is session time: ns
-since the session's first segment began, on one clock over all segments. In the log each segment's times begin at 0;
-where a segment lies in the session follows from the wall clock at its start, and it never begins before the previous
-one ended.
+A segment lasts from one start of the program to its end; a resumed session has several. All times are session time:
+nanoseconds since the session's first segment began, on one clock for all segments. In the log each segment's times
+begin at 0. A segment's place in the session follows from the wall clock at its start, and it never begins before the
+previous segment ended.
 """
 
 from collections import Counter
@@ -86,7 +85,7 @@ PauseSpans = tuple[tuple[int, int], ...]  # begin and end of each, ns of session
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """One stretch of a session in which the program ran, as it was logged."""
+    """One logged stretch of a session during which the program ran."""
 
     number: int  # 1 for the session's first
     started_at: str  # ISO 8601 UTC, from the wall clock
@@ -105,7 +104,7 @@ class Segment:
 
     @property
     def pauses(self) -> PauseSpans:
-        """Begin and end of every pause, ns of session time; an open one ends with the segment."""
+        """The begin and end of every pause in nanoseconds of session time; an open pause ends with the segment."""
         spans: list[tuple[int, int]] = []
         began_ns: int | None = None
         for note in self.notes:
@@ -121,7 +120,7 @@ class Segment:
 
 
 def notes_in_session_time(notes: Iterable[SegmentNote], start_ns: int) -> tuple[SegmentNote, ...]:
-    """Shift a segment's notes to session time, sorted."""
+    """Shift a segment's notes to session time, and sort them by time."""
     return tuple(sorted((replace(note, t_ns=note.t_ns + start_ns) for note in notes), key=lambda note: note.t_ns))
 
 
@@ -143,7 +142,7 @@ CUT_OFF = "cut_off"  # instead of an outcome or an end reason, where the log bro
 
 
 def pose_as_row(pose: Pose | None) -> tuple[float, float, float, float]:
-    """Return a pose as a row of ``EpisodeLog.poses``: NaN where the world could not tell."""
+    """Return a pose as a row of ``EpisodeLog.poses``, filled with NaN if the world gave no pose."""
     if pose is None:
         return (np.nan,) * 4
     return (pose.x, pose.y, pose.z, pose.yaw_rad)
@@ -151,7 +150,7 @@ def pose_as_row(pose: Pose | None) -> tuple[float, float, float, float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TeamRecord:
-    """A team's episode of n steps with b bodies."""
+    """A team's episode of n joint steps with b bodies."""
 
     team: str
     index: int
@@ -170,40 +169,40 @@ class TeamRecord:
 
     @property
     def partner_seats(self) -> tuple[int, ...]:
-        """The seats of the others."""
+        """The indices of the other members' seats."""
         return tuple(seat for seat in range(len(self.seats)) if seat != self.seat)
 
     @property
     def partners(self) -> tuple[str, ...]:
-        """The kinds of the other seats, in their order."""
+        """What sits in each of the other seats, in the order of the seats."""
         return tuple(self.seats[seat] for seat in self.partner_seats)
 
     @property
     def partner(self) -> str:
-        """The same in one word: "person", an agent, or several with a plus between."""
+        """The partners as one word: "person", an agent's name, or several joined by "+"."""
         return "+".join(self.partners)
 
     @property
     def persons(self) -> tuple[int, ...]:
-        """The seats of people."""
+        """The indices of the seats in which people sit."""
         return tuple(seat for seat, kind in enumerate(self.seats) if kind == PERSON)
 
     @property
     def steps_by_source(self) -> tuple[dict[str, int], ...]:
-        """By seat, how many joint steps each source acted in."""
+        """For each seat, the number of joint steps in which each source acted."""
         by_seat = zip(*self.sources, strict=True) if self.sources else ((),) * len(self.seats)
         return tuple(dict(sorted(Counter(sources).items())) for sources in by_seat)
 
     @property
     def absent_share(self) -> float | None:
-        """The share of joint steps in which a person's seat idled for want of an input, or an agent acted in it."""
+        """The share of joint steps in which some person's seat idled without an input, or an agent acted for it."""
         if not self.sources:
             return None
         absent = sum(any(sources[seat] != "person" for seat in self.persons) for sources in self.sources)
         return absent / len(self.sources)
 
     def find_difference(self, seed: int) -> str:
-        """Find what contradicts the digest of the joint actions; "" where nothing does."""
+        """Return how the joint actions contradict their logged digest; "" if they do not."""
         again = digest_joint_actions(self.team, seed, self.actions.tolist())
         if not len(self.actions) or again == self.digest:
             return ""
@@ -213,13 +212,13 @@ class TeamRecord:
 def gather_team(
     formed: TeamFormed | None, ready: SeatsReadied | None, events: Sequence[ActivityEvent], steps: int
 ) -> TeamRecord | None:
-    """Gather the record of an episode's team from its events; None where no team played it.
+    """Build the record of an episode's team from its events; return None if no team played it.
 
     Args:
-        formed: the team of its block.
-        ready: says where all stood at the reset.
-        events: the episode's.
-        steps: how many of its own steps the log holds; a log may break off between a joint step and its own.
+        formed: the event that formed the block's team.
+        ready: the event with all poses at the reset.
+        events: the episode's events.
+        steps: the number of the participant's own steps in the log, which may end between a joint step and the own one.
     """
     if formed is None:
         return None
@@ -248,7 +247,7 @@ def gather_team(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeLog:
-    """One played episode. ``n`` steps have ``n + 1`` poses, times and hashes; checked when made."""
+    """One played episode. ``n`` steps have ``n + 1`` poses, times and hashes, which is checked on creation."""
 
     start: EpisodeStarted  # plan, action names, mission, map, initial pose and hashes
     poses: NDArray[np.float64]  # (n + 1, 4) x, y, z, yaw_rad; NaN where the world cannot tell
@@ -278,7 +277,7 @@ class EpisodeLog:
     infos: Sequence[Mapping[str, Any]] | None = None  # (n,) the keys of its ``info`` that the plan keeps; None: none
 
     def __post_init__(self) -> None:
-        """Refuse lengths that do not belong together."""
+        """Refuse columns whose lengths do not match the number of steps."""
         n = len(self.actions)
         for name in ("poses", "t_ns", "state_hashes", "observation_hashes"):
             if len(getattr(self, name)) != n + 1:
@@ -302,41 +301,43 @@ class EpisodeLog:
 
     @property
     def world_options(self) -> dict[str, Any]:
-        """The options that make its world as it was played: in a team, with what the other bodies did."""
+        """The options that recreate the world as it was played; in a team they include the other bodies' actions."""
         if self.team is None:
             return self.plan.options
         return {**self.plan.options, "script": self.team.actions.tolist()}
 
     @property
     def shared_options(self) -> dict[str, Any]:
-        """The options of its world, in a team those that all seats share."""
+        """The options of the world; in a team, only those that all seats share."""
         return {name: value for name, value in self.plan.options.items() if self.team is None or name != "seat"}
 
     @property
     def actions_taken(self) -> list[int | tuple[float, ...]]:
-        """The ``n`` actions as a world's ``step`` takes them: numbers, or vectors where the log has some."""
+        """The ``n`` actions as a world's ``step`` takes them: numbers, or vectors if the log has vectors."""
         if self.action_vectors is None:
             return [int(action) for action in self.actions]
         return [tuple(vector) for vector in self.action_vectors.tolist()]
 
     @property
     def number(self) -> int:
-        """The session's episode as a person counts it: 1 for the first. The log counts from 0."""
+        """The episode's number in the session, counted from 1 as people do. The log counts from 0."""
         return self.plan.episode + 1
 
     @property
     def name(self) -> str:
-        """The episode in words, as messages name it: "episode 3", "episode 3 (attempt 2)"."""
-        return f"episode {self.number}" + (f" (attempt {self.attempt})" if self.attempt > 1 else "")
+        """The episode's name in messages, such as "episode 3" or "episode 3 (attempt 2)"."""
+        if self.attempt > 1:
+            return f"episode {self.number} (attempt {self.attempt})"
+        return f"episode {self.number}"
 
     @property
     def outcome_word(self) -> str:
-        """The outcome, or "cut_off" where the log broke off before there was one: the word in every table."""
+        """The outcome as it appears in every table, or "cut_off" if the log ends before there was one."""
         return self.outcome or CUT_OFF
 
     @property
     def success(self) -> bool | None:
-        """Whether the goal was reached; None where no rule tells."""
+        """Whether the goal was reached; None if no rule decides that."""
         if self.outcome == "ended":
             return None
         if self.outcome in ("goal", "timeout", "failure"):
@@ -349,12 +350,12 @@ class EpisodeLog:
 
     @property
     def return_(self) -> float:
-        """Sum of rewards."""
+        """The sum of the rewards."""
         return float(self.rewards.sum())
 
 
 def list_partner_seats(episode: EpisodeLog) -> tuple[int, ...]:
-    """List the seats of the others in an episode's team; none where one body played."""
+    """Return the indices of the other members' seats in an episode's team; empty if no team played it."""
     if episode.team is None:
         return ()
     return episode.team.partner_seats
@@ -362,7 +363,7 @@ def list_partner_seats(episode: EpisodeLog) -> tuple[int, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionLog:
-    """A session, read. ``clean`` is False if the log was cut off and recovered or is still live."""
+    """A recorded session. ``clean`` is False if the log was cut off and recovered, or is still being written."""
 
     path: Path
     plan: SessionPlan
@@ -382,12 +383,12 @@ class SessionLog:
 
     @property
     def part_events(self) -> tuple[PartEvent, ...]:
-        """What happened in the session's parts beside play, in order; nothing in logs from before there were parts."""
+        """The events of the session's parts other than play, in order; empty in logs from before sessions had parts."""
         return tuple(event for segment in self.segments for event in segment.part_events)
 
     @property
     def waited_ns(self) -> int:
-        """The time that it waited in lobbies, from each arrival to a team, to the end of the wait, or to its own."""
+        """The total time in lobbies, from each arrival until a team formed, the wait ended, or the segment ended."""
         waited_ns = 0
         for segment in self.segments:
             met_ns = [
@@ -402,22 +403,22 @@ class SessionLog:
 
     @property
     def stranded(self) -> bool:
-        """Whether a team's block of it ended because no partner came, or one left."""
+        """Whether one of the session's team blocks ended because no partner came or a partner left."""
         return any(
             isinstance(event, TeamEnded) and event.reason not in ("replaced", "declined") for event in self.part_events
         )
 
     @property
     def comparisons(self) -> tuple[PairComparison, ...]:
-        """The pairs of clips that were compared, and the answers."""
+        """The pairs of clips that were compared, with the answers."""
         return gather_comparisons(self.part_events)
 
     @property
     def corrections(self) -> tuple[CorrectionRecord, ...]:
-        """The demonstrations of what should have been done, from a step of an episode on."""
+        """The participant's corrections, which demonstrate better actions from a step of an episode on."""
         return gather_corrections(self.part_events)
 
     @property
     def keys(self) -> EventColumns[KeyPressed]:
-        """Every press and release of the session, outside episodes too."""
+        """Every key press and release of the session, including those outside episodes."""
         return EventColumns.joined([segment.keys for segment in self.segments])

@@ -1,4 +1,4 @@
-"""What a session recorded about teaching: interventions and advice per episode, compared pairs, corrections. Pure."""
+"""What a session recorded about teaching: interventions and advice per episode, compared pairs, and corrections."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from minihuman.experiment.machine.events import ActivityEvent
 
 @dataclass(frozen=True, slots=True)
 class PairComparison:
-    """A pair of clips and its answer. Times are session time."""
+    """A pair of clips and the answer to it. Times are session time."""
 
     part: int  # index into the plan's parts
     pair: int  # 0 for the first
@@ -32,14 +32,14 @@ class PairComparison:
 
     @property
     def answer_ms(self) -> float:
-        """From the first picture on the display to the key; NaN where the log does not have that time."""
+        """The time in milliseconds from the first displayed picture to the key; NaN if it is unknown."""
         if self.preference.shown_ns:
             return (self.preference.pressed_ns - self.preference.shown_ns) / 1e6
         return float("nan")
 
 
 def gather_comparisons(events: Iterable[object]) -> tuple[PairComparison, ...]:
-    """Gather every answered pair of a session, in order; one that was shown again after an interruption, once."""
+    """Return every answered pair of a session, in order; a pair shown again after an interruption appears once."""
     clips: dict[tuple[int, int, str], EpisodeClip] = {}
     comparisons = []
     for event in events:
@@ -55,7 +55,7 @@ def gather_comparisons(events: Iterable[object]) -> tuple[PairComparison, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectionRecord:
-    """A demonstration from a step of an episode, ``n`` steps long. Times are session time."""
+    """A demonstration of ``n`` steps that starts from a step of an episode. Times are session time."""
 
     part: int  # index into the plan's parts
     correction: int  # 0 for the part's first
@@ -78,7 +78,7 @@ class CorrectionRecord:
 
 
 def gather_corrections(events: Iterable[object]) -> tuple[CorrectionRecord, ...]:
-    """Gather every correction of a session, in order; one that the log was cut off in counts as stopped there."""
+    """Return every correction of a session, in order; one that was cut off counts as stopped."""
     episodes: dict[tuple[int, int, int], EpisodeLookedAt] = {}
     corrections: list[CorrectionRecord] = []
     beginning: CorrectionBegun | None = None
@@ -138,7 +138,7 @@ NO_ADVICE = -1  # instead of a policy's action, where it gave none
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TeachingRecord:
-    """Beside the ``n`` steps of an ``Episode``. Times are session time."""
+    """An agent's part in the ``n`` steps of an episode: control, advice and ratings. Times are session time."""
 
     policy: str  # that played: the SHA-256 of its file, or an agent's name; "" where there was none yet
     by_person: NDArray[np.bool_]  # (n,) who steered when the step was made
@@ -153,7 +153,7 @@ class TeachingRecord:
         return sum(change.reason == "key" for change in self.controls)
 
     def agreement(self, actions: NDArray[np.int64]) -> float:
-        """Return the share of the person's steps at which the policy would have done the same; NaN without any."""
+        """Return the share of the person's steps in which the policy agreed; NaN if there are none."""
         mine = self.by_person & (self.policy_actions != NO_ADVICE)
         if mine.any():
             return float((self.policy_actions[mine] == actions[mine]).mean())
@@ -161,13 +161,13 @@ class TeachingRecord:
 
 
 def gather_teaching(events: Sequence[ActivityEvent], *, steps: int, actions: int, policy: str) -> TeachingRecord | None:
-    """Gather what an episode's events say of teaching; None where an agent had no part in it.
+    """Build the teaching record of an episode from its events; return None if no agent took part.
 
     Args:
-        events: of the episode, in the order logged.
-        steps: how many it has.
-        actions: how many the world has.
-        policy: that was in force when it began.
+        events: the episode's events, in the order logged.
+        steps: the number of the episode's steps.
+        actions: the number of the world's actions.
+        policy: the policy in force when the episode began.
     """
     controls = tuple(event for event in events if isinstance(event, ControlChanged))
     if not controls:

@@ -1,4 +1,4 @@
 """Protobuf messages of the log.
 
-``minihuman_v1.proto`` is the one source; its first lines say how the Python is generated from it.
+``minihuman_v1.proto`` is the only source; its first lines say how the Python code is generated from it.
 """

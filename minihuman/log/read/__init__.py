@@ -1,1 +1,1 @@
-"""Read a log file back to events, or to a session of episodes."""
+"""Reads a log file as events, or as a session of episodes."""

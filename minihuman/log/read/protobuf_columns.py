@@ -1,8 +1,8 @@
-"""Read flat protobuf messages column by column: one field of all messages at a time, without message objects.
+"""Reads flat protobuf messages by column: one field of all messages at a time, without message objects.
 
-NumPy reads a session's thousands of messages field by field several times faster than a parser makes objects. The
+NumPy reads a session's thousands of messages field by field several times faster than a parser creates objects. The
 result is that of protobuf's own parser, with two exceptions that none of our writers produce: groups are rejected, and
-of a nested message that occurs twice the last one is used. (ptars 0.0.25 saves 0.6 of 8 ms per session, but panics at a
+if a nested message occurs twice the last one is used. (ptars 0.0.25 saves 0.6 of 8 ms per session, but panics at a
 length that is too large, which no exception handler catches.)
 """
 
@@ -50,21 +50,28 @@ BEYOND = bytes(16)  # behind the last message, so that a number cut off there ca
 
 
 class FieldColumn(NamedTuple):
-    """One field of n messages: numbers, texts or the columns of a nested message, and which of them hold it."""
+    """One field of n messages: numbers, texts or the columns of a nested message, and which messages have the field."""
 
     values: Any
     is_present: NDArray[np.bool_]  # (n,) False: the field's default stands in ``values``
 
 
 class MessageColumns(Mapping[str, FieldColumn]):
-    """Every field, by name, of some messages. Texts and nested messages are read when they are first looked at.
+    """Every field of some messages, by name. Texts and nested messages are read when they are first accessed.
 
     Raises:
-        ValueError: at once or when a field is looked at, if the bytes are no such messages.
+        ValueError: on creation or when a field is accessed, if the bytes are not such messages.
     """
 
     def __init__(self, kind: Any, data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> None:
-        """``kind`` is the messages' descriptor; they lie between these places in ``data``, and ``BEYOND`` behind."""
+        """Locate every field.
+
+        Args:
+            kind: the messages' descriptor.
+            data: the bytes of the messages, followed by ``BEYOND``.
+            begins: where each message begins in ``data``.
+            ends: where each message ends in ``data``.
+        """
         self._data = data
         self._fields = {field.name: _Field(field, data, ends) for field in kind.fields}
         self._read: dict[str, FieldColumn] = {}
@@ -90,7 +97,7 @@ class MessageColumns(Mapping[str, FieldColumn]):
 
 
 class _Field:
-    """One field as it is met in one message after the other."""
+    """One field, collected from one message after the other."""
 
     def __init__(self, field: FieldDescriptor, data: bytes, ends: MessageOffsets) -> None:
         assert field.number < 2048, f"{field.full_name}: a tag of three bytes"
@@ -101,6 +108,7 @@ class _Field:
         tag = field.number << 3 | self._wire_type
         self._second = tag >> 7  # byte of the tag; 0 for none
         self._first = (tag & 0x7F) | 0x80 if self._second else tag
+        self._tag_bytes = 2 if self._second else 1
         self._bytes: ByteArray = np.frombuffer(data, np.uint8)
         self._eights = _eights(data)
         self._ends = ends
@@ -109,7 +117,7 @@ class _Field:
         self._lengths = np.zeros(len(ends), np.int64)
 
     def take(self, at: MessageOffsets) -> None:
-        """Read the field of every message that has it at its place, and put that place behind it."""
+        """Read the field from every message that has it at position ``at``, and move those positions past it."""
         has_field = (self._bytes[at] == self._first) & (at < self._ends)
         if self._second:
             has_field &= self._bytes[at + 1] == self._second
@@ -117,7 +125,7 @@ class _Field:
         if not count:
             return
         rows = slice(None) if count == len(has_field) else np.flatnonzero(has_field)
-        places = at[rows] + (2 if self._second else 1)
+        places = at[rows] + self._tag_bytes
         ends = self._ends[rows]
         if self._wire_type == _FIXED64:
             self._numbers[rows] = self._eights[places]
@@ -127,7 +135,8 @@ class _Field:
             if self._wire_type == _LENGTH:
                 if (numbers > (ends - places).clip(0).astype(np.uint64)).any():
                     raise ValueError(f"field {self._kind.name} is truncated")
-                numbers, self._lengths[rows] = places.astype(np.uint64), numbers
+                self._lengths[rows] = numbers
+                numbers = places.astype(np.uint64)
                 places = places + self._lengths[rows]
             self._numbers[rows] = numbers
         if (places > ends).any():
@@ -136,7 +145,7 @@ class _Field:
         at[rows] = places
 
     def values(self, data: bytes) -> Any:
-        """Return the whole column, once every message has been gone through."""
+        """Return the whole column, once every message has been read."""
         match self._kind.type:
             case FieldDescriptor.TYPE_DOUBLE if self._is_list:
                 return self._lists(data)
@@ -155,10 +164,10 @@ class _Field:
         return self._numbers
 
     def _lists(self, data: bytes) -> NDArray[np.float64]:
-        """Read lists of doubles as rows, float64[n, the longest], NaN behind the end of shorter ones.
+        """Return lists of doubles as rows, float64[n, longest list], padded with NaN.
 
         Raises:
-            ValueError: if one ends inside a number.
+            ValueError: if a list ends inside a number.
         """
         if (self._lengths % 8).any():
             raise ValueError(f"field {self._kind.name} is truncated: it ends inside a number")
@@ -170,12 +179,12 @@ class _Field:
 
 
 def _eights(data: bytes) -> Uint64Array:
-    """Return the eight bytes from each byte on, to be looked up at many places at once."""
+    """Return the eight bytes from each byte on as a number, to be looked up at many positions at once."""
     return np.ndarray(len(data) - 7, "<u8", data, strides=(1,))
 
 
 def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, MessageOffsets]:
-    """Read the number at each place, seven bits a byte, the lowest first; return the places behind them, too."""
+    """Decode the varint at each position, lowest seven bits first; return the numbers and the next positions."""
     eight = eights[at]
     if not (eight & _EIGHTH).any():  # as most are: lengths, flags, small numbers
         return eight & _SEVEN, at + 1
@@ -199,7 +208,7 @@ def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, Mess
 
 
 def _texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> CategoricalTexts:
-    """Read the texts between the places, compared by seven bytes and their count at a time."""
+    """Read the texts between these positions, comparing seven bytes and their count at a time."""
     eights = _eights(data)
     lengths = ends - begins
     codes = np.zeros_like(lengths)
@@ -216,7 +225,10 @@ def _texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> Categor
 
 
 def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
-    """Return a place of each distinct value, and its number at each place; sorts only where values share a slot."""
+    """Return the position of one occurrence of each distinct value, and the number of its value for each row.
+
+    It sorts only if two values share a hash slot.
+    """
     slots = (values * _SPREAD >> _DOWN).astype(np.int64)
     holders = np.full(1 << 64 - int(_DOWN), -1)
     holders[slots] = np.arange(len(values))
@@ -230,7 +242,7 @@ def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
 
 
 def _after_unknown(data: bytes, at: int, end: int) -> int:
-    """Return where the field after an unknown one begins, which a newer writer may have added."""
+    """Return the position after an unknown field, which a newer writer may have added."""
     tag, at = _varint(data, at)
     match tag & 7:
         case _ if tag >> 3 == 0:

@@ -1,4 +1,4 @@
-"""Read one log file as events: check its version, report damage, collect the metadata of its segments."""
+"""Reads one log file as events: checks its version, reports damage, and collects the metadata of its segments."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,9 +16,9 @@ from minihuman.log.topics import PLAN
 
 
 class LogReader:
-    """A file being read. ``starts`` and ``ends`` are complete once its messages are read.
+    """Reads one log file. ``starts`` and ``ends`` are complete once its messages have been read.
 
-    A live or cut-off log (``.mcap.part``) gives what is whole; a finished one must be whole.
+    Of a live or cut-off log (``.mcap.part``) the intact part is read; a finished log must be intact.
     """
 
     def __init__(self, path: Path) -> None:
@@ -34,7 +34,7 @@ class LogReader:
         """Yield every message in file order.
 
         Raises:
-            LogError: as ``chunks``.
+            LogError: as ``chunks`` does.
         """
         for chunk in self.chunks():
             yield from chunk
@@ -43,7 +43,7 @@ class LogReader:
         """Yield every chunk of messages in file order.
 
         Raises:
-            LogError: if the file cannot be opened, is no session log, of a newer schema version, or damaged.
+            LogError: if the file cannot be opened, is not a session log, has a newer schema version, or is damaged.
         """
         scan = LogScanner(self.path)
         start: dict[str, str] = {}
@@ -60,17 +60,20 @@ class LogReader:
                     start = record.metadata
                 case Metadata() if record.name == END_METADATA and "segment" in record.metadata:  # else it is damaged
                     self.ends.append(record.metadata)
-        self.damage, self.missing = scan.damage, scan.missing
-        holed = {str(gap.segment) for gap in scan.declared}
-        self.ends = [end | {"clean": "false"} if end["segment"] in holed else end for end in self.ends]
+        self.damage = scan.damage
+        self.missing = scan.missing
+        incomplete_segments = {str(gap.segment) for gap in scan.declared}
+        for place, end in enumerate(self.ends):
+            if end["segment"] in incomplete_segments:
+                self.ends[place] = end | {"clean": "false"}
         if not self.path.name.endswith(PART_SUFFIX) and (lacks := scan.unfinished_reason):
             raise LogError(f"{self.path} is {lacks}; to keep the intact part, run: minihuman recover {self.path}")
 
     def events(self) -> Iterator[Event]:
-        """Yield every event in the order it was recorded.
+        """Yield every event in the order in which it was recorded.
 
         Raises:
-            LogError: as ``messages``, and if a message is none of ours.
+            LogError: as ``messages`` does, and if a message cannot be decoded.
         """
         with raise_as_log_error(self.path):
             for message in self.messages():
@@ -79,10 +82,10 @@ class LogReader:
                     yield event
 
     def event(self, topic: str, data: bytes) -> Event | None:
-        """Read the event in a message's bytes; None for a preview.
+        """Decode the event in a message's bytes; return None for a preview.
 
         Raises:
-            LogError: if it cannot be read.
+            LogError: if the event cannot be decoded.
         """
         try:
             return self._decode(topic, data)
@@ -92,10 +95,10 @@ class LogReader:
 
 
 def read_segment_starts(path: Path, *, first: bool = False) -> dict[int, str]:
-    """Read which segments a file holds, and the wall clock at which each started; ``first``: no more than one.
+    """Return the wall clock at the start of each segment in a file; with ``first``, of the first segment alone.
 
     Raises:
-        LogError: as ``Reading.chunks``.
+        LogError: as ``LogReader.chunks`` does.
     """
     reading = LogReader(path)
     for _ in reading.chunks():

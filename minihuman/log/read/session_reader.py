@@ -1,5 +1,6 @@
-"""Read a session: a log's events in order, or all its segments assembled into episodes. `session_rows` has the columns
-of the frequent topics.
+"""Reads a session: a log's events in order, or all its segments assembled into episodes.
+
+`session_rows` has the columns of the frequent topics.
 """
 
 from bisect import bisect
@@ -53,7 +54,7 @@ _BREAK = ""  # the topic that stands for messages that are missing
 
 @dataclass(slots=True)
 class _SegmentDraft:
-    """A segment as far as it has been read: its messages are those from one place on, its times begin at 0."""
+    """A segment as far as it has been read. Its messages start at ``begin``, and its times begin at 0."""
 
     started: events.SessionStarted
     begin: int
@@ -65,7 +66,7 @@ class _SegmentDraft:
 
 @dataclass(slots=True)
 class _EpisodeDraft:
-    """An episode as far as it has been read: its messages are those between two places."""
+    """An episode as far as it has been read. Its messages are those from ``begin`` to ``end``."""
 
     start: events.EpisodeStarted
     segment: int  # 0 for the first that was read
@@ -80,7 +81,7 @@ class _EpisodeDraft:
 
 
 class SessionAssembler:
-    """Assembles a session from its messages, in the order they were recorded."""
+    """Assembles a session from its messages, in the order in which they were recorded."""
 
     def __init__(self) -> None:
         self._parts: list[_SegmentDraft] = []
@@ -101,7 +102,7 @@ class SessionAssembler:
         """Add a file's messages.
 
         Raises:
-            LogError: as ``Reading.events``, but for steps, keys and pictures.
+            LogError: as ``LogReader.events`` does, except for steps, keys and pictures, which are decoded later.
         """
         for chunk in reading.chunks():
             rare_messages = self._collect_frequent(chunk)
@@ -114,7 +115,7 @@ class SessionAssembler:
             self._count += len(chunk)
 
     def _collect_frequent(self, chunk: ChunkMessages) -> list[tuple[int, str, bytes]]:
-        """Put a chunk's frequent messages, observations and samples by; return the others, each with its place."""
+        """Store a chunk's frequent messages, observations and samples; return the others with their positions."""
         rare_messages: list[tuple[int, str, bytes]] = []
         chunk_begin = self._size
         for topic, places, begins, ends in chunk.by_topic(among=RECORD_TOPICS):
@@ -141,7 +142,7 @@ class SessionAssembler:
 
     @property
     def end_reason(self) -> str:
-        """The reason why the last segment ended; "cut_off" where its log does not say."""
+        """The reason why the last segment ended; "cut_off" if its log states none."""
         ended = self._parts[-1].ended
         return CUT_OFF if ended is None else ended.reason
 
@@ -150,10 +151,13 @@ class SessionAssembler:
     ) -> tuple[tuple[Segment, ...], tuple[EpisodeLog, ...]]:
         """Return the session's segments and every episode in the order played, all on one clock.
 
-        ``starts`` and ``ends`` are what the files say of each segment that was read, and of each that was finished.
+        Args:
+            starts: the metadata of each segment that was read.
+            ends: the metadata of each finished segment's end.
 
         Raises:
-            LogError: if a step or a key press cannot be read, or a step is missing. Pictures are read when looked at.
+            LogError: if a step or a key press cannot be read, or a step is missing. Pictures are read when they are
+                accessed.
         """
         rows = FrequentRows(self._batches, self._chunks)
         placed = self._place_segments(starts, ends, rows)
@@ -172,7 +176,7 @@ class SessionAssembler:
         return segments, tuple(self._episodes(segments, rows))
 
     def _episodes(self, segments: Sequence[Segment], rows: FrequentRows) -> Iterator[EpisodeLog]:
-        """Yield every episode in the order played; checks that none of its steps is missing."""
+        """Yield every episode in the order played, after checking that none of its steps is missing."""
         starts = [replace(span.start, t_ns=span.start.t_ns + segments[span.segment].start_ns) for span in self._spans]
         steps = [rows.steps.between(span.begin, span.end) for span in self._spans]
         of_states = build_state_columns(starts, [step_rows.start for step_rows in steps], rows.steps.column)
@@ -216,12 +220,13 @@ class SessionAssembler:
     def _place_segments(
         self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]], rows: FrequentRows
     ) -> list[tuple[Segment, tuple[int, int | None]]]:
-        """Place every segment in the session, still without its keys; return with each the places of its messages."""
+        """Return every segment placed in session time, still without its keys, with the positions of its messages."""
         clean = {int(end["segment"]): end["clean"] == "true" for end in ends}
         placed: list[tuple[Segment, tuple[int, int | None]]] = []
         after_ns = 0
         for number, (part, facts) in enumerate(zip(self._parts, starts, strict=True)):
-            between = (part.begin, self._parts[number + 1].begin if number + 1 < len(self._parts) else None)
+            is_last = number + 1 == len(self._parts)
+            between = (part.begin, None if is_last else self._parts[number + 1].begin)
             unix_ns = int(facts["started_unix_ns"])
             start_ns = max(unix_ns - int(starts[0]["started_unix_ns"]), after_ns)
             end_ns = start_ns + self._lasted_ns(
@@ -253,21 +258,24 @@ class SessionAssembler:
 
     @staticmethod
     def _lasted_ns(part: _SegmentDraft, times_ns: Sequence[NDArray[np.int64]]) -> int:
-        """Return the last segment time that is known, ns; ``times_ns`` are those of the segment's steps and keys."""
+        """Return the last known time of a segment, in nanoseconds since its start.
+
+        Args:
+            part: the segment.
+            times_ns: the times of the segment's steps and of its keys.
+        """
         if part.ended is not None:
             return part.last_ns
         return max(part.last_ns, *(int(topic_times_ns.max(initial=0)) for topic_times_ns in times_ns))
 
     def _samples(self, segment: Segment, begin: int, end: int | None) -> SampleSequence:
         places, messages = self._unread[topics.SAMPLE]
-        return SampleSequence(
-            messages[bisect(places, begin) : None if end is None else bisect(places, end)], segment.start_ns
-        )
+        return SampleSequence(messages[_slice_between(places, begin, end)], segment.start_ns)
 
     def _observations(self, span: _EpisodeDraft, steps: int) -> ObservationSequence | None:
-        """Return the observations of an episode; a log may break off between an observation and its step."""
+        """Return the observations of an episode; None if the log does not have all of them."""
         places, messages = self._unread[topics.OBSERVATION]
-        observed = messages[bisect(places, span.begin) : None if span.end is None else bisect(places, span.end)]
+        observed = messages[_slice_between(places, span.begin, span.end)]
         if len(observed) > steps:
             return ObservationSequence(span.start.plan.episode, observed[: steps + 1])
         return None
@@ -298,7 +306,7 @@ class SessionAssembler:
             self._parts[-1].last_ns = max(self._parts[-1].last_ns, event.t_ns)
 
     def _assign_activity_event(self, event: PartEvent) -> None:
-        """Assign an activity's event to the episode that it is about, which may just have ended."""
+        """Assign an activity's event to the episode that it belongs to, which may just have ended."""
         match event:
             case PolicyGiven():
                 self._policy = event.policy
@@ -318,7 +326,7 @@ class SessionAssembler:
                 self._spans[-1].activity_events.append(event)
 
     def _close(self, place: int, outcome: events.Outcome | None = None, cause: events.EndCause = "") -> None:
-        """End the last episode, if it has not ended."""
+        """End the last episode, if it has not ended yet."""
         if self._spans and self._spans[-1].end is None:
             span = self._spans[-1]
             span.end = place
@@ -326,14 +334,22 @@ class SessionAssembler:
             span.end_cause = cause
 
 
+def _slice_between(places: Sequence[int], begin: int, end: int | None) -> slice:
+    """Return the slice of sorted positions that lie after ``begin`` and not after ``end``; None for the log's end."""
+    first = bisect(places, begin)
+    if end is None:
+        return slice(first, None)
+    return slice(first, bisect(places, end))
+
+
 def _clip_pauses(pauses: PauseSpans, first_ns: int, last_ns: int) -> PauseSpans:
-    """Return the pauses of a segment as far as they lie within an episode."""
+    """Return a segment's pauses, clipped to the duration of an episode."""
     within = ((begin, end) for begin, end in pauses if begin < last_ns and end > first_ns)
     return tuple((max(begin, first_ns), min(end, last_ns)) for begin, end in within)
 
 
 def _build_teaching(span: _EpisodeDraft, steps: int, start_ns: int) -> TeachingRecord | None:
-    """Gather who controlled an episode, in session time."""
+    """Build the record of an agent's part in an episode; None if a team played it or no agent took part."""
     if not span.activity_events or span.formed is not None:
         return None
     in_time = part_events_in_session_time(span.activity_events, start_ns)
@@ -342,21 +358,21 @@ def _build_teaching(span: _EpisodeDraft, steps: int, start_ns: int) -> TeachingR
 
 
 def read_events(path: Path) -> Iterator[events.Event]:
-    """Yield a log's events in the order they were recorded.
+    """Yield a log's events in the order in which they were recorded.
 
-    A live or cut-off log (``.mcap.part``) yields what is whole; a finished one must be whole.
+    Of a live or cut-off log (``.mcap.part``) the intact part is read; a finished log must be intact.
 
     Raises:
-        LogError: if the file cannot be opened, is no session log, of another schema version, or damaged.
+        LogError: if the file cannot be opened, is not a session log, has a newer schema version, or is damaged.
     """
     return LogReader(path).events()
 
 
 def read_log(path: Path | str) -> SessionLog:
-    """Read a session: a finished log, a live or cut-off ``.mcap.part``, or a session's folder with every segment in it.
+    """Read a session from a finished log, a live or cut-off ``.mcap.part``, or a folder of its segments.
 
     Raises:
-        LogError: if there is no session log, it is of another schema version, damaged, or holds no plan.
+        LogError: if there is no session log, or it has a newer schema version, is damaged, or holds no plan.
     """
     path = Path(path)
     files = list_session_files(path)
@@ -379,10 +395,10 @@ def read_log(path: Path | str) -> SessionLog:
 
 
 def list_session_files(path: Path) -> list[Path]:
-    """List the files of one session: a log, or all files of the one session in a folder, in order.
+    """Return the files of one session, in order: a log itself, or all files of the session in a folder.
 
     Raises:
-        LogError: if a folder holds none, or more than one.
+        LogError: if a folder holds no session, or more than one.
     """
     if not path.is_dir():
         return [path]

@@ -1,7 +1,7 @@
-"""Rows of a session: the messages of one topic with their places, and the columns made of their fields.
+"""Rows of a session: the messages of one topic with their positions, and the columns made from their fields.
 
-Messages are collected per topic and turned into columns at once. No object is made per step, key press or frame: that
-is what makes a study quick to read.
+Messages are collected per topic and converted to columns at once. No object is created per step, key press or frame,
+which is what makes reading a study fast.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,14 +28,19 @@ _TIMES = frozenset({"t_ns", "pressed_ns", "key_t_ns", "submit_ns", "flip_ns"})  
 
 
 class SampleSequence(Sequence[events.Sampled]):
-    """Samples in the order they were recorded, in session time.
+    """A segment's samples in the order in which they were recorded, in session time.
 
     Raises:
-        google.protobuf.message.DecodeError: when a message is looked at that is no sample.
+        google.protobuf.message.DecodeError: when a message is accessed that is not a sample.
     """
 
     def __init__(self, messages: Sequence[bytes], start_ns: int) -> None:
-        """Return ``start_ns`` is the session time at which their segment began."""
+        """Create the sequence.
+
+        Args:
+            messages: the encoded samples of one segment.
+            start_ns: the session time at which the segment began.
+        """
         self._messages = messages
         self._start_ns = start_ns
 
@@ -65,10 +70,10 @@ _VERDICTS = get_args(events.KeyVerdict)
 
 
 def check_step_numbers(episode: int, episodes: NDArray[np.int64], steps: NDArray[np.int64]) -> None:
-    """Refuse an episode that lacks a step, or has one of another episode.
+    """Refuse an episode that lacks a step, or has a step of another episode.
 
     Raises:
-        LogError: if it does.
+        LogError: if a step is missing or belongs to another episode.
     """
     wrong = np.flatnonzero((episodes != episode) | (steps != np.arange(1, len(steps) + 1)))
     if wrong.size:
@@ -95,7 +100,7 @@ def build_step_columns(column: Callable[[str], FieldColumn]) -> dict[str, NDArra
 def build_state_columns(
     starts: Sequence[events.EpisodeStarted], resets: Sequence[int], column: Callable[[str], FieldColumn]
 ) -> dict[str, NDArray[Any]]:
-    """Build the columns of ``EpisodeLog`` that have a row for the reset and one for each step."""
+    """Build the columns of ``EpisodeLog`` that have a row for each episode's reset and for each step."""
     pose = column("pose")
     after = np.stack([np.where(pose.is_present, pose.values[axis].values, np.nan) for axis in _AXES], axis=1)
     first = np.array([pose_as_row(start.pose) for start in starts], np.float64).reshape(-1, len(_AXES))
@@ -112,7 +117,7 @@ def build_state_columns(
 
 
 def build_key_columns(column: Callable[[str], FieldColumn], count: int) -> EventColumns[events.KeyPressed]:
-    """Build key presses and releases from the columns of their messages.
+    """Build the columns of key presses and releases from the columns of their messages.
 
     Raises:
         LogError: if a verdict is outside its vocabulary.
@@ -130,7 +135,7 @@ def build_key_columns(column: Callable[[str], FieldColumn], count: int) -> Event
 
 
 class TopicRows:
-    """A session's messages on one topic: their places among all messages, and their fields, read on demand."""
+    """A session's messages on one topic: their positions among all messages, and their fields, read on demand."""
 
     def __init__(self, topic: str, batches: Sequence[TopicMessages], data: bytes) -> None:
         self._topic = topic
@@ -149,8 +154,8 @@ class TopicRows:
         """Add to each time the session time at which its segment starts.
 
         Args:
-            begins: int64[segments], the first place of each segment.
-            starts_ns: int64[segments].
+            begins: the position of the first message of each segment, int64[segments].
+            starts_ns: the session time at which each segment starts, int64[segments].
         """
         if starts_ns.any():
             self._offsets_ns = starts_ns[np.searchsorted(begins, self.places, side="right") - 1]
@@ -163,7 +168,7 @@ class TopicRows:
         """Return one field of all the messages.
 
         Raises:
-            LogError: if it cannot be read.
+            LogError: if the field cannot be read.
         """
         if name in self._shifted:
             return self._shifted[name]
@@ -177,13 +182,15 @@ class TopicRows:
         return cells
 
     def between(self, begin: int, end: int | None) -> slice:
-        """Return which of the messages lie between two places, the second excluded; None for the log's end."""
+        """Return the rows of the messages at positions from ``begin`` up to ``end``; None for the log's end."""
         first = int(np.searchsorted(self.places, begin))
-        return slice(first, len(self.places) if end is None else int(np.searchsorted(self.places, end)))
+        if end is None:
+            return slice(first, len(self.places))
+        return slice(first, int(np.searchsorted(self.places, end)))
 
 
 class FrequentRows:
-    """The messages on the topics that have thousands: steps, keys and frames."""
+    """A session's messages on the most frequent topics: steps, keys and frames."""
 
     def __init__(self, batches: Mapping[str, Sequence[TopicMessages]], chunks: Sequence[bytes]) -> None:
         data = b"".join((*chunks, BEYOND))
@@ -198,11 +205,11 @@ class FrequentRows:
 
     @cached_property
     def key_events(self) -> EventColumns[events.KeyPressed]:
-        """Every press and release."""
+        """The columns of every key press and release."""
         return build_key_columns(self.keys.column, len(self.keys))
 
     @cached_property
     def frame_events(self) -> EventColumns[events.FrameShown]:
-        """Every picture that was shown."""
+        """The columns of every displayed frame."""
         frames = self.frames  # alone: what is cached here and held this would be a cycle, freed only by the collector
         return EventColumns(events.FrameShown, lambda name: frames.column(name).values, range(len(frames)))

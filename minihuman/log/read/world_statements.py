@@ -1,4 +1,4 @@
-"""Read what a world said at an episode's steps: of success, where its rule asks, and the keys of ``info`` kept."""
+"""Reads what a world reported at an episode's steps: success, and the keys of ``info`` that were kept."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -15,7 +15,7 @@ StepColumn = Callable[[str], FieldColumn]  # a field of all steps of a log, by i
 
 
 def read_successes(plan: EpisodePlan, column: StepColumn, steps: slice) -> NDArray[np.float64] | None:
-    """Read what the world said of success, NaN where nothing; None where the outcome rule does not ask."""
+    """Return the reported success of each step, NaN if none; None if the outcome rule does not ask for it."""
     if not parse_outcome_rule(plan.outcome_rule).asks_world:
         return None
     field = column("success")
@@ -23,7 +23,7 @@ def read_successes(plan: EpisodePlan, column: StepColumn, steps: slice) -> NDArr
 
 
 def read_infos(plan: EpisodePlan, column: StepColumn, steps: slice) -> Sequence[Mapping[str, Any]] | None:
-    """Read the keys of ``info`` that the plan keeps; None where it keeps none."""
+    """Return the recorded keys of each step's ``info``; None if the plan records none."""
     if not plan.record_info:
         return None
     return [msgspec.json.decode(text) for text in column("info_json").values[steps]]

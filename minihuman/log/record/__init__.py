@@ -1,1 +1,1 @@
-"""Record events to a live file, and finalize it into a session's log."""
+"""Records events to a live file, and finalizes it as a session's log."""

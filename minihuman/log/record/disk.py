@@ -1,11 +1,11 @@
-"""Write live files: append bytes in order, make them durable soon after, and report every failure.
+"""Writes live files: appends bytes in order, makes them durable soon after, and reports every failure.
 
-Where a frame waits for its write, two threads serve one file: one writes, which survives the process; one fsyncs behind
-it, which survives a power cut. No frame waits for a slow disk longer than a bound.
+If frames wait for their writes, two threads serve one file. One writes, which survives the death of the process; the
+other fsyncs what was written, which survives a power cut. No frame waits for a slow disk longer than a bound.
 
-Where only durable bytes count, one thread serves all files (``GroupCommit``): writes that arrive for a file within a
-moment are one write, and files that are due together are made durable together. A thread per file would pass the
-interpreter lock back and forth at each write, and a slow disk takes a few hundred fsyncs per second.
+If only durable bytes count, one thread serves all files (``GroupCommit``): writes that arrive for a file within a
+moment are joined, and files that are due together are made durable together. A thread per file would pass the
+interpreter lock back and forth at each write, and a slow disk manages only a few hundred fsyncs per second.
 """
 
 import logging
@@ -43,10 +43,10 @@ RESERVE_BYTES = 16 * 1024 * 1024  # for finishing the log, floor plans, and what
 
 
 def require_disk_space(folder: Path, episode: EpisodePlan) -> None:
-    """Refuse an episode that would not fit on a folder's disk at full length.
+    """Refuse an episode that, at full length, would not fit on the disk of a folder.
 
     Raises:
-        LogError: if it does not.
+        LogError: if there is too little free space.
     """
     step_bytes = STEP_BYTES + episode.record_observations * OBSERVATION_BYTES
     needed = RESERVE_BYTES + min(episode.max_steps, MAX_ESTIMATED_STEPS) * step_bytes
@@ -67,15 +67,16 @@ WRITE_BOUND_S = 0.1  # the longest that a write holds a picture up
 
 @dataclass(frozen=True, slots=True)
 class RecorderSettings:
-    """The settings by which a recorder uses its disk.
+    """The settings of a recorder's use of its disk.
 
     Args:
-        bound_s: how long ``settle`` waits for a write that the disk does not take.
-        backlog: how many writes may wait for the disk before the recorder gives up.
-        group: writes and syncs many recorders' files, where no picture waits for a write; None: threads of its own.
-        on_sync: called, by another thread, whenever more has become durable.
-        put: writes to a file descriptor and returns how many bytes it took; the system's disk, if not given.
-        sync: makes a file descriptor's writes durable; likewise.
+        bound_s: how long ``settle`` waits for a stalled write, in seconds.
+        backlog: the number of writes that may wait for the disk before the recorder gives up.
+        group: writes and syncs the files of many recorders, if no picture waits for a write; None for threads of its
+            own.
+        on_sync: a function that another thread calls whenever more data have become durable.
+        put: writes to a file descriptor and returns the number of bytes written; the system's disk by default.
+        sync: makes a file descriptor's writes durable; the system's disk by default.
     """
 
     bound_s: float = WRITE_BOUND_S
@@ -87,13 +88,13 @@ class RecorderSettings:
 
 
 class LiveFile:
-    """A live file that its owner has made and locked. One thread writes it, another may make it durable.
+    """A live file that its owner has created and locked. One thread writes it, and another may make it durable.
 
     Args:
-        fd: its descriptor, which stays its owner's.
-        part: where it is.
-        settings: how it is written.
-        crc: of what it holds already.
+        fd: the file descriptor, which remains the owner's.
+        part: the file's path.
+        settings: the settings for writing it.
+        crc: the checksum of its present content.
     """
 
     def __init__(self, fd: int, part: Path, settings: "RecorderSettings", *, crc: int = 0) -> None:
@@ -104,11 +105,11 @@ class LiveFile:
         self._write_lock = threading.Lock()  # held while it is written, or written again
 
     def append(self, pieces: Iterable[AppendBlock]) -> None:
-        """Hand pieces to the operating system.
+        """Write blocks of bytes to the operating system.
 
         Raises:
-            LogError: if there is too little room.
-            OSError: if the disk does not take them.
+            LogError: if there is too little disk space.
+            OSError: if the disk refuses them.
         """
         for piece in _join_pieces(pieces):
             if piece.room_for is not None:
@@ -121,15 +122,15 @@ class LiveFile:
                 self.crc = zlib.crc32(piece.data, self.crc)
 
     def sync(self) -> None:
-        """Make durable what was written.
+        """Make everything written so far durable.
 
         Raises:
-            OSError: if it cannot be.
+            OSError: if that fails.
         """
         self._settings.sync(self.fd)
 
     def restore(self) -> None:
-        """Write a file that was removed or moved again from the open handle, and make it durable.
+        """If the file was removed or moved, write it again from the open descriptor and make it durable.
 
         Raises:
             LogError: if it cannot be written again.
@@ -154,7 +155,7 @@ class LiveFile:
         )
 
     def _copy_to(self, new_fd: int) -> int:
-        """Copy all that was written, and make it last."""
+        """Copy the whole file to a new descriptor durably; return the number of bytes copied."""
         lock_descriptor(new_fd)
         copied = 0
         while block := read_at(self.fd, 1 << 20, copied):
@@ -166,7 +167,7 @@ class LiveFile:
 
 
 def _join_pieces(pieces: Iterable[AppendBlock]) -> Iterator[AppendBlock]:
-    """Join the bytes into as few writes as possible."""
+    """Join blocks of bytes into as few writes as possible."""
     buffered: list[bytes] = []
     for piece in pieces:
         if piece.room_for is not None and buffered:
@@ -182,7 +183,7 @@ def _join_pieces(pieces: Iterable[AppendBlock]) -> Iterator[AppendBlock]:
 
 @dataclass(slots=True)
 class WriteJob:
-    """One write."""
+    """One write of the events of an input."""
 
     pieces: Sequence[AppendBlock]
     steps: int  # of the segment, with these
@@ -192,9 +193,9 @@ class WriteJob:
 
 
 class FileWriter:
-    """Has a live file written and made durable by other threads: two of its own, or a ``GroupCommit``'s.
+    """Writes a live file and makes it durable in other threads: two of its own, or that of a ``GroupCommit``.
 
-    With a ``GroupCommit`` the file's own ``sync`` is called only where the file was taken away and is written again.
+    With a ``GroupCommit`` the file's own ``sync`` is called only if the file was removed and has to be written again.
     """
 
     def __init__(self, file: LiveFile, settings: RecorderSettings) -> None:
@@ -230,9 +231,11 @@ class FileWriter:
         return self.file.fd
 
     def begin(self, pieces: Sequence[AppendBlock], *, steps: int) -> None:
-        """Have pieces appended, behind all that were begun before; ``failure`` may say why they are not.
+        """Queue blocks of bytes to be appended after all earlier ones; ``failure`` may state why they are not.
 
-        ``steps`` is how many the file holds with these.
+        Args:
+            pieces: the blocks of bytes.
+            steps: the number of steps that the file has with these blocks.
         """
         behind = self._begun_count - self._written_count
         if behind >= self._settings.backlog:
@@ -250,9 +253,9 @@ class FileWriter:
             group.expect(self)
 
     def settle(self) -> None:
-        """Wait for what was begun: it is written then, has had ``bound_s`` to be, or ``failure`` says why not.
+        """Wait for the last queued write, at most ``bound_s``; ``failure`` states the error if it fails.
 
-        With a ``GroupCommit`` it returns at once: what is shown waits for ``durable_writes``.
+        With a ``GroupCommit`` this returns at once, because pictures then wait for ``durable_writes``.
         """
         job = self._last
         self._last = None
@@ -262,19 +265,22 @@ class FileWriter:
             self.late += 1
             return
         began_s = time.monotonic()
-        self._stuck = None if job.finished.acquire(timeout=self._settings.bound_s) else job
-        self.late += self._stuck is not None
+        if job.finished.acquire(timeout=self._settings.bound_s):
+            self._stuck = None
+        else:
+            self._stuck = job
+            self.late += 1
         self.longest_wait_s = max(self.longest_wait_s, time.monotonic() - began_s)
 
     def drain(self) -> None:
-        """Wait until all that was begun is durable, or never will be."""
+        """Wait until every queued write is durable or has failed."""
         if self._settings.group is not None and self._settled_count < self._begun_count:
             self._settings.group.expect(self, at_once=True)
         with self._settling:
             self._settling.wait_for(lambda: self._settled_count >= self._begun_count)
 
     def close(self) -> None:
-        """Make durable what is left, and be done with the file, which stays open."""
+        """Make the remaining writes durable and stop writing; the file itself stays open."""
         if self._settings.group is not None:
             self.drain()
         self._jobs.put(None)
@@ -300,7 +306,8 @@ class FileWriter:
                 if all(job.fully_written for job in jobs):
                     self.durable_writes += len(jobs)
             except Exception as error:
-                self._is_broken, self.failure = True, self.failure or error
+                self._is_broken = True
+                self.failure = self.failure or error
                 if isinstance(error, LogError):  # the file is gone
                     self.durable_steps = 0
         if jobs:
@@ -325,7 +332,7 @@ class FileWriter:
             self._make_durable([job for job in jobs if job is not None], sync=self.file.sync, closing=closing)
 
     def write_waiting(self) -> bool:
-        """Write all that waits, for a ``GroupCommit``; tell whether there was any."""
+        """Write all queued blocks, for a ``GroupCommit``; return whether there were any."""
         self._is_expected = False  # before the queue is emptied: what comes from here on has another commit
         jobs = [job for job in _take_waiting(self._jobs) if job is not None]
         self._write(jobs)
@@ -334,7 +341,7 @@ class FileWriter:
         return bool(jobs)
 
     def finish_commit(self, failed: Exception | None) -> None:
-        """Take note, for a ``GroupCommit``, that what was written is durable, or never will be."""
+        """Record, for a ``GroupCommit``, that the written blocks are durable, or why they cannot be."""
 
         def outcome() -> None:
             if failed is not None:
@@ -344,7 +351,7 @@ class FileWriter:
 
 
 def _take_waiting(jobs: "queue.SimpleQueue[WriteJob | None]") -> list[WriteJob | None]:
-    """Take all jobs that wait; the caller is the queue's only reader."""
+    """Take all jobs from a queue; the caller must be the queue's only reader."""
     waiting = []
     while not jobs.empty():
         waiting.append(jobs.get())
@@ -357,12 +364,13 @@ MAX_SINGLE_SYNCS = 12  # files that are fsynced by themselves; a disk that keeps
 
 
 class GroupCommit:
-    """The one thread of a process's files. It begins with the first write, and ends with the process.
+    """Writes and syncs all files of a process in one thread, from the first write to the process's end.
 
     Args:
         sync_one: makes one file durable.
         sync_all: makes all files on a file's file system durable, or fails.
-        max_single_syncs: with more files in a round, ``sync_all`` is called once instead.
+        max_single_syncs: the largest number of files to sync singly; for more, ``sync_all`` is called once per file
+            system.
     """
 
     def __init__(
@@ -384,7 +392,7 @@ class GroupCommit:
         self._thread: threading.Thread | None = None
 
     def expect(self, file: FileWriter, *, at_once: bool = False) -> None:
-        """Have a file's turn come, in a moment or at once."""
+        """Schedule a commit of a file, after a short delay or at once."""
         if at_once:
             self._hurried.append(file)
         else:
@@ -407,7 +415,7 @@ class GroupCommit:
             self.commit(self._next())
 
     def _wait(self) -> None:
-        """Return when a file's turn has come."""
+        """Wait until a file is due."""
         while True:
             self._wake.clear()
             left_s = self._due[0][0] - time.monotonic() if self._due else None
@@ -419,7 +427,7 @@ class GroupCommit:
             self._idle = False
 
     def _next(self) -> list[FileWriter]:
-        """Take the files whose turn it is, each once."""
+        """Take the files that are due, each once."""
         files: dict[FileWriter, None] = {}
         while self._hurried:
             files[self._hurried.popleft()] = None
@@ -429,7 +437,7 @@ class GroupCommit:
         return list(files)
 
     def commit(self, files: Sequence[FileWriter]) -> None:
-        """Write what waits for these files, and make it durable."""
+        """Write the queued blocks of these files, and make them durable."""
         written_files = []
         for file in files:
             with _isolate_failures():
@@ -442,7 +450,7 @@ class GroupCommit:
                 file.finish_commit(failed.get(file.fd))
 
     def _sync_files(self, fds: Sequence[int]) -> dict[int, OSError]:
-        """Make files durable; return which of them could not be, and why."""
+        """Make files durable; return the error of each file for which that failed."""
         if len(fds) > self._max_single_syncs:
             try:
                 for fd in {os.fstat(fd).st_dev: fd for fd in fds}.values():

@@ -1,6 +1,6 @@
-"""Own a live log exclusively: created exclusively, locked while its writer lives, never taken from a live process.
+"""Exclusive ownership of a live log, which is locked while its writer lives and never taken from a live process.
 
-The lock is the kernel's: it ends with the process, however that ends, and needs no clean-up.
+The lock is the kernel's: it ends with the process, however the process ends, and needs no clean-up.
 """
 
 import contextlib
@@ -16,7 +16,7 @@ from minihuman.storage.system import current_system
 
 
 def create_live_file(segment_path: SegmentPath) -> int:
-    """Make a segment's live file, locked, and return its file descriptor.
+    """Create a segment's live file, locked, and return its file descriptor.
 
     Raises:
         LogError: if the live file or a finished log with this segment exists, or the folder cannot be written.
@@ -52,10 +52,10 @@ def create_live_file(segment_path: SegmentPath) -> int:
 
 
 def require_unclaimed(segment_path: SegmentPath) -> None:
-    """Refuse a segment that is recorded already or is being recorded; creates nothing.
+    """Refuse a segment that is recorded already or is being recorded, without creating a file.
 
     Raises:
-        LogError: if it is.
+        LogError: if the segment is recorded already or is being recorded.
     """
     refusal = _running_error(segment_path) if segment_path.part.exists() else _recorded_error(segment_path)
     if refusal is not None:
@@ -84,7 +84,7 @@ def open_leftover(part: Path, flags: int = os.O_RDONLY) -> int:
     """Open and lock a leftover live file; return its file descriptor.
 
     Raises:
-        LogError: if a living process still writes it, it is gone, or it cannot be opened.
+        LogError: if a live process is still writing it, it does not exist, or it cannot be opened.
     """
     try:
         fd = current_system().disk.open(part, flags)
@@ -107,10 +107,10 @@ def open_leftover(part: Path, flags: int = os.O_RDONLY) -> int:
 
 @contextlib.contextmanager
 def hold_leftover(part: Path) -> Iterator[None]:
-    """Hold a leftover live file's lock.
+    """Hold the lock of a leftover live file while the context lasts.
 
     Raises:
-        LogError: as ``open_leftover``.
+        LogError: as ``open_leftover`` does.
     """
     fd = open_leftover(part)
     try:
@@ -120,7 +120,7 @@ def hold_leftover(part: Path) -> Iterator[None]:
 
 
 def is_being_recorded(part: Path) -> bool:
-    """Say whether a running process holds a live file."""
+    """Return whether a running process holds the lock of a live file."""
     try:
         with hold_leftover(part):
             return False

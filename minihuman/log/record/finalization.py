@@ -1,8 +1,8 @@
-"""Finalize a live log: copy its whole records, write index and checksums, and rename it to the session's log.
+"""Finalizes a live log: copies its intact records, writes index and checksums, and renames it to the session's log.
 
-The same for a session that ended normally (``finish_log``), one that was cut off (``recover_log``) and a damaged
-finished log (``repair_log``). Every message of the live file and of the session's earlier segments is in the result
-unchanged; only then is the live file removed or, if it could not be read to its end, kept under another name.
+This is done alike for a session that ended normally (``finish_log``), one that was cut off (``recover_log``) and a
+damaged finished log (``repair_log``). The result contains every message of the live file and of the session's earlier
+segments unchanged. Only then is the live file removed or, if it could not be read to its end, kept under another name.
 """
 
 import itertools
@@ -33,7 +33,7 @@ UNFINISHED_SUFFIX = ".finishing"  # of a log until it has its name
 
 
 class NotPublishedError(MinihumanError, OSError):
-    """A log could not be kept where every server has it, so it was not finished; the live file stays."""
+    """A log could not be stored where every server has it, so it was not finished; the live file remains."""
 
 
 CHUNK_BYTES = 64 * 1024  # what a damaged bit can cost
@@ -41,7 +41,7 @@ CHUNK_BYTES = 64 * 1024  # what a damaged bit can cost
 
 @dataclass(frozen=True, slots=True)
 class ExpectedContent:
-    """The content that a recorder has written, to compare with what the file holds."""
+    """What a recorder has written, to be compared with the content of the file."""
 
     messages: int
     crc: int  # of all bytes
@@ -66,12 +66,12 @@ class FinalizedLog:
 
     @property
     def damaged(self) -> bool:
-        """Whether something in it was damaged; a torn last write of a live file is not damage."""
+        """Whether something in the log was damaged; a torn last write of a live file does not count as damage."""
         torn = self.damage.startswith("cut off") and not self.was_finished
         return bool(self.damage) and self.readable and not torn
 
     def describe(self) -> str:
-        """Describe it in one line."""
+        """Return a description of the outcome in one line."""
         if not self.readable:
             return f"{self.path}: kept nothing; {self.damage}"
         line = f"{self.path}: kept {self.steps} steps of {self.episodes} episodes; ended: {self.end_reason}"
@@ -88,18 +88,18 @@ def finish_log(
     promised: ExpectedContent | None = None,
     publish: Callable[[Path], None] = lambda _: None,
 ) -> FinalizedLog:
-    """Turn a live file into the session's log, or merge it into it. The caller holds the file's lock.
+    """Turn a live file into the session's log, or merge it into that log. The caller holds the file's lock.
 
     Args:
-        segment_path: the live file, and the log.
+        segment_path: the paths of the live file and the log.
         clean: whether the session ended normally.
-        promised: what its recorder wrote; a segment that holds less is not clean.
-        publish: keeps the log where every server has it, before the log has its name here.
+        promised: what the recorder wrote; a segment with less content is not clean.
+        publish: stores the log where every server has it, before it gets its name here.
 
     Raises:
-        NotPublishedError: if ``publish`` does; the live file stays.
-        LogError: if the session's log is damaged or holds another run of this segment; the live file stays.
-        OSError: if the disk is full; the live file stays.
+        NotPublishedError: if ``publish`` does; the live file remains.
+        LogError: if the session's log is damaged or holds another run of this segment; the live file remains.
+        OSError: if the disk is full; the live file remains.
     """
     starts = {} if _is_blank(segment_path.part) else read_segment_starts(segment_path.part, first=True)
     if not starts:  # nothing was played yet, or the file's start is gone
@@ -139,7 +139,7 @@ def _require_new_segment(segment_path: SegmentPath, earlier: Mapping[int, str]) 
 
 
 def _require_logged(segment_path: SegmentPath, finalized: FinalizedLog) -> FinalizedLog:
-    """Report a live file as damaged unless all of it is in the log: it may have been resumed since it was finished."""
+    """Return the outcome, stated as damaged if the live file has more than the log, as after a resume."""
     logged = _read_record(segment_path.log)
     topics_in_log = [message[0] for message in _read_record(segment_path.part) if message in logged]
     if len(topics_in_log) >= finalized.messages:
@@ -153,7 +153,7 @@ def _require_logged(segment_path: SegmentPath, finalized: FinalizedLog) -> Final
 
 
 def _read_record(path: Path) -> Iterator[tuple[str, int, int, int, bytes]]:
-    """Read what a file's messages say, in its order and without previews."""
+    """Yield the content of a file's messages in file order, without previews."""
     return (
         (record.channel.topic, *record[1:])
         for record in LogScanner(path)
@@ -162,22 +162,22 @@ def _read_record(path: Path) -> Iterator[tuple[str, int, int, int, bytes]]:
 
 
 def _is_blank(part: Path) -> bool:
-    """Tell whether a power cut left a file's size and nothing of its start."""
+    """Return whether a power cut left a file its size but not its first bytes."""
     with part.open("rb") as file:
         return not file.read(8).strip(b"\0")
 
 
 def recover_log(part: Path, publish: Callable[[Path], None] = lambda _: None) -> FinalizedLog:
-    """Finish a cut-off log; it is marked as not clean.
+    """Finish a cut-off log and mark it as not clean.
 
     Args:
         part: the live file.
-        publish: as in ``finish_log``.
+        publish: stores the log where every server has it, as in ``finish_log``.
 
     Raises:
-        NotPublishedError: if ``publish`` does; the live file stays.
-        LogError: if a running session still writes it, it is gone, its session's log is damaged, or the disk is full;
-            the live file stays.
+        NotPublishedError: if ``publish`` does; the live file remains.
+        LogError: if a running session is still writing the file, it does not exist, its session's log is damaged, or
+            the disk is full; the live file remains.
     """
     segment_path = SegmentPath.of_part(part)
     with hold_leftover(part):
@@ -191,11 +191,11 @@ def recover_log(part: Path, publish: Callable[[Path], None] = lambda _: None) ->
 
 
 def repair_log(log: Path) -> FinalizedLog:
-    """Rewrite a damaged finished log with all that is whole in it; the damaged file is kept beside it.
+    """Rewrite a damaged finished log with all that is intact in it; the damaged file is kept beside it.
 
     Raises:
-        LogError: if it cannot be opened, is no session log, of a newer version, holds no plan, is whole, or the disk is
-            full; it stays.
+        LogError: if the log cannot be opened, is not a session log, has a newer version, holds no plan, is intact, or
+            the disk is full; it then remains as it was.
     """
     try:
         with raise_as_log_error(log):
@@ -212,7 +212,7 @@ def repair_log(log: Path) -> FinalizedLog:
 
 
 def is_whole_log(log: Path) -> bool:
-    """Say whether a finished log can be read from its start to its end, with every checksum right."""
+    """Return whether a finished log can be read from start to end, with every checksum correct."""
     scan = LogScanner(log)
     try:
         for _ in scan.records():
@@ -254,10 +254,12 @@ def _rewrite_damaged(log: Path) -> FinalizedLog:
 
 
 def archive_log(log: Path, folder: Path) -> Path:
-    """Copy a whole log into a folder, without its index of messages: nearly a third smaller. It proves as the log does.
+    """Copy an intact log into a folder without its message index, which makes it nearly a third smaller.
+
+    The copy verifies as the log itself does.
 
     Raises:
-        LogError: if it cannot be opened, is no session log, is damaged, or its copy is there already.
+        LogError: if the log cannot be opened, is not a session log or is damaged, or its copy exists already.
         OSError: if the disk is full.
     """
     target = folder / log.name
@@ -273,7 +275,7 @@ def archive_log(log: Path, folder: Path) -> Path:
 
 
 def find_leftovers(folder: Path) -> list[Path]:
-    """List the cut-off logs anywhere below a folder, those still being written and other programs' files left out."""
+    """Return the cut-off logs anywhere below a folder, without those still being written and other programs' files."""
     return [
         part
         for part in sorted(folder.rglob(f"*{PART_SUFFIX}"))
@@ -316,7 +318,7 @@ def _rewrite(
 
 @contextmanager
 def _open_finished_log(target: Path, indexes: IndexType = IndexType.ALL) -> Iterator[LogCopier]:
-    """Write a new finished log; it is durable on exit."""
+    """Open a new finished log for writing; it is durable when the context exits."""
     with write_durably(target) as file:
         writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True, index_types=indexes)
         writer.start(profile=names.PROFILE, library=LIBRARY_NAME)
@@ -325,7 +327,7 @@ def _open_finished_log(target: Path, indexes: IndexType = IndexType.ALL) -> Iter
 
 
 def _rename(temporary: Path, log: Path) -> None:
-    """Give a finished log its name, durably."""
+    """Rename a finished log durably to its final name."""
     current_system().disk.rename(temporary, log)
     sync_folder(log.parent)
 
@@ -336,7 +338,7 @@ def _remove(temporary: Path) -> None:
 
 
 def put_aside(part: Path, why: str, *, linked: bool = False) -> Path:
-    """Keep a file as it is under an unused name; ``linked``: under its own name, too."""
+    """Rename a file to an unused name and return the new path; with ``linked``, keep it under its own name, too."""
     for number in itertools.count(1):
         aside = part.with_name(f"{part.name}.{why}-{number}")
         if not aside.exists():

@@ -1,6 +1,6 @@
-"""Encode a live log as bytes to append: readable up to its last event whenever writing stops. Opens no file.
+"""Encodes a live log as bytes to append; it is readable up to its last event whenever writing stops. Opens no file.
 
-Messages are packed into MCAP chunks directly; the library would make ten calls per message.
+Messages are packed into MCAP chunks directly, since the library would make ten calls per message.
 """
 
 import re
@@ -37,20 +37,20 @@ _OF_A_CHUNK = 40
 
 
 class ChunkBuilder:
-    """Collects messages and packs them into a chunk."""
+    """Collects messages and packs them into an MCAP chunk."""
 
     def __init__(self) -> None:
         self._records: list[bytes] = []
         self._times_ns: list[int] = []
 
     def add(self, channel: int, sequence: int, log_ns: int, publish_ns: int, data: bytes) -> None:
-        """Take a message."""
+        """Add a message to the chunk."""
         head = _MESSAGE.pack(Opcode.MESSAGE, _OF_A_MESSAGE + len(data), channel, sequence, log_ns, publish_ns)
         self._records += (head, data)
         self._times_ns.append(log_ns)
 
     def take(self) -> bytes:
-        """Return the chunk, b"" if it is empty, and start the next."""
+        """Return the chunk's bytes, b"" if it is empty, and begin the next one."""
         if not self._records:
             return b""
         records = b"".join(self._records)
@@ -69,7 +69,7 @@ LIBRARY_NAME = f"minihuman/{minihuman.__version__} {LIBRARY_IDENTIFIER}"
 
 @dataclass(frozen=True, slots=True)
 class AppendBlock:
-    """Bytes to append at once, and the episode that must fit on the disk first."""
+    """Bytes to append in one write, and the episode for which the disk must have room first."""
 
     data: bytes
     room_for: EpisodePlan | None = None
@@ -100,9 +100,14 @@ class LiveLogEncoder:
     def resume(
         cls, plan: SessionPlan, *, started_ns: int, messages: int, steps: int, rare: Iterable[str] = ()
     ) -> "LiveLogEncoder":
-        """Encode what is appended to a file that a killed program left, with so many ``messages`` and ``steps``.
+        """Return an encoder of what is appended to a file that a killed program left.
 
-        ``rare`` are the topics whose channels it has beside those that every log has, in order.
+        Args:
+            plan: the session's plan.
+            started_ns: the wall clock at the segment's time 0, in nanoseconds since 1970.
+            messages: the number of messages in the file.
+            steps: the number of steps in the file.
+            rare: the topics, in order, whose channels the file has besides those of every log.
         """
         live = cls(started_ns=started_ns)
         live._writer.start(profile=PROFILE, library=LIBRARY_NAME)
@@ -116,11 +121,11 @@ class LiveLogEncoder:
 
     @property
     def channels(self) -> dict[str, int]:
-        """The number of each topic's channel; none before the first event."""
+        """The number of each topic's channel; empty before the first event."""
         return dict(self._channels)
 
     def encode(self, events: Sequence[Event]) -> list[AppendBlock]:
-        """Encode events; each episode's start begins a block of its own."""
+        """Encode events; each start of an episode begins a block of its own."""
         pieces: list[AppendBlock] = []
         room_for: EpisodePlan | None = None
         for event in events:
@@ -141,9 +146,10 @@ class LiveLogEncoder:
         return self._bytes.take()
 
     def _start(self, event: SessionStarted) -> bytes:
-        """Encode a segment's start: the plan has a chunk of its own, and a copy before it.
+        """Encode a segment's start: the plan in a chunk of its own, preceded by its second copy.
 
-        The copy comes behind the attachments: where a write was torn, a plan that can be read has all that is its own.
+        The copy follows the attachments. If a write is torn, a plan that can be read thus has everything that belongs
+        to it.
         """
         writer = self._writer
         started_ns = self._started_ns
@@ -169,7 +175,7 @@ class LiveLogEncoder:
         return begin + bytes(builder.end()) + plan_chunk
 
     def _number(self, plan: SessionPlan) -> list[Channel]:
-        """Number the topics' types and channels, always in the same order."""
+        """Register the topics' schemas and channels, always in the same order; return the channels."""
         topics = (*TOPICS, *list_activity_topics(part.kind for part in plan.parts))
         return [self._channel(topic) for topic in topics if not topic.is_preview]
 
@@ -217,7 +223,7 @@ class LiveLogEncoder:
 
 
 class _DrainedStream:
-    """The stream that a ``Writer`` needs, over bytes that are taken as they come."""
+    """The output stream that a ``Writer`` needs, whose bytes are taken as they arrive."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -232,7 +238,7 @@ class _DrainedStream:
         return self._at
 
     def flush(self) -> None:
-        """Do nothing: bytes stay until they are taken."""
+        """Do nothing, since the bytes stay until they are taken."""
 
     def take(self) -> bytes:
         content = bytes(self._buffer)
@@ -241,7 +247,7 @@ class _DrainedStream:
 
 
 def build_segment_metadata(plan: SessionPlan, started_ns: int) -> dict[str, str]:
-    """Build a segment's metadata; ``started_ns`` is the wall clock at its time 0."""
+    """Build a segment's metadata; ``started_ns`` is the wall clock at the segment's time 0."""
     started = datetime.fromtimestamp(started_ns // 1_000_000_000, UTC)
     return {
         "schema_version": str(find_schema_version(plan)),
@@ -261,7 +267,7 @@ def build_segment_metadata(plan: SessionPlan, started_ns: int) -> dict[str, str]
 
 
 def build_attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
-    """Build a log's attachments: name, media type and content of each."""
+    """Return the name, media type and content of each of a log's attachments."""
     key_maps = {episode.episode: episode.key_map for episode in plan.episodes}
     return (
         ("protocol.toml", "application/toml", plan.protocol_toml),
@@ -272,7 +278,7 @@ def build_attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
 
 @cache
 def _package_list() -> bytes:
-    """List the installed dependencies, optional ones included, one ``name==version`` per line."""
+    """Return the installed dependencies, optional ones included, as text with one ``name==version`` per line."""
     requirements: dict[str, str] = {}
     needed = [DISTRIBUTION]
     while needed:

@@ -1,4 +1,4 @@
-"""Copy log files record by record into one finished log: its chain, its counts, the previews and second copies."""
+"""Copies log files record by record into one finished log, with its hash chain, counts, previews and second copies."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -26,7 +26,7 @@ _HEAD = (names.SEGMENT_METADATA, names.FACTS_METADATA)
 
 
 class LogCopier:
-    """Copies whole files into one writer, giving schemas and channels that recur one number."""
+    """Copies whole files into one writer; equal schemas and equal channels share one number."""
 
     def __init__(self, writer: Writer) -> None:
         self.chain = HashChain()
@@ -54,7 +54,7 @@ class LogCopier:
         self._chunk_bytes = 0
 
     def copy_file(self, scan: LogScanner, *, draw: bool = False) -> None:
-        """Copy every record that the scan finds; add previews, unless the file has them."""
+        """Copy every record that the scan finds; with ``draw``, add previews unless the file has them."""
         self._previews = None
         self._draw = draw
         for record in scan:
@@ -74,7 +74,7 @@ class LogCopier:
             self._add_previews(self._previews.finish(), self._last)
 
     def metadata(self, name: str, facts: Mapping[str, object], *, sealed: bool = False) -> None:
-        """Add a metadata record; ``sealed``: with the head of the chain, itself included."""
+        """Add a metadata record; if ``sealed``, with the head of the hash chain, which covers the record."""
         record = Metadata(name, {key: _format_fact(fact) for key, fact in facts.items()})
         self._flush()  # else it would come before the messages that it follows
         self.chain.metadata(record)
@@ -100,7 +100,7 @@ class LogCopier:
         self.metadata(names.END_METADATA, {"segment": segment} | facts, sealed=True)
 
     def summarize_segment(self) -> dict[str, object]:
-        """Summarize the last segment copied, for the metadata of its end."""
+        """Return a summary of the last copied segment, for the metadata of its end."""
         return {
             "reason": self.end_reason or CUT_OFF,
             "steps": self.counts[topics.STEP],
@@ -154,7 +154,7 @@ class LogCopier:
                 self.end_reason = reason
 
     def _start(self, message: LogMessage, schema: Schema | None) -> None:
-        """Put the second copy of a segment's start behind its metadata."""
+        """Write the second copy of a segment's start after its metadata."""
         self._flush()
         if self._draw and names.SEGMENT_METADATA in self._head:
             self._previews = PreviewEncoder(int(self._head[names.SEGMENT_METADATA].metadata["started_unix_ns"]))
@@ -189,7 +189,7 @@ class LogCopier:
             self._add(message, schema)
 
     def _add_previews(self, encoded: Iterator[tuple[str, Protobuf]], message: LogMessage) -> None:
-        """Add previews with a message's times, before it: a step whose own message is there is whole."""
+        """Add previews before a message, with its times, so that no step lacks its previews."""
         previews: list[tuple[str, Protobuf]] = []
         with suppress(Exception):  # of foreign bytes; the message itself is kept
             previews += encoded
@@ -214,7 +214,7 @@ class LogCopier:
         self._chunk_bytes += 1 + len(message.data)
 
     def _flush(self) -> None:
-        """End the chunk, if there is a message in it."""
+        """End the present chunk, if it has a message."""
         if self._chunk_bytes:
             self._writer.flush()
             self._chunk_bytes = 0

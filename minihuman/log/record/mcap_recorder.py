@@ -1,9 +1,9 @@
-"""The recorder on disk: every event is in an MCAP file before its frame is shown, every step fsynced soon after.
+"""The recorder on disk: every event is in an MCAP file before its frame is shown, and every step is fsynced soon after.
 
-``write`` encodes and hands the bytes to the operating system; from then on killing the process cannot lose them.
-``begin`` and ``settle`` are its two halves, so that the frame is drawn in between. fsync, which survives a power cut,
-takes 4 ms at the median and 25 ms at worst, so it runs on a thread of its own. A live file that a killed program left
-is resumed here: the same segment, without a gap.
+``write`` encodes the events and passes the bytes to the operating system; from then on killing the process cannot lose
+them. ``begin`` and ``settle`` are its two halves, so that the frame can be drawn in between. fsync, which survives a
+power cut, takes 4 ms at the median and 25 ms at worst, so it runs in a thread of its own. A live file that a killed
+program left is resumed here, in the same segment and without a gap.
 """
 
 import os
@@ -38,7 +38,7 @@ _TORN = re.compile(r"cut off at byte (\d+)")
 
 @dataclass(frozen=True, slots=True)
 class LeftoverSegment:
-    """The content of a live file, and the file itself, open and locked."""
+    """The content of a leftover live file, and the file itself, open and locked."""
 
     part: Path
     fd: int
@@ -50,17 +50,17 @@ class LeftoverSegment:
     rare: tuple[str, ...] = ()  # topics that it has channels of beside those of every log
 
     def close(self) -> None:
-        """Close it as it is."""
+        """Close the file without changing it."""
         os.close(self.fd)
 
 
 def resume_segment(part: Path) -> LeftoverSegment:
-    """Lock a live file, take a torn last write off its end, read it, and make durable what was read.
+    """Lock a live file, truncate a torn last write, read the file, and make its content durable.
 
     Raises:
-        LogError: if a living process writes it, it is gone, damaged, of another version, without a plan, or its session
-            is over: then ``recover`` is the way.
-        OSError: if the disk does not take it.
+        LogError: if a live process is writing it, or it does not exist, is damaged, has another version or no plan, or
+            its session is over. The file then has to be recovered.
+        OSError: if the disk cannot be written.
     """
     fd = open_leftover(part, os.O_RDWR | os.O_APPEND)
     try:
@@ -97,7 +97,8 @@ def _read(part: Path, fd: int) -> LeftoverSegment:
                 event = decode(record.channel.topic, record.data)
                 if event is not None:
                     messages = record.sequence
-                    steps += record.channel.topic == STEP
+                    if record.channel.topic == STEP:
+                        steps += 1
                     events.append(event)
     if not events:
         raise LogError(f"{part} contains no session plan; run: minihuman recover {part}")
@@ -114,14 +115,14 @@ def _read(part: Path, fd: int) -> LeftoverSegment:
 
 
 class McapRecorder(Recorder):
-    """Writes one segment of one session. The first event must be its ``SessionStarted``.
+    """Writes one segment of a session. The first event must be its ``SessionStarted``.
 
     Args:
         data: the data folder; file names below it follow from the plan.
-        plan: what is about to be played.
-        started_ns: the wall clock at the session's time 0, ns since 1970.
-        settings: how it uses its disk.
-        left: a live file of this segment that a killed program left, locked, to resume.
+        plan: the session's plan.
+        started_ns: the wall clock at the segment's time 0, in nanoseconds since 1970.
+        settings: the settings of the recorder's use of its disk.
+        left: a locked live file of this segment, left by a killed program, to be resumed.
 
     Raises:
         LogError: if the session's log exists already or is being written, or the folder cannot be written.
@@ -145,14 +146,15 @@ class McapRecorder(Recorder):
             self._live = LiveLogEncoder.resume(
                 plan, started_ns=started_ns, messages=left.messages, steps=left.steps, rare=left.rare
             )
-        file = LiveFile(self._fd, self.segment_path.part, settings, crc=0 if left is None else left.crc)
+        crc = 0 if left is None else left.crc
+        file = LiveFile(self._fd, self.segment_path.part, settings, crc=crc)
         self._disk = FileWriter(file, settings)
         self.publish: Callable[[Path], None] = lambda _: None  # as in ``finish_log``
         self._ended = False
         self._closed = False
 
     def begin(self, events: Sequence[Event]) -> None:
-        """Begin to write the events of one input; call ``settle`` before their picture is shown.
+        """Begin to write the events of one input; ``settle`` must be called before their picture is shown.
 
         Raises:
             LogError: if an earlier write failed, the disk is a whole backlog behind, or the recorder is closed.
@@ -172,7 +174,7 @@ class McapRecorder(Recorder):
         self._refuse_after_failure()
 
     def settle(self) -> None:
-        """Wait until what was begun outlives the process, or the disk stalls.
+        """Wait until the begun write survives the process, or until the disk has stalled for too long.
 
         Raises:
             LogError: if it could not be written.
@@ -182,7 +184,7 @@ class McapRecorder(Recorder):
 
     @property
     def durable_steps(self) -> int:
-        """The number of steps of this segment that are fsynced."""
+        """The number of this segment's steps that are fsynced."""
         return self._disk.durable_steps
 
     @property
@@ -192,11 +194,11 @@ class McapRecorder(Recorder):
 
     @property
     def late_writes(self) -> int:
-        """The number of writes that the disk did not take in time, so that their pictures were shown before them."""
+        """The number of writes that the disk did not finish in time, so that their pictures were shown before them."""
         return self._disk.late
 
     def drain(self) -> None:
-        """Wait until all that was written is durable: for players that have no frame loop to keep.
+        """Wait until all writes are durable; this is for players without a frame loop.
 
         Raises:
             LogError: if writing failed.
@@ -205,7 +207,7 @@ class McapRecorder(Recorder):
         self._refuse_after_failure()
 
     def leave(self) -> None:
-        """Make durable what was written and close the live file as it is, for another process to resume.
+        """Make all writes durable and close the live file without finishing it, for another process to resume.
 
         A second call, or one after ``close``, does nothing.
         """
@@ -215,12 +217,12 @@ class McapRecorder(Recorder):
             os.close(self._fd)
 
     def close(self) -> Path | None:
-        """Write what is left, finish the log and return it. A second call only says where it is.
+        """Write what is left, finish the log and return its path. A second call only returns the path.
 
         Raises:
-            LogError: if something could not be written; what could is kept, and the message says where.
-            LossError: if the log holds less than was written, because the live file was damaged meanwhile.
-            NotPublishedError: if ``publish`` does; then it can be called again.
+            LogError: if something could not be written; the rest is kept, and the message says where.
+            DataLossError: if the log has less content than was written, because the live file was damaged meanwhile.
+            NotPublishedError: if ``publish`` does; this can then be called again.
         """
         if self._closed:
             return self.segment_path.log if self.segment_path.log.exists() else None

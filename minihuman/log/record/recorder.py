@@ -1,9 +1,9 @@
-"""The recorder port, a recorder in memory, and recorders that wrap another one. Knows no file format.
+"""The recorder interface, a recorder in memory, and recorders that wrap another one. It knows no file format.
 
-``BufferedRecorder`` joins many writes into one where no frame waits for its log (simulated sessions; the finished log
-is the same). ``DeferredRecorder`` keeps events in memory until the participant has consented or the group is
-allocated: a participant who declines, closes the window or stays away before that leaves nothing on disk. One
-contract suite runs every recorder.
+``BufferedRecorder`` joins many writes into one if no frame waits for its log, as in simulated sessions; the finished
+log is the same. ``DeferredRecorder`` keeps events in memory until the participant has consented or the group is
+allocated, so that a participant who declines, closes the window or stays away before that leaves nothing on disk. One
+contract test suite covers every recorder.
 """
 
 import abc
@@ -17,27 +17,27 @@ from minihuman.experiment.plan.session_plan import SessionPlan
 
 
 class Recorder(abc.ABC):
-    """Takes a session's events as they happen and makes them last."""
+    """Receives a session's events as they occur and makes them durable."""
 
     def write(self, events: Sequence[Event]) -> None:
-        """Take the events of one input, in order, and wait until they outlive the process.
+        """Write the events of one input, in order, and wait until they survive the process.
 
         Raises:
-            LogError: as ``begin`` and ``settle``.
+            LogError: as ``begin`` and ``settle`` do.
         """
         self.begin(events)
         self.settle()
 
     @abc.abstractmethod
     def begin(self, events: Sequence[Event]) -> None:
-        """Take the events of one input, in order, without waiting for them: a picture is drawn meanwhile.
+        """Begin to write the events of one input, in order, without waiting, so that a picture can be drawn meanwhile.
 
         Raises:
-            LogError: if an earlier write failed (disk full, device gone); nothing more is taken.
+            LogError: if an earlier write failed (disk full, device gone); no more events are accepted.
         """
 
     def settle(self) -> None:
-        """Wait until what was begun outlives the process.
+        """Wait until the begun write survives the process.
 
         Raises:
             LogError: if it could not be written.
@@ -52,44 +52,44 @@ class Recorder(abc.ABC):
     @property
     @abc.abstractmethod
     def durable_writes(self) -> int:
-        """The number of writes with events that are fsynced, each with all before it."""
+        """The number of writes with events that are fsynced, each together with all before it."""
 
     @abc.abstractmethod
     def close(self) -> Path | None:
-        """Write what is queued, finish the log, and say where it is (None: in memory). A second call does nothing."""
+        """Finish the log and return its path, None if it is in memory. A second call does nothing."""
 
 
 class MemoryRecorder(Recorder):
-    """Keeps events in a list: for tests and for simulated play that needs no file."""
+    """Keeps events in a list, for tests and for simulated play that needs no file."""
 
     def __init__(self) -> None:
         self.events: list[Event] = []
         self._writes = 0
 
     def begin(self, events: Sequence[Event]) -> None:
-        """Take the events."""
+        """Add the events to the list."""
         self.events.extend(events)
         self._writes += bool(events)
 
     @property
     def durable_steps(self) -> int:
-        """The number of steps taken; memory is as durable as it gets."""
+        """The number of recorded steps, all of which count as durable in memory."""
         return sum(isinstance(event, Stepped) for event in self.events)
 
     @property
     def durable_writes(self) -> int:
-        """The number of writes."""
+        """The number of writes with events."""
         return self._writes
 
     def close(self) -> None:
-        """Do nothing: there is nothing to finish."""
+        """Do nothing, since there is no log to finish."""
 
 
 class WrappedRecorder(Recorder):
     """Forwards to another recorder; a subclass overrides ``begin`` or another method.
 
     Args:
-        recorder: takes the events; closed with this one.
+        recorder: the recorder that receives the events; it is closed with this one.
     """
 
     def __init__(self, recorder: Recorder) -> None:
@@ -104,7 +104,7 @@ class WrappedRecorder(Recorder):
         self._recorder.begin(events)
 
     def settle(self) -> None:
-        """Wait as the wrapped recorder does.
+        """Wait until the wrapped recorder's begun write survives the process.
 
         Raises:
             LogError: as the wrapped recorder does.
@@ -130,10 +130,10 @@ MAX_BUFFERED_EVENTS = 256  # events that may wait
 
 
 class BufferedRecorder(WrappedRecorder):
-    """Joins many writes into one, on ``flush`` or when enough events wait; the finished log is the same.
+    """Joins many writes into one, on ``flush`` or when enough events are buffered; the finished log is the same.
 
-    A live file takes a chunk per write, and finishing it reads each: a write per step would cost as much as its play.
-    ``durable_writes`` counts the joined writes.
+    A live file gets a chunk per write, and finishing it reads each chunk, so a write per step would cost as much as
+    playing. ``durable_writes`` counts the joined writes.
     """
 
     def __init__(self, recorder: Recorder) -> None:
@@ -141,7 +141,7 @@ class BufferedRecorder(WrappedRecorder):
         self._waiting: list[Event] = []
 
     def begin(self, events: Sequence[Event]) -> None:
-        """Take the events; hand over all that wait where they are enough.
+        """Buffer the events, and forward the whole buffer if it holds enough.
 
         Raises:
             LogError: as the wrapped recorder does.
@@ -151,7 +151,7 @@ class BufferedRecorder(WrappedRecorder):
             self._begin_waiting()
 
     def flush(self) -> None:
-        """Write what waits.
+        """Write the buffered events.
 
         Raises:
             LogError: as the wrapped recorder does.
@@ -166,7 +166,7 @@ class BufferedRecorder(WrappedRecorder):
             self._recorder.begin(waiting)
 
     def close(self) -> Path | None:
-        """Write what waits and finish the log."""
+        """Write the buffered events and finish the log."""
         try:
             self.flush()
         finally:
@@ -175,23 +175,24 @@ class BufferedRecorder(WrappedRecorder):
 
 
 class _NullRecorder(MemoryRecorder):
-    """Stands for a recorder that is not open yet: nothing is recorded."""
+    """A placeholder for a recorder that is not open yet; it records nothing."""
 
     def begin(self, events: Sequence[Event]) -> None:
-        """Take nothing."""
+        """Ignore the events."""
 
 
 class DeferredRecorder(WrappedRecorder):
-    """Opens a recorder at the consent and hands it all that came before, with the times that it had.
+    """Opens a recorder at the consent and passes it all earlier events, with their original times.
 
-    A session that does not begin with a consent, or that is resumed after one, is recorded from its first event.
+    A session that does not begin with a consent, or that is resumed after one, is recorded from its first event. A
+    session whose group is not allocated yet is recorded from its first later event.
 
     Args:
-        plan: what is about to be played.
-        open_recorder: makes the recorder; called once, or never.
+        plan: the session's plan.
+        open_recorder: opens the recorder; it is called once, or never.
 
     Raises:
-        LogError: as ``open_recorder`` does, where there is nothing to wait for.
+        LogError: as ``open_recorder`` does, if there is nothing to wait for.
     """
 
     def __init__(self, plan: SessionPlan, open_recorder: Callable[[], Recorder]) -> None:
@@ -200,18 +201,24 @@ class DeferredRecorder(WrappedRecorder):
         self._asks = asks_consent_before_play(plan)
         self._waits = self._asks or is_allocation_pending(plan)
         self._closed = False
-        super().__init__(_NullRecorder() if self._waits else open_recorder())
+        super().__init__(self._make_first_recorder())
+
+    def _make_first_recorder(self) -> Recorder:
+        """Open the recorder, or return a placeholder if the session has to wait for a consent or an allocation."""
+        if self._waits:
+            return _NullRecorder()
+        return self._open_recorder()
 
     @property
     def opened(self) -> bool:
-        """Whether anything is recorded."""
+        """Whether the session is being recorded."""
         return not self._waits
 
     def begin(self, events: Sequence[Event]) -> None:
-        """Take the events; with those that waited, if the consent is among them.
+        """Keep the events, or record them; the kept events are recorded first once the participant consents.
 
         Raises:
-            LogError: as the wrapped recorder does; also if it cannot be opened.
+            LogError: as the wrapped recorder does, or if it cannot be opened.
         """
         if not self._waits:
             self._recorder.begin(events)
@@ -227,7 +234,7 @@ class DeferredRecorder(WrappedRecorder):
                     self._recorder.begin(batch)
 
     def close(self) -> Path | None:
-        """Finish the log, if there is one; else forget what waited."""
+        """Finish the log if there is one, and discard events that were only kept."""
         self._closed = True
         self._waiting = []
         return self._recorder.close()

@@ -1,8 +1,9 @@
-"""Lease a session to the server that hosts it, and bring its live log to the state that the last holder acknowledged.
+"""Leases sessions to the servers that host them, and restores live logs to their last acknowledged state.
 
-The holder renews its lease, and with it copies what it has recorded to the database. It acknowledges no input that is
-not copied, and none once it has not renewed for a while. A server that finds a session leased waits until the holder
-hands it over, or the lease has run out; then it takes the copy, and the page sends it what was not acknowledged.
+The holder renews its lease and, at the same time, copies what it has recorded to the database. It acknowledges no input
+that is not copied, and none at all once it has not renewed the lease for a while. A server that finds a session leased
+waits until the holder hands it over or the lease runs out. It then takes the copy, and the page resends the inputs that
+were not acknowledged.
 """
 
 import os
@@ -40,7 +41,7 @@ SUPERSEDED = "superseded"  # in the name of a file that is another server's now
 
 @dataclass(slots=True, eq=False)
 class Lease:
-    """A lease, as its holder knows it."""
+    """A session's lease, as its holder knows it."""
 
     session: str
     grant: LeaseGrant
@@ -54,23 +55,23 @@ class Lease:
     _count_writes: Callable[[], int] = lambda: 0
 
     def count_acknowledgeable(self, now_s: float) -> int:
-        """Count the recorder's writes that may be acknowledged; -1: not even what was there before."""
+        """Return how many of the recorder's writes may be acknowledged; -1 if not even earlier ones may be."""
         is_held = not self.lost and now_s < self.renewed_s + TTL_S - SAFETY_MARGIN_S
         return self.copied_writes if is_held else -1
 
     def follow(self, find_part: Callable[[], Path | None], count_writes: Callable[[], int]) -> None:
-        """Copy a live log from now on.
+        """Start to copy a live log.
 
         Args:
-            find_part: where it is; None before there is one.
-            count_writes: how many of the recorder's writes are durable.
+            find_part: returns the live log's path; None before there is one.
+            count_writes: returns the number of the recorder's durable writes.
         """
         self._find_part = find_part
         self._count_writes = count_writes
         self._copied = {}  # all of it once more: a torn end was taken off, and there may be more since
 
     def _read(self) -> tuple[LogPiece | None, int]:
-        """Read what is not copied yet; return with it how many writes are durable."""
+        """Return the data that are not copied yet, and the number of durable writes."""
         writes = self._count_writes()  # first: these are in the file
         part = self._find_part()
         if part is None:
@@ -90,11 +91,11 @@ class Lease:
 
 
 class SessionLeases:
-    """The leases of one server. Every method but ``count_acknowledgeable`` may wait for the database or the disk.
+    """The session leases of one server. Every method may wait for the database or the disk.
 
     Args:
-        table: the database's.
-        clock: monotonic, seconds.
+        table: the database's table of leases.
+        clock: returns the monotonic time in seconds.
     """
 
     def __init__(self, table: LeaseTable, *, clock: Callable[[], float] = monotonic_s) -> None:
@@ -103,11 +104,11 @@ class SessionLeases:
         self._guard = threading.RLock()  # a copy grows at its end: one at a time
 
     def acquire(self, session: str) -> Lease:
-        """Lease a session: "study/sub-07/ses-01".
+        """Lease a session, named as in "study/sub-07/ses-01".
 
         Raises:
-            LeaseHeldError: if another server has it, or did within ``TTL_S``.
-            OSError: if the database cannot be asked.
+            LeaseHeldError: if another server has the lease, or had it within the last ``TTL_S`` seconds.
+            OSError: if the database cannot be reached.
         """
         began_s = self._clock()
         grant = self._table.acquire(session)
@@ -118,10 +119,10 @@ class SessionLeases:
         return Lease(session, grant, began_s)
 
     def restore(self, lease: Lease, folder: Path) -> None:
-        """Bring the files of a session to the state that the last holder acknowledged; what is here is kept aside.
+        """Restore a session's files to the state that the last holder acknowledged; differing files here are put aside.
 
         Raises:
-            OSError: if the database cannot be asked, or the folder cannot be written.
+            OSError: if the database cannot be reached, or the folder cannot be written.
         """
         if not lease.grant.copied:
             return
@@ -150,15 +151,16 @@ class SessionLeases:
         """Finish a live file that a killed server left, under the session's lease and with all that was acknowledged.
 
         Args:
-            part: the file.
-            only_ended: leave a session that can be resumed as it is.
+            part: the live file.
+            only_ended: whether to leave sessions alone that can still be resumed.
 
         Returns:
-            The log; None where there is none to finish: another server has gone on, and the file was put aside.
+            The finished log; None if there is none to finish, because another server resumed the session and the file
+            was put aside, or because the session can be resumed.
 
         Raises:
             LeaseHeldError: if the session runs on another server.
-            OSError: if the database cannot be asked, or a file cannot be read or written; the file stays.
+            OSError: if the database cannot be reached, or a file cannot be read or written; the live file remains.
             LogError: if the log cannot be finished.
         """
         lease = self.acquire(f"{study_folder(part).name}/{part.parent.parent.name}/{part.parent.name}")
@@ -181,10 +183,10 @@ class SessionLeases:
             self.release(lease)
 
     def renew(self, leases: Sequence[Lease]) -> None:
-        """Renew leases, and copy what was recorded since.
+        """Renew leases, and copy what was recorded since the last renewal.
 
         Raises:
-            OSError: if the database cannot be asked.
+            OSError: if the database cannot be reached.
         """
         with self._guard:
             began_s = self._clock()
@@ -199,11 +201,16 @@ class SessionLeases:
                     lease._confirm(piece, writes)
 
     def end(self, lease: Lease, reason: str) -> None:
-        """Copy the rest, and say that the session has ended; with a ``reason`` for good, so that no server resumes it.
+        """Copy the rest of the log, and mark the session as ended.
+
+        Args:
+            lease: the session's lease.
+            reason: the reason for which the session ended for good, so that no server resumes it; "" if it can be
+                resumed.
 
         Raises:
-            LeaseLostError: if another server has it: then this end is none.
-            OSError: if the database cannot be asked.
+            LeaseLostError: if another server has the session, so that it did not end here.
+            OSError: if the database cannot be reached.
         """
         with self._guard:
             self.renew([lease])
@@ -214,11 +221,11 @@ class SessionLeases:
                 raise LeaseLostError(f"{lease.session} now runs on another server")
 
     def store(self, lease: Lease, log: Path | None) -> None:
-        """Keep a finished log in the place of the copies, or none where every server can have it from elsewhere.
+        """Replace the database's copies by a finished log; None removes them, if the log is stored elsewhere.
 
         Raises:
             LeaseLostError: if another server has the session.
-            OSError: if the database cannot be asked, or the log cannot be read.
+            OSError: if the database cannot be reached, or the log cannot be read.
         """
         if log is not None and log.exists():
             files = {log.name.removesuffix(UNFINISHED_SUFFIX): log.read_bytes()}
@@ -230,7 +237,7 @@ class SessionLeases:
         lease._copied = {}
 
     def publish(self, lease: Lease, log: Path) -> None:
-        """Keep a log in the place of the copies before it has its name: what could not be resumed is not there twice.
+        """Replace the copies by a log before it is renamed, so that its session is not resumed elsewhere.
 
         Raises:
             NotPublishedError: if the database or the log cannot be read, or another server has the session.
@@ -243,7 +250,7 @@ class SessionLeases:
             ) from error
 
     def release(self, lease: Lease) -> bool:
-        """Hand a session over, after copying the rest; False where the database cannot be asked: the lease runs out."""
+        """Copy the rest of the log and release the lease; return False if the database cannot be reached."""
         try:
             if not lease.lost and not lease._ended and not lease.grant.ended:
                 self.renew([lease])
@@ -256,7 +263,7 @@ class SessionLeases:
 
 
 def _holds_copy(path: Path, copy: bytes) -> bool:
-    """Say whether a file is here with all that was copied of it; a live one may have more."""
+    """Return whether a file contains everything that was copied of it; a live file may contain more."""
     if not path.exists():
         return False
     content = path.read_bytes()
@@ -266,5 +273,5 @@ def _holds_copy(path: Path, copy: bytes) -> bool:
 
 
 def name_session(study: str, participant: str, session: int) -> str:
-    """Name a session as the database does."""
+    """Return the name of a session in the database."""
     return f"{study}/{participant}/ses-{session:02d}"

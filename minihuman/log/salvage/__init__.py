@@ -1,1 +1,1 @@
-"""Salvage: read MCAP bytes front to back, whole or damaged, and say what is missing."""
+"""Salvages logs: reads MCAP bytes from front to back, intact or damaged, and reports what is missing."""

@@ -1,5 +1,6 @@
-"""Records of an MCAP file: which bytes are a whole one (framed, of a plausible size, with the checksum that it states),
-and where each message of a chunk begins and ends.
+"""Parses the records of an MCAP file, and finds where each message of a chunk begins and ends.
+
+A record is intact if it is framed, of a plausible size, and has the checksum that it states.
 """
 
 import mmap
@@ -36,7 +37,7 @@ _INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("place", "<u8")])
 
 
 class LogMessage(NamedTuple):
-    """One message with the channel it came on. Times are wall clock, ns since 1970."""
+    """One message with its channel. Times are wall clock times in nanoseconds since 1970."""
 
     channel: Channel
     sequence: int
@@ -46,7 +47,7 @@ class LogMessage(NamedTuple):
 
 
 class TopicMessages(NamedTuple):
-    """A chunk's messages on one topic, each (n,)."""
+    """A chunk's messages on one topic; each array has shape (n,)."""
 
     topic: str
     places: ByteOffsets  # among the chunk's messages
@@ -55,7 +56,7 @@ class TopicMessages(NamedTuple):
 
 
 class ChunkRecords(NamedTuple):
-    """A chunk's records: where its messages begin and what their heads say, and whatever else it holds."""
+    """A chunk's records: the positions and heads of its messages, and all other records."""
 
     data: bytes
     starts: ByteOffsets  # (n,) of the messages, in the data
@@ -64,13 +65,13 @@ class ChunkRecords(NamedTuple):
 
 
 def split_chunk(data: bytes, index: Sequence[bytes]) -> ChunkRecords:
-    """Cut a chunk's records apart.
+    """Split a chunk's bytes into records.
 
-    The index records behind a chunk spare the way from one message to the next; where there are none, or they do not
-    fit, that way is gone.
+    The index records that follow a chunk save walking from one message to the next. If there are none, or they do not
+    match, the records are walked.
 
     Raises:
-        ValueError: if the bytes are no records.
+        ValueError: if the bytes are not records.
     """
     try:
         starts = _find_starts(data, _read_index(index))
@@ -86,10 +87,10 @@ def split_chunk(data: bytes, index: Sequence[bytes]) -> ChunkRecords:
 
 
 class ChunkMessages:
-    """The messages of one chunk, in file order: read when they are looked at.
+    """The messages of one chunk in file order, each read when it is accessed.
 
     Raises:
-        ValueError: if one is on a channel that was not declared.
+        ValueError: if a message is on a channel that was not declared.
     """
 
     def __init__(self, records: ChunkRecords, channels: Mapping[int, Channel], *, breaks: Sequence[int] = ()) -> None:
@@ -109,7 +110,7 @@ class ChunkMessages:
 
     @property
     def times(self) -> tuple[int, int] | None:
-        """The first and the last log time among them; None where there are none."""
+        """The first and the last log time of the messages; None if there are no messages."""
         log_times = self._heads["log_time"]
         if len(self):
             return (int(log_times.min()), int(log_times.max()))
@@ -123,11 +124,11 @@ class ChunkMessages:
             yield LogMessage(self._channels[channel], sequence, log_time, publish_time, self.data[begin:end])
 
     def count(self, topic: str) -> int:
-        """Count the messages of a topic."""
+        """Return the number of messages on a topic."""
         return sum(len(messages.places) for messages in self.by_topic(among=(topic,)))
 
     def by_topic(self, *, among: Container[str]) -> Iterator[TopicMessages]:
-        """Yield the messages of each of these topics that has any."""
+        """Yield, for each of the given topics that occurs, its messages."""
         numbers = self._heads["channel"].copy()  # side by side: every topic goes through them
         for number, channel in self._channels.items():
             if channel.topic in among:
@@ -136,18 +137,18 @@ class ChunkMessages:
 
 
 def _at_each(data: bytes, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """View the data as one value of this type from each byte on, to look up many places at once."""
+    """View the data as one value of this type from each byte on, to look up many positions at once."""
     return np.ndarray(max(0, len(data) + 1 - dtype.itemsize), dtype, data, strides=(1,))
 
 
 def _read_index(index: Sequence[bytes]) -> ByteOffsets:
-    """Return where a chunk's messages begin, if its index is right."""
+    """Return where a chunk's messages begin, according to its index."""
     entries = [np.frombuffer(record, _INDEX_ENTRY, offset=_INDEX_HEAD.size) for record in index]
     return np.sort(np.concatenate([np.zeros(0, np.int64), *(entry["place"].astype(np.int64) for entry in entries)]))
 
 
 def _find_starts(data: bytes, known: ByteOffsets) -> ByteOffsets:
-    """Find where each record begins, given where some do."""
+    """Return where each record begins, given the positions of some."""
     ends = known + RECORD_HEADER.size + _at_each(data, np.dtype("<u8"))[known + 1].astype(np.int64)
     before = np.concatenate([[0], ends])
     behind = np.concatenate([known, [len(data)]])
@@ -157,7 +158,7 @@ def _find_starts(data: bytes, known: ByteOffsets) -> ByteOffsets:
 
 
 def _walk_records(data: bytes, begin: int, end: int) -> ByteOffsets:
-    """Find where each record between two places begins."""
+    """Return where each record between two positions begins."""
     starts: list[int] = []
     at = begin
     length = _LENGTH.unpack_from
@@ -182,11 +183,11 @@ _ZSTD = "zstd"
 
 
 def parse_chunk(content: bytes) -> bytes:
-    """Parse the records in a chunk's content.
+    """Return the uncompressed records in a chunk's content.
 
     Raises:
-        ValueError: if its checksum is wrong, there is more in it than it says, or it is or says it is larger than any
-            chunk may be.
+        ValueError: if the checksum is wrong, the content does not have its stated size, or the chunk is, or claims to
+            be, larger than any chunk may be.
     """
     chunk: Chunk = Chunk.read(as_data_stream(content))
     if _CHUNK_BYTES + len(chunk.compression.encode()) + len(chunk.data) != len(content):
@@ -203,16 +204,16 @@ def parse_chunk(content: bytes) -> bytes:
 
 
 def parse_chunk_times(content: bytes) -> tuple[int, int]:
-    """Parse the first and the last log time that a chunk says it holds."""
+    """Return the first and the last log time that a chunk states."""
     first, last = _TIMES.unpack_from(content)
     return first, last
 
 
 def decompress_zstd(data: bytes) -> bytes:
-    """Decompress what zstd has packed, up to the size that a record may have.
+    """Decompress zstd data, up to the size that a record may have.
 
     Raises:
-        ValueError: if it is more, or nothing that zstd has packed.
+        ValueError: if the result would be larger, or the data are not zstd.
     """
     try:
         return _decompress_chunk(data, zstandard.get_frame_parameters(data).content_size)
@@ -234,7 +235,7 @@ def _decompress_chunk(data: bytes, size: int) -> bytes:
 
 
 def find_next_record(view: mmap.mmap, begin: int) -> int | None:
-    """Find where the next whole record begins, from a byte on; None if none is found soon."""
+    """Return the position of the next intact record from a byte on; None if none is found soon."""
     tries = 0
     while (candidate := _RECORD_START.search(view, begin)) is not None and tries < MAX_CANDIDATES:
         begin = candidate.start()
@@ -273,7 +274,7 @@ def parse_attachment(content: bytes) -> Attachment:
     """Parse the attachment in a record's content.
 
     Raises:
-        ValueError: if its checksum is wrong, or there is more in it than it says.
+        ValueError: if the checksum is wrong, or the content does not have its stated size.
     """
     (crc,) = struct.unpack("<I", content[-4:])
     if crc not in (0, zlib.crc32(content[:-4])):
@@ -286,10 +287,10 @@ def parse_attachment(content: bytes) -> Attachment:
 
 
 def check_record_size(opcode: int, content: bytes) -> None:
-    """Check the size of a file's header, or of a chunk's index: they have no checksum, and are passed over by it.
+    """Check the stated size of a file's header or of a chunk's index, which have no checksum.
 
     Raises:
-        ValueError: if there is more or less in it than it says.
+        ValueError: if the content does not have its stated size.
     """
     if opcode == Opcode.MESSAGE_INDEX:
         _, length = _INDEX_HEAD.unpack_from(content)
@@ -306,7 +307,7 @@ def parse_metadata(content: bytes) -> Metadata:
     """Parse the metadata in a record's content.
 
     Raises:
-        ValueError: if there is more in it than it says.
+        ValueError: if the content does not have its stated size.
     """
     metadata: Metadata = Metadata.read(as_data_stream(content))
     size = 4 + len(metadata.name.encode()) + 4
@@ -317,5 +318,5 @@ def parse_metadata(content: bytes) -> Metadata:
 
 
 def as_data_stream(content: bytes) -> ReadDataStream:
-    """Wrap bytes as the readers of mcap want them."""
+    """Wrap bytes in the stream that the readers of the mcap library require."""
     return ReadDataStream(BytesIO(content))

@@ -1,8 +1,8 @@
-"""Scan a log file from front to back, whether finished, live, cut off or damaged; only whole records are read.
+"""Scans a log file from front to back, whether finished, live, cut off or damaged; only intact records are read.
 
-After a record that runs past the end of the file, a chunk with a wrong checksum or bytes that are no record, scanning
-resumes at the next whole record; ``damage`` says where and why, ``missing`` which of our messages are gone. Other
-programs may add topics, and number their messages as they like.
+After a record that extends past the end of the file, a chunk with a wrong checksum, or bytes that are not a record,
+scanning resumes at the next intact record. ``damage`` states where and why, and ``missing`` which of our messages are
+lost. Other programs may add topics, and number their messages as they like.
 """
 
 import mmap
@@ -53,7 +53,7 @@ _CUT_OFF = "its record"
 
 @dataclass(frozen=True, slots=True)
 class DamagedRange:
-    """Bytes that could not be read, and why; reading resumed behind them."""
+    """A range of bytes that could not be read, and the reason; reading resumed after it."""
 
     begin: int
     end: int
@@ -62,14 +62,14 @@ class DamagedRange:
 
 @dataclass(frozen=True, slots=True)
 class MissingMessages:
-    """Messages of a segment that are not in its file, by sequence."""
+    """Consecutive messages of a segment that are not in its file, by sequence number."""
 
     segment: int
     first: int
     last: int
 
     def without(self, sequences: Sequence[int]) -> "list[MissingMessages]":
-        """List the messages that stay missing once these are found; only the first can be among them."""
+        """Return what is still missing once the messages with these numbers are found; only the first can be."""
         first = self.first + (self.first in sequences)
         if first <= self.last:
             return [MissingMessages(self.segment, first, self.last)]
@@ -80,10 +80,10 @@ FileRecord = ChunkMessages | Metadata | Attachment
 
 
 class LogScanner:
-    """Reads a file's records in file order. Iterate once; then ``damage`` tells what it could not read.
+    """Reads a file's records in file order. It can be iterated once; ``damage`` then states what it could not read.
 
     Raises:
-        LogError: on iteration, if the file cannot be opened, is not a regular file or no MCAP file.
+        LogError: on iteration, if the file cannot be opened, is not a regular file, or is not an MCAP file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -106,14 +106,17 @@ class LogScanner:
 
     @property
     def damage(self) -> str:
-        """The damage as text, of what could not be read; "" if all could."""
+        """A description of all that could not be read; "" if everything could be."""
         gaps = [f"damaged at bytes {gap.begin} to {gap.end} ({gap.reason})" for gap in self.gaps]
         missing = [f"without messages {gap.first} to {gap.last}" for gap in self.missing if gap not in self.declared]
-        return "; ".join([*gaps, *missing, *([self.stop_reason] if self.stop_reason else [])])
+        reasons = [*gaps, *missing]
+        if self.stop_reason:
+            reasons.append(self.stop_reason)
+        return "; ".join(reasons)
 
     @property
     def unfinished_reason(self) -> str:
-        """The part that a finished log lacks, as text; "" if it is whole."""
+        """A description of what a finished log lacks; "" if it is intact."""
         if self.damage or self.finished:
             return self.damage
         size = self.path.stat().st_size  # it ends where a record does, and reading met nothing wrong
@@ -127,7 +130,7 @@ class LogScanner:
                 yield record
 
     def records(self) -> Iterator[FileRecord]:
-        """Read chunk by chunk; where the start of a segment is damaged, its second copy is read."""
+        """Yield the file's records chunk by chunk; if the start of a segment is damaged, its second copy is read."""
         for record in self._scan_file():
             yield from self._restore_start(record)
             yield record
@@ -153,7 +156,7 @@ class LogScanner:
                 self.position = next_position
 
     def _skip_damage(self, file: BinaryIO, reason: str) -> int:
-        """Find the next whole record behind one that cannot be read; the file's end if there is none."""
+        """Record a damaged range and return the position of the next intact record; the file's end if there is none."""
         at = self.position
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as view:
             next_begin = find_next_record(view, at + 1)
@@ -172,7 +175,7 @@ class LogScanner:
         return next_begin
 
     def _declare(self, view: mmap.mmap) -> None:
-        """Take the channels that a finished file's summary repeats: the chunk that declared them may be damaged."""
+        """Read the channels from a finished file's summary, since the chunk that declared them may be damaged."""
         footer = len(view) - len(MAGIC) - RECORD_HEADER.size - _FOOTER.size
         with suppress(Exception):
             at, _, _ = _FOOTER.unpack_from(view, footer + RECORD_HEADER.size)
@@ -182,7 +185,7 @@ class LogScanner:
                 at += RECORD_HEADER.size + length
 
     def _restore_start(self, record: FileRecord | None) -> Iterator[ChunkMessages | Metadata]:
-        """Yield the records of a segment's start that only its copy still has, before the records behind it."""
+        """Yield the records of a segment's start that only its copy still has, before the records that follow it."""
         match record:
             case Attachment() if record.name == integrity.SEGMENT_HEAD_NAME:
                 yield from self._restore_start(None)  # of a segment before, of which nothing else was left
@@ -208,10 +211,10 @@ class LogScanner:
         self.gaps.append(DamagedRange(self.position, self.position, reason))
 
     def _read_record(self, file: BinaryIO, size: int) -> tuple[int, bytes]:
-        """Read the opcode and the content of the record at ``position``; all but the data's end enters the checksum.
+        """Read the record at ``position``, and add it to the checksum unless it ends the data.
 
         Raises:
-            ValueError: if it runs past the end of the file, or is too large to be one of ours.
+            ValueError: if the record extends past the end of the file, or is too large to be one of ours.
         """
         head = file.read(RECORD_HEADER.size)
         end = self.position + RECORD_HEADER.size
@@ -229,10 +232,10 @@ class LogScanner:
         return opcode, content
 
     def _parse(self, opcode: int, content: bytes, file: BinaryIO, size: int) -> Sequence[FileRecord]:
-        """Parse a record, and with a chunk the index behind it; empty where it holds nothing that is read.
+        """Parse a record and, for a chunk, the index that follows it; return the records that readers use, if any.
 
         Raises:
-            ValueError: if it is no whole record.
+            ValueError: if the record is not intact.
         """
         match opcode:
             case Opcode.CHUNK:
@@ -268,7 +271,7 @@ class LogScanner:
             self.declared.add(MissingMessages(**{name: _number(value) for name, value in facts.items()}))
 
     def _end(self, content: bytes, file: BinaryIO) -> None:
-        """Check what is behind the data: the summary, by its checksum, and the file's end."""
+        """Check what follows the data: the summary, by its checksum, and the file's end."""
         (crc,) = _CRC.unpack(content)
         summary = file.read()
         self._behind += len(summary)
@@ -288,7 +291,7 @@ class LogScanner:
             self.finished = not self.gaps
 
     def _read_index(self, file: BinaryIO, size: int) -> list[bytes]:
-        """Read the index records behind a chunk."""
+        """Return the index records that follow a chunk."""
         index_records: list[bytes] = []
         at = self._behind
         while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
@@ -318,7 +321,7 @@ class LogScanner:
         return ChunkMessages(records, self.channels, breaks=breaks)
 
     def _number_ours(self, records: ChunkRecords) -> NDArray[np.uint32]:
-        """Return the numbers of our messages, and of a newer version's topics where they lie between ours."""
+        """Return the sequence numbers of our messages, including those of a newer version's topics between them."""
         sequences: NDArray[np.uint32] = records.heads["sequence"]
         unknown = [number for number, channel in self.channels.items() if find_topic(channel.topic) is None]
         if not unknown and not self._between:
@@ -330,7 +333,8 @@ class LogScanner:
         last = self._sequence
         for sequence, guest in zip(sequences.tolist(), guests.tolist(), strict=True):
             if guest:
-                self._between += [sequence] if sequence == last + len(self._between) + 1 else []
+                if sequence == last + len(self._between) + 1:
+                    self._between.append(sequence)
                 continue
             numbers += [number for number in self._between if number < sequence]
             numbers.append(sequence)
@@ -339,7 +343,7 @@ class LogScanner:
         return np.array(numbers, np.uint32)
 
     def _gaps_between(self, sequences: NDArray[np.uint32]) -> list[MissingMessages]:
-        """List the messages missing before a chunk or in it; refuse a chunk whose messages are out of order."""
+        """Return the messages missing before a chunk or in it; refuse a chunk whose messages are out of order."""
         next_ones = range(self._sequence + 1, self._sequence + 1 + len(sequences))
         is_short_run = len(sequences) < _FEW and sequences.tolist() == list(next_ones)
         if is_short_run or np.array_equal(sequences, np.array(next_ones)):
@@ -362,7 +366,7 @@ class LogScanner:
         ]
 
     def _declare_record(self, opcode: int, content: bytes) -> None:
-        """Take a schema or channel of a chunk."""
+        """Add the schema or the channel that a chunk's record declares."""
         if opcode == Opcode.CHANNEL:
             channel = _channel(content)
             self.channels[channel.id] = channel

@@ -1,8 +1,8 @@
-"""Read a log's first and last kilobytes: whose log it is and what it contains; no message is read.
+"""Reads a log's first and last kilobytes, which tell whose log it is and what it contains; no message is read.
 
-The summary section of a finished log is believed only if its checksum is right. What lies between is not looked at:
-readers of messages check them, and ``verify`` checks the whole. Knows neither protobuf nor NumPy, so that ``status``
-starts quickly.
+The summary section of a finished log is trusted only if its checksum is correct. The rest of the file is not read:
+readers of messages check it, and ``verify`` checks the whole file. The module imports neither protobuf nor NumPy, so
+that ``status`` starts quickly.
 """
 
 import os
@@ -40,7 +40,7 @@ _NAMES = {_LENGTH.pack(len(name)) + name.encode(): name for name in _INDEXED_MET
 
 @dataclass(frozen=True, slots=True)
 class LogSummary:
-    """A finished log's summary, checked by its checksum, and the metadata that it names."""
+    """A finished log's summary, whose checksum is correct, and the metadata that it refers to."""
 
     starts: tuple[dict[str, str], ...]  # per segment, in order
     facts: tuple[dict[str, str], ...]  # of the station, per segment
@@ -49,12 +49,12 @@ class LogSummary:
 
 
 def all_ended_cleanly(starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]) -> bool:
-    """Say whether every segment that started also ended by itself."""
+    """Return whether every segment that started also ended normally."""
     return len(ends) == len(starts) and all(end["clean"] == "true" for end in ends)
 
 
 def read_first_metadata(path: Path) -> dict[str, str]:
-    """Read a log's first segment metadata: study, participant, session, start; {} where it cannot be read."""
+    """Return a log's first segment metadata (study, participant, session, start); empty if it cannot be read."""
     try:
         with open_regular_file(path) as file:
             start = file.read(_FIRST_BYTES)
@@ -70,7 +70,7 @@ def read_first_metadata(path: Path) -> dict[str, str]:
 
 
 def read_summary(path: Path) -> LogSummary | None:
-    """Read a finished log's summary; None where it has none or its checksum is wrong."""
+    """Return a finished log's summary; None if it has none or its checksum is wrong."""
     try:
         with open_regular_file(path) as file:
             fd = file.fileno()
@@ -88,7 +88,7 @@ def read_summary(path: Path) -> LogSummary | None:
 
 
 def _summary_begin(data: bytes, size: int) -> int | None:
-    """Find the byte at which a file's summary begins, by its last bytes; None if it does not end in a footer."""
+    """Return the byte at which a file's summary begins, given its last bytes; None if it does not end in a footer."""
     at = len(data) - len(MAGIC) - _FOOTER.size - _HEAD.size
     if not data.endswith(MAGIC) or at < 0 or _HEAD.unpack_from(data, at) != (Opcode.FOOTER, _FOOTER.size):
         return None
@@ -99,7 +99,7 @@ def _summary_begin(data: bytes, size: int) -> int | None:
 
 
 def _parse_summary(fd: int, data: bytes) -> LogSummary | None:
-    """Parse the summary; ``data`` is the file from the record that ends the data to its end."""
+    """Parse the summary in ``data``, which is the file from the record that ends the data; None if it is not valid."""
     if _HEAD.unpack_from(data) != (Opcode.DATA_END, _CRC.size):
         return None
     last = len(data) - len(MAGIC) - _CRC.size
@@ -129,7 +129,7 @@ def _parse_summary(fd: int, data: bytes) -> LogSummary | None:
 
 
 def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
-    """Read a metadata record's name and facts, field by field: the library's reader takes ten times as long."""
+    """Return a metadata record's name and facts, ten times as fast as the library's reader."""
     name, at = _text(content, 0)
     at += _LENGTH.size
     end = at + _length(content, at - _LENGTH.size)[0]
@@ -142,14 +142,14 @@ def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
 
 
 def _text(content: bytes, at: int) -> tuple[str, int]:
-    """Read the text at a place; return the place behind it, too."""
+    """Return the text at a position, and the position after it."""
     begin = at + 4
     end = begin + _length(content, at)[0]
     return content[begin:end].decode(), end
 
 
 def _records(data: bytes, at: int, *, among: Container[int]) -> Iterator[tuple[int, bytes]]:
-    """Yield every whole record's kind and content from a byte on, of these kinds."""
+    """Yield the kind and content of every whole record from a byte on that has one of the given kinds."""
     head = _HEAD.unpack_from
     end = len(data)
     while at + _HEAD.size <= end:

@@ -1,1 +1,1 @@
-"""Devices beside the keyboard: their samples into the session's log, and markers out to other recorders."""
+"""Devices besides the keyboard: their samples go into the session's log, and markers go out to other recorders."""

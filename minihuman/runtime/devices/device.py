@@ -1,7 +1,7 @@
-"""The device port, and the recorder that adds devices' samples to a session's log between its events.
+"""The device interface, and the recorder that adds devices' samples to a session's log between its events.
 
-A protocol names a device under ``[[devices]]``; a lab registers its own by entry point. Samples follow the same rules
-of durability as events.
+A protocol names a device under ``[[devices]]``; a laboratory registers its own through an entry point. Samples follow
+the same durability rules as events.
 """
 
 import abc
@@ -32,30 +32,30 @@ class DeviceSample:
 
 
 class Device(abc.ABC):
-    """A source of samples. Its calls come from a thread of its own, one after the other: none holds up a picture."""
+    """A source of samples. A thread of its own calls it, one call at a time, so that no call delays a picture."""
 
     @abc.abstractmethod
     def open(self, clock: Clock) -> dict[str, str]:
         """Start sampling by the session's clock; return facts about the device for the log.
 
         Raises:
-            DeviceError: if it is not there, or cannot be used.
+            DeviceError: if the device is missing or cannot be used.
         """
 
     @abc.abstractmethod
     def read(self) -> Sequence[DeviceSample]:
-        """Return the samples since the last call, the oldest first, without waiting."""
+        """Return the samples since the last call, oldest first, without waiting."""
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Release the device. Called once, also after a failure."""
+        """Release the device. This is called once, also after a failure."""
 
 
 def make_device(source: str) -> Device:
-    """Make a device by its plug-in's name; what follows a colon is the device's own ("lsl:EyeTracker").
+    """Make a device from its plug-in's name and, after a colon, the device's own argument ("lsl:EyeTracker").
 
     Raises:
-        DeviceError: if there is no such plug-in, it cannot be imported, or its own part is wrong.
+        DeviceError: if there is no such plug-in, it cannot be imported, or the argument is not valid.
     """
     return make_plugin(DEVICE_GROUP, source, Device, DeviceError, noun="device")  # type: ignore[type-abstract]
 
@@ -66,10 +66,10 @@ MAX_SAMPLE_DELAY_S = 0.5  # samples wait so long for an event to go along with, 
 
 @contextmanager
 def open_devices(specs: Sequence[DeviceSpec], clock: Clock) -> Iterator[tuple[dict[str, Device], dict[str, str]]]:
-    """Open a protocol's devices; yield them by name, and facts about them for the log.
+    """Open a protocol's devices; yield them by name, together with facts about them for the log.
 
     Raises:
-        DeviceError: if one that the session cannot do without is not there.
+        DeviceError: if a required device is missing.
     """
     devices: dict[str, Device] = {}
     facts: dict[str, str] = {}
@@ -92,12 +92,12 @@ def open_devices(specs: Sequence[DeviceSpec], clock: Clock) -> Iterator[tuple[di
 
 
 class DeviceRecorder(WrappedRecorder):
-    """Writes a session's events, and before them the samples that arrived meanwhile.
+    """Writes a session's events, preceded by the samples that arrived since the last write.
 
     Args:
-        recorder: the log; closed with this one.
-        devices: open ones, by their names in the protocol.
-        from_ns: earlier samples are dropped.
+        recorder: the recorder of the log; it is closed with this one.
+        devices: the open devices, by their names in the protocol.
+        from_ns: the session time before which samples are dropped.
     """
 
     def __init__(self, recorder: Recorder, devices: Mapping[str, Device], *, from_ns: int = 0) -> None:
@@ -115,10 +115,10 @@ class DeviceRecorder(WrappedRecorder):
         self._thread.start()
 
     def begin(self, events: Sequence[Event]) -> None:
-        """Forward the samples that wait, then the events; a device that failed stops the session as a full disk does.
+        """Forward the waiting samples, then the events. A failed device stops the session, as a full disk does.
 
         Raises:
-            LogError: as the wrapped recorder does; or if a device failed.
+            LogError: as the wrapped recorder does, or if a device failed.
         """
         if self._failure is not None:
             raise LogError(f"a recording device failed: {self._failure}; fix it, then resume the session")
@@ -139,7 +139,7 @@ class DeviceRecorder(WrappedRecorder):
         return self._recorder.close()
 
     def _take_waiting(self) -> list[Sampled]:
-        """Take the samples that wait; those from before or after the session are dropped."""
+        """Take the waiting samples; those from before or after the session are dropped."""
         waiting = self._waiting
         self._waiting = []
         if not self._running:

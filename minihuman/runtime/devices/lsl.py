@@ -1,8 +1,8 @@
-"""The Lab Streaming Layer: a stream as a device, and a session's markers as a stream. Needs the extra ``lsl``.
+"""The Lab Streaming Layer: a stream as a device, and a session's markers as a stream. It needs the extra ``lsl``.
 
-EEG, eye tracking and LabRecorder record the markers beside their own data. A marker is one JSON text in the words of
-the tables and of ``export bids``: ``{"trial_type": "step", "episode": 3}``. Its time is the event's own, as in the log,
-converted to LSL's clock: not the time of sending.
+EEG systems, eye trackers and LabRecorder record the markers together with their own data. A marker is one JSON text
+with the terms of the tables and of ``export bids``: ``{"trial_type": "step", "episode": 3}``. Its time is the event's
+own time in the log, converted to LSL's clock, not the time of sending.
 """
 
 import queue
@@ -38,10 +38,10 @@ _MOST = 4096  # samples a call
 
 
 class LslDevice(Device):
-    """Samples of one LSL stream: numbers as values, texts as text. Times are the sender's, corrected by LSL.
+    """Samples one LSL stream: numbers as values, texts as text. Times are the sender's, corrected by LSL.
 
     Args:
-        name: the stream's name; "" takes the only stream that is not one of markers of ours.
+        name: the stream's name; "" for the only stream that is not minihuman's own marker stream.
     """
 
     def __init__(self, name: str) -> None:
@@ -50,7 +50,7 @@ class LslDevice(Device):
         self._offset_s = 0.0  # LSL's clock at session time 0
 
     def open(self, clock: Clock) -> dict[str, str]:
-        """Find the stream and begin."""
+        """Find the stream and start receiving it; return facts about it."""
         lsl = pylsl()
         if self._name:
             streams = lsl.resolve_byprop("name", self._name, timeout=STREAM_TIMEOUT_S)
@@ -75,7 +75,7 @@ class LslDevice(Device):
         return [self._sample(row, stamp_s) for row, stamp_s in zip(rows or (), stamps or (), strict=True)]
 
     def close(self) -> None:
-        """Leave the stream."""
+        """Stop receiving the stream."""
         if self._inlet is not None:
             self._inlet.close_stream()
 
@@ -87,7 +87,7 @@ class LslDevice(Device):
 
 
 def pylsl() -> Any:
-    """Import the library.
+    """Import and return the library pylsl.
 
     Raises:
         DeviceError: if it is not installed.
@@ -102,7 +102,7 @@ def pylsl() -> Any:
 
 
 def measure_lsl_at_zero_s(clock: Clock) -> float:
-    """Measure LSL's clock, seconds, when the session's was 0: from the quickest pair of readings of both."""
+    """Return LSL's time in seconds at session time 0, from the fastest paired reading of both clocks."""
     library = pylsl()
     readings = []
     for _ in range(20):
@@ -118,12 +118,12 @@ _NS = 1e-9
 
 
 class LslMarkerRecorder(WrappedRecorder):
-    """Forwards events to a recorder and sends them as LSL markers from a thread of its own.
+    """Forwards events to a recorder, and sends them as LSL markers from a thread of its own.
 
     Args:
-        recorder: the log; closed with this one. What it refuses is not marked.
-        plan: whose session it is; the stream says the participant's code.
-        clock: the session's.
+        recorder: the recorder of the log; it is closed with this one. Events that it refuses get no markers.
+        plan: the session's plan; the stream's description has the participant's code.
+        clock: the session's clock.
 
     Raises:
         DeviceError: if the Lab Streaming Layer is not installed.
@@ -160,13 +160,13 @@ class LslMarkerRecorder(WrappedRecorder):
         self._queue.put(tuple(events))
 
     def close(self) -> Path | None:
-        """Send the markers that are left, and finish the log."""
+        """Send the remaining markers and finish the log."""
         self._queue.put(None)
         self._thread.join()
         return self._recorder.close()
 
     def has_listener(self, timeout_s: float) -> bool:
-        """Wait for a listener; False if none came."""
+        """Wait for a listener; return False if none came in time."""
         return bool(self._outlet.wait_for_consumers(timeout_s))
 
     def _run(self) -> None:
@@ -182,7 +182,10 @@ class LslMarkerRecorder(WrappedRecorder):
 
 
 def build_marker(event: Event, action_names: Sequence[str]) -> tuple[int, dict[str, Any]] | None:
-    """Build an event's marker, with its time, ns of segment time; None for events without. Episodes count from 1."""
+    """Return an event's marker and its time in nanoseconds of segment time; None if the event has no marker.
+
+    Episodes are counted from 1.
+    """
     match event:
         case SessionStarted():
             return event.t_ns, {"trial_type": "session", "segment": event.plan.segment}

@@ -1,1 +1,1 @@
-"""The experimenter's dashboard of running sessions: read from their live logs, served on this machine only."""
+"""The experimenter's dashboard of running sessions, which reads their live logs and is served on this machine only."""

@@ -3,6 +3,7 @@
 import json
 import secrets
 from collections.abc import Callable
+from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
 from importlib.resources import files
@@ -43,14 +44,14 @@ class _RecruitmentSwitch(msgspec.Struct, frozen=True):
 
 
 class DashboardServer:
-    """Serves the page of one study until it is stopped.
+    """Serves the dashboard of one study until it is stopped.
 
     Args:
         study_dir: the study's folder.
-        port: 0 takes a free one.
+        port: the port; 0 selects a free one.
 
     Raises:
-        LogError: if there is no such folder, or the port is taken.
+        LogError: if the folder does not exist, or the port is taken.
     """
 
     def __init__(self, study_dir: Path, port: int = 0) -> None:
@@ -68,16 +69,16 @@ class DashboardServer:
         self.url = f"http://{ADDRESS}:{self._server.server_port}/{word}/"
 
     def serve(self) -> None:
-        """Answer until ``stop``, or for ever."""
+        """Answer requests until ``stop`` is called."""
         self._server.serve_forever()
 
     def stop(self) -> None:
-        """End ``serve``, from another thread."""
+        """End ``serve`` from another thread."""
         self._server.shutdown()
         self._server.server_close()
 
     def _answer(self, path: str, query: dict[str, list[str]], body: bytes | None) -> tuple[str, bytes] | None:
-        """Return content type and content; None where there is nothing at the path."""
+        """Return the content type and the content for a path; None if there is nothing at the path."""
         name = query.get("session", [""])[0]
         with self._one_at_a_time:
             match path, body:
@@ -115,7 +116,7 @@ class DashboardServer:
         }
 
     def _recruiting(self) -> dict[str, object] | None:
-        """Return whether new people may come, and how many did; None for a study that offers no links."""
+        """Return whether recruitment is open, and its counts; None for a study that offers no links."""
         if not self._recruits.begun:
             return None
         standing = self._recruits.standing()
@@ -129,14 +130,14 @@ AnswerRequest = Callable[[str, dict[str, list[str]], bytes | None], tuple[str, b
 
 def _handler(prefix: str, answer: AnswerRequest) -> type[BaseHTTPRequestHandler]:
     class Handler(GuardedHandler):
-        """Hands requests below the prefix on; the rest is not there."""
+        """Passes on requests below the secret prefix, and answers all others with 404."""
 
         def do_GET(self) -> None:  # noqa: N802 - the library's name
-            """Answer a request to look."""
+            """Answer a request for a page, the state or a picture."""
             self._respond(None)
 
         def do_POST(self) -> None:  # noqa: N802 - the library's name
-            """Answer a request that asks for something."""
+            """Answer a request that changes something, if it comes from the dashboard's own page."""
             length = read_length(self.headers.get("Content-Length", ""), _LONGEST)
             is_json = self.headers.get_content_type() == "application/json"
             if length is None or not is_json or not is_own_request({k.lower(): v for k, v in self.headers.items()}):
@@ -149,12 +150,12 @@ def _handler(prefix: str, answer: AnswerRequest) -> type[BaseHTTPRequestHandler]
             url = urlsplit(self.path)
             response = None
             if url.path.startswith(prefix) and is_named(self.headers.get("Host", ""), LOCAL_HOSTS):
-                try:
+                with suppress(msgspec.DecodeError):
                     response = answer(url.path.removeprefix(prefix), parse_qs(url.query), body)
-                except msgspec.DecodeError:
-                    response = None
-            kind, content = response or ("text/plain", b"there is nothing here")
-            self._send(HTTPStatus.OK if response else HTTPStatus.NOT_FOUND, kind, content)
+            if response is None:
+                self._send(HTTPStatus.NOT_FOUND, "text/plain", b"there is nothing here")
+            else:
+                self._send(HTTPStatus.OK, *response)
 
         def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
             self.send_response(status)

@@ -1,8 +1,8 @@
 """The running sessions of a study, read from their live logs at each request: facts, and a preview of the screen.
 
 The preview is drawn again from the world, its seed and the logged actions. All work is throttled: expensive results are
-cached for a share of the time, and computed in a thread of the idle class, so that a session on the same machine is not
-slowed down.
+cached so that they take only a share of the time, and are computed in a thread of the idle class, so that a session on
+the same machine is not slowed down.
 """
 
 import logging
@@ -32,13 +32,13 @@ _BUSY_S = 30.0  # for so long afterwards the machine is taken to be busy
 
 
 class IdleWorker:
-    """Does work in a thread of the idle class (Linux), which makes room within microseconds when a key comes.
+    """Runs functions in a thread of the idle class (Linux), which yields within microseconds when a key arrives.
 
-    A thread of that class stands still beside two busy programs. So where work came too late, what follows is done by
-    the caller's own thread for a while.
+    A thread of that class does not run at all while two programs are busy. After a call that took too long, further
+    calls therefore run in the caller's own thread for a while.
 
     Args:
-        clock: seconds.
+        clock: returns the time in seconds.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -47,7 +47,7 @@ class IdleWorker:
         self._busy_until_s = 0.0
 
     def __call__(self, work: Callable[[], T]) -> T:
-        """Return or raise what ``work`` does, one piece of work after the other."""
+        """Call ``work`` and return its result or raise its error; calls run one after the other."""
         began_s = self._clock()
         if began_s < self._busy_until_s:
             return work()
@@ -60,12 +60,12 @@ class IdleWorker:
 
 
 class ThrottledCall(Generic[T]):
-    """Calls ``find``, or returns its last result where calling it again would take too much time.
+    """Calls a function, or returns its last result if calling it again would take too much time.
 
     Args:
-        find: may take long.
-        share: of the time, that calling it may take.
-        clock: seconds.
+        find: the function, which may take long.
+        share: the share of the time that calls of the function may take.
+        clock: returns the time in seconds.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class ThrottledCall(Generic[T]):
         self._next_call_s: float | None = None
 
     def __call__(self) -> T:
-        """Return the latest result of ``find``, which may be called now."""
+        """Return the latest result of the function, after calling it if it is due."""
         began_s = self._clock()
         if self._next_call_s is None or began_s >= self._next_call_s:
             self._latest = self._find()
@@ -96,7 +96,7 @@ _NOTES = 200
 
 @dataclass(slots=True)
 class LiveSession:
-    """The state of a session after the events so far; ``take`` them in order."""
+    """The state of a session after the events so far, which ``take`` receives in order."""
 
     plan: SessionPlan | None = None
     phase: str = "start"
@@ -117,7 +117,7 @@ class LiveSession:
     ended: str = ""
 
     def take(self, event: events.Event) -> None:
-        """Update the state by one event."""
+        """Update the state with one event."""
         self.t_ns = event.t_ns
         match event:
             case events.SessionStarted():
@@ -130,9 +130,7 @@ class LiveSession:
             case events.PointerUsed() | events.TextTyped() | events.AxisMoved():
                 self.acted_ns = event.t_ns
             case events.KeyPressed(down=True):
-                self.acted_ns = event.t_ns
-                self.presses += event.verdict not in events.UNPRESSED_VERDICTS
-                self.keys.append(event)
+                self._take_press(event)
             case events.Paused():
                 self.paused = event.reason
             case events.Resumed():
@@ -141,6 +139,12 @@ class LiveSession:
                 self._take_note(event)
             case events.SessionEnded():
                 self.ended = f"{event.reason}: {event.detail}" if event.detail else event.reason
+
+    def _take_press(self, press: events.KeyPressed) -> None:
+        self.acted_ns = press.t_ns
+        if press.verdict not in events.UNPRESSED_VERDICTS:
+            self.presses += 1
+        self.keys.append(press)
 
     def _take_note(self, note: events.Noted) -> None:
         if note.kind == "phase":
@@ -162,10 +166,15 @@ class LiveSession:
                     self.times_ms.append(event.rt_ms)
             case events.EpisodeEnded():
                 self.outcome = event.outcome
-                self.completed += event.outcome != "abandoned"
+                if event.outcome != "abandoned":
+                    self.completed += 1
 
     def facts(self, silent_s: float = 0.0) -> dict[str, object]:
-        """Return the facts for the page, times in seconds or ms; ``silent_s`` is how long ago the latest event was."""
+        """Return the facts for the page, with times in seconds or ms.
+
+        Args:
+            silent_s: the time since the latest event, in seconds.
+        """
         plan = self.plan
         if plan is None:
             return {}
@@ -223,7 +232,7 @@ PREVIEW_SIZE_PX = (480, 360)
 
 
 class ScreenPreview:
-    """Keeps a world beside a live session and steps it as far as the log has come."""
+    """Keeps a world for a live session, and steps it up to the log's last step."""
 
     def __init__(self) -> None:
         self._world: tuple[tuple[str, dict[str, Any]], World] | None = None
@@ -231,7 +240,7 @@ class ScreenPreview:
         self._png = b""
 
     def png(self, live: LiveSession) -> bytes:
-        """Return the present picture as PNG; b"" where no episode has begun or the world cannot be run here."""
+        """Return the present picture as PNG; b"" if no episode has begun or the world cannot be run here."""
         if live.episode is None:
             return b""
         try:
@@ -287,8 +296,8 @@ class _Watched:
 class RunningSessions:
     """All sessions below a folder that a process is writing now.
 
-    A log is read from its beginning, and the seldomer the longer that takes: never for over a twentieth of the time,
-    however many there are.
+    A log is read from its beginning, and less often the longer that takes: reading never takes more than a twentieth of
+    the time, however many sessions there are.
     """
 
     def __init__(self, study_dir: Path) -> None:
@@ -298,21 +307,21 @@ class RunningSessions:
         self._parts = ThrottledCall(lambda: sorted(study_dir.rglob(f"*{PART_SUFFIX}")))
 
     def look(self) -> dict[str, dict[str, object]]:
-        """Return the facts of each running session, by the name of its live log relative to the folder."""
+        """Return the facts of each running session, by the path of its live log relative to the folder."""
         names = {str(part.relative_to(self._study_dir)): part for part in self._parts() if is_being_recorded(part)}
         for gone in self._watched.keys() - names.keys():
             self._watched.pop(gone).picture.close()
         return {name: self._facts(name, part) for name, part in names.items()}
 
     def picture(self, name: str) -> bytes:
-        """Return what the participant of a running session sees now, as PNG; b"" if no such session runs."""
+        """Return what the participant of a running session sees now, as PNG; b"" if no such session is running."""
         watched = self._watched.get(name)
         if watched:
             return watched.picture.png(watched.live)
         return b""
 
     def log_of(self, name: str) -> Path | None:
-        """Return the log that a running session will have; None if ``look`` did not name it."""
+        """Return the path of the log that a running session will have; None if ``look`` did not report the session."""
         if name in self._watched:
             return SegmentPath.of_part(self._study_dir / name).log
         return None

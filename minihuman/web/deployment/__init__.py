@@ -1,6 +1,6 @@
-"""Write a folder from which a study is served: container file, compose file, Caddyfile, systemd unit.
+"""Writes the folder from which a study is served: container file, compose file, Caddyfile, systemd unit.
 
-Nothing here starts anything. The templates beside this file are Jinja's; images are parameters of what is written.
+Nothing here starts a server. The files are rendered from the Jinja templates beside this module.
 """
 
 import secrets
@@ -22,16 +22,16 @@ SECRETS_FILE_NAME = ".env"
 
 @dataclass(frozen=True, slots=True)
 class Deployment:
-    """The settings by which a study is served.
+    """The settings with which a study is served.
 
     Args:
-        address: the public base URL, https.
-        workers: server processes; Caddy routes each participant to one of them.
-        postgres: the enrolment log and arrivals are in a database of the folder's own.
-        bucket: "s3://bucket/prefix", to which finished logs are copied; "" keeps them on the machine.
+        address: the public base URL, with https.
+        workers: the number of server processes; Caddy routes each participant to one of them.
+        postgres: whether the enrolment log and the arrivals are kept in a database of the deployment's own.
+        bucket: the destination of finished logs, such as "s3://bucket/prefix"; "" keeps them on the machine.
 
     Raises:
-        ProtocolError: if the address or the bucket is none.
+        ProtocolError: if the address or the bucket is not valid.
     """
 
     address: str
@@ -50,10 +50,10 @@ class Deployment:
 
 
 def write_deployment(protocol: Protocol, out: Path, deployment: Deployment) -> list[Path]:
-    """Write the folder; passwords that are there are kept, everything else is written anew.
+    """Write the folder from which a study is served. Existing passwords are kept; all other files are overwritten.
 
     Returns:
-        The files written.
+        The paths of the folder's files.
 
     Raises:
         OSError: if a file cannot be written.
@@ -74,7 +74,7 @@ def write_deployment(protocol: Protocol, out: Path, deployment: Deployment) -> l
 
 
 def _render_files(protocol: Protocol, deployment: Deployment) -> dict[str, bytes]:
-    """Render the folder's files but the passwords, by name."""
+    """Return the contents of the folder's files by name, without the file of passwords."""
     agents = [block.agent for block in protocol.blocks if block.agent is not None]
     needs_extra = {
         "web": True,

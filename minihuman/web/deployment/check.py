@@ -1,7 +1,7 @@
-"""Check that servers with one database and one object store lose nothing while they are restarted and killed.
+"""Checks that servers with one database and one object store lose nothing while they are restarted and killed.
 
-The servers are processes on this machine; the participants are simulated pages without a browser, which play a short
-study of the check's own, so that any study's questions and eligibility are left aside.
+The servers are processes on this machine. The participants are simulated pages without a browser. They play a short
+study made for the check, so no study's own questions and eligibility rules matter.
 """
 
 import asyncio
@@ -67,17 +67,22 @@ computed = "server"
 
 
 class DeploymentCheckError(MinihumanError, RuntimeError):
-    """The servers lost or doubled something, or could not be started."""
+    """The servers could not be started, or the participants could not take part."""
 
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """The counts of a check.
+    """The counts of a deployment check.
 
     Args:
-        interrupted: participants who were in a session when a server was stopped or killed, summed over these.
-        acknowledged: key presses that a server had acknowledged; lost: those that no log has.
+        participants: the number of simulated participants.
+        complete: participants whose session is complete.
+        interrupted: sessions running when a server was stopped or killed, summed over all such moments.
+        moved: participants who were connected to several servers.
+        acknowledged: key presses that a server acknowledged.
+        lost: acknowledged key presses that are in no log.
         twice: sessions with two different logs.
+        differences: logs that replay differently from how they were recorded.
     """
 
     participants: int
@@ -91,7 +96,7 @@ class CheckResult:
 
     @property
     def passed(self) -> bool:
-        """Whether every session is there once, with all that was acknowledged, and replays as recorded."""
+        """Return whether every session exists once, contains every acknowledged key press, and replays as recorded."""
         return self.complete == self.participants and self.lost == self.twice == self.differences == 0
 
     def __str__(self) -> str:
@@ -104,7 +109,7 @@ class CheckResult:
 
 
 class _Server:
-    """`minihuman serve` as a process."""
+    """A process that runs `minihuman serve`."""
 
     def __init__(self, protocol: Path, data: Path) -> None:
         words = ["serve", str(protocol), "--data", str(data), "--port", "0", "--links", "0"]
@@ -127,7 +132,7 @@ class _Server:
 
 
 class _Page:
-    """A participant's page: it presses keys at random, and repeats at any server what was not acknowledged."""
+    """A simulated page, which presses keys at random and resends unacknowledged messages to any server."""
 
     def __init__(self, token: str, find_host: Callable[[], str], rng: random.Random) -> None:
         self.token = token
@@ -145,7 +150,7 @@ class _Page:
         self._due_ns = None
 
     async def take_part(self) -> None:
-        """Connect again until the session has ended."""
+        """Connect, and reconnect until the session has ended."""
         while not self.end:
             with suppress(OSError, WebSocketException, TimeoutError):
                 await self._visit(self._find_host())
@@ -201,7 +206,7 @@ class _Page:
                     await self._say(socket, t="key", key=key, down=down, stamp=self._now_ns())
 
     def _read(self, data: str | bytes) -> Iterator[dict[str, Any]]:
-        """Yield the messages in what arrived; of a picture, note its number."""
+        """Yield the messages in the received data; note only the numbers of pictures."""
         if isinstance(data, str):
             yield json.loads(data)
             return
@@ -224,7 +229,8 @@ class _Page:
                 self.hosts.add(host)
                 await self._welcome(message, socket)
             case "acked":
-                for number in [number for number in self._unacknowledged if number <= message["through"]]:
+                acknowledged = [number for number in self._unacknowledged if number <= message["through"]]
+                for number in acknowledged:
                     content = self._unacknowledged.pop(number)["what"]
                     if content["t"] == "key" and content["down"]:
                         self.acknowledged[content["key"], content["stamp"]] += 1
@@ -242,7 +248,7 @@ class _Page:
                 self.end = message.get("end") or message["reason"]
 
     async def _welcome(self, welcome: dict[str, Any], socket: ClientConnection) -> None:
-        """Take over a server's clock and numbers, and repeat what it has not heard."""
+        """Adopt a server's clock and message numbers, and resend the messages that it has not received."""
         if welcome["segment"] != self._segment:
             self._unacknowledged.clear()
             self._segment = welcome["segment"]
@@ -262,15 +268,15 @@ class _Page:
 def check_deployment(
     data: Path, participants: int, *, servers: int = 2, on_progress: Callable[[str], None] = print
 ) -> CheckResult:
-    """Serve a short study, restart each server in turn, kill one, and count what was lost or doubled.
+    """Serve a short study, restart each server in turn, kill one, and count what was lost or duplicated.
 
     Args:
         data: the folder with register.url and logs.url, which name the database and the store.
-        servers: at least two.
+        servers: the number of servers, at least two.
 
     Raises:
         DeploymentCheckError: if there is no database or store, a server does not start, every participant is refused,
-            or they have not ended in half an hour.
+            or the participants have not finished within half an hour.
     """
     for name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
         if not (data / name).is_file():
@@ -278,10 +284,9 @@ def check_deployment(
     name = f"check-{uuid4().hex[:8]}"
     with tempfile.TemporaryDirectory(prefix="minihuman-check-") as root:
         folders = [Path(root) / f"server-{number}" for number in range(max(2, servers))]
-        for folder in (*folders, gathered := Path(root) / "gathered"):
-            folder.mkdir()
-            for file_name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
-                shutil.copyfile(data / file_name, folder / file_name)
+        gathered = Path(root) / "gathered"
+        for folder in (*folders, gathered):
+            _make_data_folder(folder, data)
         protocol = Path(root) / f"{name}.toml"
         toml = _TOML.format(name=name, participants=participants)
         protocol.write_text(toml, encoding="utf-8", newline="\n")
@@ -301,10 +306,17 @@ def check_deployment(
         return _count(gathered / name, folders, pages, codes, interrupted)
 
 
+def _make_data_folder(folder: Path, data: Path) -> None:
+    """Make a data folder with the same database and store as an existing one."""
+    folder.mkdir()
+    for file_name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
+        shutil.copyfile(data / file_name, folder / file_name)
+
+
 async def _play(
     servers: list[_Server], tokens: list[str], on_progress: Callable[[str], None]
 ) -> tuple[list[_Page], int]:
-    """Let all participants play while servers restart; return the pages, and how many sessions that interrupted."""
+    """Let all participants play while servers restart; return the pages and the number of interrupted sessions."""
     rng = random.Random(1)
     interrupted = 0
     pages = [_Page(token, lambda: rng.choice(servers).host, random.Random(n)) for n, token in enumerate(tokens)]
@@ -336,7 +348,7 @@ async def _play(
 
 
 def _count_presses(log: Path) -> Counter[tuple[str, int]]:
-    """Count the key presses in a log by key and time in ns."""
+    """Count the key presses in a log by key and time in nanoseconds."""
     events = (event for event in read_events(log) if isinstance(event, KeyPressed))
     return Counter((event.key, event.t_ns - event.waited_ns) for event in events if event.down)
 
@@ -344,7 +356,7 @@ def _count_presses(log: Path) -> Counter[tuple[str, int]]:
 def _count(
     gathered: Path, folders: list[Path], pages: list[_Page], codes: dict[str, str | None], interrupted: int
 ) -> CheckResult:
-    """Compare what the pages had acknowledged with the logs in the store."""
+    """Compare the key presses acknowledged to the pages with the logs in the store."""
     digests: dict[str, set[bytes]] = {}
     for log in (log for folder in (gathered, *folders) for log in folder.rglob("*.mcap")):
         if read_log(log).end_reason == "complete":

@@ -12,7 +12,7 @@ export type WorldPosition = GridPosition | FirstPersonPosition;
 export type ScreenValues = TextValues | BlankValues | PlayValues | PageValues | QuestionValues | ActivityValues;
 export type AnswerWidget = ({ form: "OptionList" } & OptionList) | ({ form: "RatingScale" } & RatingScale) | ({ form: "RatingMatrix" } & RatingMatrix) | ({ form: "Slider" } & Slider) | ({ form: "TextField" } & TextField) | ({ form: "ShapeCanvas" } & ShapeCanvas);
 
-/** A key went down or came up at ``stamp``, by the event's own time. */
+/** A press or release of a key, with the event's own time as ``stamp``. */
 export interface KeyMessage {
   t: "key";
   key: string;
@@ -25,7 +25,7 @@ export interface KeyMessage {
   cause?: "finger" | "held_before_focus" | "shortcut" | "focus_loss";
 }
 
-/** A screen, or in an episode a step's picture, reached the display. */
+/** The report that a screen, or the picture of an episode's step, reached the display. */
 export interface DisplayedMessage {
   t: "shown";
   submit: number;
@@ -37,19 +37,19 @@ export interface DisplayedMessage {
   node?: number;
 }
 
-/** The time came at which the session asked for a tick. */
+/** A tick at the time that the session asked for. */
 export interface TickMessage {
   t: "tick";
   digest?: string;
 }
 
-/** The keyboard's layout or the input method made text. */
+/** Text produced by the keyboard layout or the input method. */
 export interface TextMessage {
   t: "typed";
   text: string;
 }
 
-/** Mouse or finger, at ``stamp``, by the event's own time. */
+/** A press, movement or release of the mouse or a finger, with the event's own time as ``stamp``. */
 export interface PointerMessage {
   t: "pointer";
   what: "pressed" | "moved" | "released";
@@ -61,7 +61,7 @@ export interface PointerMessage {
   cause?: "finger" | "held_before_focus" | "cancelled";
 }
 
-/** An axis of a gamepad moved, at ``stamp``, by the gamepad's own time. */
+/** A movement of a gamepad's axis, with the gamepad's own time as ``stamp``. */
 export interface AxisMessage {
   t: "axis";
   axis: "pad_left_x" | "pad_left_y" | "pad_right_x" | "pad_right_y" | "pad_left_trigger" | "pad_right_trigger";
@@ -69,7 +69,7 @@ export interface AxisMessage {
   stamp?: number;
 }
 
-/** A gamepad was seen for the first time. */
+/** The report that a gamepad was detected for the first time. */
 export interface GamepadMessage {
   t: "pad";
   id: string;
@@ -77,13 +77,13 @@ export interface GamepadMessage {
   buttons: number;
 }
 
-/** The page lost or found the keyboard, or was hidden or seen again. */
+/** The report that the page lost or gained the keyboard focus, or was hidden or shown again. */
 export interface FocusMessage {
   t: "focus";
   focused: boolean;
 }
 
-/** The quickest of the latest messages there and back: its ends by the page's clock, in between the server's. */
+/** The fastest of the latest round trips: its ends by the page's clock, the times in between by the server's. */
 export interface RoundTripMessage {
   t: "link";
   sent: number;
@@ -93,7 +93,7 @@ export interface RoundTripMessage {
   latest: number;
 }
 
-/** The experimenter's command reached the page, at the message's time. */
+/** The report that the experimenter's command reached the page, at the message's time. */
 export interface CommandEcho {
   t: "asked";
   number: number;
@@ -105,7 +105,7 @@ export interface LateInputMessage {
   text: string;
 }
 
-/** The first message on every socket. */
+/** The page's first message on every socket. */
 export interface Hello {
   t: "hello";
   version: number;
@@ -121,7 +121,7 @@ export interface Hello {
   facts?: BrowserFacts;
 }
 
-/** A message of the page's stream. */
+/** A numbered message of the page's stream. */
 export interface NumberedMessage {
   t: "n";
   n: number;
@@ -129,25 +129,25 @@ export interface NumberedMessage {
   what: PageMessage;
 }
 
-/** The page has all of the server's messages up to this. */
+/** The acknowledgement that the page has all of the server's messages up to ``n``. */
 export interface PageAck {
   t: "heard";
   n: number;
 }
 
-/** Ask for the server's time. */
+/** A request for the server's time. */
 export interface Ping {
   t: "ping";
   sent: number;
 }
 
-/** The page is being closed, or gives way to another one in its place. */
+/** The report that the page is being closed, or gives way to another page. */
 export interface Farewell {
   t: "bye";
   left: boolean;
 }
 
-/** The answer to a hello: whose turn it is in both streams, and the session's time. */
+/** The answer to a hello: where both message streams stand, and the session's time. */
 export interface Welcome {
   t: "welcome";
   segment: string;
@@ -164,7 +164,7 @@ export interface Welcome {
   sign_ms: number;
 }
 
-/** The server refuses the page, which does not come again by itself. */
+/** The server's refusal of a page, which does not reconnect by itself. */
 export interface Refusal {
   t: "refused";
   reason: string;
@@ -173,13 +173,13 @@ export interface Refusal {
   url: string;
 }
 
-/** All of the page's messages up to this are on the disk. */
+/** The acknowledgement that all of the page's messages up to ``through`` are on the disk. */
 export interface ServerAck {
   t: "acked";
   through: number;
 }
 
-/** The answer to a ping, by the server's clock. */
+/** The answer to a ping, with times by the server's clock. */
 export interface Pong {
   t: "pong";
   sent: number;
@@ -187,7 +187,7 @@ export interface Pong {
   answered: number;
 }
 
-/** A screen, as `drawn` makes it. */
+/** A screen of the session, as values for the page. */
 export interface ScreenMessage {
   t: "screen";
   id: number;
@@ -198,7 +198,7 @@ export interface ScreenMessage {
   name: number;
 }
 
-/** A picture of the film on the screen, drawn since the screen was sent. */
+/** A picture of a film on the screen, drawn after the screen was sent. */
 export interface FilmFrame {
   t: "frame";
   name: number;
@@ -207,7 +207,7 @@ export interface FilmFrame {
   picture: number;
 }
 
-/** Tiles of grid worlds, a first-person scene or a texture, for the page to keep under their name, a digest. */
+/** Arrays that the page keeps under a name, their digest: grid tiles, a first-person scene or a texture. */
 export interface ArraysMessage {
   t: "arrays";
   name: string;
@@ -215,7 +215,7 @@ export interface ArraysMessage {
   packed: string;
 }
 
-/** What keys and time do in the episode that is played: what the page needs to go ahead of the session. */
+/** The effects of keys and time in the current episode, which let the page go ahead of the session. */
 export interface EpisodeRules {
   t: "rules";
   episode: number;
@@ -232,7 +232,7 @@ export interface EpisodeRules {
   team: "" | "turns" | "ticks";
 }
 
-/** A grid world's state, for the page to compute the steps that follow it. */
+/** A grid world's state, from which the page computes the steps that follow. */
 export interface GridState {
   world: "grid";
   step: number;
@@ -244,7 +244,7 @@ export interface GridState {
   atlas: string;
 }
 
-/** A first-person world's state, for the page to compute the steps that follow it. */
+/** A first-person world's state, from which the page computes the steps that follow. */
 export interface FirstPersonState {
   world: "first_person";
   step: number;
@@ -260,7 +260,7 @@ export interface FirstPersonState {
   size: [number, number];
 }
 
-/** Where the session is in an episode that the page computes, which may be elsewhere. */
+/** The session's position in an episode that the page computes, from which the page may have diverged. */
 export interface StateCorrection {
   t: "state";
   through: number;
@@ -268,7 +268,7 @@ export interface StateCorrection {
   state: WorldPosition;
 }
 
-/** An agent plays an episode: what keys and time do then, and the texts below the picture. */
+/** The controls of an episode that an agent plays: the effects of keys and time, and the texts below the picture. */
 export interface AgentControl {
   t: "beside";
   episode: number;
@@ -282,7 +282,7 @@ export interface AgentControl {
   controller_texts: Texts;
 }
 
-/** Where the session stands in an episode. */
+/** The session's current state in an episode. */
 export interface EpisodeState {
   t: "now";
   through: number;
@@ -296,7 +296,7 @@ export interface EpisodeState {
   pace: number;
 }
 
-/** What would come: scenes with their pictures, and which action leads from one to another. */
+/** Scenes that may come next, with their pictures, and the actions that lead from one to another. */
 export interface LookAheadUpdate {
   t: "ahead";
   episode: number;
@@ -304,14 +304,14 @@ export interface LookAheadUpdate {
   edges: [number, number, number, boolean][];
 }
 
-/** What would come outside of episodes: screens, and which input leads from one to another. */
+/** Screens outside of episodes that may come next, and the inputs that lead from one to another. */
 export interface ScreenPrefetch {
   t: "onward";
   screens: PrefetchedScreen[];
   edges: [number, string, number][];
 }
 
-/** A screen that an input may lead to. */
+/** A screen to which an input may lead. */
 export interface PrefetchedScreen {
   name: number;
   screen: ScreenValues;
@@ -320,13 +320,13 @@ export interface PrefetchedScreen {
   scene: number;
 }
 
-/** The experimenter asks for something; the page says when that was. */
+/** The experimenter's command; the page answers with the time at which it arrived. */
 export interface CommandMessage {
   t: "ask";
   number: number;
 }
 
-/** The session's log is on the disk; where to go from here. */
+/** The end of a session whose log is on the disk, and the address to which the participant goes next. */
 export interface SessionOver {
   t: "over";
   end: string;
@@ -337,7 +337,7 @@ export interface SessionOver {
   url: string;
 }
 
-/** Where a grid world is after a step. */
+/** The position of a grid world after a step. */
 export interface GridPosition {
   world: "grid";
   step: number;
@@ -345,7 +345,7 @@ export interface GridPosition {
   rng_state: string[];
 }
 
-/** Where a first-person world is after a step; arrays are little-endian. */
+/** The position of a first-person world after a step; arrays are little-endian. */
 export interface FirstPersonPosition {
   world: "first_person";
   step: number;
@@ -354,7 +354,7 @@ export interface FirstPersonPosition {
   rng_state: string[];
 }
 
-/** A few words to read. */
+/** A short text to read, with the keys to try if it has any. */
 export interface TextValues {
   language: string;
   rtl: boolean;
@@ -369,7 +369,7 @@ export interface TextValues {
   high: number;
 }
 
-/** A key of a drawn keyboard; lengths are in widths of a key. */
+/** A key of a drawn keyboard; lengths are multiples of one key's width. */
 export interface KeyValues {
   x: number;
   y: number;
@@ -379,7 +379,7 @@ export interface KeyValues {
   pressed: boolean;
 }
 
-/** Nothing, or a cross to look at. */
+/** A blank screen, or one with a fixation cross. */
 export interface BlankValues {
   language: string;
   rtl: boolean;
@@ -388,7 +388,7 @@ export interface BlankValues {
   cross: boolean;
 }
 
-/** What is around an episode's picture; the picture itself only where it is held, since scenes have theirs. */
+/** The texts around an episode's picture, and the picture itself while it is held. */
 export interface PlayValues {
   language: string;
   rtl: boolean;
@@ -426,7 +426,7 @@ export interface TextField {
   unit: string;
 }
 
-/** A page of a text, with a picture above it where it has one. */
+/** A page of a text, with its picture above it if it has one. */
 export interface PageValues {
   language: string;
   rtl: boolean;
@@ -442,7 +442,7 @@ export interface PageValues {
   marks: [number, number, string][];
 }
 
-/** A spot to click; ``name`` is the target of the pointer's messages. */
+/** A button; ``name`` is the target in the pointer's messages. */
 export interface ButtonValues {
   name: string;
   label: string;
@@ -464,7 +464,7 @@ export interface QuestionValues {
   buttons: ButtonValues[];
 }
 
-/** A screen of one kind of activity, which the module at that address draws; it has fields of its own. */
+/** A screen of one activity kind, drawn by the module at ``module``; the kind adds its own fields. */
 export interface ActivityValues {
   language: string;
   rtl: boolean;

@@ -1,1 +1,1 @@
-"""Episodes that a page computed without a server: read them, play them again, and write them as session logs."""
+"""Episodes that a page computed without a server: read them, replay them, and write them as session logs."""

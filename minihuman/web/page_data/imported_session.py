@@ -1,7 +1,7 @@
-"""Write a page's episodes as a session's log: the protocol of what was played, and a window that presses its keys.
+"""Writes a page's episodes as a session's log, by playing them again under a protocol made from them.
 
-The session machine and the recorder are those of every session. The log says `collected = "page"`: it is consistent
-with the rules, and nobody witnessed it.
+The session machine and the recorder are those of every session; the window is one that presses the page's keys. The log
+says `collected = "page"`: it is consistent with the rules, but nobody witnessed it.
 """
 
 import hashlib
@@ -43,18 +43,18 @@ _HOLD_MS = 0.0  # of a key whose release the page did not see
 
 
 def digest_episodes(episodes: Sequence[PageEpisode]) -> str:
-    """Return the SHA-256 of a session's episodes, hexadecimal: by it they are imported once."""
+    """Return the SHA-256 of a session's episodes in hexadecimal, by which a repeated import is recognised."""
     return hashlib.sha256(msgspec.json.encode(episodes)).hexdigest()
 
 
 def write_session(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
-    """Write episodes that were verified as the log of the study's next participant.
+    """Write verified episodes as the log of the study's next participant.
 
     Returns:
-        The log; None if the study has these episodes already.
+        The log's path; None if the study has these episodes already.
 
     Raises:
-        PageDataError: if the study has sessions that were run, or the episodes make no protocol.
+        PageDataError: if the study has sessions that were not imported, or the episodes do not form a protocol.
         ProtocolError: if the study's folder has a name that no study may have.
         LogError: if the log cannot be written.
     """
@@ -124,7 +124,7 @@ def _record(episodes: Sequence[PageEpisode], plan: SessionPlan, data: Path, dige
 
 
 class RecordedKeys(Window):
-    """Presses a page's keys again, each as long after the first picture as the page says."""
+    """Presses a page's recorded keys again, each at its recorded time after the first picture."""
 
     def __init__(self, session: SessionMachine, clock: VirtualClock, episodes: Sequence[PageEpisode]) -> None:
         self._session = session
@@ -134,7 +134,7 @@ class RecordedKeys(Window):
         self._coming: list[Input] = []  # in order of time
 
     def show(self, screen: Screen) -> ScreenShown:
-        """Look at a screen, which is there at once."""
+        """Report a screen as shown at once."""
         now_ns = self._clock()
         play = self._session.play
         if play is not None and play is not self._play and play.started:
@@ -143,7 +143,7 @@ class RecordedKeys(Window):
         return ScreenShown(t_ns=now_ns, submit_ns=now_ns, flip_ns=now_ns)
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Move the clock to the next key, or to ``until_ns``; where nothing is due, go on by Enter."""
+        """Move the clock to the next key, or to ``until_ns``; if neither is due, press Enter to continue."""
         if self._coming and (until_ns is None or self._coming[0].t_ns <= until_ns):
             happened = self._coming.pop(0)
             self._clock.advance_to(happened.t_ns)
@@ -156,11 +156,11 @@ class RecordedKeys(Window):
         return [KeyDown(self._clock(), "enter", "enter"), KeyUp(self._clock(), "enter", "enter")]
 
     def facts(self) -> dict[str, str]:
-        """Return that a page is the window."""
+        """Return the fact that the window was a page."""
         return {"window": "page"}
 
     def close(self) -> None:
-        """Do nothing: there is nothing to give back."""
+        """Do nothing, since this window holds no resources."""
 
 
 def _list_inputs(episode: PageEpisode, shown_ns: int) -> Iterator[Input]:
@@ -176,10 +176,10 @@ def _list_inputs(episode: PageEpisode, shown_ns: int) -> Iterator[Input]:
 
 
 def write_protocol(episodes: Sequence[PageEpisode], study: str, participants: int) -> str:
-    """Write the protocol of what a page played: a block for each run of episodes that differ in their seeds alone.
+    """Write the protocol of what a page played, with a block for each run of episodes that differ in their seeds alone.
 
     Raises:
-        PageDataError: if a key that was pressed is none that a session may give to an action.
+        PageDataError: if a pressed key is one that a session cannot assign to an action.
     """
     blocks = [
         _describe_block(number, list(run))
@@ -234,7 +234,7 @@ def _describe_block(number: int, episodes: Sequence[PageEpisode]) -> dict[str, A
 
 
 def _list_session_keys(episodes: Sequence[PageEpisode]) -> dict[str, str]:
-    """List the actions by our names of keys, without reserved keys that were not pressed."""
+    """Return the action of each key by our key names, without reserved keys that were not pressed."""
     first = episodes[0]
     pressed = {key for episode in episodes for key in episode.keys}
     keys: dict[str, str] = {}
@@ -254,7 +254,7 @@ def _format_table(head: str, table: dict[str, Any]) -> list[str]:
 
 
 def _format_toml(value: Any) -> str:
-    """Format a value as TOML: JSON's form, but for tables and the one character that JSON leaves bare."""
+    """Format a value as TOML, which is JSON except for tables and the one character that JSON leaves unescaped."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_format_toml(name)} = {_format_toml(field)}" for name, field in value.items()) + "}"
     if isinstance(value, list | tuple):

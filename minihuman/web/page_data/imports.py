@@ -1,4 +1,4 @@
-"""Import files of a page's episodes into a study, and verify them without one."""
+"""Imports files of a page's episodes into a study, and verifies such files without one."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -25,10 +25,10 @@ class ImportedFile:
 
     Attributes:
         file: the file.
-        log: the session log that it became; None if it was refused, or is in the study already.
-        episodes: how many it has; 0 if it was refused.
-        steps: of these.
-        error: why it was refused; None if it was not.
+        log: the session log written from the file; None if the file was refused or is in the study already.
+        episodes: the number of episodes in the file; 0 if it was refused.
+        steps: the number of steps in these episodes.
+        error: the error for which the file was refused; None if it was not.
     """
 
     file: Path
@@ -39,7 +39,7 @@ class ImportedFile:
 
     @property
     def text(self) -> str:
-        """Say in a sentence what became of the file."""
+        """Describe the outcome in one sentence."""
         if self.error is not None:
             return str(self.error)
         if self.log is None:
@@ -48,7 +48,7 @@ class ImportedFile:
 
 
 def import_files(paths: Iterable[Path], study: Path) -> Iterator[ImportedFile]:
-    """Import files, or folders of them, into a study: one session each, those that differ refused.
+    """Import files, or folders of files, as one session per file; refuse files that fail verification.
 
     Raises:
         PageDataError: if a path has no files.
@@ -80,7 +80,7 @@ def _read_verified(file: Path) -> list[PageEpisode]:
 
 
 def _require_same_steps(log: Path, episodes: Sequence[PageEpisode]) -> None:
-    """Require that the session's machine did what the page did, key by key."""
+    """Require that the recorded session has the same actions and rewards as the page's data."""
     recorded = read_log(log).episodes
     for number, (episode, played) in enumerate(zip(episodes, recorded, strict=False), 1):
         if tuple(played.actions) != episode.actions or tuple(played.rewards) != episode.rewards:
@@ -92,10 +92,10 @@ def _require_same_steps(log: Path, episodes: Sequence[PageEpisode]) -> None:
 
 
 def verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
-    """Yield lines on a file of page data, each with whether it is good news.
+    """Verify a file of page data; yield lines of findings, each with whether it is good news.
 
     Raises:
-        PageDataError: if the file has no episodes, or one has not the form of an episode.
+        PageDataError: if the file has no episodes, or one of them is malformed.
     """
     episodes = read_page_data(file)
     steps = 0

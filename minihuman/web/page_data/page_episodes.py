@@ -1,13 +1,13 @@
-"""Read episodes that a page computed: jsPsych's JSON and CSV, and the file of kept games; check each of them.
+"""Reads and checks the episodes that a page computed, from jsPsych's JSON and CSV or a file of saved games.
 
-Whatever a file says is foreign: its form, its sizes and its numbers are checked here, before a world is made.
+No file is trusted: its form, sizes and numbers are checked here before a world is made.
 """
 
 import csv
 import io
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -42,7 +42,7 @@ _PUNCTUATION = dict(zip("-=[]\\;'`,./ ", (*PUNCTUATION, "space"), strict=True))
 
 
 class PageDataError(MinihumanError, ValueError):
-    """Episodes that a page computed cannot be read, or differ when they are played again."""
+    """Episodes that a page computed cannot be read, or replay differently."""
 
     exit_code = 1  # a check failed
 
@@ -51,7 +51,7 @@ EpisodeEnd = Literal["terminated", "truncated", "time_limit", "left"]
 
 
 class PageEpisode(msgspec.Struct, frozen=True):
-    """One episode, in the columns of ``page/episode_record.js``."""
+    """One episode, with the columns of ``page/episode_record.js``."""
 
     world: str
     options: dict[str, Any]
@@ -81,27 +81,27 @@ class PageEpisode(msgspec.Struct, frozen=True):
 
     @property
     def name(self) -> str:
-        """Return the name of the episode in errors."""
+        """Return the name by which errors refer to the episode."""
         return f"{self.world} seed {self.seed}"
 
     @property
     def physical_keys(self) -> dict[str, str]:
-        """Return our name of each key of the map."""
+        """Return our name of each key in the key map."""
         return {key: name_key(key) for key in self.key_map}
 
 
 def name_key(key: str) -> str:
-    """Return our name of a key that a browser calls so; "" where we have none."""
+    """Return our name of a key from its `KeyboardEvent.key`; "" if we have none."""
     if len(key) == 1 and key.isascii() and key.isalnum():
         return key.lower()
     return _PUNCTUATION.get(key) or KEY_CODES.get(key, "")
 
 
 def list_data_files(path: Path) -> list[Path]:
-    """Return a file, or the JSON and CSV files below a folder, in order of name.
+    """Return the path itself if it is a file, or the data files (JSON, CSV, text) below a folder, sorted by name.
 
     Raises:
-        PageDataError: if there is none.
+        PageDataError: if the folder has no such file.
     """
     if path.is_file():
         return [path]
@@ -115,7 +115,7 @@ def read_page_data(path: Path) -> list[PageEpisode]:
     """Read one session's episodes from a file.
 
     Raises:
-        PageDataError: if the file has none, or one has not the form of an episode.
+        PageDataError: if the file has no episodes, or one of them is malformed.
     """
     size = path.stat().st_size
     if size > MAX_FILE_BYTES:
@@ -160,7 +160,16 @@ def _read_csv_rows(text: str) -> list[dict[str, Any]]:
         for field in msgspec.structs.fields(PageEpisode)
         if field.type is str or field.name in ("view", "end")
     }
-    return [{name: cell if name in texts else _read_cell(cell) for name, cell in row.items()} for row in rows]
+    return [_decode_cells(row, texts) for row in rows]
+
+
+def _decode_cells(row: Mapping[str, str | None], texts: Container[str]) -> dict[str, Any]:
+    """Decode the cells of a CSV row as JSON, except those of columns that hold texts."""
+    cells: dict[str, Any] = dict(row)
+    for name in row:
+        if name not in texts:
+            cells[name] = _read_cell(row[name])
+    return cells
 
 
 def _read_cell(cell: str | None) -> Any:
@@ -187,10 +196,13 @@ def _convert(row: Mapping[str, Any], place: str) -> PageEpisode:
 
 
 def verify_episode(episode: PageEpisode) -> ActionsVerification:
-    """Check an episode's columns, play it again, and compare; the verification is of the steps that were played.
+    """Check an episode's columns, replay its actions and compare each step.
+
+    Returns:
+        The verification of the replayed steps.
 
     Raises:
-        PageDataError: if a column cannot be, or the page's rules are not those installed here.
+        PageDataError: if a column is malformed, or the page used other rules than those installed here.
     """
     try:
         for difference in _list_malformed_columns(episode):
@@ -210,7 +222,7 @@ def verify_episode(episode: PageEpisode) -> ActionsVerification:
 
 
 def describe_difference(episode: PageEpisode, verification: ActionsVerification) -> str:
-    """Return the first thing of an episode that playing it again does not give, as a sentence; "" if there is none."""
+    """Return, as a sentence, the first way in which an episode differs from its replay; "" if there is none."""
     if verification.difference:
         return verification.difference
     return next(_list_differences(episode, verification), "")
@@ -284,7 +296,12 @@ def _list_differences(episode: PageEpisode, verification: ActionsVerification) -
 
 
 def _find_end(verification: ActionsVerification, otherwise: str) -> str:
-    """Return how the world ended the episode; where it did not, the page may have, and says so."""
+    """Return how the replayed episode ended.
+
+    Args:
+        verification: the verification of the replayed steps.
+        otherwise: the ending that the page reports; it counts only if the world did not end the episode.
+    """
     if verification.terminated:
         return "terminated"
     if verification.truncated:
@@ -295,9 +312,9 @@ def _find_end(verification: ActionsVerification, otherwise: str) -> str:
 
 
 def check_session_order(episodes: Sequence[PageEpisode]) -> str:
-    """Return which episode cannot follow the one before it, which was left or ended later; "" if each can.
+    """Return which episode cannot follow the one before it, because that one was left or ended later; "" if all can.
 
-    A second's grace is for a clock that was set.
+    Clock adjustments of up to one second are tolerated.
     """
     ended_ms = 0.0
     for number, episode in enumerate(episodes, 1):

@@ -1,7 +1,7 @@
-"""The web application: one page, one socket or line per browser, one task each; sessions are the hosts' work.
+"""The web application: one page, and one transport and one task per browser. The session hosts run the sessions.
 
-What waits for the disk (connecting, finishing a log) runs in threads. Looking ahead runs between messages, for one host
-after the other, so that a key never waits longer than two milliseconds or one scene.
+Work that waits for the disk (connecting, finishing a log) runs in threads. Look-ahead runs between messages, for one
+host at a time, so that a key never waits longer than two milliseconds or one scene.
 """
 
 import asyncio
@@ -68,7 +68,7 @@ CLOSE_OLD = 4002  # and after this it is loaded anew: it is of another release t
 
 
 def classify_connection_ending(connection: Connection) -> WebEnding:
-    """Classify a session's end for its participant: broken if its log is not whole, or its page sent too much."""
+    """Return the ending that a participant is told; "broken" if the log is incomplete or the page sent too much."""
     if connection.recording.is_broken or connection.is_over_budget:
         return "broken"
     session = connection.host.session
@@ -76,9 +76,9 @@ def classify_connection_ending(connection: Connection) -> WebEnding:
 
 
 def build_session_over(connection: Connection, completion: Completion) -> messages.SessionOver:
-    """Build the last message to a page: what happened, what is saved, and a code.
+    """Build the last message to a page: what happened, what is saved, and the completion code.
 
-    That all is saved is said of a log that was closed whole; of any other, how many inputs it may lack.
+    Only a log that was closed whole is reported as saved; otherwise the message states how many inputs it may lack.
     """
     session = connection.host.session
     words = get_page_texts(session.plan.language)
@@ -98,10 +98,10 @@ class WebServer:
     """Serves a study to its participants' pages.
 
     Args:
-        arrivals: the study, and who comes.
-        data: where sessions are kept.
-        routes: of other pages that this server has.
-        worlds: runs worlds that are not ours in processes of their own; None: all run in this one.
+        arrivals: the study and its visitors.
+        data: the folder in which sessions are recorded.
+        routes: the routes of other pages that this server serves.
+        worlds: runs foreign worlds in processes of their own; None to run all worlds in this process.
     """
 
     def __init__(
@@ -156,7 +156,7 @@ class WebServer:
             await asyncio.gather(*(asyncio.to_thread(connection.leave) for connection in self.connections.values()))
 
     async def _health(self, _: Request) -> Response:
-        """Answer; a server whose loop is stuck does not."""
+        """Answer a health check; a server whose event loop is stuck cannot."""
         return Response("ok\n", media_type="text/plain")
 
     async def _metrics(self, request: Request) -> Response:
@@ -204,7 +204,7 @@ class WebServer:
     async def _receive_hello(
         self, page: PageTransport, address: str
     ) -> tuple[messages.Hello, Connection | messages.Refusal]:
-        """Wait for the hello, and connect its page."""
+        """Wait for a page's hello; return it with the page's connection or refusal."""
         self._silent[page] = None
         try:
             hello = decode_page_message(await asyncio.wait_for(page.receive(), HELLO_TIMEOUT_S))
@@ -239,7 +239,7 @@ class WebServer:
             await asyncio.gather(writing, return_exceptions=True)
 
     async def _receive(self, page: PageTransport, connection: Connection, protocol: PageProtocol, text: str) -> None:
-        """Hand on the messages of a text, and see to what they led to."""
+        """Handle the messages in a text; then finish the session, wake the writer or look ahead if necessary."""
         lines = text.split("\n")
         now_s = monotonic_s()
         protocol.begin_text()
@@ -264,7 +264,7 @@ class WebServer:
             raise SocketClosedError
 
     async def _write(self, page: PageTransport, connection: Connection, number: int, protocol: PageProtocol) -> None:
-        """Send what there is to send, as long as this is the newest socket of its connection."""
+        """Send the connection's messages for as long as this is its newest socket."""
         await page.send(protocol.encode_welcome())
         while True:
             await connection.changed.wait()
@@ -281,7 +281,7 @@ class WebServer:
     # Ends
 
     async def _finish_if_over(self, connection: Connection) -> None:
-        """Finish the log of a session that is over, then tell the page; later if the enrolment log is unavailable."""
+        """Finish the log of a session that is over, then inform the page; retry if the enrolment log is unavailable."""
         recording = connection.recording
         if not connection.host.over or recording.is_finishing:
             return
@@ -317,14 +317,14 @@ class WebServer:
         connection.changed.set()
 
     async def _look_after(self) -> None:
-        """End the sessions whose pages do not come back, and forget those that are over."""
+        """End the sessions whose pages do not come back, and drop sessions that have been over for some time."""
         while True:
             await asyncio.sleep(CHECK_INTERVAL_S)
             for connection in tuple(self.connections.values()):
                 await self._run_for(connection, self._look_after_safely(connection))
 
     async def _run_for(self, connection: Connection, work: Coroutine[Any, Any, None]) -> None:
-        """Do something for a connection; where its worlds may keep it waiting, no other waits for that."""
+        """Run a coroutine for a connection, in a task of its own if the connection's worlds may keep it waiting."""
         if not connection.has_threads:
             await work
         elif connection.is_busy:
@@ -359,7 +359,7 @@ class WebServer:
             await connection.run(connection.host.close)
 
     async def _poll(self) -> None:
-        """See to learners that were asked for a policy."""
+        """Poll the sessions that wait for an answer from outside, such as a learner's policy."""
         while True:
             await asyncio.sleep(LEARNER_POLL_INTERVAL_S)
             for connection in tuple(self.connections.values()):
@@ -373,7 +373,7 @@ class WebServer:
     # Leases
 
     async def _finish_ended(self) -> None:
-        """Finish what this server left when it was killed, as soon as the database can be asked."""
+        """Finish the logs that this server left when it was killed, as soon as the database is available."""
         while True:
             try:
                 return await asyncio.to_thread(self._arrivals.finish_ended)
@@ -384,7 +384,7 @@ class WebServer:
                 return
 
     async def _keep_leases(self) -> None:
-        """Renew the leases of this server's sessions, and copy what they record; let go of those that others have."""
+        """Renew this server's leases and copy what its sessions record; give up sessions that other servers have."""
         leases = self._arrivals.leases
         if leases is None:
             return
@@ -420,7 +420,7 @@ class WebServer:
                     LOG.exception("a session could not be left to another server")
 
     def _take_leased(self, *, is_due: bool) -> list[Connection]:
-        """Take the connections whose leases are renewed now: all where that is due, else those that recorded."""
+        """Return the connections whose leases are renewed now: all if that is due, else those that recorded."""
         connections = set(self.connections.values())
         if not is_due:
             connections &= self._factory.recorded
@@ -428,7 +428,7 @@ class WebServer:
         return [connection for connection in connections if _has_lease(connection)]
 
     async def _give_up_if_wanted(self, connection: Connection) -> None:
-        """Leave a session to another server that has its lease, or asks for it."""
+        """Hand a session over to another server that has its lease or requests it."""
         lease = connection.lease
         if lease is None or connection.recording.is_finishing:
             return
@@ -438,7 +438,7 @@ class WebServer:
             await self._give_up(connection, ANOTHER)
 
     async def _give_up(self, connection: Connection, code: int) -> None:
-        """Leave a session to another server."""
+        """Hand a session over to another server."""
         if self.connections.get(connection.key) is connection:
             del self.connections[connection.key]
         connection.dismiss(code)
@@ -476,7 +476,7 @@ class WebServer:
 
 
 async def _refuse(page: PageTransport, refusal: messages.Refusal) -> None:
-    """Tell a page why it is refused, and close its socket; one that has to wait comes again by itself."""
+    """Send a page its refusal and close the socket; a page that has to wait gets only a closing code."""
     if refusal.reason == "wait":
         await page.close(CLOSE_BUSY)
         return

@@ -1,6 +1,6 @@
-"""The experimenter's start page: the studies of a folder, who is next, and buttons that start minihuman's own commands.
+"""The experimenter's start page: studies, sessions due next, and buttons that start minihuman's commands.
 
-It decides nothing: each button starts the process that the command line would, and its page shows what that printed.
+The page makes no decisions: each button starts the process that the command line would start, and shows what it prints.
 """
 
 import asyncio
@@ -58,7 +58,7 @@ _REPORT_POLICY = "sandbox allow-scripts allow-downloads; default-src 'self' 'uns
 
 @dataclass(frozen=True, slots=True)
 class StudyEntry:
-    """A study: its protocol file, its sessions, or both."""
+    """A study with its protocol file, its recorded sessions, or both."""
 
     key: str  # in addresses
     name: str
@@ -67,31 +67,31 @@ class StudyEntry:
     problem: str = ""  # why its protocol cannot be read
 
     def sessions(self) -> list[SessionRow]:
-        """Read its recorded sessions."""
+        """Return the study's recorded sessions."""
         if self.folder.is_dir():
             return list(read_session_index(self.folder))
         return []
 
     def due(self) -> tuple[DueSession, ...]:
-        """List who is expected for a further session, or for the rest of one."""
+        """Return the sessions that are expected next, including unfinished ones."""
         if self.folder.is_dir():
             return list_due_sessions(self.folder)
         return ()
 
     def running(self) -> set[str]:
-        """Find the participants whose sessions are being recorded now."""
+        """Return the participants whose sessions are being recorded now."""
         if not self.folder.is_dir():
             return set()
         parts = self.folder.rglob(f"*{PART_SUFFIX}")
         return {part.name.partition("_")[0] for part in parts if is_being_recorded(part)}
 
     def counts(self) -> Mapping[str, int]:
-        """Count its sessions by how far they are."""
+        """Count the study's sessions by state."""
         running = self.running()
         return Counter(_state(row, running) for row in self.sessions())
 
     def command(self, action: str, form: Mapping[str, str]) -> list[str]:
-        """Return the words of the command that a button stands for.
+        """Return the arguments of the command that a button starts.
 
         Raises:
             KeyError: if there is no such button.
@@ -135,7 +135,7 @@ def _state(row: SessionRow, running: set[str]) -> str:
 
 
 def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
-    """Find the studies of a folder and its subfolders: files with a ``[study]`` table, then sessions without one."""
+    """Find a folder's studies: files with a ``[study]`` table, then sessions without a protocol."""
     studies = []
     for path in sorted({*folder.glob("*.toml"), *folder.glob("*/*.toml")}):
         key = str(path.relative_to(folder))
@@ -158,7 +158,7 @@ def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
 
 
 class CommandProcess:
-    """A command of minihuman as a process, which outlives this one if it records a session."""
+    """A running minihuman command; one that records a session outlives this process."""
 
     def __init__(self, words: list[str], study: StudyEntry | None, output: Path) -> None:
         self.words = words
@@ -177,32 +177,32 @@ class CommandProcess:
 
     @property
     def line(self) -> str:
-        """Return the command as it would be typed."""
+        """Return the command line as it would be typed."""
         return shlex.join(["minihuman", *self.words])
 
     @property
     def verdict(self) -> str:
-        """Return how it went, in a word."""
+        """Return the command's state or outcome, as one word."""
         return _VERDICTS.get(self._process.poll(), "ended")
 
     def output(self) -> str:
-        """Return the end of what it printed."""
+        """Return the end of the command's output."""
         with self._output.open("rb") as file:
             file.seek(max(0, self._output.stat().st_size - _SHOWN_BYTES))
             return file.read().decode(errors="replace")
 
     def links(self) -> list[str]:
-        """Return the addresses that it printed."""
+        """Return the addresses that the command printed."""
         if self.words[0] in ("watch", "serve"):
             return _LINK.findall(self.output())
         return []
 
     def last_line(self) -> str:
-        """Return the line that it printed last."""
+        """Return the last line that the command printed."""
         return next(reversed(self.output().split("\n")[:-1]), "")
 
     def stop(self) -> None:
-        """End it, and wait until it has."""
+        """Terminate the command and wait until it has ended."""
         self._process.terminate()
         self._process.wait()
 
@@ -211,9 +211,9 @@ class StartPage:
     """The start page of one folder.
 
     Args:
-        folder: of the protocols.
-        data: of the studies' folders.
-        temporary: for what the commands print.
+        folder: the folder of the protocols.
+        data: the folder of the studies' data.
+        temporary: the folder for the commands' output.
     """
 
     def __init__(self, folder: Path, data: Path, temporary: Path) -> None:
@@ -234,7 +234,7 @@ class StartPage:
 
     @property
     def path(self) -> str:
-        """Return the secret part of its address."""
+        """Return the secret path of the page's address."""
         return f"/{self._token}/"
 
     @property
@@ -242,7 +242,7 @@ class StartPage:
         return f"/{self._report_token}"
 
     def app(self) -> Starlette:
-        """Build the application, which answers below its path, to this machine's name only."""
+        """Build the application, which answers only below its secret path and only to this machine's own name."""
         pages = Router(
             [
                 Route("/", self._home),
@@ -263,7 +263,7 @@ class StartPage:
         )
 
     def close(self) -> None:
-        """End the commands that run, but for sessions."""
+        """Stop all running commands except sessions."""
         for process in self._processes:
             if process.words[0] != "run" and process.verdict == "running":
                 process.stop()
@@ -344,7 +344,7 @@ class StartPage:
 
     @staticmethod
     def _attempt(read: Callable[[], T]) -> tuple[T | None, str]:
-        """Read something; return it, or None and why it cannot be read."""
+        """Return what a function reads and "", or None and the reason why it cannot be read."""
         try:
             return read(), ""
         except (MinihumanError, OSError) as error:
@@ -369,10 +369,10 @@ class StartPage:
 
 
 def _require_own_form(request: Request) -> None:
-    """Refuse what no form of this page sends.
+    """Refuse a request that was not sent by one of this page's own forms.
 
     Raises:
-        HTTPException: if it comes from another page, is no form, or is too long.
+        HTTPException: if the request comes from another page, is not a form, or is too long.
     """
     if not is_own_request(request.headers):
         raise HTTPException(403, "this form is of another page")
@@ -384,10 +384,10 @@ def _require_own_form(request: Request) -> None:
 
 
 def run_desk(folder: Path, data: Path, *, port: int, say: Callable[[str], None]) -> None:
-    """Serve the start page until SIGTERM or Ctrl-C; ``say`` gets its address.
+    """Serve the start page until SIGTERM or Ctrl-C, after passing its address to ``say``.
 
     Raises:
-        LogError: if there is no such folder.
+        LogError: if the folder does not exist.
         ServeError: if the port is taken.
     """
     require_folder(folder, instead="the folder of the protocols")

@@ -1,6 +1,6 @@
 """The files of the page and of activities' modules, and the headers of every answer.
 
-The files are read at start: an update of the package does not change what a running server sends.
+The files are read when the server starts, so an update of the package does not change what a running server sends.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ class HeaderMiddleware:
 
     Args:
         app: the application.
-        policy: a content security policy instead of the participants' page's.
+        policy: the content security policy; "" for that of the participants' page.
     """
 
     def __init__(self, app: ASGIApp, *, policy: str = "") -> None:
@@ -35,7 +35,7 @@ class HeaderMiddleware:
         self._headers = [(name.encode(), value.encode()) for name, value in headers.items()]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or refuse what no page of ours asks."""
+        """Answer a request, or refuse one that no page of ours sends."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -68,7 +68,7 @@ _TYPES = {
 
 
 def build_page_routes() -> list[Route]:
-    """Build the routes of the page at the root, and of what it loads below `/static`."""
+    """Build the routes of the page at the root and of the files that it loads below `/static`."""
     files = [path for path in sorted(PAGE_FOLDER.rglob("*")) if path.suffix in _TYPES]
     addresses = {path: f"/static/{path.relative_to(PAGE_FOLDER).as_posix()}" for path in files}
     of_page = [_route("/" if path.name == "page.html" else addresses[path], path) for path in files]

@@ -23,7 +23,7 @@ class PageSocket(PageTransport):
         self._socket = socket
 
     async def accept(self) -> None:
-        """Take the call."""
+        """Accept the connection."""
         try:
             await self._socket.accept()
         except _ENDS as error:
@@ -33,7 +33,7 @@ class PageSocket(PageTransport):
         """Receive the next message.
 
         Raises:
-            MessageError: it is bytes, which no page sends.
+            MessageError: if the message is binary, which no page sends.
         """
         try:
             return await self._socket.receive_text()
@@ -55,6 +55,6 @@ class PageSocket(PageTransport):
             raise SocketClosedError from error
 
     async def close(self, code: int, reason: str = "") -> None:
-        """End the socket, which may have ended already."""
+        """Close the socket, even if it is closed already."""
         with contextlib.suppress(*_ENDS):
             await self._socket.close(code, reason[:100])

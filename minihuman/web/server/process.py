@@ -1,6 +1,6 @@
-"""The server's processes: the server itself on a local port, and the workers and the dashboard beside it.
+"""The server's processes: the server itself on a local port, its further workers, and the dashboard.
 
-The server prints its links and runs until it is stopped. Each worker has hosts of its own.
+The server prints its links and runs until it is stopped. Each worker hosts sessions of its own.
 """
 
 import socket
@@ -39,10 +39,10 @@ class ServeError(MinihumanError, OSError):
 
 
 def require_browser_support(protocol: Protocol) -> None:
-    """Refuse a study with a part that needs a window.
+    """Refuse a study with a part that cannot be shown in a browser.
 
     Raises:
-        ProtocolError: if it has one.
+        ProtocolError: if the study has such a part.
     """
     blocks = protocol.blocks
     activities = protocol.activities
@@ -56,10 +56,10 @@ def require_browser_support(protocol: Protocol) -> None:
 
 
 def open_listening_socket(port: int, host: str = HOST) -> socket.socket:
-    """Take a port of this machine, or of another of its addresses than its loopback; port 0 takes a free one.
+    """Open a listening socket on a port of a local address, the loopback by default; port 0 selects a free port.
 
     Raises:
-        ServeError: if it is taken.
+        ServeError: if the port is taken.
     """
     listening_socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     claim_address(listening_socket)
@@ -95,14 +95,14 @@ def run_server(
     address: str = "",
     worlds: IsolatedWorlds | None = None,
 ) -> None:
-    """Serve a study until SIGTERM or Ctrl-C; ``say`` gets each link, to ``address`` or this machine.
+    """Serve a study until SIGTERM or Ctrl-C; ``say`` receives each link, to ``address`` or to this machine.
 
-    Sessions are left as they are, for the next server to resume. ``worlds`` runs worlds that are not ours in processes
-    of their own, and is left open; None: all run in this one.
+    Sessions are left as they are, for the next server to resume. ``worlds`` runs foreign worlds in processes of their
+    own, and is left open; None runs all worlds in this process.
 
     Raises:
         ArrivalKeyError: if the study requires signed arrivals and there is no key.
-        ServeError: if the system lets this process have too few files open for the sessions of the study.
+        ServeError: if the system allows this process too few open files for the study's sessions.
     """
     _require_handles(protocol.web.max_concurrent_sessions)
     try:
@@ -139,7 +139,7 @@ def run_server(
 
 
 def _say_links(arrivals: Arrivals, count: int, address: str, say: Callable[[str], None]) -> None:
-    """Issue links and say them, or the address where there are none, and each platform's link."""
+    """Issue links and print them, or the bare address if none are wanted, and then each platform's link."""
     for token in arrivals.recruits.issue(count):
         say(build_link(address, token))
     if not count:
@@ -162,9 +162,9 @@ def list_process_commands(
     host: str = HOST,
     options: Sequence[str] = (),
 ) -> Iterator[tuple[str, ...]]:
-    """Yield the words of each process beside the first worker; each worker has a port of its own, consecutively.
+    """Yield the arguments of each process that runs besides the first worker: the dashboard and the further workers.
 
-    ``options`` are other options of each worker.
+    Each worker has a port of its own; the ports are consecutive. ``options`` are further options of each worker.
     """
     if watch:
         make_private_folder(study_dir)
@@ -196,9 +196,9 @@ def list_limit_options(limits: WorldLimits) -> tuple[str, ...]:
 
 @contextmanager
 def keep_processes_running(commands: Iterable[Sequence[str]]) -> Iterator[None]:
-    """Keep processes running as long as this lasts: `minihuman` with these words. One that dies is started again.
+    """Run `minihuman` with each list of arguments while the context lasts, and restart a process that dies.
 
-    They end with this process, SIGTERM included.
+    The processes end with this process, also on SIGTERM.
     """
     exit_when_terminated()
     processes = [_KeptProcess(words) for words in commands]

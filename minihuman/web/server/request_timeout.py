@@ -1,8 +1,8 @@
-"""Gives an HTTP request its time: a connection that sends half a request, or none, is closed.
+"""A time limit for HTTP requests: a connection that sends half a request, or none, is closed.
 
-uvicorn limits how long an idle connection is kept after an answer, and not how long a request may take to come. This
-extends its `H11Protocol`, of which it uses `transport`, `loop` and `conn` beside the methods of `asyncio.Protocol`;
-with another name of these no connection is closed, which the tests find.
+uvicorn limits how long an idle connection is kept after an answer, but not how long a request may take to arrive. This
+module extends its `H11Protocol`. It uses `transport`, `loop` and `conn` besides the methods of `asyncio.Protocol`; if
+uvicorn renames one of them, no connection is closed any more, which the tests detect.
 """
 
 import asyncio
@@ -16,23 +16,23 @@ _INCOMPLETE = (h11.IDLE, h11.SEND_BODY)  # states of a client that has not sent 
 
 
 class TimedHttpProtocol(H11Protocol):
-    """HTTP whose requests have to be complete within a time."""
+    """An HTTP protocol whose requests must be complete within a time limit."""
 
     _deadline: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin to wait for a request."""
+        """Start the time limit for the first request."""
         super().connection_made(transport)
         self._wait()
 
     def data_received(self, data: bytes) -> None:
-        """Take a piece of a request."""
+        """Receive data, and start the time limit unless it is running."""
         if self._deadline is None:
             self._wait()
         super().data_received(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Wait no longer."""
+        """Cancel the time limit."""
         if self._deadline is not None:
             self._deadline.cancel()
         super().connection_lost(exc)
