@@ -19,6 +19,7 @@ from minihuman.dataset.annotations import (
     read_annotations,
     split_annotations,
 )
+from minihuman.dataset.answer_rules import breaks_answer_rule, is_outside, list_compared_answers
 from minihuman.dataset.log_files import SkippedLog, list_other_sessions, map_logs
 from minihuman.dataset.session_measures import (
     MeasureRow,
@@ -29,7 +30,7 @@ from minihuman.dataset.session_measures import (
 )
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODES, PARTICIPANTS
 from minihuman.errors import ReportError
-from minihuman.experiment.machine.events import Answered, EpisodesSkipped, Noted
+from minihuman.experiment.machine.events import EpisodesSkipped, Noted
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_protocol
 from minihuman.experiment.protocol.specs import apply_overrides
@@ -112,7 +113,7 @@ class ExclusionRule:
         """Tell whether a row's measure lies outside the range that the rule allows; an unknown measure does not."""
         rule = self.exclusion
         if rule.question:
-            return any(_breaks_answer_rule(answer, rule) for answer in row.get(rule.measure, ()))
+            return any(breaks_answer_rule(answer, rule) for answer in row.get(rule.measure, ()))
         labels = json.loads(row.get("labels") or "{}")
         if any(labels.get(name) != level for name, level in rule.where.items()):
             return False
@@ -122,35 +123,7 @@ class ExclusionRule:
             value = row.get(rule.measure)
         if not isinstance(value, int | float):  # unknown, or a text label
             return False
-        return _is_outside(value, rule)
-
-
-def _breaks_answer_rule(answer: Any, rule: ExclusionSpec) -> bool:
-    """Tell whether an answer, as it is in the log, is one that a rule excludes."""
-    if answer is None:
-        return rule.is_missing
-    codes = answer if isinstance(answer, list) else [answer]
-    if any(code in rule.is_one_of for code in codes):
-        return True
-    if rule.is_none_of and not any(code in rule.is_none_of for code in codes):
-        return True
-    return isinstance(answer, int | float) and _is_outside(answer, rule)
-
-
-def _is_outside(number: float, rule: ExclusionSpec) -> bool:
-    """Tell whether a number lies outside what a rule allows."""
-    return (rule.below is not None and number < rule.below) or (rule.above is not None and number > rule.above)
-
-
-def _list_compared_answers(log: SessionLog, rules: Sequence[ExclusionRule]) -> dict[str, list[Any]]:
-    """List a session's answers to the questions of rules, by the rules' measures: the last attempt of each asking."""
-    answers: dict[str, dict[int, Any]] = {rule.exclusion.measure: {} for rule in rules if rule.exclusion.question}
-    if not answers:
-        return {}
-    for event in log.part_events:
-        if isinstance(event, Answered) and (measure := f"answer:{event.part_name}.{event.item}") in answers:
-            answers[measure][event.part] = json.loads(event.value)
-    return {measure: list(by_part.values()) for measure, by_part in answers.items()}
+        return is_outside(value, rule)
 
 
 def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
@@ -417,7 +390,8 @@ class Selection:
             for place, (reason, row) in enumerate(zip(reasons, measured.rows, strict=True))
             if not reason and row["block"] not in practice
         ]
-        row = measured.aggregate(counting) | summarize_session(log) | _list_compared_answers(log, rules)
+        compared = [rule.exclusion.measure for rule in rules if rule.exclusion.question]
+        row = measured.aggregate(counting) | summarize_session(log) | list_compared_answers(log, compared)
         return reasons, find_broken_rule(rules, "participant", row)
 
     def _find_participant_reason(self, log: SessionLog, own: str) -> str:

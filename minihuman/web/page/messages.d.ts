@@ -408,7 +408,7 @@ export interface PlayValues {
   messages?: PlayMessages;
 }
 
-/** What people who play together write and mark, for a window that draws it. */
+/** The messages and marks of people who play together, for a window to draw. */
 export interface PlayMessages {
   writes: boolean;
   hint: string;
@@ -418,7 +418,7 @@ export interface PlayMessages {
   bounds: [number, number, number, number] | [];
 }
 
-/** A field to type in; target "field". */
+/** A field to type in; the target is "field". */
 export interface TextField {
   text: string;
   caret: number;
@@ -478,7 +478,7 @@ export interface ActivityValues {
   films?: number[][];
 }
 
-/** Options of which one or several are chosen; targets "option:0", "option:1", ... */
+/** A list of options of which one or several can be selected; targets are "option:0", "option:1", ... */
 export interface OptionList {
   options: string[];
   chosen: number[];
@@ -486,7 +486,7 @@ export interface OptionList {
   many: boolean;
 }
 
-/** Points in a row with words at the ends, or at each; targets "option:0", ... */
+/** A row of points with labels at the ends or at each point; targets are "option:0", "option:1", ... */
 export interface RatingScale {
   points: string[];
   low: string;
@@ -494,7 +494,7 @@ export interface RatingScale {
   chosen: number | null;
 }
 
-/** Statements below each other on the same scale; targets "option:0", ..., row by row. */
+/** A list of statements rated on the same scale; targets are "option:0", "option:1", ..., row by row. */
 export interface RatingMatrix {
   rows: string[];
   points: string[];
@@ -504,7 +504,7 @@ export interface RatingMatrix {
   cursor: number;
 }
 
-/** A line with a thumb that can be moved; target "slider". */
+/** A line with a movable thumb; the target is "slider". */
 export interface Slider {
   low: string;
   high: string;
@@ -513,13 +513,13 @@ export interface Slider {
   ticks: number;
 }
 
-/** Shapes on a canvas, later ones in front: what a question of a plug-in's kind shows, if no other widget does. */
+/** A canvas of shapes, later ones in front, for questions of a plug-in's kind that no other widget can show. */
 export interface ShapeCanvas {
   shapes: CanvasShape[];
   aspect: number;
 }
 
-/** A box or an ellipse of a `ShapeCanvas`: lengths are 0..1 of the canvas, from its top left corner. */
+/** A box or an ellipse on a `ShapeCanvas`; lengths are 0 to 1 of the canvas, from its top left corner. */
 export interface CanvasShape {
   x: number;
   y: number;

@@ -1,0 +1,45 @@
+"""Compares answers to questions with the exclusion rules about them."""
+
+import json
+from collections.abc import Collection
+from typing import Any
+
+from minihuman.experiment.machine.events import Answered
+from minihuman.experiment.protocol.model import ExclusionSpec
+from minihuman.log.model.session_log import SessionLog
+
+
+def breaks_answer_rule(answer: Any, rule: ExclusionSpec) -> bool:
+    """Tell whether a rule excludes an answer, given as it is in the log."""
+    if answer is None:
+        return rule.is_missing
+    codes = answer if isinstance(answer, list) else [answer]
+    if any(code in rule.is_one_of for code in codes):
+        return True
+    if rule.is_none_of and not any(code in rule.is_none_of for code in codes):
+        return True
+    return isinstance(answer, int | float) and is_outside(answer, rule)
+
+
+def is_outside(number: float, rule: ExclusionSpec) -> bool:
+    """Tell whether a number lies outside the range that a rule allows."""
+    return (rule.below is not None and number < rule.below) or (rule.above is not None and number > rule.above)
+
+
+def list_compared_answers(log: SessionLog, measures: Collection[str]) -> dict[str, list[Any]]:
+    """List a session's answers to questions: of each time a question was asked, the last attempt.
+
+    Args:
+        log: the session's log.
+        measures: the names of the answers, ``answer:PART.ITEM``.
+
+    Returns:
+        The answers by measure.
+    """
+    answers: dict[str, dict[int, Any]] = {measure: {} for measure in measures}
+    if not answers:
+        return {}
+    for event in log.part_events:
+        if isinstance(event, Answered) and (measure := f"answer:{event.part_name}.{event.item}") in answers:
+            answers[measure][event.part] = json.loads(event.value)
+    return {measure: list(by_part.values()) for measure, by_part in answers.items()}
