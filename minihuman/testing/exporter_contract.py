@@ -54,7 +54,7 @@ def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[s
 
 
 def _check_export(export: ExportResult, out: Path, episodes: int, steps: int) -> None:
-    require(isinstance(export, ExportResult), f"the exporter gave a {type(export).__name__}, not a Written")
+    require(isinstance(export, ExportResult), f"the exporter gave a {type(export).__name__}, not an ExportResult")
     require(bool(export.paths), "the exporter says that it wrote no file")
     for path in export.paths:
         require(path.exists(), f"the exporter says that it wrote {path}, which does not exist")

@@ -1,12 +1,13 @@
 """A kind of question: what an item says, the answer while it is given, and how a kind is registered.
 
-A kind is one file with one `QuestionKind`, which the entry-point group ``minihuman.questions`` names. What is shown of
-an answer is a widget (`minihuman.experiment.machine.screens`), a value that windows and the page know how to draw.
+A kind is one folder: a module with its `QuestionKind`, which the entry-point group ``minihuman.questions`` names, and
+``words.toml``, which says in each language how the question is answered. What is shown of an answer is a widget
+(`minihuman.experiment.machine.screens`), a value that windows and the page know how to draw.
 """
 
 import abc
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import msgspec
@@ -14,10 +15,9 @@ import msgspec
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.screens import AnswerWidget
-from minihuman.plugins import load_plugin, remember_by_name
+from minihuman.plugins import QUESTION_GROUP, load_plugin, remember_by_name
 
-QUESTION_GROUP = "minihuman.questions"
-AnswerType = Literal["code", "codes", "rating", "number", "text"]
+AnswerType = Literal["code", "codes", "order", "rating", "number", "text"]
 AnswerValue = str | int | float | list[str | int] | None
 
 
@@ -41,7 +41,7 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     longest: int = 2000  # text: characters
     required: bool = True
     right: str | int | float | tuple[str | int, ...] | None = None  # the right answer's code or value
-    settings: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET  # a plug-in's fields; not in plans without any
+    settings: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET  # a kind's own fields; not in plans without any
     statements: dict[str, str] | msgspec.UnsetType = msgspec.UNSET  # likert: a matrix, a row for each
     only_if: dict[str, tuple[str | int | float, ...]] | msgspec.UnsetType = msgspec.UNSET  # earlier item -> answers
 
@@ -54,7 +54,7 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def all_codes(self) -> tuple[str | int, ...]:
-        """A code for each option or point."""
+        """A code for each option or point, of a kind that has no codes of its own (`list_codes`)."""
         return self.codes or tuple(range(1, (len(self.options) or self.points) + 1))
 
     @property
@@ -153,11 +153,15 @@ class QuestionKind:
     Attributes:
         name: the protocol's word for it.
         draft: the answer while it is given.
-        answer_type: an option's code, several codes, a code that has a mean, a number, or text.
+        answer_type: an option's code, several codes, several codes in an order that counts, a code that has a mean,
+            a number, or text.
         check: yields what is wrong with an item of a protocol.
         settings: the type of the item's ``settings``; None if the kind has none.
-        prompt: says how to answer, where the interface's words have no ``prompt.NAME``.
+        prompt: says how to answer, where neither ``words.toml`` in the kind's folder nor the interface's words have
+            ``prompt.NAME``.
         takes_text: whether keys that the draft does not take are typed text.
+        codes: returns the codes of an answer from the item's ``settings``; None if they are those of its ``options``.
+        example: the fields that an item needs beside ``name``, ``kind`` and ``ask``; contract tests ask it so.
     """
 
     name: str
@@ -167,6 +171,8 @@ class QuestionKind:
     settings: type[msgspec.Struct] | None = None
     prompt: str = ""
     takes_text: bool = False
+    codes: Callable[[Any], tuple[str | int, ...]] | None = None
+    example: Mapping[str, Any] = field(default_factory=dict)
 
 
 @remember_by_name
@@ -188,11 +194,21 @@ def find_question_kind(name: str) -> QuestionKind:
 def build_draft(question: QuestionItemSpec, *, rtl: bool, language: str | None = None) -> AnswerDraft:
     """Build an empty answer to a question; ``language`` as in `AnswerDraft`."""
     kind = find_question_kind(question.kind)
+    return kind.draft(question, _read_settings(kind, question), rtl=rtl, language=language)
+
+
+def _read_settings(kind: QuestionKind, question: QuestionItemSpec) -> Any:
     if kind.settings is None:
-        settings = None
-    else:
-        settings = msgspec.convert(question.settings or {}, kind.settings)
-    return kind.draft(question, settings, rtl=rtl, language=language)
+        return None
+    return msgspec.convert(question.settings or {}, kind.settings)
+
+
+def list_codes(question: QuestionItemSpec) -> tuple[str | int, ...]:
+    """List the codes that an answer to a question can have: the kind's own, or one for each option or point."""
+    kind = find_question_kind(question.kind)
+    if kind.codes is None:
+        return question.all_codes
+    return kind.codes(_read_settings(kind, question))
 
 
 def check_item(item: QuestionItemSpec) -> ItemErrors:
@@ -212,15 +228,23 @@ def check_item(item: QuestionItemSpec) -> ItemErrors:
         yield "settings", f"is given, but a {item.kind} has none"
     if item.statements is not msgspec.UNSET and item.kind != "likert":
         yield "statements", f"is given, but a {item.kind} has none; use kind = 'likert'"
-    has_codes = kind.answer_type in ("code", "codes", "rating")
+    has_codes = kind.answer_type in ("code", "codes", "order", "rating")
     if item.options and not has_codes:
         yield "options", f"is given, but a {item.kind} has none"
-    if item.codes and len(item.codes) != (n_options := len(item.options) or item.points):
+    if kind.codes is not None:
+        for field in ("options", "codes"):
+            if getattr(item, field):
+                yield field, f"is given, but a {item.kind} has its own; give them in settings"
+    elif item.codes and len(item.codes) != (n_options := len(item.options) or item.points):
         yield "codes", f"has {len(item.codes)} for {n_options} options; give one an option"
-    yield from kind.check(item)
-    for right in item.right_answers if has_codes else ():
-        if right not in item.all_codes:
-            yield "right", f"is {right!r}, which is not an option's code; codes: {', '.join(map(str, item.all_codes))}"
+    errors = list(kind.check(item))
+    yield from errors
+    if not has_codes or (errors and kind.codes is not None):  # codes of wrong settings mean nothing
+        return
+    codes = list_codes(item)
+    for right in item.right_answers:
+        if right not in codes:
+            yield "right", f"is {right!r}, which is not an option's code; codes: {', '.join(map(str, codes))}"
 
 
 def check_range(item: QuestionItemSpec) -> ItemErrors:
@@ -234,6 +258,8 @@ def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
     if question.right is None:
         return None
     if isinstance(value, list):
+        if find_question_kind(question.kind).answer_type == "order":
+            return value == list(question.right_answers)
         return set(value) == set(question.right_answers)
     if isinstance(question.right, tuple):
         return value in question.right
@@ -243,7 +269,10 @@ def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
 
 
 def parse_digit(key: str) -> int:
-    """Parse the number on a digit key, of the keypad too; 0 for any other key."""
+    """Parse the number on a digit key from 1 to 9, of the keypad too; 0 for any other key, and for the key "0".
+
+    Options are numbered from 1, so that ``if digit := parse_digit(key)`` asks whether a key can be one of them.
+    """
     plain = key.removeprefix("kp_")
     if plain.isdecimal() and len(plain) == 1:
         return int(plain)
