@@ -6,13 +6,12 @@ import pytest
 from click.testing import CliRunner
 
 import minihuman
-from minihuman.activities.questions.question import QUESTION_GROUP
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.cli.command_line import make_command_line
 from minihuman.experiment.machine.activity import GROUP
 from minihuman.experiment.machine.events import Answered
 from minihuman.log.read.session_reader import read_log
-from minihuman.plugins import list_plugin_names
+from minihuman.plugins import QUESTION_GROUP, list_plugin_names
 from minihuman.testing import ContractError, check_activity, check_question
 from minihuman.worlds.adapters.world import World
 from tests.lab_package import PARTS, STUDY, example, install_lab as install_lab
