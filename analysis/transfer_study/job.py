@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 import torch
 from numpy.typing import NDArray
-from scipy import stats
 from torch import nn
 
 from minihuman.errors import LearnError
@@ -82,7 +82,7 @@ def improvement(transfer: NDArray[np.float64], baseline: NDArray[np.float64]) ->
         if test := paired_test(logs):
             p, smallest = test.p(), test.smallest_p
         if runs > 2 and np.ptp(logs) > 0:
-            half = stats.t.ppf(0.975, runs - 1) * logs.std(ddof=1) / np.sqrt(runs)
+            half = scipy.stats.t.ppf(0.975, runs - 1) * logs.std(ddof=1) / np.sqrt(runs)
             low, high = np.expm1(logs.mean() - half), np.expm1(logs.mean() + half)
     return Improvement(
         mean=mean,
@@ -98,7 +98,7 @@ def improvement(transfer: NDArray[np.float64], baseline: NDArray[np.float64]) ->
 
 def interquartile_mean(areas: NDArray[np.float64]) -> float:
     """The mean of the middle half of the runs (Agarwal et al., 2021); NaN for fewer than four."""
-    return float(stats.trim_mean(areas, 0.25)) if len(areas) >= 4 else float("nan")
+    return float(scipy.stats.trim_mean(areas, 0.25)) if len(areas) >= 4 else float("nan")
 
 
 # What can move from one policy to another, by the names of parameters. The image's layers never do: the worlds'

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy import stats
 
 from minihuman.errors import LearnError
 from minihuman.learn.policy.file import get_versions
@@ -200,7 +200,7 @@ def correlate_with_published(cells: pd.DataFrame) -> tuple[int, float, float]:
     both = cells[["improvement", "published"]].dropna()
     if len(both) < 3:
         return len(both), math.nan, math.nan
-    found = stats.spearmanr(both["improvement"], both["published"])
+    found = scipy.stats.spearmanr(both["improvement"], both["published"])
     return len(both), float(found.statistic), float(found.pvalue)
 
 

@@ -50,7 +50,9 @@ HOLD_MS = 90.0
 TOKENS_PER_PICTURE = 1_500  # an estimate, for calls whose answer is lost
 WAIT = "wait"
 SKIP = "skip"
-ANSWER_RULES = "2"  # the fact "answer_rules" of a session; before, every question offered to leave it out
+# The fact "answer_rules" of a session, by which its prompts are proved. Before 2, every question could be left out;
+# before 3, a prompt repeated too few of the earlier screens until there were as many as `history` asks for.
+ANSWER_RULES = "3"
 
 RULES = (
     "You take part in a study in the place of a person, and are shown the screens that a person is shown. Each message "
@@ -163,11 +165,15 @@ def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | No
             if find_question_kind(part.draft.question.kind).answer_type == "order":
                 request = "Answer with the numbers of all, in your order, the first first."
                 rule = replace(rule, request=request, many=True, ordered=True)
-            known = part.context.facts.get("answer_rules", "1") == ANSWER_RULES
-            if known and part.draft.question.required:
+            if _read_answer_rules(session) >= 2 and part.draft.question.required:
                 return rule
             return replace(rule, request=f"{rule.request} '{SKIP}' leaves it out.", may_skip=True)
     return None
+
+
+def _read_answer_rules(session: SessionMachine) -> int:
+    """Return the number of the rules by which a session's prompts are made."""
+    return int(session.part.context.facts.get("answer_rules", "1"))
 
 
 def _find_question_rule(item: Any) -> AnswerRule:
@@ -302,7 +308,7 @@ class Conversation:
         self._question = "\n\n".join(filter(None, [*self._since, description]))
         text = f"{self._question}\n\n{rule.request}"
         messages: list[dict[str, Any]] = [{"role": "system", "content": _join(RULES, *self._read)}]
-        for earlier_text, answer in self._list_history():
+        for earlier_text, answer in self._list_history(_read_answer_rules(session)):
             messages += [{"role": "user", "content": earlier_text}, {"role": "assistant", "content": answer}]
         picture = self._draw(screen)
         plain = [*messages, {"role": "user", "content": text}]
@@ -324,11 +330,12 @@ class Conversation:
             observation = None
         return Prompt(sent, sha256, digest, tokens, text, _join(*self._read), rule, png, observation)
 
-    def _list_history(self) -> list[tuple[str, str]]:
-        """List the earlier screens and answers that a prompt repeats; logs prove prompts, so this may not change."""
-        if not self._spec.history:
-            return []
-        return self._past[len(self._past) - self._spec.history :]
+    def _list_history(self, answer_rules: int) -> list[tuple[str, str]]:
+        """List the earlier screens and answers that a prompt repeats: the last ``history`` of them."""
+        n_repeated = self._spec.history
+        if answer_rules < 3:
+            return self._past[len(self._past) - n_repeated :] if n_repeated else []
+        return self._past[max(0, len(self._past) - n_repeated) :]
 
     def _draw(self, screen: Screen) -> NDArray[np.uint8] | None:
         """Draw the whole screen as a window draws it, uint8[H, W, 3]; None where words say it all."""

@@ -187,7 +187,7 @@ class ProgramSessions:
             raise
 
 
-class _AgentRequestHandler(GuardedHandler):
+class AgentRequestHandler(GuardedHandler):
     """Answers a program's requests; `make_agent_server` sets what it serves."""
 
     programs: ProgramSessions
@@ -288,8 +288,7 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
     ``POST /sessions`` with ``{"name": ...}`` begins a session, ``POST /sessions/SECRET`` with ``{"number": n, "answer":
     ...}`` answers its screen, and ``GET /sessions/SECRET`` reads it again. Each returns the screen that follows.
     """
-
-    handler = type("AgentRequestHandler", (_AgentRequestHandler,), {"programs": programs, "host": host})
+    handler = type("BoundHandler", (AgentRequestHandler,), {"programs": programs, "host": host})
     return GuardedServer((host, port), handler)
 
 

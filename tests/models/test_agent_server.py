@@ -239,7 +239,8 @@ def is_closed(connection: socket.socket) -> bool:
 
 
 def test_a_client_that_sends_a_byte_now_and_then_comes_to_an_end(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(agent_server, "REQUEST_S", 1.0)
+    monkeypatch.setattr(agent_server.AgentRequestHandler, "request_s", 1.0)
+    monkeypatch.setattr(agent_server.AgentRequestHandler, "timeout", 1.0)
     with connect(url) as connection:
         connection.sendall(b"POST /sessions HTTP/1.1\r\nHost: localhost\r\n")
         until_s = time.monotonic() + PATIENCE_S
@@ -251,14 +252,15 @@ def test_a_client_that_sends_a_byte_now_and_then_comes_to_an_end(url: str, monke
 
 
 def test_connections_are_bounded_and_free_ones_are_served_again(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(agent_server, "MAX_THREADS", threading.active_count() + 6)
+    max_threads = threading.active_count() + 6
+    monkeypatch.setattr(agent_server.AgentRequestHandler, "max_threads", max_threads)
     held = [connect(url) for _ in range(40)]
     until_s = time.monotonic() + PATIENCE_S
     closed = set[socket.socket]()
     while len(closed) < 30:
         assert time.monotonic() < until_s, f"{len(closed)} of {len(held)} were refused"
         closed |= {connection for connection in held if is_closed(connection)}
-    assert threading.active_count() <= agent_server.MAX_THREADS + 6
+    assert threading.active_count() <= max_threads + 6
     for connection in held:
         connection.close()
     until_s = time.monotonic() + PATIENCE_S

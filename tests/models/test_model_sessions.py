@@ -9,7 +9,8 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from types import SimpleNamespace
+from typing import IO, Any, cast
 
 import pytest
 from mcap.exceptions import EndOfFile
@@ -23,6 +24,7 @@ from minihuman.display.drawing.screen import repaint_screen
 from minihuman.errors import AllocationError, SimulationError, WorldError
 from minihuman.experiment.machine.events import Answered, ModelCall, PointerUsed
 from minihuman.experiment.machine.inputs import Input
+from minihuman.experiment.protocol.specs import ModelSpec
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
@@ -31,7 +33,7 @@ from minihuman.runtime.model_run import RunStoppedError
 from minihuman.runtime.model_window import ModelWindow, SessionLeft
 from minihuman.simulation import model_conversation
 from minihuman.simulation.chat_client import ModelUnavailableError
-from minihuman.simulation.model_conversation import AnswerRule
+from minihuman.simulation.model_conversation import AnswerRule, Conversation
 from tests.models.endpoint import KEY, Endpoint, Reply, play, serve_endpoint, text_of
 from tests.models.studies import study
 
@@ -97,6 +99,18 @@ def test_it_is_sent_what_a_person_sees(tmp_path: Path, environment: pytest.Monke
     assert picture["image_url"]["url"].startswith("data:image/png;base64,")
     assert sum("The episode ended" in text_of(request) for request in endpoint.requests) == 2
     assert all(len(request) <= 2 + 2 * 2 for request in endpoint.requests), "history is 2"
+
+
+@pytest.mark.parametrize(("rules", "repeated"), [(2, [0, 1, 2, 1, 4, 4]), (3, [0, 1, 2, 3, 4, 4])])
+def test_a_prompt_repeats_the_last_screens_and_older_sessions_are_proved_as_they_were(
+    rules: int, repeated: list[int]
+) -> None:
+    conversation = Conversation(ModelSpec(history=4))
+    counts = []
+    for _ in repeated:
+        counts.append(len(conversation._list_history(rules)))
+        conversation.take(cast(ModelCall, SimpleNamespace(answer="0", verdict="valid")))
+    assert counts == repeated
 
 
 @pytest.mark.parametrize(("modality", "pictures"), [("picture", True), ("text", False)])

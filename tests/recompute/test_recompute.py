@@ -53,7 +53,7 @@ def test_one_number_that_is_changed_in_an_output_is_found(small: tuple[Path, Pat
 
 def test_a_column_that_is_not_computed_a_second_time_is_found() -> None:
     tally = Tally()
-    tally.rows("csv episodes", [{"steps": "3", "first_action": "left"}], [{"steps": 3}])
+    tally.rows("csv episodes", [{"steps": "3", "first_action": "left"}], [{"steps": 3}], is_whole=True)
     [line] = tally.wrong
     assert line.startswith("csv episodes has columns ['first_action'], which tests/recompute/tables.py")
 

@@ -143,7 +143,7 @@ def test_a_sound_analysis_has_no_complaints():
     sound = AnalysisSpec(
         primary_measure="success", secondary_measures=("reward_mean",), equivalence_margin=0.1, block="grid"
     )
-    assert specs.check_analysis(sound, ("grid",)) == []
+    assert list(specs.check_analysis(sound, ("grid",))) == []
 
 
 def test_who_never_found_every_key_is_waited_for_to_the_last_step():
