@@ -1,6 +1,6 @@
 """minihuman: run people and agents through reinforcement-learning environments, and record everything.
 
-Importing it registers our worlds with Gymnasium as `minihuman/<name>`. To inspect recorded data:
+Importing it registers the package's worlds with Gymnasium as `minihuman/<name>`. To inspect recorded data:
 
     import minihuman
 
@@ -11,9 +11,9 @@ Importing it registers our worlds with Gymnasium as `minihuman/<name>`. To inspe
     session.episodes[3].frames()                            # what was shown, rendered again and verified
     session.figure("paths")
 
-Episodes annotated `exclude`, unfinished ones and those that the protocol's own rules exclude are excluded; pass a
-`Selection` to choose otherwise. `run`, `simulate`, `verify`, `export` and `report` do what the commands of these names
-do; on the command line: `minihuman --help`.
+Episodes are excluded if they are annotated `exclude`, unfinished, or excluded by the protocol's own rules; pass a
+`Selection` to choose otherwise. `run`, `simulate`, `verify`, `export` and `report` do the same as the commands of these
+names; for the command line, see `minihuman --help`.
 """
 
 from importlib import import_module

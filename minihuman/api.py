@@ -1,8 +1,7 @@
-"""A study's work as functions: run, simulate, verify, export and report, with the options of the commands; and open
-what was recorded.
+"""The commands as functions: run, simulate, verify, export and report a study, and open what was recorded.
 
-The commands of the same names call these. What only one of them needs is imported when it is called, so that
-verifying a log opens no window and running a session reads no tables.
+The commands of the same names call these functions. Modules that only one function needs are imported when it is
+called, so that verifying a log opens no window and running a session reads no tables.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -32,13 +31,13 @@ def _ignore(_: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class ExportSummary:
-    """What an export wrote.
+    """A summary of what an export wrote.
 
     Attributes:
-        out: the export's folder; its README.md says what it is made of.
-        episodes: the included episodes in it.
-        steps: the steps of these.
-        notes: what is included and excluded and why, and what the format cannot hold, one line per fact.
+        out: the export's folder; its README.md describes the contents.
+        episodes: the number of included episodes.
+        steps: the number of steps in these episodes.
+        notes: what is included, what is excluded and why, and what the format cannot hold, one line per fact.
     """
 
     out: Path
@@ -49,12 +48,12 @@ class ExportSummary:
 
 @dataclass(frozen=True, slots=True)
 class ReportSummary:
-    """What a report wrote.
+    """A summary of what a report wrote.
 
     Attributes:
-        page: the report as one HTML file.
-        files: the page, its tables and its figures.
-        notes: what is included and excluded and why, one line per fact.
+        page: the path of the report, a single HTML file.
+        files: the paths of the page, its tables and its figures.
+        notes: what is included, and what is excluded and why, one line per fact.
     """
 
     page: Path
@@ -85,30 +84,30 @@ def run(
 
     Args:
         protocol: the protocol's TOML file.
-        participant: a code, such as ``sub-07``, or several with commas where several share this machine; by default
-            the next free allocation slots.
-        group: a group, instead of the allocated one.
-        session: the number of the session, 1 for the first.
-        any_day: ignore the days that the protocol requires between sessions.
-        next_slot: take the next free slot although a session was cut off and is to be resumed.
+        participant: a code such as ``sub-07``, or several separated by commas if several people share this machine; by
+            default the next free allocation slots are taken.
+        group: a group that replaces the allocated one.
+        session: the number of the session; 1 is the first.
+        any_day: whether to ignore the days that the protocol requires between sessions.
+        next_slot: whether to take the next free slot even if an interrupted session could be resumed.
         reason: why a participant, a group or the day is chosen by hand, for the audit trail.
-        experimenter: the code of the one who chooses.
+        experimenter: the code of the experimenter who chooses.
         data: the folder that holds the studies' folders.
-        window: ``auto``, ``pygame``, ``pyglet`` or a plug-in's name.
-        fullscreen: use the whole screen, not a window.
-        lsl: send markers by the Lab Streaming Layer.
-        isolate_worlds: run worlds that are not ours in processes of their own; those of teams stay in this one.
-        trust: trust the protocol's folder, now and from now on: run the Python in it. Or a function that is asked
-            this as a question.
-        on_progress: is told what is being prepared; "" when the window is about to open.
-        on_start: is told who has a slot and no log, then who begins, once the slot is taken.
+        window: the kind of window: ``auto``, ``pygame``, ``pyglet`` or a plug-in's name.
+        fullscreen: whether to use the whole screen instead of a window.
+        lsl: whether to send markers through the Lab Streaming Layer.
+        isolate_worlds: whether to run third-party worlds in separate processes; worlds of teams stay in this one.
+        trust: whether to trust the protocol's folder from now on and run its Python, or a function that asks this.
+        on_progress: called with a text about what is being prepared; "" when the window is about to open.
+        on_start: called with a line on slots without a log, then, once the slot is taken, a line on the participant.
 
     Returns:
-        The session's log; None if it ended before anything was to be written, which leaves the slot free.
+        The path of the session's log; None if the session ended before anything had to be recorded, so the slot is
+        free.
 
     Raises:
         ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
-        AllocationError: if no slot is free, this session may not be run now, or another is to be resumed first.
+        AllocationError: if no slot is free, this session may not be run now, or another must be resumed first.
         WindowError: if no window can be opened.
         LogError: if the log cannot be written.
     """
@@ -169,10 +168,10 @@ def run(
 
 
 def _split_codes(participant: str | None, seats: int) -> list[str] | list[None]:
-    """Split the codes of those who share this machine; None for each where the next free slots are taken.
+    """Return the participant code for each seat at this machine; None for each if the next free slots are to be taken.
 
     Raises:
-        AllocationError: if they are not as many as the seats.
+        AllocationError: if the number of codes is not the number of seats.
     """
     from minihuman.errors import AllocationError
 
@@ -185,10 +184,10 @@ def _split_codes(participant: str | None, seats: int) -> list[str] | list[None]:
 
 
 def _require_none_interrupted(protocol: Path, data: Path, study: "Protocol") -> None:
-    """Require that no session of the study was cut off and is to be resumed.
+    """Check that no interrupted session of the study is waiting to be resumed.
 
     Raises:
-        AllocationError: if one was; it says how to resume it.
+        AllocationError: if one is; the message explains how to resume it.
     """
     from minihuman.admin.next_session import find_interrupted_session
     from minihuman.errors import AllocationError
@@ -219,7 +218,7 @@ def _name_unused_slots(study: Path, on_start: Listener) -> None:
 def _plan_session(
     study: "Protocol", data: Path, participant: str | None, *, on_start: Listener, **options: Any
 ) -> "SessionPlan":
-    """Take a slot, plan its session and say whose it is."""
+    """Take a slot, plan its session, and report the participant with ``on_start``."""
     from minihuman.admin.next_session import plan_next_session
 
     plan = plan_next_session(study, data, participant=participant, **options)
@@ -246,28 +245,28 @@ def simulate(
 ) -> Iterator[Path]:
     """Run a study with simulated participants, without a window and without waiting.
 
-    It is an iterator: each session is played when its log is asked for. ``list(simulate(...))`` plays them all.
+    This is an iterator: each session is played when its log is requested. ``list(simulate(...))`` plays them all.
 
     Args:
         protocol: the protocol's TOML file.
-        participants: their number; they take the next free allocation slots.
+        participants: the number of simulated participants; they take the next free allocation slots.
         data: the folder that holds the studies' folders.
-        seed: the seed of the simulated participants.
+        seed: the random seed of the simulated participants.
         player: ``human-like``, ``optimal``, ``random``, ``exploring``, ``supervisor``, ``policy:FILE`` or a plug-in's
             name, with parameters as in ``human-like:lapse=0.1``; or ``model:NAME``, a language model at the endpoint
-            that ``OPENAI_BASE_URL`` and ``OPENAI_API_KEY`` name.
-        parallel: how many sessions of a model are played at a time.
-        max_price: stop a model's sessions when this run has cost so much; they can be resumed. 0: no limit.
+            given by ``OPENAI_BASE_URL`` and ``OPENAI_API_KEY``.
+        parallel: the number of model sessions that are played at the same time.
+        max_price: the total price at which a model's sessions stop; they can be resumed. 0 means no limit.
         isolate_worlds: as for ``run``; the worlds of a model's sessions stay in this process.
         trust: as for ``run``.
-        on_progress: is told how far it is.
+        on_progress: called with a text about the progress.
 
     Yields:
-        The log of each session.
+        The path of each session's log.
 
     Raises:
         ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
-        AllocationError: if there are fewer free slots, before any session is played.
+        AllocationError: if too few slots are free; no session has then been played.
         SimulationError: if there is no such player, or it cannot play a block's world.
     """
     from minihuman.admin.protocol_file import read_protocol
@@ -321,21 +320,21 @@ def _simulate_models(
 
 
 def import_page_data(*paths: Path | str, study: Path | str) -> Iterator["ImportedFile"]:
-    """Import episodes that a page computed without a server: jsPsych's JSON or CSV, or kept games.
+    """Import episodes that a web page computed without a server, from jsPsych's JSON or CSV or from saved games.
 
-    Each file is one participant's session. Its episodes are played again from their seeds and actions; where nothing
-    differs, the session machine writes them as a log, which says that it is consistent, not witnessed. A file that was
-    imported before is passed over.
+    Each file is one participant's session. Its episodes are replayed from their seeds and actions. If nothing differs,
+    the session machine writes them as a log that is marked as consistent, not witnessed. Files that were imported
+    before are skipped.
 
     Args:
-        paths: files, or folders of them.
-        study: the study's folder, which has imported sessions alone; it is made if it does not exist.
+        paths: files, or folders of files.
+        study: the study's folder, which may hold only imported sessions; it is created if it does not exist.
 
     Yields:
-        What became of each file. ``error`` says why one was refused; the others are imported all the same.
+        The result for each file. ``error`` explains why a file was refused; the other files are still imported.
 
     Raises:
-        MinihumanError: if a path has no data of a page.
+        MinihumanError: if a path has no page data.
     """
     from minihuman.web.page_data.imports import import_files
 
@@ -356,14 +355,14 @@ def export(
     """Export a study or a log as tables, demonstrations or an archive.
 
     Args:
-        format_name: csv, parquet, minari, lerobot or another that ``minihuman plugins`` lists.
+        format_name: csv, parquet, minari, lerobot or another format that ``minihuman plugins`` lists.
         study: a study's folder, or one log.
-        out: a folder that does not exist yet.
-        selection: which sessions and episodes are included.
-        stored_frames: take the observations from the logs; by default they are replayed. Both are checked by hash.
-        with_messages: copy logs that hold messages between participants, too, into an archive such as BIDS.
-        engine: reads logs for tables in processes of this machine (local) or in a Ray cluster (ray).
-        on_progress: is told of each log.
+        out: the path of a folder that does not exist yet.
+        selection: the rule for which sessions and episodes are included.
+        stored_frames: whether to take observations from the logs instead of replaying; both are checked by hash.
+        with_messages: whether an archive such as BIDS includes logs that hold messages between participants.
+        engine: "local" to read logs for tables in processes of this machine, or "ray" to read them in a Ray cluster.
+        on_progress: called with the path of each log.
 
     Raises:
         ExportError: if the format is unknown, the folder exists, nothing is included, or an episode does not replay.
@@ -408,13 +407,13 @@ def report(
     Args:
         study: the study's folder.
         out: the report's folder; files of an earlier report in it are replaced.
-        selection: which sessions and episodes are included.
-        template: a folder with a ``report.html.j2`` or ``report.css`` to use instead of minihuman's.
-        scripts: ``r`` and ``python``: write mixed models as ``analysis.R`` and ``analysis.py`` beside the tables.
+        selection: the rule for which sessions and episodes are included.
+        template: a folder with a ``report.html.j2`` or ``report.css`` to use instead of the package's own.
+        scripts: ``r`` and ``python``, to write mixed models as ``analysis.R`` and ``analysis.py`` beside the tables.
 
     Raises:
         LogError: if there is no such folder.
-        ReportError: if no log in it can be read, the logs are of different studies, or nothing can be modelled.
+        ReportError: if no log in the folder can be read, the logs are of different studies, or nothing can be modelled.
     """
     from minihuman.admin.local_copies import obey_withdrawals
     from minihuman.admin.recorded_outputs import record_output

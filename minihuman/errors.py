@@ -10,10 +10,10 @@ _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 @contextmanager
 def name_file_in_errors(path: PathLike[str]) -> Iterator[None]:
-    """Let an OSError that does not say which file it is about name this one: the system's calls on open files do not.
+    """Add a file name to an OSError that has none, as the system's calls on open files raise it.
 
     Raises:
-        OSError: as what was raised, with the file's name.
+        OSError: the original error, with the file's name.
     """
     try:
         yield
@@ -25,10 +25,10 @@ def name_file_in_errors(path: PathLike[str]) -> Iterator[None]:
 
 @contextmanager
 def name_output_when_full(out: PathLike[str]) -> Iterator[None]:
-    """Let an error of a full disk name what was to be written: libraries name nothing, or what they copied from.
+    """Make an error about a full disk name the output; libraries name no file, or the file they copied from.
 
     Raises:
-        OSError: as what was raised, with the output's name.
+        OSError: the original error, with the output's name.
     """
     try:
         yield
@@ -39,35 +39,38 @@ def name_output_when_full(out: PathLike[str]) -> Iterator[None]:
 
 
 def escape_control_characters(text: str) -> str:
-    """Escape a text for a terminal: control characters, which could do anything to it, as Python writes them."""
+    """Escape the control characters in a text, which could alter a terminal's display, in Python's notation."""
     if text.isprintable():  # most lines of a long list
         return text
     return "".join(letter if letter.isprintable() or letter in "\n\t" else ascii(letter)[1:-1] for letter in text)
 
 
 def escape_line(text: str) -> str:
-    """Escape a text as one line for a terminal: a line break in it, of a file's name, is escaped too."""
+    """Escape a text as one line for a terminal, including line breaks, which can occur in a file's name."""
     return escape_control_characters(text).replace("\n", "\\n")
 
 
 class MinihumanError(Exception):
-    """Base of every error that names a thing, a value and the way out; the command line prints it in one line."""
+    """The base of all errors that name the thing, its value and a remedy.
+
+    The command line prints such an error in one line.
+    """
 
     exit_code = 2  # what the command line ends with: bad input
 
 
 class WorldError(MinihumanError, ValueError):
-    """A world was asked for something it cannot do: an unknown id, a bad option, an action out of range."""
+    """A world cannot do what was requested: an unknown id, a bad option, or an action out of range."""
 
 
 class ProtocolError(MinihumanError, ValueError):
-    """A protocol file says something impossible; the message holds file, path and the way out."""
+    """A protocol file is not valid; the message holds the file, the path in it and a remedy."""
 
     mistakes: tuple[str, ...] = ()  # a line each, where all were looked for
 
     @classmethod
     def of(cls, mistakes: Sequence[str], source: str) -> "ProtocolError":
-        """Make the error of one mistake or more: it says the first, and where the others are said."""
+        """Create the error for one or more mistakes; its message states the first one and where to find the others."""
         more = f" (and {len(mistakes) - 1} more: minihuman check {source} says all)" if len(mistakes) > 1 else ""
         error = cls(mistakes[0] + more)
         error.mistakes = tuple(mistakes)
@@ -75,7 +78,7 @@ class ProtocolError(MinihumanError, ValueError):
 
 
 class AllocationError(MinihumanError, ValueError):
-    """A participant's place in the study cannot be taken."""
+    """A participant's allocation slot in the study cannot be taken."""
 
 
 class SimulationError(MinihumanError, ValueError):
@@ -86,7 +89,7 @@ class PlayerFailedError(SimulationError):
     """A simulated participant crashed, or gave no answer.
 
     Attributes:
-        reason: what of it may stand in a log: the error's type, or what was wrong with the answer.
+        reason: the part of the message that may appear in a log: the error's type, or what was wrong with the answer.
     """
 
     def __init__(self, message: str, reason: str) -> None:
@@ -95,25 +98,25 @@ class PlayerFailedError(SimulationError):
 
 
 class LogError(MinihumanError, ValueError):
-    """A log cannot be written, read or understood."""
+    """A log cannot be written, read or decoded."""
 
 
 class NewerLogError(LogError):
-    """A log is of a newer version than this software reads; it is not damaged."""
+    """A log has a newer version than this software can read; it is not damaged."""
 
 
 class DataLossError(LogError):
-    """Something that was recorded is not in its log."""
+    """Recorded data are missing from their log."""
 
     exit_code = 1  # a check failed
 
 
 class WindowError(MinihumanError, RuntimeError):
-    """No window can be opened here."""
+    """No window can be opened on this machine."""
 
 
 class DeviceError(MinihumanError, RuntimeError):
-    """A device of the protocol, or what it needs, is not there."""
+    """A device of the protocol, or something that the device needs, is missing."""
 
 
 class ExportError(MinihumanError, ValueError):
@@ -121,11 +124,11 @@ class ExportError(MinihumanError, ValueError):
 
 
 class LearnError(MinihumanError, ValueError):
-    """An agent's study, policy file or dataset does not fit what was asked."""
+    """An agent's study, policy file or dataset does not fit the request."""
 
 
 class QueryError(MinihumanError, ValueError):
-    """A study's tables cannot answer what was asked."""
+    """A study's tables cannot answer a query."""
 
 
 class ReportError(MinihumanError, ValueError):

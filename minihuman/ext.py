@@ -1,6 +1,6 @@
-"""Every port that a plug-in implements or builds on, under one address that stays the same between versions.
+"""Every interface that a plug-in implements or builds on, under one import path that stays the same between versions.
 
-Each name is imported when it is asked for, so that a window needs no PyTorch and a learner no window.
+Each name is imported when it is first used, so that a window needs no PyTorch and a learner no window.
 """
 
 from importlib import import_module

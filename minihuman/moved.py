@@ -1,7 +1,7 @@
-"""What has moved: each old name still works, warns, and goes with the next version.
+"""Names that have moved: each old name still works, with a warning, and the next version removes it.
 
-One finder makes an empty module for a module that is gone; each attribute that is asked of it comes from the new place.
-A module that is still there forwards the names that left it.
+A finder creates an empty module for a module that no longer exists; its attributes are taken from the new modules. A
+module that still exists forwards the names that left it.
 """
 
 import sys
@@ -176,6 +176,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.rating.rows",
         f"{_NEW}.team.rows",
     ),
+    "minihuman.admin.status": ("minihuman.admin.enrolment_flow",),
     "minihuman.admin.verify.log": ("minihuman.admin.verify.study", "minihuman.admin.verify.messages"),
     "minihuman.exporters.flat_observations": ("minihuman.exporters.environment_specs",),
     "minihuman.log.system": ("minihuman.storage.system", "minihuman.storage.durable_files"),
@@ -185,7 +186,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
 
 
 def find_moved(old_module: str, name: str) -> tuple[str, Any]:
-    """Find the module that a name of an old module is in now, and what it names.
+    """Return the module that now has a name of an old module, and the object that the name refers to.
 
     Raises:
         AttributeError: if no module has it.
@@ -198,7 +199,7 @@ def find_moved(old_module: str, name: str) -> tuple[str, Any]:
 
 
 def _get_moved(old_module: str, name: str) -> Any:
-    """Get what an old name stands for, with a warning to the caller of the module's ``__getattr__``."""
+    """Return the object that an old name refers to, and warn the caller of the module's ``__getattr__``."""
     if name.startswith("__"):  # the import system looks for some
         raise AttributeError(f"module {old_module!r} has no attribute {name!r}")
     new_module, contents = find_moved(old_module, name)
@@ -211,14 +212,14 @@ def _get_moved(old_module: str, name: str) -> Any:
 
 
 def warn_of_old_name(old_name: str, name: str) -> None:
-    """Warn the caller of the function that has the earlier name."""
+    """Warn the caller of a function that is being used under its earlier name."""
     warnings.warn(
         f"{old_name} is now {name}; the old name goes with the next version", DeprecationWarning, stacklevel=3
     )
 
 
 def forward_names(module: str) -> Callable[[str], Any]:
-    """Make the ``__getattr__`` of a module that some names have left."""
+    """Return the ``__getattr__`` of a module from which some names have moved."""
 
     def get(name: str) -> Any:
         return _get_moved(module, name)
@@ -235,20 +236,20 @@ class _MovedModule(ModuleType):
 
 class _MovedLoader(Loader):
     def create_module(self, spec: ModuleSpec) -> ModuleType:
-        """Make the empty module."""
+        """Create the empty module."""
         return _MovedModule(spec.name)
 
     def exec_module(self, module: ModuleType) -> None:
-        """Do nothing: it has no code."""
+        """Do nothing, because the module has no code."""
 
 
 class MovedModuleFinder(MetaPathFinder):
-    """Finds the old names, after every finder of files."""
+    """Finds the old module names, after every finder of files."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the spec of a module that has moved; None for every other name."""
+        """Return the spec of a module that has moved; None for any other name."""
         if fullname not in MOVED_MODULES:
             return None
         is_package = any(name.startswith(f"{fullname}.") for name in MOVED_MODULES)
@@ -256,6 +257,6 @@ class MovedModuleFinder(MetaPathFinder):
 
 
 def support_old_names() -> None:
-    """Let the import system find the old names."""
+    """Register the finder of old module names with the import system."""
     if not any(isinstance(finder, MovedModuleFinder) for finder in sys.meta_path):
         sys.meta_path.append(MovedModuleFinder())

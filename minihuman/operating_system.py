@@ -1,7 +1,8 @@
 """Calls to the operating system that differ between Linux, macOS and Windows; no other module makes them.
 
-Files opened here can be renamed and removed while they are open, as POSIX has it and Windows does on request. A lock
-is the kernel's and ends with the process, however that ends. Linux is tested; Windows and macOS are type-checked only.
+Files opened here can be renamed and removed while they are open, as on POSIX systems and, on request, on Windows. A
+lock is held by the kernel and ends with the process, however that ends. Linux is tested; Windows and macOS are only
+type-checked.
 """
 
 import contextlib
@@ -37,7 +38,7 @@ _LOCK_OFFSET_HIGH = 0x4000_0000  # Windows locks bytes against reading: lock one
 
 
 def is_sharing_violation(error: OSError) -> bool:
-    """Say whether Windows refused because another program has the file open; trying again may succeed."""
+    """Tell whether Windows refused a call because another program has the file open, so that a retry may succeed."""
     return getattr(error, "winerror", None) in _SHARING_VIOLATIONS
 
 
@@ -46,14 +47,14 @@ OWNER_ONLY_FILE = 0o600
 
 
 def make_private_folder(folder: Path, mode: int = OWNER_ONLY_FOLDER) -> None:
-    """Make a folder and those above that are not there, for their owner alone; one that is there stays as it is.
+    """Create a folder and its missing parents, readable only by their owner; an existing folder is left unchanged.
 
     Args:
         folder: the folder.
-        mode: who may read them, if not the owner alone.
+        mode: the permissions of the new folders, if others may read them.
 
     Raises:
-        OSError: if it cannot be made.
+        OSError: if the folder cannot be created.
     """
     missing = []
     while not folder.is_dir():
@@ -68,17 +69,19 @@ def make_private_folder(folder: Path, mode: int = OWNER_ONLY_FOLDER) -> None:
 
 
 def keep_private(file: Path) -> None:
-    """Let a file that a library has made be its owner's alone, where the system and the file's owner allow it."""
+    """Restrict a file that a library created to its owner, if the system and the file's owner allow it."""
     with contextlib.suppress(OSError):
         if stat.S_IMODE(os.stat(file).st_mode) != OWNER_ONLY_FILE:  # or its time changes, which tells caches apart
             os.chmod(file, OWNER_ONLY_FILE)
 
 
 def open_file(path: Path, flags: int, mode: int = 0o600) -> int:
-    """Open a file and return its descriptor: in bytes, not inherited by child processes, free to be renamed.
+    """Open a file in binary mode and return its descriptor.
+
+    Child processes do not inherit it, and the file can be renamed.
 
     Raises:
-        OSError: as ``os.open``.
+        OSError: as for ``os.open``.
     """
     if sys.platform == "win32":
         read_write = 0xC000_0000 if flags & (os.O_RDWR | os.O_WRONLY) else 0x8000_0000
@@ -93,7 +96,7 @@ def open_file(path: Path, flags: int, mode: int = 0o600) -> int:
 
 
 def windows_disposition(flags: int) -> int:
-    """Return the creation disposition of Windows' CreateFile that means what the flags of ``os.open`` mean."""
+    """Return the creation disposition for Windows' CreateFile that corresponds to flags of ``os.open``."""
     create_new = 1
     create_always = 2
     open_existing = 3
@@ -114,7 +117,7 @@ def open_without_waiting(path: Path) -> int:
     """Open a file for reading and return its descriptor; opening a pipe does not wait for its writer.
 
     Raises:
-        OSError: as ``os.open``.
+        OSError: as for ``os.open``.
     """
     if sys.platform == "win32":
         return open_file(path, os.O_RDONLY)
@@ -122,10 +125,10 @@ def open_without_waiting(path: Path) -> int:
 
 
 def read_at(fd: int, count: int, offset: int) -> bytes:
-    """Read up to ``count`` bytes at an offset; the file's position stays.
+    """Read up to ``count`` bytes at an offset, without moving the file's position.
 
     Raises:
-        OSError: if the disk does not give them.
+        OSError: if the bytes cannot be read.
     """
     if sys.platform != "win32":
         return os.pread(fd, count, offset)
@@ -142,11 +145,11 @@ _SEEKING = threading.Lock()
 
 
 def lock_descriptor(fd: int, *, wait: bool = True) -> None:
-    """Lock an open file against every other descriptor that asks for its lock.
+    """Lock an open file exclusively against all other descriptors that request a lock.
 
     Raises:
-        BlockingIOError: if another holds the lock, and ``wait`` is false.
-        OSError: if its file system has no locks.
+        BlockingIOError: if another descriptor holds the lock, and ``wait`` is False.
+        OSError: if the file system does not support locks.
     """
     if sys.platform == "win32":
         exclusive = 2
@@ -164,7 +167,7 @@ def lock_descriptor(fd: int, *, wait: bool = True) -> None:
 
 
 def sync_file(fd: int) -> None:
-    """Make what was written to an open file durable; macOS needs a call of its own to empty the disk's cache.
+    """Make what was written to an open file durable; macOS needs a special call to flush the disk's cache.
 
     Raises:
         OSError: if it cannot be done.
@@ -179,12 +182,12 @@ def sync_file(fd: int) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make a folder's entries durable: a new or renamed file is safe only when its folder is.
+    """Make a folder's entries durable: a new or renamed file is durable only when its folder is.
 
-    Windows cannot do this for a folder, and its file system journals entries by itself.
+    Windows cannot do this for a folder, but its file system journals entries itself.
 
     Raises:
-        OSError: if it cannot be done; it names the folder.
+        OSError: if it cannot be done; the error names the folder.
     """
     if sys.platform == "win32":
         return
@@ -197,10 +200,10 @@ def sync_folder(folder: Path) -> None:
 
 
 def sync_file_system(fd: int) -> None:
-    """Make everything on the file system of an open file durable.
+    """Make everything durable on the file system that holds an open file.
 
     Raises:
-        OSError: if something could not be written; also where the system has no such call.
+        OSError: if something could not be written, or the system does not support the call.
     """
     if sys.platform == "win32":
         call = None
@@ -214,28 +217,28 @@ def sync_file_system(fd: int) -> None:
 
 
 def replace_file(source: Path, target: Path) -> None:
-    """Put a file in another's place, in one step; on Windows also while the other is open.
+    """Replace a file by another in one step; on Windows this also works while the replaced file is open.
 
     Raises:
-        OSError: as ``os.replace``.
+        OSError: as for ``os.replace``.
     """
     retry_when_shared(lambda: _replace_open_file(source, target))
 
 
 def remove_file(path: Path, *, missing_ok: bool = False) -> None:
-    """Remove a file; on Windows it may take a moment, as long as another program reads it.
+    """Remove a file, retrying on Windows while another program reads it.
 
     Raises:
-        OSError: as ``os.unlink``.
+        OSError: as for ``os.unlink``.
     """
     retry_when_shared(lambda: path.unlink(missing_ok=missing_ok))
 
 
 def retry_when_shared(call: Callable[[], object], *, interval_s: float = REPLACE_INTERVAL_S) -> None:
-    """Make a call, and make it again while Windows refuses because another program has the file open.
+    """Make a call, and repeat it while Windows refuses it because another program has the file open.
 
     Raises:
-        OSError: any other error at once; a refusal after ``REPLACE_ATTEMPTS``.
+        OSError: immediately for any other error; for a refusal, after ``REPLACE_ATTEMPTS`` attempts.
     """
     for _ in range(REPLACE_ATTEMPTS - 1):
         try:
@@ -249,7 +252,10 @@ def retry_when_shared(call: Callable[[], object], *, interval_s: float = REPLACE
 
 
 def _replace_open_file(source: Path, target: Path) -> None:
-    """Replace a file. Windows refuses that while the target is open: there, rename with POSIX semantics first."""
+    """Replace a file.
+
+    Windows refuses to replace an open file, so a rename with POSIX semantics is tried first there.
+    """
     if sys.platform == "win32":
         delete_and_synchronize = 0x0011_0000
         share_all = 7
@@ -271,7 +277,7 @@ def _replace_open_file(source: Path, target: Path) -> None:
 
 
 def claim_address(listener: socket.socket) -> None:
-    """Let a server take its port again right after it ended, and no second server take it meanwhile."""
+    """Let a server reuse its port immediately after it ended, and prevent a second server from sharing it."""
     if sys.platform == "win32":  # there SO_REUSEADDR would let two servers share a port
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
     else:
@@ -279,10 +285,10 @@ def claim_address(listener: socket.socket) -> None:
 
 
 def raise_file_limit(needed: int) -> int:
-    """Let this process have so many files and sockets open, if the system's hard limit allows it.
+    """Raise this process's limit on open files and sockets to ``needed``, as far as the system's hard limit allows.
 
     Returns:
-        how many it may have; ``needed`` where the system sets no limit.
+        The resulting limit; ``needed`` if the system sets no limit.
     """
     if sys.platform == "win32":  # there is none for sockets
         return needed
@@ -301,12 +307,12 @@ def raise_file_limit(needed: int) -> int:
 
 
 def count_processes() -> int:
-    """Return how many processes work side by side at most: one per core."""
+    """Return the maximum number of processes to run in parallel: one per core."""
     return min(os.cpu_count() or 1, MAX_PROCESSES)
 
 
 def lower_process_priority() -> None:
-    """Let every other process of this user go first."""
+    """Lower this process's priority below the user's other processes."""
     if sys.platform == "win32":
         below_normal = 0x4000
         kernel = ctypes.WinDLL("kernel32")
@@ -317,16 +323,17 @@ def lower_process_priority() -> None:
 
 
 def make_thread_idle() -> None:
-    """Let this thread run only when no other wants a core; Linux alone has this for a thread."""
+    """Make this thread run only when no other thread needs a core; only Linux supports this for a thread."""
     if sys.platform == "linux":
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 @contextlib.contextmanager
 def keep_scheduling() -> Iterator[None]:
-    """Take back the real-time priority that a library inside gives this thread or its own.
+    """Undo the real-time priority that a library called inside gives to this thread or its own threads.
 
-    Started by root, as in a container, the AV1 encoder puts itself and its caller before all else on the machine.
+    If started by root, as in a container, the AV1 encoder gives itself and its caller priority over everything else on
+    the machine.
     """
     if sys.platform != "linux":
         yield
@@ -344,16 +351,19 @@ def keep_scheduling() -> Iterator[None]:
 
 
 def limit_memory(share: float) -> None:
-    """Limit this process to a share of the machine's memory, and have the system end it first when memory is short.
+    """Limit this process to a share of the machine's memory, and make it the first to be killed when memory is short.
 
-    Linux does both. macOS may refuse, and Windows has no such call for a running process: there is no limit then.
+    Linux does both. macOS may refuse, and Windows has no such call for a running process; there is no limit then.
     """
     if sys.platform != "win32":
         limit_memory_bytes(int(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") * share))
 
 
 def limit_memory_bytes(limit: int) -> None:
-    """Limit this process to so many bytes, and have the system end it first when memory is short; as `limit_memory`."""
+    """Limit this process's memory to a number of bytes, with the restrictions of ``limit_memory``.
+
+    It is also the first process to be killed when memory is short.
+    """
     if sys.platform != "win32":
         with contextlib.suppress(OSError):
             Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii", newline="\n")
@@ -362,9 +372,9 @@ def limit_memory_bytes(limit: int) -> None:
 
 
 def measure_own_use() -> tuple[float, int]:
-    """Return the CPU time in seconds that this process has used, and the most memory in bytes that it had.
+    """Return the CPU time in seconds and the peak memory in bytes that this process has used.
 
-    Windows does not say the memory: it is 0 there.
+    The memory is 0 on Windows, where it cannot be measured.
     """
     if sys.platform != "win32":
         usage = resource.getrusage(resource.RUSAGE_SELF)
@@ -374,37 +384,40 @@ def measure_own_use() -> tuple[float, int]:
 
 
 def ignore_termination() -> None:
-    """Go on when asked to end, in this process and in those that it starts."""
+    """Ignore SIGTERM in this process and in the processes that it starts."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
 def outlive_termination() -> None:
-    """Go on when asked to end, in this process alone."""
+    """Ignore SIGTERM in this process only."""
     signal.signal(signal.SIGTERM, lambda *_: None)
 
 
 def name_signal(number: int) -> str:
-    """Name a signal: "SIGKILL", or "signal 99" where there is none of that number."""
+    """Return a signal's name, e.g. "SIGKILL", or "signal 99" if no signal has that number."""
     with contextlib.suppress(ValueError):
         return signal.Signals(number).name
     return f"signal {number}"
 
 
 def lead_own_group() -> None:
-    """Make this process the first of a group, which Ctrl-C in the terminal does not reach; Windows has none."""
+    """Make this process the leader of a process group that Ctrl-C in the terminal does not reach.
+
+    Windows has no such groups.
+    """
     if sys.platform != "win32":
         os.setsid()
 
 
 def end_group(pid: int) -> None:
-    """End a process and those that it started, if it leads a group; one that has ended is left alone."""
+    """Kill a process and the processes it started, if it leads a group; do nothing if it has ended."""
     if sys.platform != "win32":
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(pid, signal.SIGKILL)
 
 
 def end_with_parent() -> None:
-    """Have the system end this process as soon as its parent ends, whatever it is doing; Linux alone does."""
+    """Make the system kill this process as soon as its parent ends; only Linux supports this."""
     if sys.platform == "linux":
         pr_set_pdeathsig = 1
         ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
@@ -412,10 +425,10 @@ def end_with_parent() -> None:
 
 @contextlib.contextmanager
 def receive_end_signals(remember: Callable[[str], None]) -> Iterator[None]:
-    """Hand the name of each signal that asks a program to end to ``remember``, instead of ending.
+    """Call ``remember`` with the name of each signal that asks the program to end, instead of ending.
 
-    They are Ctrl-C, SIGTERM, and the closing of the terminal (SIGHUP, or SIGBREAK on Windows). Only the main thread
-    receives signals.
+    The signals are Ctrl-C, SIGTERM, and the closing of the terminal (SIGHUP, or SIGBREAK on Windows). Only the main
+    thread receives signals.
     """
 
     def receive(number: int, _: FrameType | None) -> None:
@@ -440,12 +453,12 @@ else:
 
 @contextlib.contextmanager
 def interrupt_after(limit_s: float) -> Iterator[None]:
-    """Interrupt Python code that takes longer, in the main thread and where the system has interval timers.
+    """Interrupt the enclosed Python code if it takes longer than ``limit_s`` seconds.
 
-    Windows has none, so there is no limit.
+    This works only in the main thread and on systems with interval timers; Windows has none, so there is no limit.
 
     Raises:
-        TimeoutError: in the code, if it takes longer.
+        TimeoutError: in the enclosed code, if it takes longer.
     """
     if sys.platform == "win32" or threading.current_thread() is not threading.main_thread():
         yield
@@ -466,7 +479,7 @@ def interrupt_after(limit_s: float) -> Iterator[None]:
 def exit_when_terminated() -> None:
     """Turn SIGTERM into SystemExit, so that ``finally`` blocks run.
 
-    Python drops what is raised in a finalizer or a weak reference's callback; the signal is then sent once more.
+    Python drops exceptions raised in a finalizer or a weak reference's callback; in that case the signal is sent again.
     """
     report = sys.unraisablehook
 

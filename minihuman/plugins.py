@@ -1,7 +1,7 @@
-"""Plug-ins: simulated participants, windows, exporters and other objects found by name; how long their code may take to
-answer, and its failures without what must not be in a log.
+"""Plug-ins: objects such as simulated participants, windows and exporters that are found by name.
 
-A package registers them as entry points of a group, such as `[project.entry-points."minihuman.exporters"]`.
+A package registers them as entry points of a group, such as `[project.entry-points."minihuman.exporters"]`. The module
+also limits the time that their code may take, and describes their failures without content that a log must not hold.
 """
 
 import re
@@ -35,7 +35,7 @@ EXTRA_OF_PACKAGE = {
 
 @dataclass(frozen=True, slots=True)
 class Plugin:
-    """Something that is found by name, and the package that brought it."""
+    """An object that is found by name, and the package that provides it."""
 
     group: str  # "players"
     name: str
@@ -44,7 +44,7 @@ class Plugin:
 
 
 def list_plugins() -> tuple[Plugin, ...]:
-    """List every plug-in that is installed, by group and name."""
+    """Return every installed plug-in, sorted by group and name."""
     installed = {
         Plugin(entry.group.removeprefix(GROUP_PREFIX), entry.name, entry.value, f"{package.name} {package.version}")
         for package in distributions()
@@ -55,13 +55,16 @@ def list_plugins() -> tuple[Plugin, ...]:
 
 
 def list_plugin_names(group: str, *, built_in: bool = False) -> tuple[str, ...]:
-    """List the names in a group ("minihuman.players"), sorted; with ``built_in`` only those of this package."""
+    """Return the sorted names in a group ("minihuman.players"); with ``built_in``, only those of this package."""
     return _list_names(group, GROUP_PREFIX if built_in else "", tuple(sys.path))
 
 
 @cache
 def _list_names(group: str, module: str, path: tuple[str, ...]) -> tuple[str, ...]:
-    """The names of a group's entries that are in modules of a prefix: asked for hundreds of times a command."""
+    """Return the names of a group's entries whose modules begin with ``module``.
+
+    Cached, as one command asks hundreds of times.
+    """
     return tuple(sorted({entry.name for entry in _load_group(group, path) if entry.value.startswith(module)}))
 
 
@@ -71,21 +74,21 @@ def _find_entry_points(group: str, name: str = "") -> tuple[EntryPoint, ...]:
 
 @cache
 def _load_group(group: str, path: tuple[str, ...]) -> EntryPoints:
-    """Read what is registered in a group; once, as it takes 5 ms."""
+    """Read the entry points of a group; cached, because it takes 5 ms."""
     return entry_points(group=group)
 
 
 def load_plugin(group: str, name: str, error: Callable[[str], MinihumanError], *, noun: str) -> Any:
-    """Load what is registered under a name.
+    """Load the object that is registered under a name.
 
     Args:
-        group: "minihuman.players".
-        name: the name.
-        error: makes the error that is raised, from its line.
-        noun: what it is, for that line: "player".
+        group: the entry-point group, such as "minihuman.players".
+        name: the plug-in's name.
+        error: the function that creates the error to raise from its message.
+        noun: the kind of plug-in as the message names it, such as "player".
 
     Raises:
-        MinihumanError: ``error``'s: nothing or several things have the name, or it cannot be imported.
+        MinihumanError: as created by ``error``, if no object or several have the name, or it cannot be imported.
     """
     candidates = sorted(set(_find_entry_points(group, name=name)), key=lambda entry: entry.value)
     if not candidates:
@@ -131,7 +134,7 @@ def read_plugin_file(group: str, name: str, file: str) -> str | None:
 
 
 def remember_by_name(find: Callable[[str], Port]) -> Callable[[str], Port]:
-    """Remember what a name stands for, for as long as packages are looked for in the same folders."""
+    """Cache the objects that a function finds by name, as long as ``sys.path`` stays the same."""
 
     @cache
     def find_in(name: str, path: tuple[str, ...]) -> Port:
@@ -147,10 +150,10 @@ def remember_by_name(find: Callable[[str], Port]) -> Callable[[str], Port]:
 def make_plugin(
     group: str, name: str, port: type[Port], error: Callable[[str], MinihumanError], *arguments: Any, noun: str
 ) -> Port:
-    """Make a plug-in from its name and the text after the colon, which it takes as its first argument.
+    """Create a plug-in from its name and the text after the colon, which is passed as its first argument.
 
     Raises:
-        MinihumanError: ``error``'s: as `call_plugin`.
+        MinihumanError: as created by ``error``, under the conditions of `call_plugin`.
     """
     kind, _, argument = name.partition(":")
     return call_plugin(group, kind, port, error, argument, *arguments, noun=noun)
@@ -165,10 +168,11 @@ def call_plugin(
     noun: str,
     **settings: Any,
 ) -> Port:
-    """Make a plug-in of a name with these arguments.
+    """Create a plug-in by name with the given arguments.
 
     Raises:
-        MinihumanError: ``error``'s: as `load_plugin`, or what is made is no ``port``.
+        MinihumanError: as created by ``error``, under the conditions of `load_plugin`, or if the object is not a
+            ``port``.
     """
     plugin = load_plugin(group, name, error, noun=noun)(*arguments, **settings)
     if isinstance(plugin, port):
@@ -194,20 +198,20 @@ def read_settings(
     owner: str,
     aliases: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Read the settings after a plug-in's colon, ``updates=400,batch_size=32``.
+    """Read the settings after a plug-in's colon, such as ``updates=400,batch_size=32``.
 
     Args:
-        text: What follows the colon.
-        defaults: Every setting with its default, whose type the value takes; a boolean is 0 or 1.
-        error: Makes the error that is raised, from its line.
-        owner: The plug-in's name, for that line.
-        aliases: Earlier names of settings, and what each is now.
+        text: the text after the colon.
+        defaults: every setting with its default, which determines the value's type; a boolean is given as 0 or 1.
+        error: the function that creates the error to raise from its message.
+        owner: the plug-in's name, for the message.
+        aliases: the earlier names of settings, with their current names.
 
     Returns:
-        The settings that the text names.
+        The settings that the text contains.
 
     Raises:
-        MinihumanError: ``error``'s: a name is no setting, or a value no number.
+        MinihumanError: as created by ``error``, if there is no such setting, or a value is not a number.
     """
     values: dict[str, Any] = {}
     for part in filter(None, text.split(",")):
@@ -230,17 +234,18 @@ ANSWER_TIMEOUT_S = 60.0
 def limit_answer_time() -> Iterator[None]:
     """Interrupt Python code that takes longer than ``ANSWER_TIMEOUT_S``.
 
-    Only in the main thread, and where the system has interval timers (not on Windows); elsewhere there is no limit.
+    This works only in the main thread and on systems with interval timers (not on Windows); elsewhere there is no
+    limit.
 
     Raises:
-        TimeoutError: in the code, if it takes longer.
+        TimeoutError: in the enclosed code, if it takes longer.
     """
     with interrupt_after(ANSWER_TIMEOUT_S):
         yield
 
 
 def locate_error(error: BaseException) -> str:
-    """Say where an error was raised: file name and line, without the folder."""
+    """Return the file name and line where an error was raised, without the folder; "" if it has no traceback."""
     frames = traceback.extract_tb(error.__traceback__)
     if frames:
         return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}"
@@ -251,7 +256,7 @@ _PATHS = re.compile(r"\S*[/\\](.*[/\\])?\S*")
 
 
 def describe_failure(error: BaseException) -> str:
-    """Describe an error for a log: its type and, if it is one of ours, its sentence without whatever may be a path."""
+    """Describe an error for a log: its type and, for the package's own errors, the message with paths removed."""
     if not isinstance(error, MinihumanError):
         return type(error).__name__
     return f"{type(error).__name__}: {_PATHS.sub('...', str(error).partition(chr(10))[0])}"

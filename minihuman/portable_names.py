@@ -1,4 +1,4 @@
-"""Names of files and folders that Linux, macOS and Windows can all keep."""
+"""Names of files and folders that are valid on Linux, macOS and Windows."""
 
 from collections.abc import Iterable
 
@@ -8,7 +8,7 @@ _RESERVED_NAMES = frozenset(
 
 
 def explain_unportable_name(name: str) -> str:
-    """Say why a file or folder of this name cannot be kept on every system; "" where it can."""
+    """Return why a file or folder name is not valid on every system; "" if it is."""
     if name.partition(".")[0].casefold() in _RESERVED_NAMES:
         return "Windows reserves the name for a device"
     if name.endswith((".", " ")):
@@ -19,9 +19,11 @@ def explain_unportable_name(name: str) -> str:
 
 
 def find_case_twin(name: str, names: Iterable[str]) -> str:
-    """Find the name among others that differs from this one in case only; "" if none does, or the same name is there.
+    """Return the name among ``names`` that differs from a name only in case.
 
-    Windows, and macOS as it comes, keep one folder for both.
+    "" if there is none, or the name is among them.
+
+    Windows, and macOS in its default configuration, store both names as the same folder.
     """
     other_names = set(names)
     if name in other_names:

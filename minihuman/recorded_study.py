@@ -1,6 +1,6 @@
-"""Recorded data as objects: ``Study``, ``Session`` and ``Episode``, as a notebook uses them.
+"""Recorded data as objects for use in a notebook: ``Study``, ``Session`` and ``Episode``.
 
-Data are read when they are asked for; a study's tables are cached beside it.
+Data are read when they are requested; a study's tables are cached beside it.
 """
 
 import copy
@@ -52,10 +52,10 @@ def format_html_table(caption: str, heads: Sequence[str], rows: Iterable[Sequenc
 
 
 def check_figure_name(name: str, names: Sequence[str]) -> None:
-    """Check that there is a figure of that name.
+    """Check that there is a figure with a name.
 
     Raises:
-        ValueError: if not; it names those there are.
+        ValueError: if there is none; the message lists the existing figures.
     """
     if name not in names:
         raise ValueError(f"figure {name!r} does not exist; the figures are {', '.join(map(repr, names))}")
@@ -63,7 +63,7 @@ def check_figure_name(name: str, names: Sequence[str]) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayedStep:
-    """One replayed step: the observation, the action taken then, and its result."""
+    """One replayed step: the observation, the action taken in response, and its result."""
 
     step: int  # 1 for the first
     observation: Any  # before the action
@@ -74,7 +74,7 @@ class ReplayedStep:
 
 
 class Episode:
-    """One played episode. Times are seconds of session time, since the session's first segment began."""
+    """One played episode. Times are in seconds of session time, since the session's first segment began."""
 
     def __init__(self, recorded: Recorded, *, participant: str, exclusion: str) -> None:
         self.recorded = recorded  # everything: hashes, key presses, pictures shown
@@ -83,12 +83,12 @@ class Episode:
 
     @property
     def number(self) -> int:
-        """The number in the session, 1 for the first, as on the screen, in tables and in figures."""
+        """The number in the session, starting at 1, as on the screen, in tables and in figures."""
         return self.recorded.number
 
     @property
     def attempt(self) -> int:
-        """1, or more where an interrupted episode was restarted."""
+        """The number of the attempt: 1, or more if an interrupted episode was restarted."""
         return self.recorded.attempt
 
     @property
@@ -108,12 +108,12 @@ class Episode:
 
     @property
     def mission(self) -> str:
-        """The mission as the participant read it."""
+        """The mission as shown to the participant."""
         return self.recorded.start.mission
 
     @property
     def outcome(self) -> str:
-        """How it ended: goal, timeout, failure, ended, abandoned, agent_failed, or cut_off where the log stops."""
+        """How the episode ended: goal, timeout, failure, ended, abandoned, agent_failed, or cut_off with its log."""
         return self.recorded.outcome_word
 
     @property
@@ -128,25 +128,26 @@ class Episode:
 
     @property
     def playing_s(self) -> float:
-        """Seconds from the reset to the last step, without pauses."""
+        """The time in seconds from the reset to the last step, without pauses."""
         return playing_s(self.recorded)
 
     @property
     def path(self) -> NDArray[np.float64]:
-        """Where the agent was, (steps + 1, 4): x, y, z in cells or metres, heading in rad; NaN if unknown.
+        """The agent's poses, shape (steps + 1, 4): x, y, z in cells or metres, and heading in radians; NaN if unknown.
 
-        The ground plane is x and z, y points up; a heading of 0 is along +x and grows counter-clockwise from above.
+        The ground plane is x and z, and y points up. A heading of 0 is along +x; it grows counter-clockwise seen from
+        above.
         """
         return self.recorded.poses
 
     @property
     def times_s(self) -> NDArray[np.float64]:
-        """The times of the reset and of each step, (steps + 1,)."""
+        """The times of the reset and of each step, shape (steps + 1,)."""
         return np.asarray(self.recorded.t_ns / 1e9)
 
     @property
     def actions(self) -> tuple[str, ...]:
-        """The action of each step, by name."""
+        """The name of the action in each step."""
         names = self.recorded.start.action_names
         return tuple(names[action] for action in self.recorded.actions)
 
@@ -162,19 +163,25 @@ class Episode:
 
     @property
     def reaction_ms(self) -> NDArray[np.float64]:
-        """The time from the flip of the picture to the key press that answers it, per step; NaN without a key."""
+        """The time in milliseconds from the flip of the picture to the key press, per step.
+
+        NaN for a step without a key.
+        """
         return self.recorded.rt_ms
 
     @property
     def map(self) -> Map | None:
-        """Walls and objects on the floor plan; None if the world has none."""
+        """The floor plan's walls and objects; None if the world has no floor plan."""
         return self.recorded.start.map
 
     def frames(self) -> list[NDArray[np.uint8]]:
-        """Render the pictures shown, steps + 1 of uint8[height, width, 3], again by the world; compare them by hash.
+        """Render the pictures that were shown again in the world, and compare them by hash with the recording.
+
+        Returns:
+            One picture for the reset and one for each step, as uint8[height, width, 3].
 
         Raises:
-            LogError: if the world now renders another picture, and the log holds none.
+            LogError: if the world now renders a different picture, and the log holds no pictures.
             WorldError: if the world cannot be run here, and the log holds no pictures.
         """
         from minihuman.replay.frames import render_frames
@@ -182,11 +189,11 @@ class Episode:
         return render_frames(self.recorded)
 
     def play_back(self) -> Iterator[ReplayedStep]:
-        """Replay the episode in its world, step by step; each observation is compared by hash with the one recorded.
+        """Replay the episode in its world, step by step, and compare each observation by hash with the recording.
 
         Raises:
             LogError: at the first step whose observation differs.
-            WorldError: if the world cannot be made here.
+            WorldError: if the world cannot be created here.
         """
         from minihuman.worlds.adapters.world import World
 
@@ -198,8 +205,14 @@ class Episode:
                 observation = copy.deepcopy(world.observation)  # as a world may use its arrays again
                 change = world.step(int(action))
                 observation_hash = change.observation_hash
-                ended = bool(recorded.terminated[place]), bool(recorded.truncated[place])
-                yield ReplayedStep(place + 1, observation, recorded.start.action_names[action], change.reward, *ended)
+                yield ReplayedStep(
+                    step=place + 1,
+                    observation=observation,
+                    action=recorded.start.action_names[action],
+                    reward=change.reward,
+                    terminated=bool(recorded.terminated[place]),
+                    truncated=bool(recorded.truncated[place]),
+                )
             self._compare(observation_hash, self.steps)
 
     def figure(self) -> "Figure":
@@ -249,43 +262,43 @@ class Session:
 
     @property
     def number(self) -> int:
-        """The number among the participant's sessions, 1 for the first."""
+        """The number among the participant's sessions, starting at 1."""
         return self._selected.log.plan.session
 
     @property
     def player(self) -> str:
-        """Who pressed the keys: human, or the name of a simulated participant."""
+        """The source of the key presses: human, or the name of a simulated participant."""
         return self._selected.log.player
 
     @property
     def started_at(self) -> str:
-        """The wall clock when session time was 0, ISO 8601 UTC."""
+        """The wall-clock time at which session time was 0, in ISO 8601 and UTC."""
         return self._selected.log.started_at
 
     @property
     def end_reason(self) -> str:
-        """Why it ended: complete, quit and others; cut_off where the log ends in the middle."""
+        """The reason why the session ended, such as complete or quit; cut_off if the log stops in the middle."""
         return self._selected.log.end_reason
 
     @property
     def segments(self) -> tuple[Segment, ...]:
-        """One per run of the program: more than one if the session was resumed."""
+        """The segments, one per run of the program: more than one if the session was resumed."""
         return self._selected.log.segments
 
     @property
     def sessions(self) -> tuple["Session", ...]:
-        """This session alone, so that a session can stand where a study is expected."""
+        """This session alone, so that a session can be used in place of a study."""
         return (self,)
 
     @property
     def episodes(self) -> tuple[Episode, ...]:
-        """The included episodes, in the order played."""
+        """The included episodes, in the order in which they were played."""
         included = set(self._selected.places)
         return tuple(episode for place, episode in enumerate(self.all_episodes) if place in included)
 
     @property
     def all_episodes(self) -> tuple[Episode, ...]:
-        """Every episode that began; ``exclusion`` says why one is excluded."""
+        """All episodes that began; ``exclusion`` is the reason why an episode is excluded."""
         selected = self._selected
         return tuple(
             Episode(episode, participant=self.participant, exclusion=selected.session_reason or reason)
@@ -304,7 +317,7 @@ class Session:
         """Draw the session's paths, one panel per episode, or an overview of its steps, times and keys.
 
         Raises:
-            ValueError: if there is no figure of that name.
+            ValueError: if there is no figure with that name.
             LogError: if no episode is included.
         """
         from minihuman.figures.overview import overview_figure
@@ -352,9 +365,10 @@ _MAX_SHOWN_SESSIONS = 20  # participants in a notebook's cell
 
 
 class Study:
-    """A study's sessions, each read when it is asked for; their tables are cached beside the study.
+    """A study's sessions, each read when it is requested; their tables are cached beside the study.
 
-    Iterating reads one session after the other and keeps none. ``sessions`` and ``episodes`` read all and keep them.
+    Iterating reads one session after the other and keeps none in memory. ``sessions`` and ``episodes`` read all and
+    keep them.
     """
 
     def __init__(self, path: Path, selection: Selection) -> None:
@@ -368,7 +382,7 @@ class Study:
 
     @property
     def sessions(self) -> tuple[Session, ...]:
-        """Every readable session, in order of path; they stay in memory."""
+        """All readable sessions, in the order of their paths; they stay in memory."""
         return self._opened[0]
 
     @property
@@ -401,13 +415,13 @@ class Study:
             return answer
 
     def figure(self, name: Literal["learning", "occupancy"] = "learning", *, of: str = "") -> "Figure":
-        """Draw rewards over a block's episodes, by group, or where participants were in a world.
+        """Draw rewards over a block's episodes by group, or where participants were in a world.
 
-        ``of`` names the block or the world; by default the last one played.
+        ``of`` names the block or the world; by default it is the last one played.
 
         Raises:
-            ValueError: if there is no figure of that name.
-            LogError: if no included episode was played there.
+            ValueError: if there is no figure with that name.
+            LogError: if no included episode was played in that block or world.
         """
         check_figure_name(name, ("learning", "occupancy"))
         from minihuman.figures.figure_data import collect_learning_curves, find_reward_limits, name_measure
@@ -435,10 +449,10 @@ class Study:
         )
 
     def __getitem__(self, key: str | tuple[str, int]) -> Session:
-        """Read a participant's session: ``study["sub-01"]`` is the first, ``study["sub-01", 2]`` the second.
+        """Read a participant's session: ``study["sub-01"]`` is the first, and ``study["sub-01", 2]`` is the second.
 
         Raises:
-            KeyError: if there is none.
+            KeyError: if there is no such session.
         """
         number: int | None = None
         if isinstance(key, str):

@@ -1,8 +1,9 @@
-"""Which study folders and modules the user trusts: only their Python runs, and only their files are read by worlds.
+"""The study folders and modules that the user trusts: worlds run Python and read files only from these.
 
-A protocol or a log can name any module and, in a world's options, any file. Modules of known packages are imported
-always, others only if the user trusts them or the folder that they lie in; a link counts where it leads. The record is
-a file of the user's configuration, never of a study's folder, which may come from a stranger: one JSON object a line.
+A protocol or a log can name any module and, in a world's options, any file. Modules of known packages are always
+imported, others only if the user trusts them or the folder that contains them; links are followed first. The record is
+a file in the user's configuration, never in a study's folder, which may come from a stranger. It has one JSON object
+per line.
 """
 
 import hashlib
@@ -30,7 +31,7 @@ NamedWorld = tuple[str, Mapping[str, Any]]  # id and options
 
 
 def find_config_folder() -> Path:
-    """Find the folder of the user's configuration of minihuman; it need not exist."""
+    """Return the path of the user's configuration folder for minihuman, whether or not it exists."""
     if chosen := os.environ.get(CONFIG_VARIABLE):
         return Path(chosen)
     if sys.platform == "win32":
@@ -44,11 +45,11 @@ def find_config_folder() -> Path:
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """What is trusted, or what would have to be.
+    """The folders and modules that are trusted, or that would have to be.
 
     Attributes:
         folders: absolute paths without links.
-        modules: installed modules, by their full names.
+        modules: full names of installed modules.
     """
 
     folders: frozenset[Path] = frozenset()
@@ -56,11 +57,11 @@ class Trust:
 
     @classmethod
     def read(cls) -> "Trust":
-        """Read what the user trusts, by the record and the environment.
+        """Read what the user trusts, from the record and the environment.
 
         Raises:
-            MinihumanError: if a line of the record cannot be read.
-            OSError: if the file cannot be.
+            MinihumanError: if a line of the record is not valid.
+            OSError: if the record cannot be read.
         """
         path = find_trust_record()
         if path.is_file():
@@ -75,7 +76,7 @@ class Trust:
         )
 
     def record(self) -> None:
-        """Add this to what the user trusts.
+        """Add these folders and modules to those that the user trusts.
 
         Raises:
             OSError: if the record cannot be written.
@@ -90,11 +91,11 @@ class Trust:
                 file.write("".join(f"{json.dumps(line)}\n" for line in new))
 
     def holds(self, path: Path) -> bool:
-        """Tell whether a file or folder lies in a trusted folder, once its links are followed."""
+        """Tell whether a file or folder lies in a trusted folder after following its links."""
         return any(path.resolve().is_relative_to(folder) for folder in self.folders)
 
     def allows(self, module: str, spec: ModuleSpec) -> bool:
-        """Tell whether a module, of whose first part this is the specification, may be imported."""
+        """Tell whether a module may be imported; ``spec`` is the specification of its outermost package."""
         return _is_known(module) or module in self.modules or any(map(self.holds, _places(spec)))
 
     def __bool__(self) -> bool:
@@ -105,7 +106,7 @@ class Trust:
 
 
 def find_trust_record() -> Path:
-    """Find the file that says what the user trusts; it need not exist."""
+    """Return the path of the file that records what the user trusts, whether or not it exists."""
     return find_config_folder() / "trust.jsonl"
 
 
@@ -120,15 +121,15 @@ def _read_line(path: Path, number: int, line: str) -> tuple[str, str]:
 
 
 def admit_worlds(worlds: Iterable[NamedWorld], folder: Path, permission: Permission) -> str:
-    """Let a protocol's worlds run code and read files from its folder, if the user trusts it.
+    """Allow a protocol's worlds to run code and read files from its folder, if the user trusts it.
 
     Args:
-        worlds: those that the protocol names.
-        folder: the protocol's, without links.
-        permission: whether to trust what is not trusted yet, or what asks.
+        worlds: the worlds that the protocol names.
+        folder: the protocol's folder as a path without links.
+        permission: whether to trust what is not trusted yet, or a function that asks the user.
 
     Returns:
-        What is not trusted and was refused, such as the folder's path; "" if there is nothing.
+        What is not trusted and was refused, such as the folder's path; "" if nothing was refused.
 
     Raises:
         OSError: if the record cannot be read or written.
@@ -147,7 +148,7 @@ def admit_worlds(worlds: Iterable[NamedWorld], folder: Path, permission: Permiss
 
 
 def _find_untrusted(worlds: Iterable[NamedWorld], folder: Path, trusted: Trust) -> Trust:
-    """Find the folders and modules of these worlds that are not trusted yet."""
+    """Return the folders and modules of these worlds that are not trusted yet."""
     folders = set[Path]()
     modules = set[str]()
     for world, options in worlds:
@@ -176,9 +177,9 @@ def _find_untrusted(worlds: Iterable[NamedWorld], folder: Path, trusted: Trust) 
 
 
 def locate_world(world: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Make sure that a world's module may be imported and can be found; give its options with the paths of its files.
+    """Ensure that a world's module may be imported and can be found; return its options with the paths of its files.
 
-    A module that is imported already may be used: its code has run.
+    A module that has already been imported may be used, because its code has run.
 
     Raises:
         WorldError: if the module or a file is not trusted.
@@ -228,7 +229,7 @@ def _locate_file(world: str, name: str, path: str) -> Path:
 
 
 def find_logged_sources(facts: Mapping[str, str]) -> None:
-    """Make the modules findable that a session was played with, from the trusted folder that has the same files."""
+    """Make the modules of a recorded session importable, from the trusted folder that has the same files."""
     for fact, digest in facts.items():
         module = fact.removeprefix(SOURCE_FACT)
         if module == fact or module in sys.modules or _find_first_part(module) is not None:
@@ -240,9 +241,9 @@ def find_logged_sources(facts: Mapping[str, str]) -> None:
 
 
 def list_world_sources(worlds: Iterable[str]) -> dict[str, Path]:
-    """List the files of the modules that provide these worlds, and of what these imported from their folder, by module.
+    """Return the source files, by module, of these worlds and of what their modules imported from the same folder.
 
-    Installed packages are left out: their versions say what they are.
+    Installed packages are omitted, because their versions identify them.
     """
     modules = {module for module in map(_module_of, worlds) if module}
     paths = {module: _source_of(find_spec(module)) for module in modules}
@@ -260,7 +261,7 @@ def list_world_sources(worlds: Iterable[str]) -> dict[str, Path]:
 
 
 def find_changed_sources(facts: Mapping[str, str]) -> list[str]:
-    """Find the imported modules whose files are not those that a session was played with."""
+    """Return the imported modules whose files differ from those with which a session was played."""
     changed = []
     for fact, digest in facts.items():
         if not fact.startswith(SOURCE_FACT):
@@ -282,7 +283,7 @@ def _source_of(spec: ModuleSpec | None) -> Path | None:
 
 
 def list_foreign_modules(worlds: Iterable[str]) -> frozenset[str]:
-    """List the modules that these worlds are in, but for those of known packages."""
+    """Return the modules that provide these worlds, except those of known packages."""
     return frozenset(module for module in map(_module_of, worlds) if not _is_known(module))
 
 
@@ -294,19 +295,22 @@ def _module_of(world: str) -> str:
 
 
 def _is_known(module: str) -> bool:
-    """Tell whether a module is a known package or a part of one; so is "", for a world that is registered already."""
+    """Tell whether a module belongs to a known package.
+
+    True also for "", which means a world that is registered already.
+    """
     return not module or (module.partition(".")[0] in KNOWN_PACKAGES and "__" not in module)
 
 
 def _paths_in(options: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the options that name a file or a folder."""
+    """Yield the names and values of the options that name a file or a folder."""
     for name, value in options.items():
         if isinstance(value, str) and (name in _FOLDER_OPTIONS or "/" in value or "\\" in value):
             yield name, value
 
 
 def _find_first_part(module: str) -> ModuleSpec | None:
-    """Find the specification of a module's outermost package, which does not run it."""
+    """Return the specification of a module's outermost package without running it; None if it cannot be found."""
     try:
         return find_spec(module.partition(".")[0])
     except (ImportError, ValueError):
@@ -314,14 +318,14 @@ def _find_first_part(module: str) -> ModuleSpec | None:
 
 
 def _places(spec: ModuleSpec) -> list[Path]:
-    """List where a module or package lies; nowhere if it is part of Python itself."""
+    """Return the paths of a module's file or a package's folders; none if the module is part of Python itself."""
     if spec.has_location and spec.origin:
         return [Path(spec.origin)]
     return [Path(place) for place in spec.submodule_search_locations or ()]
 
 
 def _find_in_folder(module: str, folder: Path) -> Path | None:
-    """Find a module's file in a folder."""
+    """Return the path of a module's file in a folder; None if it is not there."""
     if not all(part.isidentifier() for part in module.split(".")):
         return None
     base = folder.joinpath(*module.split("."))
@@ -329,13 +333,13 @@ def _find_in_folder(module: str, folder: Path) -> Path | None:
 
 
 def _find_holders(module: str, trusted: Trust) -> list[tuple[Path, Path]]:
-    """List the trusted folders that have a module, each with its file."""
+    """Return the trusted folders that have a module, each with the module's file."""
     candidates = [(folder, _find_in_folder(module, folder)) for folder in sorted(trusted.folders)]
     return [(folder, path) for folder, path in candidates if path is not None and trusted.holds(path)]
 
 
 def _search_folder(folder: Path) -> None:
-    """Let Python find a folder's modules, after all others: nothing in it takes the place of a library."""
+    """Add a folder to the end of Python's module search path, so that nothing in it can replace a library."""
     if str(folder) not in sys.path:
         sys.path.append(str(folder))
     invalidate_caches()

@@ -1,6 +1,7 @@
-"""Verify logs and studies: replay logs, or recompute tables and compare files, and name every finding.
+"""Verify logs and studies: replay logs, recompute tables or compare files, and report every finding.
 
-What only one way of verifying needs is imported when it is called: comparing files with a manifest replays nothing.
+Modules that only one way of verifying needs are imported when it is called: comparing files with a manifest replays
+nothing.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator
@@ -34,26 +35,26 @@ def verify(
     outputs: Collection[Path | str] = (),
     engine: str = "local",
 ) -> Iterator[VerificationLine]:
-    """Replay logs from their seeds and inputs, and compare every message; of a study also its enrolment log.
+    """Replay logs from their seeds and inputs, and compare every message; for a study, also verify its enrolment log.
 
     Args:
-        paths: session logs, or folders of them, and files of a page's episodes (.json, .csv); with a manifest, study
+        paths: session logs, folders of logs, or files of a page's episodes (.json, .csv); with a manifest, study
             folders.
-        manifest: a digest or manifest file; then only the files are compared with it.
-        trust: trust the modules of the logs' worlds, now and from now on.
-        policies: compare the agents' actions with their policy files, too.
-        tables: instead of replaying, recompute every table of study folders from their logs, and compare the caches.
-        outputs: folders of reports and of CSV and Parquet exports, made of all that is included by default; they are
-            compared with what is recomputed, too.
-        engine: replays many logs in processes of this machine (local) or in a Ray cluster (ray).
+        manifest: a digest or a manifest file, with which the files are compared instead of being replayed.
+        trust: whether to trust the modules of the logs' worlds from now on.
+        policies: whether to compare the agents' actions with their policy files, too.
+        tables: whether to recompute the tables of study folders and compare the caches, instead of replaying logs.
+        outputs: folders of reports and exports (CSV, Parquet) of the default selection to compare with these tables.
+        engine: "local" to replay many logs in processes of this machine, or "ray" to replay them in a Ray cluster.
 
     Yields:
-        Findings. ``all(line.ok for line in verify(path))`` says whether everything is as logged. A log that cannot be
-        read is a line with an ``error`` and does not hold up the others.
+        Findings. ``all(line.ok for line in verify(path))`` tells whether everything is as logged. A log that cannot be
+        read
+        yields a line with an ``error``, and the other logs are still verified.
 
     Raises:
-        MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are not compared with
-            one study's tables, or nothing is at a path.
+        MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are given without exactly
+            one study's tables, or nothing exists at a path.
     """
     if manifest is not None and (trust or policies):
         raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
@@ -84,10 +85,10 @@ def verify(
 def _list_log_checks(
     path: Path, verify_log: Callable[[Path], list[VerificationLine]], *, processes: int | None, engine: str
 ) -> Iterator[Iterable[VerificationLine]]:
-    """Yield the checks of the logs at a path, then of its studies; each is made when it is gone through.
+    """Yield the checks of the logs at a path, then those of its studies; each runs when it is iterated over.
 
     Raises:
-        LogError: if nothing is there.
+        LogError: if the path holds neither logs nor studies.
     """
     from minihuman.admin.verify.episodes import verify_teams
     from minihuman.admin.verify.study import find_sessions, find_studies, verify_enrolment

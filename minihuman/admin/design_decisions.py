@@ -1,7 +1,7 @@
-"""Ask a study's adaptive designs at enrolment, from its enrolment log and finished logs, and verify what they decided.
+"""Run a study's adaptive designs at enrolment, from its enrolment log and finished logs, and verify their decisions.
 
-Only participants whose first session was finished, and recorded in the enrolment log, before the decision have a value
-in it, so the enrolment log tells later which ones they were.
+A participant enters a decision only if the first session was finished and recorded in the enrolment log before it, so
+the enrolment log later shows which participants were included.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -49,7 +49,7 @@ _OUTCOMES: Mapping[str, Callable[[EpisodeLog], float]] = {
 def assign_group(
     protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Path, index: int, stratum: str
 ) -> tuple[str, GroupAssignment | None]:
-    """Return the next participant's group and what it was decided from; "" and None where no design assigns groups."""
+    """Return the next participant's group and the basis of the decision; "" and None if no design assigns groups."""
     spec = protocol.allocation.design
     if spec is None:
         return "", None
@@ -60,7 +60,7 @@ def assign_group(
 
 
 def decide_again(protocol: Protocol, assigned: GroupAssignment, index: int, stratum: str) -> EnrolmentDecision:
-    """Return what the protocol's design decides from logged statistics."""
+    """Return the decision of the protocol's design for logged statistics."""
     assert protocol.allocation.design is not None
     return make_enrolment_design(protocol.allocation.design).decide(
         assigned.statistics, stratum, make_draw(protocol.study.seed, "assignment", index)
@@ -68,7 +68,7 @@ def decide_again(protocol: Protocol, assigned: GroupAssignment, index: int, stra
 
 
 def take_look(protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Path, at: str) -> LookTaken | None:
-    """Return the look that is due at a sequential study; None if none is.
+    """Return the interim look that is due in a sequential study; None if none is.
 
     Raises:
         AllocationError: if the study has stopped.
@@ -89,10 +89,10 @@ def take_look(protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Pa
 
 
 def require_not_stopped(looks: Sequence[LookTaken]) -> None:
-    """Refuse a further participant of a study that has stopped.
+    """Check that a sequential study has not stopped, before a further participant is enrolled.
 
     Raises:
-        AllocationError: if it has.
+        AllocationError: if the study has stopped.
     """
     if looks and looks[-1].stop:
         raise AllocationError(
@@ -104,7 +104,7 @@ def require_not_stopped(looks: Sequence[LookTaken]) -> None:
 def _compute_statistics(
     protocol: Protocol, design: EnrolmentDesign, lines: Sequence[EnrolmentEntry], study_dir: Path
 ) -> tuple[dict[str, Any], int]:
-    """Compute a design's statistics by these lines of the enrolment log, and count their logs that are missing."""
+    """Compute a design's statistics from these lines of the enrolment log, and count the logs that are missing."""
     ratios = {group.name: group.allocation_ratio for group in protocol.groups}
     gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     slots = {line.participant: line for line in list_taken_slots(lines) if line.participant not in gone}
@@ -131,7 +131,7 @@ def _compute_statistics(
 
 @lru_cache(maxsize=4096)
 def _measure(path: Path, size: int, segment: str, outcome: str, block: str) -> float | None:
-    """Return the mean of a block's episodes in a log; None if it did not end for good with that segment."""
+    """Return the mean outcome of a block's episodes in a log; None if the log did not finally end with that segment."""
     log = read_log(path)
     if log.end_reason not in FINAL_END_REASONS or str(log.segments[-1].number) != segment:
         return None
@@ -150,7 +150,7 @@ def _measure(path: Path, size: int, segment: str, outcome: str, block: str) -> f
 def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[str, bool]]:
     """Recompute the statistics of every assignment and look from the enrolment log and the session logs.
 
-    Yields lines, each with whether it is good news; nothing for a study without such a design.
+    Yields lines, each with whether it reports success; none for a study without an adaptive design.
     """
     lines = read_enrolment_log(study)
     equal = 0
@@ -181,7 +181,7 @@ def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[s
 
 @dataclass(frozen=True, slots=True)
 class _LoggedDecision:
-    """A design's decision, as a line of the enrolment log has it."""
+    """A design's decision, as recorded by a line of the enrolment log."""
 
     name: str  # of the look or the participant
     spec: DesignSpec | None  # None: the protocol has no such design
@@ -190,7 +190,7 @@ class _LoggedDecision:
 
 
 def _find_decision(line: EnrolmentEntry, protocol: Protocol) -> _LoggedDecision | None:
-    """Return what a design decided, by a line of the enrolment log; None for a line of another kind."""
+    """Return the design's decision that a line of the enrolment log records; None for a line of another kind."""
     match line:
         case LookTaken():
             return _LoggedDecision(f"look {line.look}", protocol.allocation.stopping, line.statistics, line)
@@ -204,7 +204,7 @@ def _find_decision(line: EnrolmentEntry, protocol: Protocol) -> _LoggedDecision 
 def _find_decision_difference(
     decision: _LoggedDecision, statistics: Mapping[str, Any], design: EnrolmentDesign, protocol: Protocol
 ) -> str:
-    """Say how a decision differs from what its design decides by recomputed statistics; "" where it does not."""
+    """Describe how a decision differs from the one that follows from recomputed statistics; "" if it does not."""
     if statistics != decision.statistics:
         return f"statistics {decision.statistics} in the enrolment log, by the logs {statistics}"
     look = decision.look

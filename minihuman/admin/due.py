@@ -1,7 +1,7 @@
-"""List the participants who are due for a further session, overdue, or left one unfinished.
+"""List the participants who are due or overdue for a further session, or have an unfinished one.
 
-From the logs and the protocol in them; dates are calendar days where the participant was, or in UTC for logs that do
-not hold the local time's offset.
+The list is computed from the logs and the protocol in them. Dates are calendar days in the participant's time zone, or
+in UTC for logs that do not record the UTC offset.
 """
 
 import re
@@ -39,7 +39,7 @@ _STATES: dict[DueState, tuple[str, str]] = {  # what is expected, and how it goe
 
 
 class DueSession(msgspec.Struct, frozen=True):
-    """A session that is expected of a participant; dates are calendar days where the participant was."""
+    """A session that a participant is expected to play; dates are calendar days in the participant's time zone."""
 
     participant: str
     group: str
@@ -49,12 +49,12 @@ class DueSession(msgspec.Struct, frozen=True):
     latest: date | None = None
 
     def line(self) -> str:
-        """Say so, and how it goes on."""
+        """Format the session as one line, with the command that resolves the situation."""
         hint = _STATES[self.state][1].format(self)
         return f"{self.participant:12} {self.group:16} {self.session:7}  {self.words()}{hint}"
 
     def words(self) -> str:
-        """Say what is expected, in words."""
+        """Describe in words what is expected."""
         until = f" until {self.latest}" if self.latest else ""
         return _STATES[self.state][0].format(self, until=until)
 
@@ -69,16 +69,16 @@ class _LatestSession:
 
 
 def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[DueSession, ...]:
-    """List every participant of whom a further session is expected, or the rest of one, in order of enrolment.
+    """List every participant who is expected to play or finish a session, in the order of enrolment.
 
     Args:
         study_dir: the study's folder.
-        now: the time that "today" is told from, where each participant is; None is the present.
+        now: the time that determines "today" in each participant's time zone; None for the current time.
 
     Raises:
         LogError: if there is no such folder.
-        AllocationError: if the register cannot be read.
-        ProtocolError: if the protocol in the logs cannot be understood.
+        AllocationError: if the enrolment log cannot be read.
+        ProtocolError: if the protocol in the logs cannot be decoded.
     """
     latest_sessions, unreadable = _latest_sessions(study_dir)
     replaced = list_replaced(read_enrolment_log(study_dir))
@@ -88,8 +88,10 @@ def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[Due
         if slot.participant in replaced:
             continue
         last = latest_sessions.get(slot.participant)
-        if (session := unreadable.get(slot.participant, 0)) > (0 if last is None else last.session):
-            due_sessions.append(DueSession(slot.participant, slot.group, session, "unreadable"))
+        last_readable = 0 if last is None else last.session
+        last_unreadable = unreadable.get(slot.participant, 0)
+        if last_unreadable > last_readable:
+            due_sessions.append(DueSession(slot.participant, slot.group, last_unreadable, "unreadable"))
         elif last is None:
             due_sessions.append(DueSession(slot.participant, slot.group, 1, "never came"))
         elif not last.complete:
@@ -106,7 +108,10 @@ def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[Due
 
 
 def _latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], dict[str, int]]:
-    """Find each participant's latest session, and the latest unreadable one, by whose folder its log is in."""
+    """Return, by participant, the latest session and the number of the latest unreadable one.
+
+    The participant and number of an unreadable session are taken from the name of its folder.
+    """
     latest_sessions: dict[str, _LatestSession] = {}
     unreadable: dict[str, int] = {}
     for row in read_session_index(study_dir):
@@ -125,7 +130,7 @@ def _latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], dict[s
 
 
 def _protocol(plan: SessionPlan, known: dict[str, Protocol]) -> Protocol:
-    """Return the protocol that a session was played by, decoded once."""
+    """Return the protocol under which a session was played; each protocol is decoded once."""
     if plan.protocol_sha256 not in known:
         known[plan.protocol_sha256] = decode_logged_protocol(plan.protocol_toml, f"the protocol of {plan.study}")
     return known[plan.protocol_sha256]

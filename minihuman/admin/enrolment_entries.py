@@ -1,7 +1,7 @@
-"""The enrolment log: the lines of a study's register, and who is in the study according to them.
+"""The enrolment log: the kinds of its lines, and which participants are in the study according to them.
 
-Read only. It imports no world and no NumPy, so that ``minihuman status`` starts fast; what writes is in
-``enrolment``.
+The module only reads. It imports neither worlds nor NumPy, so that ``minihuman status`` starts quickly; the module
+``enrolment_log`` writes.
 """
 
 from collections import Counter
@@ -18,7 +18,7 @@ from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, open_journal
 
 
 class AuditNote(msgspec.Struct, frozen=True):
-    """The reason for something done by hand, and who did it."""
+    """The reason for a manual intervention, and the experimenter who made it."""
 
     reason: str = ""
     experimenter: str = ""  # their code
@@ -32,10 +32,10 @@ _MESSAGE_TO_OLDER = "a newer minihuman wrote this: update yours"  # they show a 
 
 
 class FormatDeclared(msgspec.Struct, frozen=True):
-    """The first line that this version adds to an enrolment log.
+    """The first line that this version adds to an enrolment log: the format of the lines.
 
-    Readers of format 1 pass over kinds of lines that they do not know, but refuse a ``withdrawn`` that is no text, and
-    so the whole file, before they can do anything in the study.
+    Readers of format 1 ignore unknown kinds of lines. They refuse a ``withdrawn`` that is not text, however, and with
+    it the whole file, before they can do anything in the study.
     """
 
     withdrawn: tuple[str, ...] = (_MESSAGE_TO_OLDER,)
@@ -43,25 +43,25 @@ class FormatDeclared(msgspec.Struct, frozen=True):
 
 
 class SlotTaken(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A participant took a slot; the entry says of which allocation list."""
+    """A participant took a slot of an allocation list, which the entry identifies."""
 
     allocation_sha256: str
     list_length: int
     index: int
     participant: str
-    group: str  # "" where it is still to be drawn
+    group: str  # "" if it has not been drawn yet
     overridden: bool  # chosen by hand with --participant or --group
     stratum: str = ""
-    slot: int | None = None  # where the group was drawn after an answer: the place in the list
+    slot: int | None = None  # index in the list, if the group was drawn after an answer
     at: str = ""  # ISO 8601 UTC; "" in lines of earlier versions
     reason: str = ""  # of an override
     experimenter: str = ""
-    assigned: GroupAssignment | None = None  # where a design assigned the group
-    outcome_rules: int = 0  # of the whole study, by its first line; 0: it began before there were any
+    assigned: GroupAssignment | None = None  # if a design assigned the group
+    outcome_rules: int = 0  # of the whole study, from its first line; 0 for studies that predate them
 
 
 class GroupDrawn(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A participant's group was drawn after an answer; the last such entry counts."""
+    """A participant's group was drawn after an answer; the last such entry is valid."""
 
     drawn: str  # the code
     stratum: str
@@ -72,7 +72,7 @@ class GroupDrawn(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class LookTaken(msgspec.Struct, frozen=True):
-    """A sequential study was looked at, before a further participant was enrolled."""
+    """An interim look at a sequential study was taken, before a further participant was enrolled."""
 
     look: int  # 1 for the first
     design: str  # as the protocol names it
@@ -84,17 +84,17 @@ class LookTaken(msgspec.Struct, frozen=True):
 
 
 class ParticipantWithdrawn(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A tombstone: this participant's data count nowhere, and their slot is free again."""
+    """A participant withdrew: their data are excluded everywhere, and their slot is free again."""
 
     withdrawn: str  # the code
     at: str  # ISO 8601 UTC
-    kept: Literal["erased", "sealed"]  # what became of the data
+    kept: Literal["erased", "sealed"]  # whether the data were erased or archived
     reason: str = ""
     experimenter: str = ""
 
 
 class ParticipantReplaced(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A participant does not come back: their data count, and their slot is free again."""
+    """A participant will not come back: their data remain included, and their slot is free again."""
 
     replaced: str  # the code
     at: str  # ISO 8601 UTC
@@ -103,15 +103,15 @@ class ParticipantReplaced(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class SlotFreed(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A participant took a slot and left no data: slot and code are as if they had never come."""
+    """A participant took a slot and left no data: slot and code are free, as if the participant had never come."""
 
-    freed: str  # the code, which the next one gets
+    freed: str  # the code, which the next participant gets
     at: str  # ISO 8601 UTC
     why: str = ""  # why their session ended: "declined", "screened_out", ...; "" in registers of before
 
 
 class ChainHeadRecorded(msgspec.Struct, frozen=True):
-    """The head of the hash chain with which a segment's log ended."""
+    """The head of the hash chain at the end of a segment's log."""
 
     sealed: str  # the log's name
     segment: str
@@ -129,7 +129,7 @@ class DayOverridden(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class LogRecovered(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A cut-off log was finished, a damaged one rewritten, or a log's missing chain heads were added."""
+    """A truncated log was finished, a damaged log was rewritten, or a log's missing chain heads were added."""
 
     recovered: str  # the log's name
     at: str  # ISO 8601 UTC
@@ -139,7 +139,7 @@ class LogRecovered(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class TeamRecorded(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The seats of a team: the only place that maps a team's id to codes."""
+    """The seats of a team; no other record maps a team's id to participant codes."""
 
     team: str  # its random id, as in the members' logs
     index: int  # of the team in the study
@@ -167,23 +167,23 @@ EnrolmentEntry = (
 
 
 def read_enrolled(study_dir: Path) -> tuple[SlotTaken, ...]:
-    """Read who is in the study, in order of taking their slots, without those who withdrew."""
+    """Read the slots of the participants in the study, in the order taken, without participants who withdrew."""
     lines = read_enrolment_log(study_dir)
     gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     return tuple(line for line in list_taken_slots(lines) if line.participant not in gone)
 
 
 def read_enrolment_log(study_dir: Path) -> tuple[EnrolmentEntry, ...]:
-    """Read all entries of the enrolment log, in order of writing; none if the study has not begun.
+    """Read all entries of the enrolment log, in the order written; none if the study has not begun.
 
     Raises:
-        AllocationError: if a whole line cannot be read.
+        AllocationError: if a complete line cannot be read.
     """
     return tuple(open_enrolment_log(study_dir).read())
 
 
 def list_team_entries(study_dir: Path) -> tuple[TeamRecorded, ...]:
-    """List the study's teams in the order of forming, each block's once, without members who withdrew."""
+    """List the study's teams in the order in which they formed, with one entry per block, without withdrawn members."""
     lines = read_enrolment_log(study_dir)
     gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     return tuple(
@@ -199,7 +199,7 @@ def open_enrolment_log(study_dir: Path) -> Journal[EnrolmentEntry]:
 
 
 def read_chain_heads(study_dir: Path, log: str) -> dict[str, str]:
-    """Read the chain heads with which a log's segments ended, by the enrolment log; the latest of each segment."""
+    """Return the latest chain head of each segment of a log, by segment, as recorded in the enrolment log."""
     lines = read_enrolment_log(study_dir)
     return {line.segment: line.chain for line in lines if isinstance(line, ChainHeadRecorded) and line.sealed == log}
 
@@ -207,13 +207,14 @@ def read_chain_heads(study_dir: Path, log: str) -> dict[str, str]:
 def find_incomplete_logs(
     lines: Sequence[EnrolmentEntry], logs: Mapping[str, Collection[str]]
 ) -> Iterator[tuple[str, bool]]:
-    """Name each log that is gone, and each segment whose end the enrolment log does not hold; with whether it is fine.
+    """Yield a line for each missing log, and for each segment whose end is not in the enrolment log.
 
-    What an earlier version did not write down is fine. Who withdrew has no log.
+    Each line comes with whether it is acceptable: what an earlier version did not record is. Participants who withdrew
+    have no log.
 
     Args:
-        lines: of the enrolment log.
-        logs: the finished segments of each finished log, by its name.
+        lines: the lines of the enrolment log.
+        logs: the finished segments of each finished log, by the log's name.
     """
     gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     known = {(line.sealed, line.segment) for line in lines if isinstance(line, ChainHeadRecorded)}
@@ -231,11 +232,13 @@ def find_incomplete_logs(
 def find_slots_without_log(
     lines: Sequence[EnrolmentEntry], participants: Collection[str]
 ) -> Iterator[tuple[str, bool]]:
-    """Name each participant who holds a slot and has no log; with whether it is fine, as in earlier versions' studies.
+    """Yield a line for each participant who holds a slot and has no log.
+
+    Each line comes with whether it is acceptable, as in studies of earlier versions.
 
     Args:
-        lines: of the enrolment log.
-        participants: the codes of those who have a log, finished or not.
+        lines: the lines of the enrolment log.
+        participants: the codes of the participants who have a log, finished or not.
     """
     known = {*participants, *list_replaced(lines)}
     known |= {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
@@ -250,7 +253,7 @@ def find_slots_without_log(
 
 
 def list_taken_slots(lines: Sequence[EnrolmentEntry]) -> tuple[SlotTaken, ...]:
-    """List the slots that were taken and not freed, in order, each as the last draw left it."""
+    """List the slots that were taken and not freed, in order, each with the group from its latest draw."""
     slots: dict[str, SlotTaken] = {}
     for line in lines:
         match line:
@@ -266,7 +269,7 @@ def list_taken_slots(lines: Sequence[EnrolmentEntry]) -> tuple[SlotTaken, ...]:
 
 
 def count_interventions(lines: Sequence[EnrolmentEntry]) -> dict[str, int]:
-    """Count what was done by hand, by kind, and how much of it has no reason; nothing that never occurred."""
+    """Count manual interventions by kind, and those without a reason; kinds that never occurred are absent."""
     kinds = {
         ParticipantWithdrawn: "withdrawn",
         ParticipantReplaced: "replaced",
@@ -281,7 +284,7 @@ def count_interventions(lines: Sequence[EnrolmentEntry]) -> dict[str, int]:
 
 
 def list_replaced(lines: Sequence[EnrolmentEntry]) -> tuple[str, ...]:
-    """List the participants who do not come back, in the order of replacing them; none whose slot was freed."""
+    """List the participants who were replaced, in the order of replacement, without those whose slot was freed."""
     replaced: dict[str, None] = {}
     for line in lines:
         match line:
@@ -293,10 +296,10 @@ def list_replaced(lines: Sequence[EnrolmentEntry]) -> tuple[str, ...]:
 
 
 def _decode_entry(line: bytes, number: int) -> EnrolmentEntry | None:
-    """Decode a line; those of kinds that other programs add are passed over.
+    """Decode a line; return None for kinds that other programs add.
 
     Raises:
-        AllocationError: if a whole line cannot be read, or a newer version wrote it.
+        AllocationError: if a complete line cannot be read, or a newer version wrote it.
     """
     if not line:
         return None

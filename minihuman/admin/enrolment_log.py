@@ -1,7 +1,7 @@
 """Enrol participants: take, draw and free allocation slots in a study's enrolment log.
 
-The log is append-only and fsynced, one line per entry. Two stations that share the data folder never get the same
-slot: a slot is taken under an exclusive lock of the file. Lines of kinds that other programs add are passed over.
+The log is append-only and fsynced, with one line per entry. Two stations that share the data folder never get the same
+slot, because a slot is taken under an exclusive lock on the file. Lines of kinds that other programs add are ignored.
 """
 
 import os
@@ -51,22 +51,22 @@ def take_slot(
     note: AuditNote = NO_NOTE,
     prefix: str = "sub",
 ) -> tuple[Participant, SlotTaken]:
-    """Take the next free slot, or the one of a participant named by hand, and make it last.
+    """Take the next free slot, or the slot of a participant named by hand, and record it durably.
 
-    A participant who has a slot keeps it: asked for again, the line already written is the answer. Where groups are
-    drawn after an answer they have no group until ``draw_slot``, unless one was chosen by hand.
+    A participant who has a slot keeps it: a second call returns the line already written. If groups are drawn after an
+    answer, the participant has no group until ``draw_slot``, unless one was chosen by hand.
 
     Args:
-        protocol: the study's.
-        study_dir: its folder.
-        participant: a code; None takes the next free slot.
-        group: overrides the allocation list's.
-        note: why a code or a group is chosen by hand, and who chooses.
-        prefix: of a new code.
+        protocol: the study's protocol.
+        study_dir: the study's folder.
+        participant: a participant code; None takes the next free slot.
+        group: a group that overrides the allocation list's.
+        note: the reason why a code or a group is chosen by hand, and the experimenter who chooses.
+        prefix: the prefix of a new code.
 
     Raises:
-        AllocationError: if every slot is taken, the code is no code, the participant's group is another,
-            the study began with another allocation list, or another study's name differs in case only.
+        AllocationError: if every slot is taken, the code is not valid, the participant is in another group, the study
+            began with another allocation list, or another study's name differs only in case.
     """
     slots = build_allocation_list(protocol)
     _require_own_folder(study_dir)
@@ -116,10 +116,10 @@ def take_slot(
 
 
 def _require_own_folder(study_dir: Path) -> None:
-    """Refuse a study whose folder another study's would be, where file systems ignore case.
+    """Check that no other study's folder has the same name on file systems that ignore case.
 
     Raises:
-        AllocationError: if it would.
+        AllocationError: if one has.
     """
     if not study_dir.parent.is_dir():
         return
@@ -132,10 +132,10 @@ def _require_own_folder(study_dir: Path) -> None:
 
 
 def require_free_slots(protocol: Protocol, study_dir: Path, count: int) -> None:
-    """Refuse more participants than there is room for, before any of them has a slot.
+    """Check that a number of participants can be enrolled, before any of them takes a slot.
 
     Raises:
-        AllocationError: if fewer slots are free, or the register cannot be read.
+        AllocationError: if fewer slots are free, or the enrolment log cannot be read.
     """
     journal = open_enrolment_log(study_dir)
     holders = _SlotHolders.of(journal, journal.read())
@@ -148,12 +148,12 @@ def require_free_slots(protocol: Protocol, study_dir: Path, count: int) -> None:
 
 
 def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> Participant:
-    """Draw the group of a participant who has answered: the first free slot of their stratum; make it last.
+    """Draw the group of a participant who has answered from the first free slot of their stratum; record it durably.
 
-    Drawn again for the same stratum, since a program was killed in between, it is the same slot.
+    If a killed program makes a second draw for the same stratum necessary, it returns the same slot.
 
     Raises:
-        AllocationError: if they have no place in the study, or the stratum has no slot left.
+        AllocationError: if the participant has no slot in the study, or the stratum has no slot left.
     """
     journal = open_enrolment_log(study_dir)
     with journal.hold() as register:
@@ -177,14 +177,14 @@ def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> P
 
 
 def record_chain_heads(study_dir: Path, heads: Sequence[ChainHeadRecorded], *, only_missing: bool = False) -> int:
-    """Write down how a log's segments ended, unless that is written already; return how many lines were added.
+    """Record the chain heads of a log's segments that are not recorded yet; return how many lines were added.
 
-    Of all segments but the last only a missing head is added: a head that differs is evidence.
+    For all segments but the last, only a missing head is added, because a head that differs is evidence.
 
     Args:
         study_dir: the study's folder.
-        heads: of one log, in order.
-        only_missing: do so with the last one, too.
+        heads: the chain heads of one log, in order.
+        only_missing: whether to treat the last segment like the others.
 
     Raises:
         OSError: if the enrolment log cannot be written.
@@ -213,7 +213,7 @@ def record_intervention(study_dir: Path, entry: DayOverridden | LogRecovered) ->
 
 
 def record_team(study_dir: Path, entry: TeamRecorded) -> None:
-    """Write who sits where in a team, unless it is written already.
+    """Record the seats of a team, unless they are recorded already.
 
     Raises:
         OSError: if the enrolment log cannot be written.
@@ -226,7 +226,7 @@ def record_team(study_dir: Path, entry: TeamRecorded) -> None:
 
 
 def record_departure(study_dir: Path, parting: ParticipantWithdrawn | ParticipantReplaced) -> None:
-    """Write that somebody left the study, and make it last; said twice it is written once.
+    """Record durably that a participant left the study; a repeated departure is written once.
 
     Raises:
         AllocationError: if there is no such participant, or they withdrew before.
@@ -252,15 +252,18 @@ def record_departure(study_dir: Path, parting: ParticipantWithdrawn | Participan
 
 
 def free_slot(study_dir: Path, code: str, why: str) -> None:
-    """Free the slot of a participant without data for the next one, code and all; written once.
+    """Free the slot and the code of a participant without data for the next participant.
+
+    A repeated call writes nothing.
 
     Args:
         study_dir: the study's folder.
-        code: theirs.
-        why: why their session ended, which is all that is kept of it.
+        code: the participant's code.
+        why: the reason why their session ended, the only fact about it that is kept.
 
     Raises:
-        AllocationError: if there are data of them, who then withdraw or are replaced, or the register cannot be read.
+        AllocationError: if the participant has data, and so must withdraw or be replaced, or the enrolment log cannot
+            be read.
     """
     if (study_dir / code).exists():
         raise AllocationError(f"{code} has data in {study_dir}; use `minihuman withdraw` or `replace` instead")
@@ -271,7 +274,7 @@ def free_slot(study_dir: Path, code: str, why: str) -> None:
 
 
 class _SlotHolders:
-    """The participants who hold slots, by the entries of the enrolment log."""
+    """The participants who hold slots according to the entries of the enrolment log."""
 
     def __init__(self) -> None:
         self.slots: dict[str, SlotTaken] = {}  # as `list_taken_slots` lists them, by participant
@@ -285,11 +288,11 @@ class _SlotHolders:
 
     @classmethod
     def of(cls, journal: Journal[EnrolmentEntry], lines: Sequence[EnrolmentEntry]) -> "_SlotHolders":
-        """Return who holds them after all of a journal's lines."""
+        """Return the slot holders after all of a journal's lines."""
         return _holders_of(journal).after(lines)
 
     def take(self, line: EnrolmentEntry) -> None:
-        """Take a line of the enrolment log into account."""
+        """Update the slot holders with a line of the enrolment log."""
         match line:
             case SlotTaken():
                 self.began[line.participant] = line
@@ -331,7 +334,7 @@ class _SlotHolders:
             self._next_in_stratum.clear()
 
     def slot_entry_of(self, code: str) -> SlotTaken | None:
-        """Return the slot that a participant took; None without one.
+        """Return the entry of the slot that a participant took; None if they took none.
 
         Raises:
             AllocationError: if they withdrew.
@@ -341,15 +344,15 @@ class _SlotHolders:
         return self.slots.get(code)
 
     def find_new_code(self, index: int, prefix: str) -> str:
-        """Return the first code of a slot that was never somebody's."""
+        """Return the first code of a slot that no participant has ever had."""
         codes = (format_participant_code(index, earlier, prefix=prefix) for earlier in count())
         return next(code for code in codes if code not in self.slots)
 
     def free(self, code: str) -> int:
-        """Return the slot of a code that has none yet.
+        """Return the slot index of a code that has no slot yet.
 
         Raises:
-            AllocationError: if it is no code, or somebody else has that slot.
+            AllocationError: if the code is not valid, or another participant has that slot.
         """
         index = parse_participant_code(code)
         if index in self.slots_by_index:
@@ -359,10 +362,10 @@ class _SlotHolders:
         return index
 
     def next_free(self, protocol: Protocol) -> int:
-        """Return the first slot that nobody holds.
+        """Return the index of the first free slot.
 
         Raises:
-            AllocationError: if all are held.
+            AllocationError: if all slots are taken.
         """
         self._next = next(index for index in count(self._next) if index not in self.slots_by_index)
         if self._next < protocol.study.participants:
@@ -373,10 +376,10 @@ class _SlotHolders:
         )
 
     def next_in_stratum(self, protocol: Protocol, stratum: str) -> AllocationSlot:
-        """Return the first slot of a stratum that nobody holds.
+        """Return the first free slot of a stratum.
 
         Raises:
-            AllocationError: if all are held.
+            AllocationError: if all slots of the stratum are taken.
         """
         for place in range(self._next_in_stratum.get(stratum, 0), protocol.study.participants):
             slot = find_slot(protocol, place, stratum)
@@ -403,7 +406,7 @@ def _taken_before(line: SlotTaken, group: str | None) -> tuple[Participant, Slot
 
 
 def _find_outcome_rules(lines: Sequence[EnrolmentEntry]) -> int:
-    """Find by which rules a study began: a study that runs keeps its rules, whatever version goes on with it."""
+    """Return the outcome rules under which a study began; a running study keeps them when minihuman is upgraded."""
     first = next((line for line in lines if isinstance(line, SlotTaken)), None)
     if first is None:
         return OUTCOME_RULES
@@ -411,7 +414,7 @@ def _find_outcome_rules(lines: Sequence[EnrolmentEntry]) -> int:
 
 
 def _check_list(first_slot: SlotTaken | None, study_dir: Path, protocol: Protocol) -> None:
-    """Refuse an allocation list that the study did not begin with; one that is only longer keeps the slots it had."""
+    """Raise AllocationError if the study began with another allocation list; a longer list keeps its first slots."""
     if first_slot is None:
         return
     study = msgspec.structs.replace(protocol.study, participants=first_slot.list_length)

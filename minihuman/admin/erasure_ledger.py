@@ -1,8 +1,8 @@
-"""The erasure ledger: which machines hold a study's data, who withdrew, and which machine has erased whom.
+"""The erasure ledger: which machines hold a study's data, who withdrew, and which machine has erased whose data.
 
-It is in the study's database, else in the store that ``logs.url`` names; a study with neither is on one machine and has
-none. Machines only ever add to it, so that they need no order: each entry is written once and never changed. What a
-store says of it is copied to the data folder, where commands that ask no store find it.
+The ledger is in the study's database, else in the store that ``logs.url`` names; a study with neither is on one machine
+and has no ledger. Machines only add entries, in any order: each entry is written once and never changed. The store's
+entries are copied to the data folder, for commands that do not contact the store.
 """
 
 import re
@@ -30,11 +30,12 @@ class ErasureLedger:
 
     Args:
         study_dir: the study's folder in the data folder.
-        ask_store: read and write the entries in the store, too; where the ledger is in a database this does nothing.
-        may_be_new: as in ``open_store_url``.
+        ask_store: whether to read and write the entries in the store, too; without effect if the ledger is in a
+            database.
+        may_be_new: whether the store may be a new folder, as for ``open_store_url``.
 
     Raises:
-        RemoteStoreError: if the store is a folder that is not there.
+        RemoteStoreError: if the store is a folder that does not exist.
     """
 
     def __init__(self, study_dir: Path, *, ask_store: bool, may_be_new: bool = False) -> None:
@@ -62,7 +63,7 @@ class ErasureLedger:
         """Read all entries.
 
         Raises:
-            OSError: if the database cannot be asked, or a file cannot be read.
+            OSError: if the database cannot be reached, or a file cannot be read.
             RemoteStoreError: if the store cannot be reached.
         """
         if self._in_database:
@@ -75,7 +76,7 @@ class ErasureLedger:
         return local | stored
 
     def add(self, *entries: LedgerEntry) -> None:
-        """Add entries that are not in it yet, for every machine.
+        """Add entries that the ledger does not have yet, for all machines to read.
 
         Raises:
             OSError: if they cannot be written.
@@ -145,12 +146,12 @@ def _store_entries(store: RemoteStore, study: str, entries: Iterable[LedgerEntry
 
 
 def find_pending_machines(study_dir: Path) -> tuple[str, ...]:
-    """Name each machine that has not erased its copy of a participant who withdrew, a line each.
+    """Return a line for each machine that has not erased its copy of a participant who withdrew.
 
-    Where the ledger is in a store, this is as of the last ``minihuman gather`` here.
+    If the ledger is in a store, the result is as of the last ``minihuman gather`` on this machine.
 
     Raises:
-        OSError: if the ledger is in a database that cannot be asked.
+        OSError: if the ledger is in a database that cannot be reached.
     """
     entries = ErasureLedger(study_dir, ask_store=False).read()
     if not entries:
@@ -160,7 +161,7 @@ def find_pending_machines(study_dir: Path) -> tuple[str, ...]:
 
 
 def _list_pending(entries: frozenset[LedgerEntry], withdrawn: frozenset[str]) -> dict[str, list[str]]:
-    """List the machines that have not erased all who withdrew, and whom each has not."""
+    """Return, for each machine with erasures outstanding, the codes of the participants it has not erased."""
     lost = {entry.machine for entry in entries if entry.fact == "lost"}
     machines = sorted({entry.machine for entry in entries if entry.fact == "holds"} - lost)
     erased = {(entry.machine, entry.code) for entry in entries if entry.fact == "erased"}
@@ -177,7 +178,7 @@ def _describe_pending(study_dir: Path, machine: str, codes: list[str]) -> str:
 
 
 def declare_machine_lost(study_dir: Path, digits: str, *, say: Callable[[str], None] = lambda line: None) -> None:
-    """Wait no longer for a machine that no longer exists, or whose copy was deleted by hand.
+    """Stop waiting for a machine that no longer exists, or whose copy was deleted by hand.
 
     Args:
         study_dir: the study's folder.

@@ -1,4 +1,4 @@
-"""Check that a plan can be read: a font has every character, and every text fits its screen."""
+"""Check that a plan can be read: a font has every character, and every text fits on its screen."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -25,21 +25,23 @@ from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, load_
 from minihuman.worlds.adapters.world import World
 
 NARROWEST_SCREEN_PX = (1024, 768)  # the narrowest screen that a study is likely to meet
-_LONGEST_TITLE = 1.25  # of the height
+_MEASURED_HEIGHT_PX = 1000  # a screen's height, at which titles are measured
+_SMALLEST_TYPE_PX = 25  # on a screen of that height
+_LONGEST_TITLE = 1.25  # in heights of the screen
 
 
 def require_legible(protocol: Protocol, source: str) -> None:
-    """Let nobody sit down before what they could not read; ``source`` names the file.
+    """Check that participants can read every text of a protocol; ``source`` names the file in the errors.
 
     Raises:
-        ProtocolError: with everything that cannot be read in any session of any group.
+        ProtocolError: with everything that is illegible in any session of any group.
     """
     if problems := list(dict.fromkeys(find_illegible_in_study(protocol))):
         raise ProtocolError.of([f"{source}: {problem}" for problem in problems], source)
 
 
 def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
-    """Yield what cannot be read in any session of any group."""
+    """Yield what is illegible in any session of any group."""
     first = {slot.group: slot for slot in reversed(build_allocation_list(protocol))}
     for slot in sorted(first.values(), key=lambda slot: slot.index):
         participant = assign_slot(protocol, Participant(format_participant_code(slot.index), slot.index, ""), slot)
@@ -48,7 +50,7 @@ def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
 
 
 def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
-    """Yield what cannot be read of a session, and the way out, one sentence each."""
+    """Yield what is illegible in a session and how to fix it, one sentence each."""
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
     faces = select_typefaces(plan.language, fonts=plan.fonts)
     for name in plan.fonts:
@@ -61,7 +63,7 @@ def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
 
 
 def _without_typeface(plan: SessionPlan, faces: TypefaceSet) -> Iterator[str]:
-    """Name the first text with a character that no face can set, and how many more there are: one font helps all."""
+    """Yield the first text with a character that no font has, and the number of others, as one font may help all."""
     missing_by_place = [(place, faces.missing(text)) for place, text in _texts(plan)]
     unset = [(place, character) for place, character in missing_by_place if character]
     if unset:
@@ -73,7 +75,7 @@ def _without_typeface(plan: SessionPlan, faces: TypefaceSet) -> Iterator[str]:
 
 
 def describe_missing_face(character: str, more: str = "") -> str:
-    """Say that no face can set a character, and how to have one that can."""
+    """Explain that no font has a character, and how to install one that does."""
     return (
         f"no face on this machine can set {character!r} (U+{ord(character):04X}){more}; install a Noto font that can "
         f"(Debian: fonts-noto-core, fonts-noto-cjk; or put its file, such as NotoSansSC-Regular.otf for Chinese, into "
@@ -82,7 +84,7 @@ def describe_missing_face(character: str, more: str = "") -> str:
 
 
 def list_undrawable_languages() -> dict[str, str]:
-    """List the shipped languages whose own words cannot be set on this machine, each with a character that cannot."""
+    """Return the shipped languages whose interface texts cannot be drawn here, each with a missing character."""
     missing = {
         language: select_typefaces(language).missing("".join(load_words(language).values())) for language in LANGUAGES
     }
@@ -126,7 +128,8 @@ def _too_long(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> I
                 if not question_fits(empty, NARROWEST_SCREEN_PX):
                     yield f"{part.name}, question {item.name!r}: {_does_not_fit(item.ask)}"
     for title in _titles(part):
-        if measure_width_px(title, faces, 25) / 1000 > _LONGEST_TITLE:  # in the smallest type, by the height
+        width = measure_width_px(title, faces, _SMALLEST_TYPE_PX) / _MEASURED_HEIGHT_PX
+        if width > _LONGEST_TITLE:
             yield f"{part.name}, title: is too long for one line: {title[:40]!r}; shorten it"
 
 
@@ -140,7 +143,7 @@ def _titles(part: PlannedPart) -> Iterator[str]:
 
 
 def _without_translation(plan: SessionPlan, words: InterfaceWords) -> Iterator[str]:
-    """Name the blocks whose world says in English what is to be done, in a study in another language."""
+    """Yield the blocks whose world states the task in English, in a study in another language."""
     if plan.language == ENGLISH:
         return
     for part in plan.parts:

@@ -1,6 +1,6 @@
-"""Erase what a machine has of participants who withdrew, wherever they did, when the machine next hears of it.
+"""Erase a machine's data of participants who withdrew on any machine, as soon as this machine learns of it.
 
-What erases is imported when there is somebody to erase: `status` starts quickly.
+The code that erases is imported only if there is something to erase, so that `status` starts quickly.
 """
 
 from collections.abc import Callable
@@ -22,13 +22,13 @@ Listener = Callable[[str], None]
 
 
 def obey_withdrawals(study_dir: Path, *, ask_store: bool = False, say: Listener = lambda line: None) -> None:
-    """Erase this machine's copies of participants who withdrew, and note for all machines that it has done so.
+    """Erase this machine's copies of participants who withdrew, and record for all machines that it has done so.
 
     Args:
-        study_dir: the study's folder. Where there is none yet, the machine is noted with ``ask_store``, as a command
-            that brings data is about to make it; else nothing is done.
-        ask_store: look for withdrawals in the remote store, too, and erase there what came after them.
-        say: called with a line about what was erased, what could not be, and what is out of reach.
+        study_dir: the study's folder. If it does not exist, nothing is done, except that the machine is recorded with
+            ``ask_store``, because a command that fetches data is about to create the folder.
+        ask_store: whether to look for withdrawals in the remote store, too, and erase there what came after them.
+        say: called with a line about what was erased, what could not be erased, and what is out of reach.
 
     Raises:
         OSError: if the enrolment log or the ledger cannot be read or written.
@@ -54,7 +54,7 @@ def obey_withdrawals(study_dir: Path, *, ask_store: bool = False, say: Listener 
 
 
 def record_erasure(study_dir: Path, code: str) -> None:
-    """Tell every machine that a participant has withdrawn, and that this one has erased them.
+    """Record for all machines that a participant has withdrawn, and that this machine has erased their data.
 
     Raises:
         OSError: if the ledger cannot be written.
@@ -69,7 +69,10 @@ def record_erasure(study_dir: Path, code: str) -> None:
 
 
 def erase_local_copy(study_dir: Path, code: str) -> list[Exception]:
-    """Erase a participant's logs, the caches that may hold their rows, and how they came; return what went wrong."""
+    """Erase a participant's logs, the caches that may hold their rows, and the record of their arrival.
+
+    Return the errors.
+    """
     from minihuman.dataset.caches import list_caches
 
     errors: list[Exception] = [*erase(study_dir / code)]
@@ -84,10 +87,8 @@ def erase_local_copy(study_dir: Path, code: str) -> list[Exception]:
 
 
 def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -> bool:
-    """Erase one participant here, and say so; False where something is left."""
+    """Erase one participant's data here and report it; return False if anything is left."""
     from minihuman.admin.recorded_outputs import note_withdrawal
-    from minihuman.admin.remote_logs import delete_remote_logs
-    from minihuman.dataset.remote_tables import delete_remote_tables
 
     if any(is_being_recorded(part) for part in (study_dir / code).rglob(f"*{PART_SUFFIX}")):
         say(f"{code} has withdrawn, but a session of theirs is running here; it is erased once it has ended")
@@ -95,11 +96,8 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
     has_data = (study_dir / code).exists()
     _record_departure(study_dir, code)
     errors = erase_local_copy(study_dir, code)
-    for erase_elsewhere in (delete_remote_logs, delete_remote_tables) if ask_store else ():
-        try:
-            erase_elsewhere(study_dir, code)
-        except (OSError, MinihumanError) as error:
-            errors.append(error)
+    if ask_store:
+        errors += _erase_remote_copies(study_dir, code)
     try:
         for line in note_withdrawal(study_dir, code):
             say(line)
@@ -114,8 +112,22 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
     return not errors
 
 
+def _erase_remote_copies(study_dir: Path, code: str) -> list[Exception]:
+    """Erase a participant's logs and tables from their remote stores; return the errors."""
+    from minihuman.admin.remote_logs import delete_remote_logs
+    from minihuman.dataset.remote_tables import delete_remote_tables
+
+    errors: list[Exception] = []
+    for erase_remotely in (delete_remote_logs, delete_remote_tables):
+        try:
+            erase_remotely(study_dir, code)
+        except (OSError, MinihumanError) as error:
+            errors.append(error)
+    return errors
+
+
 def _record_departure(study_dir: Path, code: str) -> None:
-    """Free the slot in this machine's own enrolment log, where the participant has one."""
+    """Free the participant's slot in this machine's own enrolment log, if they have one."""
     from minihuman.admin.enrolment_log import record_departure
     from minihuman.storage.system import now_text
 

@@ -1,7 +1,7 @@
-"""What is in a session log: its summary from every message, its description as lines or JSON, and its recovery.
+"""The contents of a session log: its summary from every message, its description as lines or JSON, and its recovery.
 
 The full read serves sessions that are running or were cut off, and logs of earlier versions. Recovery finishes
-cut-off and damaged logs one by one; a log that cannot be recovered does not stop the others.
+truncated and damaged logs one by one; a log that cannot be recovered does not stop the others.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -41,10 +41,10 @@ _READ = frozenset({topics.PLAN, topics.EPISODE_END, topics.SKIP, topics.PART_END
 
 
 def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
-    """Sum up a session's log and segments, in order.
+    """Summarize a session from the messages of its log and segments, given in order.
 
     Raises:
-        LogError: if one cannot be opened, is no session log, of another schema version or damaged, or holds no plan.
+        LogError: if a file cannot be opened, is damaged, is not a session log of this schema version, or holds no plan.
     """
     readings = [LogReader(file) for file in files]
     tally = _SessionTally()
@@ -85,7 +85,7 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
 
 @dataclass(slots=True)
 class _SessionTally:
-    """A session's progress, by its messages so far."""
+    """A session's progress according to the messages read so far."""
 
     started: events.SessionStarted | None = None  # by its first segment
     completed: set[int] = field(default_factory=set)  # episodes
@@ -96,7 +96,7 @@ class _SessionTally:
     end_reason: str = CUT_OFF
 
     def take(self, event: events.Event | None, log_time: int) -> None:
-        """Take an event into account."""
+        """Update the tally with an event."""
         match event:
             case events.SessionStarted():
                 self.started = self.started or event
@@ -112,7 +112,7 @@ class _SessionTally:
                 self.end_reason = event.reason
 
     def extend_segment(self, log_time: int) -> None:
-        """Let the latest segment last until a message."""
+        """Extend the latest segment to the log time of a message."""
         if self.spans:
             first, last = self.spans[-1]
             self.spans[-1] = (first, max(last, log_time))
@@ -146,7 +146,7 @@ def format_session_lines(session: SessionLog) -> list[str]:
 
 
 def format_session_json(session: SessionLog) -> str:
-    """Format the same facts as one JSON object."""
+    """Format the same summary as one JSON object."""
     plan = session.plan
     facts = {
         "path": str(session.path),
@@ -223,20 +223,20 @@ def _episode_facts(episode: EpisodeLog) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class RecoveryResult:
-    """The outcome of recovering a log: a line on it, and whether something in it was damaged."""
+    """The result of recovering a log: a line about it, and whether any part of it was damaged."""
 
     line: str
     damaged: bool = False
 
 
 def recover_logs(paths: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[RecoveryResult | MinihumanError]:
-    """Finish cut-off logs and rewrite damaged finished ones; yield what became of each, or why nothing did.
+    """Finish truncated logs and rewrite damaged finished ones; yield the result for each, or the error.
 
-    Of a whole log the chain heads that the enrolment log lacks are added to it.
+    For an undamaged log, the chain heads that are missing from the enrolment log are added to it.
 
     Args:
-        given: logs, or folders to look for cut-off ones in.
-        note: why, and who does it, for the enrolment log.
+        paths: logs, or folders in which to look for truncated logs.
+        note: the reason and the experimenter, for the enrolment log.
     """
     for path in paths:
         logs = [path]
@@ -246,24 +246,28 @@ def recover_logs(paths: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[R
             logs = list(find_leftovers(path))
         for log in logs:
             try:
-                if not log.name.endswith(PART_SUFFIX) and (added := _add_missing_heads(log)):
-                    outcome = f"whole; {added} chain heads added to the enrolment log"
-                    _record_recovery(log, outcome, note)
-                    yield RecoveryResult(f"{log}: {outcome}")
-                    continue
-                if log.name.endswith(PART_SUFFIX):
-                    finished = _recover(log)
-                else:
-                    finished = repair_log(log)
-                if finished is None:
-                    yield RecoveryResult(f"{log}: another server has gone on with this session, so it was put aside")
-                    continue
-                if finished.readable:
-                    record_log_end(finished.path)
-                    _record_recovery(finished.path, f"ended: {finished.end_reason}; {finished.damage}", note)
-                yield RecoveryResult(finished.describe(), finished.damaged)
+                yield _recover_and_record(log, note)
             except MinihumanError as error:
                 yield error
+
+
+def _recover_and_record(log: Path, note: AuditNote) -> RecoveryResult:
+    """Recover one log, record the recovery in the enrolment log, and return the result."""
+    if log.name.endswith(PART_SUFFIX):
+        finished = _recover(log)
+    else:
+        added = _add_missing_heads(log)
+        if added:
+            outcome = f"whole; {added} chain heads added to the enrolment log"
+            _record_recovery(log, outcome, note)
+            return RecoveryResult(f"{log}: {outcome}")
+        finished = repair_log(log)
+    if finished is None:
+        return RecoveryResult(f"{log}: another server has gone on with this session, so it was put aside")
+    if finished.readable:
+        record_log_end(finished.path)
+        _record_recovery(finished.path, f"ended: {finished.end_reason}; {finished.damage}", note)
+    return RecoveryResult(finished.describe(), finished.damaged)
 
 
 def _recover(part: Path) -> FinalizedLog | None:
@@ -278,7 +282,7 @@ def _record_recovery(log: Path, outcome: str, note: AuditNote) -> None:
 
 
 def _add_missing_heads(log: Path) -> int:
-    """Add a whole log's missing chain heads; 0 where none is missing, or the log is damaged."""
+    """Record an undamaged log's missing chain heads; return their number, or 0 if the log is damaged."""
     try:
         with raise_as_log_error(log):
             read_segment_starts(log)

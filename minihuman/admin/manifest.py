@@ -1,7 +1,7 @@
 """Study manifests: one digest for a log and one for a study, which another file or a publication can cite.
 
-A log's digest is the head of its hash chain. A study's is a SHA-256 over the SHA-256 of every file in its folder: it
-shows later whether anything was changed, added or removed, whatever tool did it.
+A log's digest is the head of its hash chain. A study's digest is a SHA-256 over the SHA-256 of every file in its
+folder; it later shows whether any file was changed, added or removed, by whatever tool.
 """
 
 import hashlib
@@ -28,20 +28,20 @@ GONE = " is gone"  # the end of a line about a file that was sealed and is not t
 
 
 class StudyManifest(msgspec.Struct, frozen=True):
-    """A study's digest, and the SHA-256 of every file, by its path within the study's folder."""
+    """A study's digest, and the SHA-256 of every file, by path relative to the study's folder."""
 
     digest: str
     files: dict[str, str]
 
 
 def record_log_end(log: Path) -> str:
-    """Write the chain heads of a finished log into the study's enrolment log, and give the last; "" if it has none.
+    """Record a finished log's chain heads in the study's enrolment log; return the last head, or "" if it has none.
 
-    The log is uploaded to the study's remote store, too, if there is one.
+    The log is also uploaded to the study's remote store, if there is one.
 
     Raises:
         OSError: if the enrolment log cannot be written.
-        RemoteStoreError: if the store cannot be reached; the enrolment log is written.
+        RemoteStoreError: if the store cannot be reached; the enrolment log has then been written.
     """
     heads = _read_chain_heads(log)
     if not heads:
@@ -53,7 +53,7 @@ def record_log_end(log: Path) -> str:
 
 
 def record_missing_heads(log: Path) -> int:
-    """Write those chain heads of a finished log that the study's enrolment log lacks; return their number.
+    """Record those chain heads of a finished log that the study's enrolment log lacks; return their number.
 
     Raises:
         OSError: if the enrolment log cannot be written.
@@ -65,7 +65,7 @@ def record_missing_heads(log: Path) -> int:
 
 
 def find_unrecorded_logs(study: Path) -> list[Path]:
-    """Find the finished logs of which the enrolment log lacks a chain head, as a server ended before it wrote that."""
+    """Find the finished logs with a chain head missing from the enrolment log, as after a server was killed."""
     known = {
         (line.sealed, line.segment) for line in open_enrolment_log(study).read() if isinstance(line, ChainHeadRecorded)
     }
@@ -86,11 +86,11 @@ def _read_chain_heads(log: Path) -> list[ChainHeadRecorded]:
 
 
 def write_manifest(study: Path) -> StudyManifest:
-    """Seal a study's folder as it is now, in its file ``seal.json``; a seal of before is replaced.
+    """Write the manifest of a study's folder as it is now into ``seal.json``, replacing an earlier one.
 
     Raises:
-        LogError: if it is no folder, or empty.
-        OSError: if a file cannot be read, or the seal cannot be written.
+        LogError: if the path is not a folder, or the folder is empty.
+        OSError: if a file cannot be read, or the manifest cannot be written.
     """
     require_folder(study)
     files = _digests(study)
@@ -103,10 +103,10 @@ def write_manifest(study: Path) -> StudyManifest:
 
 
 def find_changed_files(study: Path, digest_or_file: str) -> Iterator[str]:
-    """Yield what in a study's folder is not as it was sealed: ``given`` is the digest, or a seal's file.
+    """Yield the differences of a study's folder from its manifest, which is given as a digest or as a manifest file.
 
     Raises:
-        LogError: if it is neither.
+        LogError: if the argument is neither.
         OSError: if a file cannot be read.
     """
     file = Path(digest_or_file)

@@ -1,4 +1,4 @@
-"""Decide what a participant plays next: a new session, or the unfinished rest of one that was cut short."""
+"""Decide what a participant plays next: a new session, or the unfinished rest of an interrupted one."""
 
 from collections.abc import Callable
 from datetime import UTC, date, datetime, timedelta
@@ -48,21 +48,23 @@ def plan_next_session(
     utc_offset_min: int | None = None,
     publish: Callable[[Path], None] = lambda _: None,
 ) -> SessionPlan:
-    """Take the participant's slot and plan what is to be played; a session that is not complete is resumed.
+    """Take the participant's slot and plan what to play; an incomplete session is resumed.
 
-    A session is resumed by the plan it began with, at the first episode not completed: same keys, same seeds, whatever
-    became of the protocol file. Logs that an earlier run left cut off are finished first.
+    A session is resumed under the plan with which it began, at the first episode that is not completed, with the same
+    keys and seeds, even if the protocol file has changed. Logs that an earlier run left truncated are finished first.
 
     Args:
-        participant: a code ("sub-07"); None takes the next free slot.
-        group: overrides the allocation list's.
-        session: 1 for the participant's first.
+        protocol: the study's protocol.
+        data: the data folder.
+        participant: a participant code ("sub-07"); None takes the next free slot.
+        group: a group that overrides the allocation list's.
+        session: the session number; 1 is the participant's first.
         any_day: whether a later session may be too early or too late.
-        note: why something is overridden, and who does it, for the enrolment log; None records no other day.
-        prefix: of a new participant's code.
-        utc_offset_min: how many minutes the participant's local time is ahead of UTC; None takes that of the session
-            before.
-        publish: keeps what is finished first where every server has it, before it has its name here.
+        note: the reason for an override and the experimenter, for the enrolment log; None does not record another day.
+        prefix: the prefix of a new participant's code.
+        utc_offset_min: the participant's offset from UTC in minutes; None uses that of the previous session.
+        publish: called with each log that is finished first, to store it where all servers find it, before it is
+            renamed.
 
     Raises:
         AllocationError: if there is no slot to take, or the session is complete.
@@ -80,11 +82,7 @@ def plan_next_session(
         entry = DayOverridden(enrolled.id, session, now_text(), note.reason, note.experimenter)
         record_intervention(study_dir, entry)
     folder = session_folder(data, protocol.study.name, enrolled.id, session)
-    for part in find_leftovers(folder):
-        if (finished := recover_log(part, publish)).readable:
-            record_missing_heads(finished.path)
-            recovered = LogRecovered(finished.path.name, now_text(), f"ended: {finished.end_reason}", "resumed")
-            record_intervention(study_dir, recovered)
+    _finish_leftovers(folder, study_dir, publish)
     if folder.is_dir() and list_sessions(folder):
         return _plan_rest(read_log(folder))
     if protocol.allocation.stratify_by and session == 1:
@@ -94,11 +92,21 @@ def plan_next_session(
     )
 
 
+def _finish_leftovers(folder: Path, study_dir: Path, publish: Callable[[Path], None]) -> None:
+    """Finish the truncated logs in a session's folder, and record this in the enrolment log."""
+    for part in find_leftovers(folder):
+        finished = recover_log(part, publish)
+        if finished.readable:
+            record_missing_heads(finished.path)
+            recovered = LogRecovered(finished.path.name, now_text(), f"ended: {finished.end_reason}", "resumed")
+            record_intervention(study_dir, recovered)
+
+
 def plan_drawn_session(protocol: Protocol, data: Path, undrawn: SessionPlan, stratum: str) -> SessionPlan:
-    """Plan the session of a participant who has answered, their group drawn.
+    """Draw the group of a participant who has answered, and plan their session.
 
     Raises:
-        AllocationError: if there is no slot of that stratum.
+        AllocationError: if the stratum has no free slot.
         OSError: if the data folder cannot be read or written.
     """
     participant = draw_slot(protocol, data / protocol.study.name, undrawn.participant.id, stratum)
@@ -120,7 +128,7 @@ def _check_came_before(
     any_day: bool,
     utc_offset_min: int | None,
 ) -> bool:
-    """Check the session before; return whether this one is on a day that the protocol does not allow."""
+    """Check the previous session; return whether this one is on a day that the protocol does not allow."""
     if participant is None:
         raise AllocationError(f"session {session} needs a participant; name one with --participant")
     before = session_folder(study_dir.parent, study_dir.name, participant, session - 1)
@@ -154,9 +162,9 @@ def _check_came_before(
 
 
 def find_interrupted_session(study_dir: Path) -> SessionSummary | None:
-    """Find the first session that a crash cut off and that is to be resumed; None where there is none.
+    """Return the first session that a crash interrupted and that can be resumed; None if there is none.
 
-    Sessions that are running now are none, and so are those of participants who withdrew or were replaced.
+    Running sessions, and those of participants who withdrew or were replaced, are not considered.
     """
     expected = {slot.participant for slot in read_enrolled(study_dir)} - {*list_replaced(read_enrolment_log(study_dir))}
     if not expected:
@@ -171,7 +179,7 @@ def find_interrupted_session(study_dir: Path) -> SessionSummary | None:
 
 
 def find_unused_slots(study_dir: Path) -> tuple[str, ...]:
-    """Find who has a slot and no log: before consent, a killed program leaves nothing else of its session."""
+    """Return the participants who have a slot and no log, as when a program is killed before consent."""
     if study_dir.is_dir():
         played = {row.path.name.partition("_")[0] for row in read_session_index(study_dir)}
     else:
@@ -181,17 +189,17 @@ def find_unused_slots(study_dir: Path) -> tuple[str, ...]:
 
 
 def find_start_date(log: SessionLog) -> date:
-    """Find the calendar day on which a session began, where the participant was; in UTC where the log has no offset."""
+    """Return the participant's calendar day when a session began; in UTC if the log records no UTC offset."""
     return find_local_date(datetime.fromisoformat(log.started_at), log)
 
 
 def find_local_date(when: datetime, log: SessionLog, utc_offset_min: int | None = None) -> date:
-    """Find the calendar day of a time where a session's participant was: a server may stand in another time zone.
+    """Convert a time to the calendar day in a participant's time zone, which can differ from the server's.
 
     Args:
-        when: the time, with its zone.
-        log: the session's.
-        utc_offset_min: where the participant is at that time, if it is known.
+        when: the time, with its time zone.
+        log: the participant's session, whose UTC offset is the default.
+        utc_offset_min: the participant's UTC offset in minutes at that time, if known.
     """
     facts = log.segments[0].facts if log.segments else {}
     if utc_offset_min is None:
@@ -217,12 +225,12 @@ def _check_day(protocol: Protocol, before: SessionLog, session: int, utc_offset_
 
 
 def is_session_complete(log: SessionLog) -> bool:
-    """Tell whether nothing of a session is left to do."""
+    """Tell whether a session has nothing left to do."""
     return log.end_reason in FINAL_END_REASONS or (not log.plan.parts and not find_remaining_episodes(log))
 
 
 def find_remaining_episodes(log: SessionLog) -> list[int]:
-    """Find the episodes that are neither completed nor skipped."""
+    """Return the numbers of the episodes that are neither completed nor skipped."""
     finished = {played.plan.episode for played in log.episodes if played.outcome not in (None, "abandoned")}
     for event in log.part_events:
         if isinstance(event, EpisodesSkipped):
@@ -249,7 +257,7 @@ def _plan_rest(log: SessionLog) -> SessionPlan:
 
 
 def _resume_state(log: SessionLog) -> ResumeState:
-    """Return the part that was not ended, and what had been reached by then."""
+    """Return the part that was not ended, and the points, tries and outcomes that had been reached."""
     part = log.plan.standing.part
     points = log.plan.standing.points
     tries = dict(log.plan.standing.tries)

@@ -1,4 +1,4 @@
-"""Payments to participants beyond the base: the points of each session, in the currency of its protocol."""
+"""Bonus payments to participants: the points of each session, converted to the currency of its protocol."""
 
 import csv
 import io
@@ -21,7 +21,7 @@ class Payment:
 
     participant: str
     session: int
-    platform: str  # "" for who came by a link, or to the lab
+    platform: str  # "" for participants who came by a link or to the lab
     id: str  # on that platform
     end: str  # why the session ended
     points: float
@@ -31,10 +31,10 @@ class Payment:
 
 
 def compute_payments(study_dir: Path) -> Iterator[Payment]:
-    """Yield what each recorded session earned, in order of path; nobody who withdrew is among them.
+    """Yield the payment for each recorded session, in the order of paths, without participants who withdrew.
 
     Raises:
-        LogError: if there is no such folder, a log cannot be read, or a session is there twice.
+        LogError: if there is no such folder, a log cannot be read, or a session is recorded twice.
         AllocationError: if the protocol of a session has no [bonus].
     """
     ids = Recruitment(study_dir).ids()
@@ -71,7 +71,7 @@ def compute_payments(study_dir: Path) -> Iterator[Payment]:
 
 
 def format_payments_csv(paid: Iterator[Payment]) -> str:
-    """Format payments as a table with a heading."""
+    """Format payments as CSV with a header."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([field.name for field in fields(Payment)])
@@ -86,7 +86,7 @@ def _format_cell(cell: str | int | float) -> str | int:
 
 
 def format_platform_payments(paid: Iterator[Payment], platform: str) -> str:
-    """Format lines of ``id,amount`` as Prolific takes them: the sum of each person's sessions, none of nothing."""
+    """Format lines of ``id,amount`` for Prolific: the sum over each person's sessions, without sums of zero."""
     sums: dict[str, float] = {}
     for payment in paid:
         if payment.platform == platform:

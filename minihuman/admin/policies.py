@@ -1,7 +1,7 @@
-"""The policy files of a study, and the check that an agent's logged advice is what its policy says.
+"""The policy files of a study, and the check that an agent's logged advice follows from its policy.
 
-Every file that ever played in a study is kept under its SHA-256 beside the participants. The check computes the
-advice for every state again from the file; that the actions were drawn from the advice is verified without it.
+Every file that ever played in a study is kept under its SHA-256 beside the participants' folders. The check recomputes
+the advice for every state from the file; that the actions were drawn from the advice is verified without it.
 """
 
 import hashlib
@@ -26,13 +26,13 @@ POLICY_SUFFIX = ".pt"
 
 
 class PolicyStore:
-    """The policy files of one study, in its folder; a file that is there is never written again."""
+    """The policy files in one study's folder; an existing file is never written again."""
 
     def __init__(self, study_dir: Path) -> None:
         self.folder = study_dir / POLICIES_FOLDER
 
     def keep(self, content: bytes) -> str:
-        """Keep a policy file; returns its SHA-256, under which it is found.
+        """Store a policy file and return its SHA-256, under which it can be found.
 
         Raises:
             OSError: if it cannot be written.
@@ -48,14 +48,14 @@ class PolicyStore:
         return sha256
 
     def path(self, sha256: str) -> Path:
-        """Return where the file of that SHA-256 is, or would be."""
+        """Return the path of the file with a SHA-256, whether or not the file exists."""
         return self.folder / f"{sha256}{POLICY_SUFFIX}"
 
     def checked(self, sha256: str) -> Path:
-        """Return where the file of that SHA-256 is.
+        """Return the path of the file with a SHA-256 after checking its contents.
 
         Raises:
-            LogError: if it is not there, or is another.
+            LogError: if the file is missing, or its contents do not match the SHA-256.
         """
         path = self.path(sha256)
         if not path.is_file():
@@ -69,12 +69,12 @@ PROBABILITY_TOLERANCE = 1e-5  # of a probability: sums may come in another order
 
 
 def verify_advice(log: SessionLog, make_world: WorldFactory) -> Iterator[tuple[str, bool]]:
-    """Yield lines on what the policies of a session said, each with whether it is good news.
+    """Yield lines about a session's policy advice, each with whether it reports success.
 
     Raises:
-        LogError: if a policy's file is not in the study's folder, or was changed.
-        MinihumanError: if it cannot be loaded.
-        WorldError: if a world of the log cannot be made here.
+        LogError: if a policy's file is missing from the study's folder, or was changed.
+        MinihumanError: if a policy cannot be loaded.
+        WorldError: if a world in the log cannot be created here.
     """
     policies = PolicyStore(study_folder(list_session_files(log.path)[0]))
     agents: dict[str, BaseAgent] = {}
@@ -101,7 +101,7 @@ def verify_advice(log: SessionLog, make_world: WorldFactory) -> Iterator[tuple[s
 
 
 def _load_agent(policy: str, policies: PolicyStore) -> BaseAgent:
-    """Make the agent of a policy: a registered one by its name, another from its file."""
+    """Create the agent of a policy, by name if it is registered, else from its file."""
     if is_registered_agent(policy):
         return make_agent(policy)
     return make_policy_agent(policies.checked(policy))
@@ -110,7 +110,7 @@ def _load_agent(policy: str, policies: PolicyStore) -> BaseAgent:
 def _advice_deviations(
     episode: EpisodeLog, taught: TeachingRecord, agent: BaseAgent, world: World
 ) -> Iterator[tuple[int, float]]:
-    """Yield each step at whose state the policy gave advice, and the largest change of a probability since."""
+    """Yield each step for which the policy gave advice, with the largest difference of a recomputed probability."""
     world.reset(episode.plan.seed)
     try:
         agent.begin(episode.plan, world)

@@ -1,6 +1,6 @@
-"""Protocol files: write a first one from a few answers, read one with its pictures and policies, find a shipped one.
+"""Protocol files: write a first one from a few answers, read one with its pictures and policies, or find a shipped one.
 
-Shipped protocols lie inside the package when it is installed, and beside it in a checkout.
+Shipped protocols are inside the installed package, or beside it in a source checkout.
 """
 
 import errno
@@ -74,25 +74,25 @@ class ProtocolDraft:
 
     @property
     def worlds(self) -> list[str]:
-        """List the worlds, in order; the template's where none is named."""
+        """Return the ids of the worlds, in order; the template's if none is given."""
         usual = (world for name, world in _USUAL_WORLDS.items() if self.has(name))
         return [world.strip() for world in (self.world or next(usual, _USUAL_WORLD)).split(",")]
 
     @property
     def staged(self) -> bool:
-        """Tell whether it has practice and two tasks."""
+        """Tell whether the study has a practice block and two tasks."""
         return not _STAGED.isdisjoint(self.templates)
 
     def has(self, template: str) -> bool:
-        """Tell whether it is made from a template."""
+        """Tell whether the study uses a template."""
         return template in self.templates
 
     def toml(self) -> str:
-        """Write the text of the protocol file, with what else there is as comments.
+        """Return the text of the protocol file, with further options as comments.
 
         Raises:
-            ProtocolError: if the answers make no study, or there is no such template.
-            WorldError: if there is no such world.
+            ProtocolError: if the answers do not make a valid study, or a template does not exist.
+            WorldError: if a world does not exist.
         """
         from jinja2 import Environment, StrictUndefined  # which a station that runs sessions does without
 
@@ -128,11 +128,11 @@ class ProtocolDraft:
         return text
 
     def describe_outcomes(self) -> list[str]:
-        """Describe what an end means in each of the worlds, and who says so."""
+        """Describe, for each world, the rule that decides an episode's outcome and where it comes from."""
         return [f"outcome in {world_id}: {find_world_rule(world_id).describe()}" for world_id in self.worlds]
 
     def _task(self, world_id: str) -> dict[str, Any]:
-        """Return a world with its keys and pace, for the template."""
+        """Return the template's variables for a world: its keys, pace and step limit."""
         from minihuman.experiment.plan.dry_run import find_needed_actions  # the planner, which only a new study needs
 
         options = {}
@@ -158,7 +158,7 @@ class ProtocolDraft:
         return task | {"others": ", ".join(name for name in names if name not in task["actions"]) or "none"}
 
     def _drawn_keys(self, actions: list[str]) -> dict[str, Any]:
-        """Return the keys of a block in which it is drawn which key does what."""
+        """Return the template's variables for a block whose key map is drawn at random."""
         key_map = self.keys
         if self.staged or self.has("two-groups"):
             key_map = "constant"
@@ -174,7 +174,7 @@ class ProtocolDraft:
 
 
 def _fixed_keys(keys: Mapping[str, str]) -> dict[str, Any]:
-    """Return the keys of a block in which each key has an action of its own."""
+    """Return the template's variables for a block whose keys have fixed actions."""
     pairs = _format_keys(keys)
     return {
         "free": False,
@@ -192,7 +192,7 @@ def _format_keys(keys: Mapping[str, str]) -> str:
 
 
 def _list_english_words() -> str:
-    """Format ``[words]`` of a language that is not ours, to be translated."""
+    """Return the ``[words]`` tables in English, to be translated for a language that is not shipped."""
     tables: dict[str, list[str]] = {}
     for key, text in load_words(ENGLISH).items():
         table, _, name = key.rpartition(".")
@@ -204,10 +204,10 @@ def _list_english_words() -> str:
 
 
 def make_study_name(words: str) -> str:
-    """Make a valid study name from any text.
+    """Turn any text into a valid study name.
 
     Raises:
-        ProtocolError: if nothing is left of it.
+        ProtocolError: if no valid character is left.
     """
     name = re.sub(r"[^a-z0-9_]+", "-", words.lower()).strip("-_")[:64]
     if not name:
@@ -216,18 +216,18 @@ def make_study_name(words: str) -> str:
 
 
 def read_protocol(path: Path, *, trust: Permission = False) -> Protocol:
-    """Read and check a protocol file with its pictures and policies, all in its folder once links are followed.
+    """Read and check a protocol file with its pictures and policies, which must be in its folder after following links.
 
-    Python files in the folder can be the modules of its worlds from then on, if the user trusts the folder.
-    Warns (``FutureWarning``) of each field or value under an old name.
+    If the user trusts the folder, its Python files can be imported as the worlds' modules from then on. Each field or
+    value under an old name causes a ``FutureWarning``.
 
     Args:
         path: the TOML file.
-        trust: whether to trust the folder if it is not trusted yet, or what asks the user.
+        trust: whether to trust the folder if it is not trusted yet, or a function that asks the user.
 
     Raises:
-        ProtocolError: if it cannot be read, says something impossible, or runs Python that is not trusted; one line
-            with the way out.
+        ProtocolError: if the file cannot be read, is not valid, or runs Python that is not trusted; one line that
+            includes a remedy.
     """
     try:
         toml = _read_file(path, MAX_PROTOCOL_BYTES)
@@ -251,7 +251,7 @@ def read_protocol(path: Path, *, trust: Permission = False) -> Protocol:
 
 
 def _find_worlds(value: object) -> Iterator[NamedWorld]:
-    """Yield every world that a table of a protocol names, in the overrides of a group too."""
+    """Yield every world that a protocol's table names, including the overrides of groups."""
     if isinstance(value, Mapping):
         world = value.get("world")
         options = value.get("options")
@@ -269,19 +269,19 @@ def _find_worlds(value: object) -> Iterator[NamedWorld]:
 
 
 def _find_pictures(protocol: Protocol) -> dict[str, str]:
-    """Find the pictures of its pages, each with the field that names it."""
+    """Return the pictures of a protocol's pages, each with the field that names it."""
     logo = {protocol.study.logo: "$.study.logo"} if protocol.study.logo else {}
     pages = _in_any_group(protocol, protocol.pages)
     return logo | {name: f"$.pages[{number}].images" for number, page in pages for name in page.images}
 
 
 def _in_any_group(protocol: Protocol, parts: Sequence[Overridable]) -> list[tuple[int, Overridable]]:
-    """List each part's place and the part, as each group has it."""
+    """Return each part with its index once per group, with the group's overrides applied."""
     return [(place, apply_overrides(part, group.name)) for place, part in enumerate(parts) for group in protocol.groups]
 
 
 def _find_policies(protocol: Protocol) -> dict[str, str]:
-    """Find the policy files of its agents in any group, each with the field that names it."""
+    """Return the policy files of the agents in any group, each with the field that names it."""
     blocks = _in_any_group(protocol, protocol.blocks)
     named = [
         *((f"{number}].agent.policy", block.agent.policy) for number, block in blocks if block.agent),
@@ -336,10 +336,10 @@ def _read_policy(folder: Path, name: str, field: str) -> bytes:
 
 
 def _read_beside(folder: Path, name: str, field: str, limit: int, cure: str) -> bytes:
-    """Read a file of the protocol's folder, which is given without links.
+    """Read a file in the protocol's folder, which is given as a resolved path.
 
     Raises:
-        ProtocolError: if it is no regular file in it, is larger than ``limit``, or cannot be read.
+        ProtocolError: if it is not a regular file in the folder, is larger than ``limit`` bytes, or cannot be read.
     """
     try:
         path = (folder / name).resolve(strict=True)
@@ -357,7 +357,7 @@ def _read_file(path: Path, limit: int) -> bytes:
     """Read a regular file of a limited size.
 
     Raises:
-        OSError: if it is a device or the like, is too large, or cannot be read.
+        OSError: if it is not a regular file, is larger than ``limit`` bytes, or cannot be read.
     """
     if not stat.S_ISREG(path.stat().st_mode):
         raise OSError(errno.EINVAL, "it is not a regular file")
@@ -372,7 +372,7 @@ _PACKAGE = Path(__file__).parents[1]
 
 
 def find_shipped_protocol(name: str) -> Path:
-    """Find a shipped protocol's TOML file, by the file's name without its ending."""
+    """Return the path of a shipped protocol, given the file's name without its suffix."""
     inside = _PACKAGE / "protocols" / f"{name}.toml"
     if inside.exists():
         return inside

@@ -1,6 +1,6 @@
-"""Remembers where exports, reports and tables of a study were written, so that a withdrawal can name them.
+"""Record where exports, reports and tables of a study were written, so that a withdrawal can name them.
 
-The list is in the data folder, for all its studies. What was moved, copied or published since cannot be found by it.
+The list is in the data folder, for all studies there. It cannot find outputs that were moved, copied or published.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ TABLES = "tables"  # the kind of a folder that `minihuman gather --tables` fille
 
 
 class RecordedOutput(msgspec.Struct, frozen=True):
-    """An export, a report or tables that were made of a study."""
+    """An export, a report or tables made from a study."""
 
     study: str
     kind: str  # "report", "export csv", "tables"
@@ -29,10 +29,10 @@ class RecordedOutput(msgspec.Struct, frozen=True):
 
 
 def record_output(study_dir: Path, kind: str, out: Path) -> str:
-    """Remember an output of a study that has an enrolment log; only there somebody can withdraw.
+    """Record an output of a study that has an enrolment log; participants can withdraw only from such a study.
 
     Returns:
-        Why a withdrawal will not find it; "" if it will.
+        The reason why a later withdrawal will not find the output; "" if it will.
     """
     study_dir = study_dir.absolute()
     if not (study_dir / ENROLMENT_FILE_NAME).is_file() and not find_database_url(study_dir):
@@ -56,7 +56,7 @@ def list_outputs(study_dir: Path) -> Iterator[RecordedOutput]:
 
 
 def note_withdrawal(study_dir: Path, code: str) -> list[str]:
-    """Erase a participant from folders of tables, and write into each other output that they withdrew.
+    """Erase a participant from folders of tables, and add a notice of the withdrawal to every other output.
 
     Returns:
         A line for each output that still holds their data.

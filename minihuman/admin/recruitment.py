@@ -1,8 +1,8 @@
-"""Online recruitment: the links that were issued, who arrived by which, and whether more participants are accepted.
+"""Online recruitment: the links issued, which participant arrived by which link, and whether recruitment is open.
 
-Kept in the journal ``arrivals.jsonl`` beside the enrolment log, which many servers share. A link is stored as the
-SHA-256 of its token, a participant of a recruiting platform as the HMAC of the platform's id. The id itself, which
-paying a bonus needs, is in the journal ``platform-ids.jsonl``, which only the owner may read.
+The journal ``arrivals.jsonl`` beside the enrolment log, which several servers can share, stores a link as the SHA-256
+of its token, and a participant of a recruiting platform as the HMAC of the platform's id. The id itself, which is
+needed to pay a bonus, is in the journal ``platform-ids.jsonl``, which only the owner can read.
 """
 
 import hashlib
@@ -28,14 +28,14 @@ _OWNER_ONLY = 0o600
 
 
 class LinkIssued(msgspec.Struct, frozen=True):
-    """A link, good for one slot."""
+    """A personal link, valid for one slot."""
 
     issued: str  # "link:" and the SHA-256 of its token, hexadecimal
     at: str  # ISO 8601 UTC
 
 
 class ParticipantArrived(msgspec.Struct, frozen=True):
-    """A participant came and has this slot; who comes by the same link or id again is the same participant."""
+    """A participant arrived and has a slot; a visitor with the same link or id is the same participant."""
 
     came: str  # "link:..." or "prolific:..." with an HMAC
     participant: str
@@ -43,7 +43,7 @@ class ParticipantArrived(msgspec.Struct, frozen=True):
 
 
 class RecruitmentSwitched(msgspec.Struct, frozen=True):
-    """Recruitment was opened or closed; participants with a slot may always resume."""
+    """Recruitment was opened or closed; participants with a slot can always resume."""
 
     recruiting: bool
     at: str
@@ -58,7 +58,7 @@ class PlatformId(msgspec.Struct, frozen=True):
 
 
 class PlatformSecret(msgspec.Struct, frozen=True):
-    """The secret with which platforms' ids are hashed."""
+    """The secret key with which platform ids are hashed."""
 
     secret: str  # hexadecimal
 
@@ -73,14 +73,14 @@ _ENTRY_TYPES: dict[str, type[RecruitmentEntry]] = {
 
 @dataclass(slots=True)
 class RecruitmentState:
-    """The state of recruitment after all entries."""
+    """The state of recruitment after a number of journal entries."""
 
     issued: set[str] = field(default_factory=set)
-    came: dict[str, str] = field(default_factory=dict)  # by what they came -> participant
+    came: dict[str, str] = field(default_factory=dict)  # participant by link or hashed platform id
     recruiting: bool = True
 
     def take(self, line: RecruitmentEntry) -> None:
-        """Take an entry into account."""
+        """Update the state with an entry."""
         match line:
             case LinkIssued(issued=key):
                 self.issued.add(key)
@@ -91,10 +91,10 @@ class RecruitmentState:
 
 
 class Recruitment:
-    """The arrivals of one study, shared by every process that has its folder.
+    """The arrivals of one study, shared by all processes that use its folder.
 
     Args:
-        study_dir: the study's folder; made when first written to.
+        study_dir: the study's folder, created on the first write.
     """
 
     def __init__(self, study_dir: Path) -> None:
@@ -108,11 +108,11 @@ class Recruitment:
 
     @property
     def begun(self) -> bool:
-        """Tell whether a place was ever offered online."""
+        """Tell whether a slot was ever offered online."""
         return self._journal.begun
 
     def issue(self, count: int) -> list[str]:
-        """Make links: their tokens, which are kept nowhere.
+        """Issue links and return their tokens, which are stored nowhere.
 
         Raises:
             OSError: if the folder cannot be written.
@@ -129,11 +129,11 @@ class Recruitment:
                 arrivals.journal.append(RecruitmentSwitched(recruiting, now_text()))
 
     def standing(self) -> RecruitmentState:
-        """Return what all entries together say now."""
+        """Return the current state according to all entries."""
         return JournalState(RecruitmentState, RecruitmentState.take).after(self._journal.read())
 
     def find_participant(self, key: str) -> str | None:
-        """Find the participant who came by a link or from a platform; None for a new visitor."""
+        """Return the participant who arrived by a link or from a platform; None for a new visitor."""
         return self._state.after(self._journal.read()).came.get(key)
 
     def has_issued(self, key: str) -> bool:
@@ -141,7 +141,7 @@ class Recruitment:
         return key in self._state.after(self._journal.read()).issued
 
     def count_sources(self) -> dict[str, int]:
-        """Count who came, by source: personal links, and each platform."""
+        """Count the arrivals by source: personal links, and each platform."""
         sources = Counter(key.partition(":")[0] for key in self._state.after(self._journal.read()).came)
         return {"personal link" if source == "link" else source: count for source, count in sorted(sources.items())}
 
@@ -152,27 +152,27 @@ class Recruitment:
             yield RecruitmentTransaction(journal, self._state.after(journal.lines))
 
     def hash_platform_id(self, platform: str, person: str) -> str:
-        """Hash a person's platform id: an HMAC with the study's own secret."""
+        """Return the hash of a person's platform id: an HMAC with the study's own secret."""
         digest = hmac.new(self._secret(), f"{platform}:{person}".encode(), hashlib.sha256).hexdigest()
         return f"{platform}:{digest}"
 
     def remember(self, platform_id: PlatformId) -> None:
-        """Keep a platform's id where only the owner can read it; a repeated one is written once."""
+        """Store a platform id where only the owner can read it; a repeated id is written once."""
         with self._ids.hold() as journal:
             if platform_id not in self._known_ids.after(journal.lines):
                 journal.append(platform_id)
 
     def ids(self) -> dict[str, PlatformId]:
-        """Return the participants' latest ids on their platforms, by code; none of those who came by a link."""
+        """Return the participants' latest platform ids, by code; participants who arrived by a link are absent."""
         return {platform_id.participant: platform_id for platform_id in self._ids.read()}
 
     def forget(self, participant: str) -> None:
-        """Erase how a participant came and who they are elsewhere, for ever."""
+        """Erase permanently how a participant arrived and their platform id."""
         for journal in (self._journal, self._ids):
             journal.keep(lambda line: not _names(line, "participant", participant))
 
     def _secret(self) -> bytes:
-        """Return the study's secret; the first process to ask makes it for all."""
+        """Return the study's secret, which the first process to ask creates for all."""
         if not self._in_database:
             return _secret_in(self._secret_path)
         known = self._secrets.read()
@@ -186,19 +186,19 @@ class Recruitment:
 
 @dataclass(frozen=True, slots=True)
 class RecruitmentTransaction:
-    """The arrivals while no other process can add to them."""
+    """The arrivals while they are locked against other processes."""
 
     journal: LockedJournal[RecruitmentEntry]
     standing: RecruitmentState
 
 
 def hash_link_token(token: str) -> str:
-    """Hash a link's token to the key that stands for it."""
+    """Return the hashed key that represents a link's token in the journal."""
     return f"link:{hashlib.sha256(token.encode()).hexdigest()}"
 
 
 def _decode_entry(line: bytes, number: int) -> RecruitmentEntry | None:
-    """Decode a whole line; None of a cut-off one, which was never acknowledged, and of other kinds."""
+    """Decode a line; return None for a truncated one, which was never acknowledged, and for other kinds."""
     try:
         fields = msgspec.json.decode(line, type=dict[str, Any])
         kind = next((kind for field, kind in _ENTRY_TYPES.items() if field in fields), None)
@@ -223,7 +223,7 @@ def _platform_id(line: bytes, number: int) -> PlatformId | None:
 
 
 def _secret_in(path: Path) -> bytes:
-    """Read the secret in a file; the first process to ask makes it for all."""
+    """Read the secret in a file, which the first process to ask creates for all."""
     while not path.exists():
         unnamed = path.with_name(f"{SECRET_FILE_NAME}.{secrets.token_hex(4)}")
         disk = current_system().disk

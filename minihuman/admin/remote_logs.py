@@ -1,8 +1,8 @@
-"""Keep finished logs in the remote store that ``logs.url`` names, and bring them from there.
+"""Store finished logs in the remote store that ``logs.url`` names, and fetch logs from there.
 
-Without such a file, logs stay where they were recorded. A log in the store is replaced only by one that continues it. A
-different log of the same session gets a name of its own beside it, here and there: nothing is overwritten, and
-``status`` and ``verify`` name both. Annotations of a session made on several machines are put one behind the other.
+Without that file, logs stay where they were recorded. A log in the store is replaced only by one that continues it. A
+different log of the same session gets another name beside it, both here and in the store: nothing is overwritten, and
+``status`` and ``verify`` name both. Annotations made of a session on several machines are concatenated.
 """
 
 from collections.abc import Callable
@@ -34,14 +34,14 @@ Listener = Callable[[str], None]
 
 
 def upload_log(log: Path) -> None:
-    """Put a finished log into its study's remote store, if there is one; not a participant's who withdrew.
+    """Upload a finished log to its study's remote store, if there is one, unless the participant withdrew.
 
-    Where the store has a log of the session that this one does not continue, it stays as it is, and this one is put
-    beside it.
+    If the store has a log of the session that this one does not continue, that log is kept, and this one is stored
+    under another name.
 
     Raises:
         OSError: if the enrolment log cannot be read.
-        RemoteStoreError: if it cannot be put there; the log stays here in any case.
+        RemoteStoreError: if the log cannot be stored; the local log is kept in any case.
     """
     study = study_folder(log)
     store = open_remote_store(study.parent)
@@ -63,16 +63,16 @@ def upload_log(log: Path) -> None:
 
 
 def sync_logs(data: Path, prefix: str, *, say: Listener = lambda line: None) -> tuple[int, int]:
-    """Bring here what the remote store has, and put there what it has not; how many logs came and went.
+    """Fetch the logs that only the store has, and store those that only this machine has; return both numbers.
 
-    A log grows with each of its segments: where both have one, the one that continues the other is the newer. Where
-    neither does, the store's has the session's name, and this machine's gets another, here and there. Annotations of a
-    session come and go with its log. Logs of participants who withdrew, by the enrolment log that this machine has,
-    are left where they are. A name that is no place in the study is refused, and so is a file that is not whole.
+    A log grows with each of its segments: if both sides have one, the log that continues the other is the newer. If
+    neither does, the store's keeps the session's name, and this machine's gets another, here and in the store.
+    Annotations of a session travel with its log. Logs of participants who withdrew, according to this machine's
+    enrolment log, stay where they are. Names that have no place in the study, and incomplete files, are refused.
 
     Args:
         data: the data folder.
-        prefix: "study/" or "study/sub-07/".
+        prefix: the start of the names to synchronize: "study/" or "study/sub-07/".
         say: called with a line about each file that is refused.
 
     Raises:
@@ -98,8 +98,8 @@ class _Synchronization:
 
     Args:
         data: the data folder.
-        store: the store.
-        versions: of the files in it, by name.
+        store: the remote store.
+        versions: the versions of the files in the store, by name.
         say: called with a line about each file that is refused.
     """
 
@@ -112,7 +112,7 @@ class _Synchronization:
         self._say = say
 
     def list_files(self, prefix: str) -> list[tuple[str, StudyFile]]:
-        """List what is to be looked at, here or there, in order of name; what has no place in the study is said."""
+        """List the files here or in the store, in the order of names; report those that have no place in the study."""
         local_names = list_files(self._data, prefix)
         ours = [name for name in local_names if name.endswith((ANNOTATIONS_SUFFIX, LOG_SUFFIX))]
         stored = {name for name in self._versions if name.split("/")[1:2] != [STORE_FOLDER]}
@@ -125,7 +125,7 @@ class _Synchronization:
         return [(name, file) for name, file in files.items() if file.participant not in withdrawn[file.study]]
 
     def sync_log(self, file: StudyFile) -> None:
-        """Bring the log here and the one in the store to the same state."""
+        """Bring the local log and the one in the store to the same state."""
         log = file.path(self._data)
         version = self._versions.get(file.name, "")
         if not version:
@@ -144,7 +144,7 @@ class _Synchronization:
                 self._say(str(error))
 
     def _merge_log(self, file: StudyFile, log: Path, other: Path, version: str) -> None:
-        """Keep the one of two logs that continues the other; where neither does, this machine's gets another name."""
+        """Keep whichever of two logs continues the other; if neither does, rename this machine's and upload it too."""
         if compute_md5(other) == compute_md5(log):
             return
         if not is_whole_log(other):
@@ -172,7 +172,7 @@ class _Synchronization:
         self.fetched += 1
 
     def sync_annotations(self, file: StudyFile) -> None:
-        """Merge the annotations here and in the store: the store's first, then those that it lacks."""
+        """Merge the local annotations with those in the store: the store's first, then those that it lacks."""
         path = file.path(self._data)
         version = self._versions.get(file.name, "")
         if not version:
@@ -210,7 +210,7 @@ class _Synchronization:
 
 
 def _continues(log: Path, other: Path) -> bool:
-    """Say whether a log holds all segments of another, the same ones; what cannot be read holds none."""
+    """Tell whether a log begins with the same segments as another; an unreadable log has no segments."""
     segments = _read_segments(log)
     other_segments = _read_segments(other)
     return len(segments) >= len(other_segments) and all(map(_is_same_segment, segments, other_segments))
@@ -223,7 +223,7 @@ def _is_same_segment(segment: tuple[str, str, str], other: tuple[str, str, str])
 
 
 def _read_segments(log: Path) -> list[tuple[str, str, str]]:
-    """Read the number, start and chain head of each segment; "" for a head that there is not."""
+    """Return the number, start and chain head of each segment; a missing head is ""."""
     summary = read_summary(log)
     if summary is None:
         return []
@@ -232,10 +232,10 @@ def _read_segments(log: Path) -> list[tuple[str, str, str]]:
 
 
 def _require_same_session(log: Path, file: StudyFile) -> None:
-    """Refuse a log that is damaged, or of another session than its place says; other programs' files pass.
+    """Check that a fetched log is undamaged and of the session that its path names; other programs' files pass.
 
     Raises:
-        DamagedCopyError: if it is one.
+        DamagedCopyError: if it is damaged, or of another session.
     """
     if is_companion_file(log):
         return
@@ -258,7 +258,7 @@ def delete_remote_logs(study_dir: Path, code: str) -> None:
     """Delete a participant's logs from the store that ``logs.url`` names.
 
     Raises:
-        RemoteStoreError: if that cannot be.
+        RemoteStoreError: if the logs cannot be deleted.
     """
     study_dir = study_dir.absolute()
     store = open_remote_store(study_dir.parent, may_be_new=False)  # a share that is not mounted has them still

@@ -1,11 +1,11 @@
 """The session index of a study: one row per session, cached so that no unchanged log is read twice.
 
-It is a table of the study's cache, ``tables.duckdb``, which may be deleted at any time. Each query loads it into
-memory, packed, brings it up to date there and stores what changed; a session is read again if the size, time, beginning
-or end of its files changed, or if its row does not have the digest that was stored with it. The file is open only while
-rows are loaded or stored; where it is in use or cannot be written, the index is made for this once. A row takes half a
-kilobyte of memory, and rows are yielded one by one. What reads messages is imported only where a log's end does not say
-enough. Without DuckDB, as on a station, every log is read each time.
+The index is a table of the study's cache, ``tables.duckdb``, which may be deleted at any time. Each query loads it into
+memory in packed form, brings it up to date there and stores what changed. A session is read again if the size, time,
+beginning or end of its files changed, or if its row does not match the stored digest. The file is open only while rows
+are loaded or stored; if it is in use or cannot be written, the index is rebuilt for this query alone. A row takes half
+a kilobyte of memory, and rows are yielded one by one. The code that reads messages is imported only if the end of a log
+does not hold enough. Without DuckDB, as on a station, every log is read each time.
 """
 
 import logging
@@ -65,7 +65,7 @@ _Storing = Literal["never", "anew", "added"]
 
 @dataclass(frozen=True, slots=True)
 class SessionRow:
-    """One session of a study: where it is, and its summary or why it cannot be read."""
+    """One session of a study: its path, and its summary or the reason why it cannot be read."""
 
     path: Path  # the finished log; the live or cut-off segment where there is none yet
     summary: SessionSummary | None  # None: unreadable
@@ -73,11 +73,11 @@ class SessionRow:
 
 
 def read_session_index(study: Path, folders: LogFolders | None = None) -> Iterator[SessionRow]:
-    """Yield a row for every session log below a folder, in order of path; the unreadable ones say why.
+    """Yield a row for every session log below a folder, in the order of paths; unreadable ones state the problem.
 
     Args:
-        study: the folder.
-        folders: what ``find_log_folders`` found below it just now, if it was asked already.
+        study: the study's folder.
+        folders: the result of a ``find_log_folders`` call for the folder that was made just before, if any.
 
     Raises:
         LogError: if the folder does not exist.
@@ -98,9 +98,9 @@ def read_session_index(study: Path, folders: LogFolders | None = None) -> Iterat
 
 
 def compare_index(study: Path) -> Iterator[str]:
-    """Yield the differences of a study's cached session index from what its logs say, one line for each session.
+    """Yield the differences of a study's cached session index from its logs, one line for each difference.
 
-    Sessions that the next command would read again, since their logs changed, are not compared.
+    Sessions whose logs have changed are not compared, because the next command reads them again.
     """
     if duckdb is None or not (study / TABLE_CACHE).is_file():
         return
@@ -127,7 +127,7 @@ def compare_index(study: Path) -> Iterator[str]:
 
 
 def _load(own: Path) -> tuple[_Rows, _Storing, int]:
-    """Load the rows that are as they were stored; return how new ones are to be stored, and how many were changed."""
+    """Load the intact rows; return them, how to store new rows, and how many rows were changed by another program."""
     rows = _Rows()
     if duckdb is None:
         return rows, "never", 0
@@ -159,14 +159,16 @@ def _load(own: Path) -> tuple[_Rows, _Storing, int]:
 
 
 def _refresh(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple[list[str], list[str]]:
-    """Read the sessions again whose row is missing or stale, forget those that are gone; return the keys of both."""
+    """Read sessions whose row is missing or stale, and drop those whose log is gone; return the keys of both."""
     below = len(os.fspath(study / "_")) - 1  # what every path there begins with
     fresh = list[str]()
     gone = list[str]()
     present = 0
-    for log, files in _sessions_below(find_log_folders(study) if folders is None else folders):
+    if folders is None:
+        folders = find_log_folders(study)
+    for log, files in _sessions_below(folders):
         key = os.fspath(log)[below:]
-        present = present + 1
+        present += 1
         known = msgspec.msgpack.decode(rows[key])[0] if key in rows else ""
         described = _describe(files, known)
         if not is_same_content(described, known):
@@ -182,7 +184,7 @@ def _refresh(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple[list
 
 
 def _store(own: Path, rows: _Rows, fresh: Sequence[str], gone: Sequence[str], storing: _Storing) -> None:
-    """Put what is new into the study's file, in one transaction, where nothing has the file open."""
+    """Write what changed into the study's file in one transaction, unless another process has the file open."""
     if storing == "never":
         return
     try:
@@ -217,7 +219,7 @@ def _write_rows(
 
 
 def _software() -> str:
-    """Identify the software that makes the rows and their digests; rows by other software are made anew."""
+    """Identify the software that builds the rows and their digests; rows from other software are rebuilt."""
     return f"{minihuman.__version__} duckdb {duckdb.__version__} {digest_sources(*_MAKERS)}"
 
 
@@ -238,12 +240,13 @@ def _summary_or_problem(files: list[Path], study: Path) -> tuple[Any, ...]:
 
 
 def summarize_session(files: Sequence[Path]) -> SessionSummary:
-    """Sum up a session's log and segments, in order.
+    """Summarize a session from its log and segments, given in order.
 
-    A finished log is summed up from what was written at its end, if that holds and is enough; others are read through.
+    A finished log is summarized from the metadata at its end if they suffice; other logs are read completely.
 
     Raises:
-        LogError: if one cannot be opened, is no session log, of another schema version or damaged, or holds no plan.
+        LogError: if a file cannot be opened, is not a session log, has another schema version, is damaged, or holds no
+            plan.
     """
     with raise_as_log_error(files[0]):
         summary = _summarize_finished(files[0]) if len(files) == 1 else None
@@ -261,9 +264,9 @@ _SUMMARIZED_VERSIONS = {
 
 
 def _summarize_finished(log: Path) -> SessionSummary | None:
-    """Sum up a log from what its segments' ends say; None where one does not, as in logs of earlier versions.
+    """Summarize a log from the metadata at its segments' ends; None if they are missing, as in earlier versions' logs.
 
-    Also None where all episodes were played and the session ended otherwise: what else was left messages alone say.
+    Also None if all episodes were played but the session did not end as complete: only the messages show what was left.
     """
     from minihuman.log.salvage.summary_section import all_ended_cleanly, read_summary
 
@@ -298,9 +301,9 @@ def _summarize_finished(log: Path) -> SessionSummary | None:
 
 
 def find_double_sessions(folders: LogFolders) -> Iterator[str]:
-    """Name each session that was completed twice: by two servers of an earlier version, which did not know each other.
+    """Yield a line for each session that was completed twice, by two servers of an earlier version without leases.
 
-    Copies of one log are none.
+    Copies of one log do not count.
     """
     from minihuman.log.salvage.summary_section import read_summary
 

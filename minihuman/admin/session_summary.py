@@ -1,11 +1,11 @@
-"""A session in one row: what its log says of who, how far and how long, as the session index keeps it."""
+"""A session in one row: the participant, progress and duration according to its log, as stored in the session index."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class SessionSummary:
-    """A session summed up in one row. Counts are of all its segments together."""
+    """A session summarized in one row. Counts are over all its segments."""
 
     study: str
     participant: str

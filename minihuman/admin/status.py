@@ -1,27 +1,32 @@
-"""Report a study's progress: the participant flow (CONSORT) in counts, and one line per session.
+"""Report a study's progress: the participant flow (CONSORT) as counts, and one line per session.
 
-Counted from the enrolment log and the session index. The flow names no participant; of those who left before
-anything was recorded it knows only the reason, from the line that freed their slot. It imports neither NumPy nor
-MCAP.
+The report is computed from the enrolment log and the session index. The flow names no participant; for participants who
+left before anything was recorded, only the reason is known, from the line that freed their slot. The module imports
+neither NumPy nor MCAP.
 """
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from minihuman.admin.enrolment_entries import (
-    EnrolmentEntry,
     ParticipantWithdrawn,
-    SlotFreed,
-    SlotTaken,
     count_interventions,
     find_incomplete_logs,
     list_replaced,
-    list_taken_slots,
     read_enrolled,
     read_enrolment_log,
+)
+from minihuman.admin.enrolment_flow import (
+    ParticipantFlow,
+    SessionRecord,
+    classify_session,
+    count_flow,
+    count_unrecorded_departures,
+    list_stages,
+    parse_log_name,
 )
 from minihuman.admin.erasure_ledger import find_pending_machines
 from minihuman.admin.recruitment import Recruitment
@@ -38,115 +43,69 @@ from minihuman.log.paths import (
     require_folder,
 )
 from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.moved import forward_names
 from minihuman.storage.outside_names import is_system_companion
 
 if TYPE_CHECKING:
     from minihuman.dataset.annotations import Annotation
 
-GroupCounts = Mapping[str, int]  # by group
-_LEFT_BEFORE = {
-    "declined": "did not agree",
-    "screened_out": "screened out before a group was drawn",
-    "player_failed": "simulated participants that failed before anything was recorded",
+_COUNTED = {  # how a session's state is called in a line of its own
+    "screened_out": "screened out",
+    "failed": "the simulated participant failed",
+    "complete": "complete",
 }
-_LEFT = "left before anything was recorded"
 
 
-@dataclass(frozen=True, slots=True)
-class SessionFlow:
-    """The flow of participants through one session; counts by group."""
+def count_participant_flow(
+    study_dir: Path, exclusion_reasons: Mapping[str, str] | None = None, rows: Iterable[SessionRow] | None = None
+) -> ParticipantFlow:
+    """Count the participants of a study's folder by what became of them.
 
-    began: GroupCounts
-    complete: GroupCounts
-    screened_out: GroupCounts
-    unfinished: GroupCounts
-    failed: GroupCounts  # simulated participants that crashed or gave no answer
-
-
-@dataclass(frozen=True, slots=True)
-class ParticipantFlow:
-    """Counts of participants. Those who declined and came again count twice: no record could tell."""
-
-    came: int
-    before: Mapping[str, int]  # who left no data, by what they did
-    allocated: GroupCounts
-    withdrew: GroupCounts
-    replaced: GroupCounts
-    without_data: GroupCounts  # have a slot and no data
-    courses: Mapping[int, SessionFlow]  # by session, from 1
-
-
-def count_participant_flow(study_dir: Path) -> ParticipantFlow:
-    """Count the participants by what became of them.
+    Args:
+        study_dir: the study's folder.
+        exclusion_reasons: of a report's participants, by code; "" for those who are included. None: of no report.
+        rows: its session index, if it was read already.
 
     Raises:
         LogError: if there is no such folder.
         AllocationError: if the register cannot be read.
     """
-    lines = read_enrolment_log(study_dir)
-    groups = {line.participant: line.group for line in list_taken_slots(lines)}
-    gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
-    replaced = set(list_replaced(lines))
-    summaries: dict[tuple[int, str], SessionSummary] = {}
-    for row in read_session_index(study_dir):
-        summary = row.summary
-        if summary is not None and summary.participant in groups.keys() - gone:
-            if row.path.name.partition(".")[0] == f"{summary.participant}_ses-{summary.session:02d}":
-                summaries[summary.session, summary.participant] = summary  # not a copy beside it
-            summaries.setdefault((summary.session, summary.participant), summary)
-    without_data = groups.keys() - gone - {participant for _, participant in summaries}
-    return ParticipantFlow(
-        came=sum(isinstance(line, SlotTaken) for line in lines),
-        before=count_unrecorded_departures(lines),
-        allocated=_by_group(groups, groups),
-        withdrew=_by_group(groups, groups.keys() & gone),
-        replaced=_by_group(groups, (groups.keys() & replaced) - gone),
-        without_data=_by_group(groups, without_data),
-        courses={number: _session_flow(number, summaries) for number in sorted({number for number, _ in summaries})},
-    )
+    if rows is None:
+        rows = read_session_index(study_dir)
+    return count_flow(read_enrolment_log(study_dir), _list_session_records(rows), exclusion_reasons)
 
 
-def count_unrecorded_departures(lines: Iterable[EnrolmentEntry]) -> dict[str, int]:
-    """Count those who left no data, by what they did."""
-    left = Counter(_LEFT_BEFORE.get(line.why, _LEFT) for line in lines if isinstance(line, SlotFreed))
-    return {kind: left[kind] for kind in (*_LEFT_BEFORE.values(), _LEFT) if left[kind]}
-
-
-def _by_group(groups: Mapping[str, str], codes: Collection[str]) -> GroupCounts:
-    return Counter(groups[code] for code in codes if groups[code])
-
-
-def _session_flow(number: int, summaries: Mapping[tuple[int, str], SessionSummary]) -> SessionFlow:
-    counts = {state: Counter[str]() for state in ("began", "complete", "screened_out", "unfinished", "failed")}
-    for (session, _), summary in summaries.items():
-        if session == number:
-            counts["began"][summary.group] += 1
-            counts[_classify(summary)][summary.group] += 1
-    return SessionFlow(**counts)
-
-
-def _classify(summary: SessionSummary) -> str:
-    """Say what became of a session: the field of ``SessionFlow`` that counts it."""
-    if summary.end_reason == "screened_out":
-        return "screened_out"
-    if summary.end_reason == "player_failed":
-        return "failed"
-    if summary.complete:
-        return "complete"
-    return "unfinished"
+def _list_session_records(rows: Iterable[SessionRow]) -> Iterator[SessionRecord]:
+    """Yield a record per participant and session: of several logs the one under its own name, not a copy beside it."""
+    records: dict[tuple[str, int], SessionRecord] = {}
+    for row in rows:
+        named = parse_log_name(row.path.name)
+        if row.summary is not None:
+            key = (row.summary.participant, row.summary.session)
+            record = SessionRecord(*key, row.summary.group, classify_session(row.summary))
+        elif named is not None:
+            key = named
+            record = SessionRecord(*key, "", "unreadable")
+        else:
+            continue
+        original = key == named and record.state != "unreadable"
+        if key not in records or original:
+            records[key] = record
+    yield from records.values()
 
 
 def format_status(study_dir: Path, status: "StudyStatus | None" = None) -> Iterator[str]:
-    """Yield a line for each session, then one for each slot that was never played, and who left; none names a
-    participant who withdrew.
+    """Yield a line for each session, then one for each slot that was never played, then lines on who left the study.
+
+    No line names a participant who withdrew.
 
     Args:
         study_dir: the study's folder.
-        found: its status, if it was read already.
+        status: the study's status, if it has been read already.
 
     Raises:
         LogError: if there is no such folder.
-        AllocationError: if the register cannot be read.
+        AllocationError: if the enrolment log cannot be read.
     """
     status = status or read_study_status(study_dir)
     yield f"{'participant':12} {'group':16} {'session':>7} {'episodes':>9} {'steps':>7}  state"
@@ -162,11 +121,22 @@ def format_status(study_dir: Path, status: "StudyStatus | None" = None) -> Itera
         yield "came online: " + ", ".join(f"{count} by {source}" for source, count in status.sources.items())
     if status.withdrew:
         yield f"{status.withdrew} withdrew and {'is' if status.withdrew == 1 else 'are'} excluded"
+    if status.flow is not None:
+        yield _format_flow(status.flow)
     if status.interventions:
         yield "audit trail: " + ", ".join(f"{count} {kind}" for kind, count in status.interventions.items())
     yield from (f"skipped {path}: {SYSTEM_COMPANION}" for path in status.companions)
     yield from status.useless_annotations
     yield from status.problems
+
+
+def _format_flow(flow: ParticipantFlow) -> str:
+    """Write the stages of the flow in a line, each with the losses before the next one."""
+    parts = []
+    for stage in list_stages(flow):
+        losses = ", ".join(f"{label} {sum(counts.values())}" for label, counts in stage.losses.items())
+        parts.append(f"{stage.label} {sum(stage.counts.values())}" + (f" (then {losses})" if losses else ""))
+    return f"flow: {'; '.join(parts)}"
 
 
 def _format_sessions(status: "StudyStatus") -> Iterator[str]:
@@ -186,7 +156,7 @@ def count_all_interventions(study_dir: Path, folders: LogFolders | None = None) 
 
     Args:
         study_dir: the study's folder.
-        folders: what ``find_log_folders`` found below it just now, if it was asked already.
+        folders: the result of a ``find_log_folders`` call for the folder that was made just before, if any.
 
     Raises:
         LogError: if a line is damaged.
@@ -219,7 +189,10 @@ def _read_all_annotations(folders: LogFolders) -> Iterator[tuple[Path, "Annotati
 
 
 def _find_useless_annotations(folders: LogFolders) -> Iterator[str]:
-    """Name the annotations of episodes that no session can have; ``verify`` compares the others with the plan."""
+    """Yield a line for each annotation of an episode that no session can have.
+
+    ``verify`` compares others with the plan.
+    """
     for path, annotation in _read_all_annotations(folders):
         from minihuman.dataset.annotations import MAX_EPISODES, describe_useless_annotation
 
@@ -230,13 +203,15 @@ def _find_useless_annotations(folders: LogFolders) -> Iterator[str]:
 def list_problems(
     study_dir: Path, rows: Iterable[SessionRow] | None = None, folders: LogFolders | None = None
 ) -> tuple[str, ...]:
-    """Name each session completed twice, each log that is gone, each end that the enrolment log lacks, each withdrawal
-    that is unfinished, and each machine that has not erased its copy.
+    """List a study's problems, one line each.
+
+    Problems are sessions completed twice, missing logs, segment ends missing from the enrolment log, unfinished
+    withdrawals, and machines that have not erased their copy of a participant who withdrew.
 
     Args:
         study_dir: the study's folder.
-        rows: its session index, if it was read already.
-        folders: what ``find_log_folders`` found below it just now, if it was asked already.
+        rows: the study's session index, if it has been read already.
+        folders: the result of a ``find_log_folders`` call for the folder that was made just before, if any.
     """
     if folders is None:
         folders = list(find_log_folders(study_dir))
@@ -259,7 +234,7 @@ def list_problems(
 
 @dataclass(frozen=True, slots=True)
 class StudyStatus:
-    """The progress of a study; no participant who withdrew or left no data is named."""
+    """The progress of a study; it names no participant who withdrew or left no data."""
 
     sessions: tuple[SessionRow, ...]
     slots_without_data: tuple[str, ...]  # participants who took a slot and recorded nothing
@@ -272,28 +247,33 @@ class StudyStatus:
     sources: Mapping[str, int] = field(default_factory=dict)  # of those who came online, and have a slot
     companions: tuple[Path, ...] = ()  # files that another system keeps beside logs: they are not read
     useless_annotations: tuple[str, ...] = ()  # a line each, of those of episodes that no session has
+    flow: ParticipantFlow | None = None  # None without an enrolment log
 
 
 def read_study_status(study_dir: Path) -> StudyStatus:
-    """Read what `format_status` formats.
+    """Read the status that `format_status` formats.
 
     Raises:
         LogError: if there is no such folder.
-        AllocationError: if the register cannot be read.
+        AllocationError: if the enrolment log cannot be read.
     """
     require_folder(study_dir, instead="a study's folder, or a session log's own")
     folders = list(find_log_folders(study_dir))
     rows = tuple(read_session_index(study_dir, folders))
-    played = {row.summary.participant for row in rows if row.summary}
     lines = read_enrolment_log(study_dir)
+    flow = None
+    if lines:
+        flow = count_flow(lines, _list_session_records(rows))
+    replaced = tuple(list_replaced(lines))
+    played = {row.summary.participant for row in rows if row.summary}
     return StudyStatus(
         sessions=rows,
         slots_without_data=tuple(
-            slot.participant for slot in read_enrolled(study_dir) if slot.participant not in played
+            slot.participant for slot in read_enrolled(study_dir) if slot.participant not in played.union(replaced)
         ),
-        replaced=tuple(list_replaced(lines)),
+        replaced=replaced,
         left_without_data=count_unrecorded_departures(lines),
-        withdrew=sum(isinstance(line, ParticipantWithdrawn) for line in lines),
+        withdrew=len({line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}),
         interventions=count_all_interventions(study_dir, folders),
         problems=list_problems(study_dir, rows, folders),
         live=frozenset(
@@ -304,6 +284,7 @@ def read_study_status(study_dir: Path) -> StudyStatus:
         sources=Recruitment(study_dir).count_sources(),
         companions=tuple(find_system_companions(folders)),
         useless_annotations=tuple(_find_useless_annotations(folders)),
+        flow=flow,
     )
 
 
@@ -321,14 +302,7 @@ def _line(row: SessionRow, *, is_running: bool) -> str:
 
 
 def _progress(summary: SessionSummary) -> str:
-    match _classify(summary):
-        case "screened_out":
-            return "screened out"
-        case "failed":
-            return "the simulated participant failed"
-        case "complete":
-            return "complete"
-    return f"unfinished: {summary.end_reason}"
+    return _COUNTED.get(classify_session(summary), f"unfinished: {summary.end_reason}")
 
 
 def _state(row: SessionRow, summary: SessionSummary, *, is_running: bool) -> str:
@@ -342,3 +316,7 @@ def _state(row: SessionRow, summary: SessionSummary, *, is_running: bool) -> str
     if summary.player != "human":
         parts.append(summary.player)
     return ", ".join(parts)
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

@@ -1,4 +1,7 @@
-"""Finds withdrawals of which data may be left. Imports nothing that erases, so that `status` starts quickly."""
+"""Find withdrawals after which data may be left.
+
+The module imports nothing that erases, so that `status` starts quickly.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,11 +12,13 @@ MARK_SUFFIX = ".withdrawing"  # behind a participant's code: the name of a file 
 
 
 def find_unfinished_withdrawals(study_dir: Path) -> Iterator[str]:
-    """Say of whom data may be left, although they have withdrawn: an erasure was cut short, or done on another machine.
+    """Yield a line for each participant who withdrew, but whose data may be left on this machine.
+
+    Either the erasure was interrupted, or it was done on another machine.
 
     Raises:
-        OSError: if the enrolment log is in a database that cannot be asked.
-        LogError: if one of its lines is damaged.
+        OSError: if the enrolment log is in a database that cannot be reached.
+        LogError: if a line of the enrolment log is damaged.
     """
     for code in sorted(read_withdrawn_codes(study_dir)):
         if find_mark(study_dir, code).exists() or (study_dir / code).exists():
@@ -21,5 +26,5 @@ def find_unfinished_withdrawals(study_dir: Path) -> Iterator[str]:
 
 
 def find_mark(study_dir: Path, code: str) -> Path:
-    """Return the file that is there while the erasing of a participant is not finished."""
+    """Return the path of the file that exists while the erasure of a participant is unfinished."""
     return study_dir / f"{code}{MARK_SUFFIX}"

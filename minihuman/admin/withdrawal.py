@@ -1,8 +1,8 @@
-"""Withdraw a participant: erase their data or move them to an archive, and leave a tombstone in the enrolment log.
+"""Withdraw a participant: erase their data or move them to an archive, and record the withdrawal in the enrolment log.
 
-The archive is made first, then the tombstone, then the files are deleted: on a full disk nothing is changed, and from
-the tombstone on the participant is excluded, whatever happens to the files. A mark in the study's folder stays until
-all is erased, so that ``status`` and ``verify`` tell of an erasure that was cut short.
+The archive is made first, then the withdrawal is recorded, then the files are deleted. On a full disk, nothing is
+changed; once the withdrawal is recorded, the participant is excluded, whatever happens to the files. A mark in the
+study's folder stays until everything is erased, so that ``status`` and ``verify`` report an interrupted erasure.
 """
 
 import zipfile
@@ -34,12 +34,12 @@ MAX_REASONS = 5  # that an error names
 
 
 class ErasureError(LogError):
-    """Data of a participant who withdrew could not be erased."""
+    """The data of a participant who withdrew could not be erased completely."""
 
 
 @dataclass(frozen=True, slots=True)
 class WithdrawalResult:
-    """The data that were taken out of a study's folder."""
+    """The data that were removed from a study's folder."""
 
     files: int
     bytes: int
@@ -49,7 +49,7 @@ class WithdrawalResult:
     left: tuple[str, ...] = ()  # a line about each machine and output that still holds their data
 
     def line(self) -> str:
-        """Say so, naming nobody."""
+        """Describe the result in one line, without naming the participant."""
         if self.sealed:
             end = f"sealed in {self.sealed}, SHA-256 {self.sha256}"
         else:
@@ -64,22 +64,23 @@ class WithdrawalResult:
 def withdraw_participant(
     study_dir: Path, code: str, *, seal: Path | None, note: AuditNote = NO_NOTE
 ) -> WithdrawalResult:
-    """Take a participant out of a study: erase what there is of them, or move it into one archive elsewhere.
+    """Remove a participant from a study: erase all their data, or move them into an archive elsewhere.
 
-    Done twice it does the rest of what was cut short. What was made of the data before (figures, reports, exports) lies
-    elsewhere and is to be made again.
+    A repeated call completes an interrupted withdrawal. Outputs made earlier (figures, reports, exports) are outside
+    the study's folder and must be made again.
 
     Args:
         study_dir: the study's folder.
-        code: of the participant.
-        seal: the archive to be made, outside of the study's folder; None erases.
-        note: why, and who does it, for the enrolment log.
+        code: the participant's code.
+        seal: the path of the archive to make, outside the study's folder; None erases the data.
+        note: the reason and the experimenter, for the enrolment log.
 
     Raises:
-        AllocationError: if that is no code or nobody's, a session of theirs is running, or the archive cannot be made.
-        OSError: if the archive, or the first word of the withdrawal, cannot be written; nothing is erased.
-        RemoteStoreError: if logs or tables cannot be removed from a remote store; all else is done.
-        ErasureError: if something else cannot be erased; all that can be is.
+        AllocationError: if the code is not valid or unknown, a session of the participant is running, or the archive
+            cannot be made.
+        OSError: if the archive or the record of the withdrawal cannot be written; nothing has then been erased.
+        RemoteStoreError: if logs or tables cannot be removed from a remote store; all else has then been done.
+        ErasureError: if something else cannot be erased; all that can be has then been erased.
     """
     parse_participant_code(code)  # nothing but a participant's folder is ever taken out
     folder = study_dir / code
@@ -102,10 +103,10 @@ def withdraw_participant(
 
 
 def _erase_everywhere(study_dir: Path, code: str) -> int | None:
-    """Erase a participant's data in each place that has any, whatever goes wrong in another.
+    """Erase a participant's data in every place, whatever goes wrong in another.
 
     Returns:
-        How many files of tables were removed from their remote store; None where there is none.
+        The number of table files removed from their remote store; None if there is none.
     """
     errors = erase_local_copy(study_dir, code)
     for erase_elsewhere in (delete_remote_logs, record_erasure):
@@ -126,7 +127,9 @@ def _erase_everywhere(study_dir: Path, code: str) -> int | None:
 def _explain_leftovers(study_dir: Path, code: str, errors: list[Exception]) -> MinihumanError:
     distinct = list(dict.fromkeys(map(str, errors)))
     unnamed = len(distinct) - MAX_REASONS
-    reasons = "; ".join(distinct[:MAX_REASONS]) + (f"; and {unnamed} more" if unnamed > 0 else "")
+    reasons = "; ".join(distinct[:MAX_REASONS])
+    if unnamed > 0:
+        reasons += f"; and {unnamed} more"
     if all(isinstance(error, RemoteStoreError) for error in errors):
         return RemoteStoreError(
             f"{code} has withdrawn, and their data are gone from {study_dir}, but {reasons}; run the command again "
@@ -140,9 +143,9 @@ def _explain_leftovers(study_dir: Path, code: str, errors: list[Exception]) -> M
 
 @contextmanager
 def _mark_as_begun(study_dir: Path, code: str) -> Iterator[None]:
-    """Leave a file that says that an erasure has begun, until all is erased; an error inside takes it away again.
+    """Create a file which shows that an erasure has begun; an error before the withdrawal is recorded removes the file.
 
-    If the program is killed, it stays, and ``status`` and ``verify`` know.
+    If the program is killed, the file stays, so that ``status`` and ``verify`` report the unfinished erasure.
     """
     mark = find_mark(study_dir, code)
     if not study_dir.is_dir():  # no study, which whoever reads its enrolment log says
@@ -173,7 +176,7 @@ def _remove_mark(study_dir: Path, code: str) -> None:
 
 
 def replace_participant(study_dir: Path, code: str, note: AuditNote = NO_NOTE) -> None:
-    """Offer the slot of a participant who does not come back to the next; what they did stays, and counts.
+    """Free the slot of a participant who will not come back; their data are kept and remain included.
 
     Raises:
         AllocationError: if there is no such participant.
@@ -189,7 +192,7 @@ def _check_archive(archive: Path, study_dir: Path, code: str, files: list[Path])
 
 
 def _is_archived(files: list[Path], archive: Path, study_dir: Path, code: str) -> bool:
-    """Say whether an archive is of this participant alone and has these files as they are: a withdrawal made it."""
+    """Tell whether an archive from an earlier withdrawal holds only this participant's files, with these contents."""
     try:
         with zipfile.ZipFile(archive) as sealed:
             names = set(sealed.namelist())
@@ -203,9 +206,9 @@ def _is_archived(files: list[Path], archive: Path, study_dir: Path, code: str) -
 
 @contextmanager
 def _archive_files(files: list[Path], archive: Path | None, study_dir: Path) -> Iterator[str]:
-    """Put files into an archive, durable, and give its SHA-256; an error, here or inside, takes the archive away.
+    """Write files durably into an archive and yield its SHA-256; an error here or inside removes the archive.
 
-    An archive that an earlier withdrawal made of them stays as it is.
+    An archive that an earlier withdrawal made of these files is left unchanged.
     """
     if archive is None:
         yield ""

@@ -1,5 +1,6 @@
-"""The command line: parse, call, print. Exit status 0 is done, 1 a check failed, 2 bad input or an error that the user
-can put right.
+"""The command line: parse the arguments, call the package, and print the result.
+
+The exit status is 0 for success, 1 for a failed check, and 2 for invalid input or an error that the user can correct.
 """
 
 import os
@@ -30,7 +31,7 @@ _COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of a terminal, which Gymnasium puts 
 
 
 def main() -> None:
-    """Run the command line; what a user can put right (our errors, a file out of reach) is one line and exit 2."""
+    """Run the command line; an error that the user can correct is printed as one line, with exit status 2."""
     warnings.formatwarning = lambda message, *_: (  # the text alone is of use here
         f"Warning: {escape_control_characters(_COLOURS.sub('', str(message)))}\n"
     )
@@ -48,7 +49,7 @@ def main() -> None:
 
 
 def _run() -> int:
-    """Run a command; return its exit status."""
+    """Run a command and return its exit status."""
     try:
         return _exit_status(make_command_line().main(prog_name="minihuman", standalone_mode=False))
     except SystemExit as ended:
@@ -77,7 +78,7 @@ def _run() -> int:
 
 
 def _exit_status(code: object) -> int:
-    """Return the exit status that a command asked for; 0 where it asked for none."""
+    """Return the exit status that a command requested; 0 if it requested none."""
     if isinstance(code, int):
         return code
     return 0
@@ -106,9 +107,10 @@ def _refuse(error: OSError) -> int:
 
 
 def find_missing_requirements(module: str) -> list[str]:
-    """Find the requirement of this package that brings a module, then what else is missing of its extra; none if none.
+    """Return the requirement of this package that provides a module, then the other missing requirements of its extra.
 
-    What every installation has is an extra here, too, but for the replay viewer, which takes more than all the rest.
+    The list is empty if no requirement provides the module. The base requirements are treated like an extra, except for
+    the replay viewer, which is larger than all others together.
     """
     package = module.partition(".")[0]
     name = _DISTRIBUTIONS.get(package, package).lower()

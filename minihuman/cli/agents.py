@@ -1,4 +1,4 @@
-"""Commands that train agents on what people did (extra `learn`) and compare players: learn, bench."""
+"""Commands that train agents on people's data (extra `learn`) and compare players: learn, bench."""
 
 import sys
 from pathlib import Path
@@ -18,12 +18,12 @@ _Sight = Literal["view", "whole", "remembered"]
 
 
 def command_line() -> str:
-    """Return the command that is running, as results name it."""
+    """Return the command that is running, as recorded in results."""
     return " ".join(["minihuman", *sys.argv[1:]])
 
 
 def need_torch() -> None:
-    """Make sure that the extra `learn` is installed.
+    """Check that the extra `learn` is installed.
 
     Raises:
         LearnError: if it is not.

@@ -1,6 +1,6 @@
-"""The command line as one Click group: which commands there are, and how a declared function becomes one.
+"""The command line as one Click group: its commands, and how a declared function becomes a command.
 
-The help of the group comes from the table below, so that only the module of the command that was typed is imported.
+The group's help is made from the table below, so that only the module of the requested command is imported.
 """
 
 import inspect
@@ -76,7 +76,7 @@ _HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 
 
 class _Group(click.Group):
-    """A group that prints its help where no command is given, with the exit status of a mistake."""
+    """A group that prints its help if no command is given, with the exit status of an error."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if not args and not ctx.resilient_parsing:
@@ -86,14 +86,14 @@ class _Group(click.Group):
 
 
 class CommandLine(_Group):
-    """All commands; a command's module is imported when that command is asked for."""
+    """The group of all commands; a command's module is imported when that command is requested."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Name the commands in the order of the help."""
+        """Return the names of the commands in the order of the help."""
         return list(_MODULES)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command by its name or an earlier one."""
+        """Import a command by its current or earlier name; None if there is no such command."""
         name = ALIASES.get(cmd_name, cmd_name)
         if name not in _MODULES:
             return None
@@ -106,7 +106,7 @@ class CommandLine(_Group):
         return make_command(command)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands by section, without importing one."""
+        """Write the commands by section, without importing any."""
         widest = max(map(len, _MODULES))
         for section, helps in SECTIONS.items():
             with formatter.section(section.capitalize()):
@@ -114,7 +114,7 @@ class CommandLine(_Group):
 
 
 def make_command_line() -> CommandLine:
-    """Make the group of all commands."""
+    """Create the group of all commands."""
     group = CommandLine(
         "minihuman",
         help="Run experiments with people and agents in grid and first-person worlds; record every key press and "
@@ -126,19 +126,19 @@ def make_command_line() -> CommandLine:
 
 
 class Subgroup(_Group):
-    """A command with commands of its own, which its help lists in the order given."""
+    """A command with subcommands, which its help lists in the given order."""
 
     def __init__(self, name: str, help: str, commands: Sequence[Callable[..., None]]) -> None:
         made_commands = {command.__name__: make_command(command) for command in commands}
         super().__init__(name, made_commands, help=help, context_settings=_HELP_NAMES)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Name the commands in the order of the help."""
+        """Return the names of the subcommands in the order of the help."""
         return list(self.commands)
 
 
 def make_command(function: Callable[..., None]) -> click.Command:
-    """Turn a function whose parameters are declared as `Argument` and `Option` into a command of its name."""
+    """Convert a function whose parameters are declared as `Argument` and `Option` into a command with the same name."""
     parameters = inspect.signature(function).parameters.values()
     kinds = {parameter.name: get_args(parameter.annotation)[0] for parameter in parameters}
 
@@ -169,7 +169,7 @@ class _Argument(click.Argument):
 
 
 class _Option(click.Option):
-    """An option that knows its heading in the help."""
+    """An option with the heading under which the help lists it."""
 
     def __init__(self, names: Sequence[str], declared: Option, **settings: Any) -> None:
         super().__init__(names, help=declared.help, **settings)
@@ -177,7 +177,7 @@ class _Option(click.Option):
 
 
 class _Command(click.Command):
-    """A command whose help has its arguments, and its options by heading."""
+    """A command whose help lists its arguments, and its options under their headings."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         panels: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
@@ -222,7 +222,7 @@ def _make_parameter(parameter: inspect.Parameter) -> click.Parameter:
 
 
 def _bare_kind(annotation: Any) -> Any:
-    """Return the type of one value: of ``int | None`` int, of ``list[Path]`` Path."""
+    """Return the type of a single value, e.g. int for ``int | None`` and Path for ``list[Path]``."""
     inner = [part for part in get_args(annotation) if part is not type(None)]
     if inner and get_origin(annotation) is not Literal:
         return _bare_kind(inner[0])
@@ -244,7 +244,7 @@ def _click_type(kind: Any, declared: Argument | Option) -> Any:  # a ParamType, 
 
 
 def _keep_example(text: str) -> str:
-    """Mark the paragraphs of examples, which Click is not to wrap."""
+    """Mark the paragraphs with examples, so that Click does not wrap them."""
     return "\n\n".join(
         f"\b\n{paragraph}" if paragraph.startswith("Example:") else paragraph for paragraph in text.split("\n\n")
     )

@@ -1,7 +1,7 @@
-"""Declare arguments and options of commands, those that commands share among them, and show a progress line.
+"""Declare the arguments and options of commands, including those that several commands share, and show progress.
 
-A command is a plain function; its annotations say what its parameters are on the command line. `cli.command_line`
-turns it into a Click command. Nothing heavy is imported here.
+A command is a plain function whose annotations declare its parameters on the command line. `cli.command_line` turns it
+into a Click command. This module imports nothing large.
 """
 
 import inspect
@@ -30,7 +30,7 @@ class Argument:
 
 @dataclass(frozen=True, slots=True, init=False)
 class Option:
-    """A named parameter of a command: by the names declared, or the parameter's own."""
+    """A named parameter of a command, called by its declared names or, without any, by the parameter's own name."""
 
     names: tuple[str, ...]
     help: str
@@ -81,15 +81,15 @@ _HELP = {
     "only": "Include only episodes annotated with this tag; repeatable.",
     "without": "Exclude episodes annotated with this tag; repeatable. Episodes tagged `exclude` are excluded by "
     "default.",
-    "with_": "Also include episodes excluded by default: `exclude` (tagged `exclude`), `unfinished` or `rules` "
-    "(excluded by the protocol's rules); repeatable.",
+    "with_": "Also include episodes excluded by default: `exclude` (tagged `exclude`), `unfinished`, `rules` "
+    "(excluded by the protocol's rules) or `answer-rules` (by those on answers); repeatable.",
 }
 
 
 def selection_options(**defaults: tuple[str, ...]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options that choose episodes; it gets them as ``selection``, its last parameter.
+    """Add the options that select episodes to a command, which receives them as its last parameter, ``selection``.
 
-    ``defaults`` are what an option is where it is not given.
+    ``defaults`` holds the values of options that are not given.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
@@ -120,21 +120,21 @@ def _option(name: str) -> Any:
 
 
 def ask_reason(reason: str) -> str:
-    """Ask for a reason that was not given, on a terminal."""
+    """Return the given reason, or ask for one on a terminal."""
     if reason or not sys.stdin.isatty():
         return reason
     return str(click.prompt("Reason"))
 
 
 def ask_trust(trust: bool) -> Permission:
-    """Trust what the option says; on a terminal, ask where it is not given."""
+    """Return whether the option grants trust or, on a terminal, a function that asks the user."""
     if trust or not sys.stdin.isatty():
         return trust
     return lambda question: bool(click.confirm(escape_line(question), default=False, err=True))
 
 
 def print_json(value: object) -> None:
-    """Print a value as one line of JSON; paths and dates as texts, NumPy's numbers as numbers."""
+    """Print a value as one line of JSON; paths and dates become text, and NumPy numbers become numbers."""
     import msgspec
 
     print(
@@ -146,7 +146,7 @@ def print_json(value: object) -> None:
 
 
 def print_result(output: object, describe: Callable[[], str], *, json: bool) -> None:
-    """Print what a command found, as JSON or in words."""
+    """Print a command's result, as JSON or as text."""
     if json:
         print_json(output)
     else:
@@ -154,14 +154,14 @@ def print_result(output: object, describe: Callable[[], str], *, json: bool) -> 
 
 
 def print_account(lines: Iterable[str]) -> None:
-    """Print to the standard error what an output includes, and what is excluded and why."""
+    """Print to standard error what an output includes, and what is excluded and why."""
     for line in lines:
         print(escape_line(line), file=sys.stderr, flush=True)
 
 
 @contextmanager
 def show_progress(words: str) -> Iterator[Callable[[str], None]]:
-    """Show a line of progress; call what it yields to change the line. Control characters in it are escaped."""
+    """Show a progress line, and yield a function that changes it. Control characters are escaped."""
     is_terminal = sys.stderr.isatty()
 
     def show(line: str) -> None:

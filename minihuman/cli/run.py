@@ -90,7 +90,7 @@ def run(
 
 
 def _ask_interrupted(protocol: Path, data: Path, trust: Permission) -> tuple[str, int] | None:
-    """Ask on a terminal whether to resume a session that was cut off: the participant and the session, or None."""
+    """Ask on a terminal whether to resume an interrupted session; return its participant and number, or None."""
     if not sys.stdin.isatty():
         return None
     import click

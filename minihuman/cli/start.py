@@ -102,7 +102,7 @@ def new(
 
 
 def _ask_draft(usual: "ProtocolDraft") -> "ProtocolDraft":
-    """Ask what a new study is to be."""
+    """Ask the questions that define a new study, and return the answers."""
     import click
 
     from minihuman.admin.protocol_file import make_study_name
@@ -181,7 +181,7 @@ def check(
 
 
 def _save_pictures(study: "Protocol", plans: "list[SessionPlan]", pictures: Path) -> None:
-    """Save a picture of every screen of some sessions, and say which and where."""
+    """Save a picture of every screen of some sessions, and print where they are."""
     from minihuman.runtime.screenshots import save_screenshots
 
     with show_progress("drawing every screen"), name_output_when_full(pictures):
@@ -196,7 +196,7 @@ def _save_pictures(study: "Protocol", plans: "list[SessionPlan]", pictures: Path
 
 
 def _write_preregistration(study: "Protocol", plan: "SessionPlan", path: Path, effect: str) -> None:
-    """Write a preregistration with a power estimate for an effect, if there is one; say where."""
+    """Write a preregistration and print its path; include a power estimate if an effect is given."""
     from minihuman.planning.preregistration import describe_planned_power, write_preregistration
 
     power = ""

@@ -1,4 +1,4 @@
-"""Tables that kinds of activity add to those of every session: what a kind says of one, and all that are installed."""
+"""Tables that an activity kind adds to the tables of every session: how to declare one, and which are installed."""
 
 import re
 import sys
@@ -26,15 +26,16 @@ _TABLE_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActivityTable:
-    """A table that a kind of activity fills from its events, or from the episodes of its blocks.
+    """A table whose rows an activity kind builds from its events, or from the episodes of its blocks.
 
     Args:
-        name: the table's, in SQL and in files: lower case, digits and underscores.
-        columns: all of them. A row of an event is given the `SESSION_COLUMNS`, the segment and ``t_ns``; one of an
-            episode those that say which episode it is.
-        event_rows: by the class of an event, its row; None where it has none.
-        episode_row: the row of an episode; None for an episode that has none.
-        topics: of the log, whose contents the table has.
+        name: the table's name in SQL and in files: lower-case letters, digits and underscores.
+        columns: all columns of the table. A row built from an event also receives the `SESSION_COLUMNS`, the segment
+            and ``t_ns``; a row built from an episode receives the columns that identify the episode.
+        event_rows: per event class, the function that builds a row from an event; it returns None for an event that has
+            no row.
+        episode_row: the function that builds a row from an episode; it returns None for an episode that has no row.
+        topics: the log topics whose contents the table holds.
     """
 
     name: str
@@ -45,10 +46,10 @@ class ActivityTable:
 
 
 def list_activity_tables() -> tuple[ActivityTable, ...]:
-    """List the tables of every kind that is installed, in the order of the kinds' names.
+    """List the tables of every installed activity kind, in the order of the kinds' names.
 
     Raises:
-        QueryError: if two tables have one name, or a name that SQL does not take as it is.
+        QueryError: if two tables share a name, or a name is not a valid SQL identifier.
     """
     built_in = list_built_in_kinds()
     plugin_kinds = tuple(name for name in list_plugin_names(GROUP) if name not in built_in)
@@ -61,7 +62,7 @@ def _find_built_in_kinds(names: tuple[str, ...]) -> tuple[ActivityKind, ...]:
 
 
 def _find_kinds(names: Iterable[str]) -> Iterator[ActivityKind]:
-    """Find the kinds that can be loaded here: of a session with others, the other tables are read even so."""
+    """Yield the activity kinds that can be loaded here; a broken kind does not hide the tables of the others."""
     for name in names:
         with suppress(ProtocolError):
             yield find_kind(name)
@@ -84,7 +85,7 @@ def _load_tables(kinds: tuple[ActivityKind, ...]) -> tuple[ActivityTable, ...]:
 
 
 def list_table_sources() -> tuple[Path, ...]:
-    """List the files whose code makes the rows of these tables: a cache that other code filled is stale."""
+    """List the source files whose code builds the rows of these tables; a cache filled by other code is stale."""
     modules = {kind.tables.partition(":")[0] for kind in _find_kinds(list_plugin_names(GROUP)) if kind.tables}
     tables = list_activity_tables()
     makers = [maker for table in tables for maker in (*table.event_rows.values(), table.episode_row) if maker]
@@ -94,7 +95,7 @@ def list_table_sources() -> tuple[Path, ...]:
 
 
 def list_tables_of_topics() -> dict[str, tuple[str, ...]]:
-    """List the tables that have the contents of each topic."""
+    """Return, for each log topic, the names of the tables that hold its contents."""
     tables: dict[str, list[str]] = defaultdict(list)
     for table in list_activity_tables():
         for topic in table.topics:

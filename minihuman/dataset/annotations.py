@@ -1,7 +1,8 @@
-"""Annotations: a reviewer's tags and notes on an episode or a session, kept beside the log, which is never edited.
+"""Annotations: a reviewer's tags and notes on an episode or a session, stored beside the log, which is never edited.
 
-``sub-07_ses-01.marks.jsonl`` holds one annotation per line in the order they were made; one is revoked by a later
-line. Episodes are numbered as on the participant's screen and in every figure: 1 is the session's first.
+``sub-07_ses-01.marks.jsonl`` holds one annotation per line, in the order in which they were made; a later line can
+revoke an earlier one. Episodes are numbered as on the participant's screen and in every figure: the session's first
+episode is number 1.
 """
 
 import re
@@ -19,25 +20,32 @@ from minihuman.storage.file_journal import FileJournal
 
 ANNOTATIONS_SUFFIX = ".marks.jsonl"
 MAX_SHOWN_DIGITS = 12
-MAX_EPISODES = 1_000_000  # of a session; no plan has as many
-KNOWN_TAGS = ("exclude",)  # those that an output acts on by itself
+MAX_EPISODES = 1_000_000  # per session; no plan has as many
+KNOWN_TAGS = ("exclude",)  # tags that every output obeys by default
 _LOG_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")
 _TAG = re.compile(r"[a-z][a-z0-9_-]*")
 
 
 class Annotation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An annotation. ``episode`` None is the whole session; ``taken_back`` revokes an earlier one of that tag."""
+    """A reviewer's annotation of an episode or a session.
+
+    ``episode`` is None for an annotation of the whole session. ``taken_back`` revokes an earlier annotation with the
+    same tag.
+    """
 
     tag: str
     at: str  # ISO 8601 UTC
     episode: int | None = None
     note: str = ""
     taken_back: bool = False
-    experimenter: str = ""  # the code of the one who made it
+    experimenter: str = ""  # the code of the experimenter who made it
 
 
 def annotations_path(log: Path) -> Path:
-    """Return where a log's marks are; the same for a live, a cut-off and a finished log, and for a session's folder."""
+    """Return the path of a log's annotation file.
+
+    The path is the same for a live, a truncated and a finished log, and for a session's folder.
+    """
     if not log.is_dir():
         return log.with_name(_LOG_ENDING.sub("", log.name) + ANNOTATIONS_SUFFIX)
     stems = {_LOG_ENDING.sub("", path.name) for path in log.iterdir() if _LOG_ENDING.search(path.name)}
@@ -47,10 +55,10 @@ def annotations_path(log: Path) -> Path:
 
 
 def read_annotations(log: Path) -> tuple[Annotation, ...]:
-    """Read a log's marks, the oldest first; none if it has none.
+    """Read a log's annotations, the oldest first; an empty tuple if the log has none.
 
     Raises:
-        LogError: if a line cannot be understood.
+        LogError: if a line is not a valid annotation.
     """
     path = annotations_path(log)
     if not path.exists():
@@ -68,7 +76,7 @@ def read_annotation_file(path: Path) -> tuple[Annotation, ...]:
 
 
 def open_annotations(path: Path) -> FileJournal[Annotation]:
-    """Open the journal of annotations in a file."""
+    """Open an annotation file as a journal."""
     return FileJournal(path, partial(_decode, path), chained=True)
 
 
@@ -83,10 +91,11 @@ def _decode(path: Path, line: bytes, number: int) -> Annotation:
 
 
 def add_annotation(log: SessionLog, mark: Annotation) -> Path:
-    """Append a mark beside the log and say where.
+    """Append an annotation to the file beside the log and return the file's path.
 
     Raises:
-        LogError: if the tag is no word or close to a known one, or the session has no such episode.
+        LogError: if the tag is not a single word, if it resembles a built-in tag, or if the session has no such
+            episode.
     """
     if not _TAG.fullmatch(mark.tag):
         raise LogError(
@@ -106,7 +115,7 @@ def add_annotation(log: SessionLog, mark: Annotation) -> Path:
 
 
 def _require_distinct_tag(tag: str) -> None:
-    """Refuse a tag that looks like a misspelt built-in one."""
+    """Raise LogError for a tag that looks like a misspelt built-in one."""
     similar_tags = get_close_matches(tag, KNOWN_TAGS, cutoff=0.8)
     if similar_tags:
         raise LogError(
@@ -117,9 +126,9 @@ def _require_distinct_tag(tag: str) -> None:
 def split_annotations(
     log: SessionLog, annotations: Iterable[Annotation]
 ) -> tuple[tuple[Annotation, ...], tuple[Annotation, ...]]:
-    """Split annotations into those of the session and its episodes, and those of episodes that it has not.
+    """Split annotations into those that apply to the session or its episodes, and those of episodes that do not exist.
 
-    Somebody may have written them by hand; the latter have no effect, and ``verify`` names them.
+    The latter can occur in a file that was edited by hand. They have no effect, and ``verify`` names them.
     """
     numbers = {plan.episode + 1 for plan in log.plan.episodes}
     usable: list[Annotation] = []
@@ -133,7 +142,7 @@ def split_annotations(
 
 
 def describe_useless_annotation(annotation: Annotation) -> str:
-    """Say that an annotation has no effect."""
+    """Describe, in one line, an annotation that has no effect because its episode does not exist."""
     number = str(annotation.episode)
     if len(number) <= MAX_SHOWN_DIGITS:
         shown_number = number
@@ -143,7 +152,7 @@ def describe_useless_annotation(annotation: Annotation) -> str:
 
 
 def collect_tags(marks: Iterable[Annotation]) -> dict[int | None, frozenset[str]]:
-    """Collect the tags in force, by episode number; under None those of the whole session."""
+    """Return the tags in force by episode number; the tags of the whole session are under None."""
     tags_by_episode: dict[int | None, set[str]] = defaultdict(set)
     for mark in marks:
         if mark.taken_back:
@@ -154,5 +163,5 @@ def collect_tags(marks: Iterable[Annotation]) -> dict[int | None, frozenset[str]
 
 
 def list_episode_tags(episode: EpisodeLog, in_force: Mapping[int | None, frozenset[str]]) -> frozenset[str]:
-    """List the tags of one episode, the whole session's included."""
+    """Return the tags in force for one episode, including those of the whole session."""
     return in_force.get(episode.number, frozenset()) | in_force.get(None, frozenset())

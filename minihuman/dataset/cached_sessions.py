@@ -1,4 +1,4 @@
-"""What the table cache holds of a log besides its rows: what counts of it, and the files that it was read from."""
+"""What the table cache stores about a log besides its rows: how much is included, and a fingerprint of its files."""
 
 import os
 from collections.abc import Mapping
@@ -17,20 +17,20 @@ from minihuman.log.salvage.summary_section import read_first_metadata
 
 
 class CachedSession(msgspec.Struct, frozen=True):
-    """A cached log: where it is, how much of it is included, or why it cannot be read."""
+    """A cached log: its path, how much of it is included, or why it cannot be read."""
 
-    path: str  # "" in the file, which names no folder outside the study
+    path: str  # "" in the cache file, which names no folder outside the study
     problem: str = ""
     study: str = ""
-    blocks: int = 0  # that have an episode that counts
-    outline: PlanOutline | None = None  # of the session's plan; None, as the quality, of one that is not asked for
+    blocks: int = 0  # blocks with an included episode
+    outline: PlanOutline | None = None  # of the session's plan; None, like the quality, for a session not selected
     quality: RecordingQuality | None = None
     account: tuple[int, int, tuple[tuple[str, str, int], ...], tuple[tuple[str, int], ...]] = (0, 0, (), ())
-    practice: tuple[str, ...] = ()  # the blocks that its protocol does not analyse
-    excluded: tuple[tuple[str, str, str], ...] = ()  # the participant, where a rule excludes them: reason, study, code
+    practice: tuple[str, ...] = ()  # the blocks that the session's protocol does not analyse
+    excluded: tuple[tuple[str, str, str], ...] = ()  # reason, study and code if a rule excludes the participant
 
     def to_summary(self) -> SelectionSummary:
-        """Summarize this log alone."""
+        """Return the selection summary of this log alone."""
         sessions, episodes, versions, excluded_episodes = self.account
         account = SelectionSummary(sessions=sessions, episodes=episodes)
         account.versions.update({(study, version): count for study, version, count in versions})
@@ -40,26 +40,26 @@ class CachedSession(msgspec.Struct, frozen=True):
 
 
 class ListedLog(NamedTuple):
-    """A log as its files describe it, before it is read."""
+    """A log as found on disk, before it is read."""
 
     path: Path
     fingerprint: str
-    metadata: dict[str, str]  # its first
+    metadata: dict[str, str]  # the log's first metadata record
 
 
 class KnownLog(NamedTuple):
-    """A log as the cache describes it."""
+    """A log as the cache recorded it when its rows were stored."""
 
     number: int
     fingerprint: str
     with_shortest: bool
-    metadata: bytes  # its first, as MessagePack
+    metadata: bytes  # the log's first metadata record, as MessagePack
 
 
 def build_cached_session(session: SessionRows) -> CachedSession:
-    """Build what the cache holds of a session; its path is left to the cache's key."""
+    """Build a session's cache entry. Its path stays empty, because the cache's key holds the path."""
     account = session.account
-    versions = tuple((*whose, count) for whose, count in account.versions.items())
+    versions = tuple((study, version, count) for (study, version), count in account.versions.items())
     outline: PlanOutline | None = None
     quality: RecordingQuality | None = None
     if session.rows.count("participants"):
@@ -78,10 +78,10 @@ def build_cached_session(session: SessionRows) -> CachedSession:
 
 
 def list_logs(source: Path, known: Mapping[str, KnownLog]) -> tuple[dict[str, ListedLog], list[SkippedLog]]:
-    """List the logs to be read, by key, and those to be skipped.
+    """List the logs to read, by key, and the logs to skip.
 
-    The key is a log's path as seen from the study's folder. Of a log that is as the cache knows it, the metadata are
-    taken from there.
+    The key is the log's path relative to the study's folder. The metadata of a log that has not changed since it was
+    cached are taken from the cache.
 
     Raises:
         LogError: if there is no such file or folder.
@@ -110,9 +110,15 @@ def list_logs(source: Path, known: Mapping[str, KnownLog]) -> tuple[dict[str, Li
 
 
 def _fingerprint_log(first: str, known: str, of_participant: dict[str, str]) -> str:
-    """Fingerprint a log by its first file, the marks beside it and the participant's other sessions.
+    """Fingerprint a log by its first file, its annotation file and the participant's other sessions.
 
-    A rule that excludes a participant may be broken in any of their sessions, so each one's rows depend on all.
+    A rule that excludes a participant can be broken in any of their sessions, so the rows of each session depend on all
+    of them.
+
+    Args:
+        first: the path of the log's first file.
+        known: the cached fingerprint, from which digests of unchanged files are taken.
+        of_participant: the fingerprints computed so far, by participant folder; this function adds to them.
     """
     folder = os.path.dirname(first)
     if not os.path.basename(folder).startswith("ses-"):
@@ -128,7 +134,10 @@ def _fingerprint_log(first: str, known: str, of_participant: dict[str, str]) -> 
 
 
 def _describe_files(folder: str, prefix: str, known: str) -> str:
-    """Describe a folder's files whose names begin so, a line each; ``known`` as in ``describe_file``."""
+    """Describe the folder's files whose names begin with ``prefix``, one line per file.
+
+    ``known`` is as in ``describe_file``.
+    """
     return "\n".join(
         describe_file(entry.path, entry.stat(), name=f"{os.path.basename(folder)}/{entry.name}", known=known)
         for entry in sorted(os.scandir(folder or "."), key=lambda entry: entry.name)

@@ -1,7 +1,7 @@
-"""The cache of a study, one DuckDB file that may be deleted at any time and proves nothing: how it is opened, and when
-what is in it is stale.
+"""The cache of a study: one DuckDB file that may be deleted at any time and serves as evidence of nothing.
 
-Each part of it stores, beside what was made of a file, that file's description and the digest of the code that made it.
+This module opens the file and decides when its contents are stale. Next to the data derived from a file, the cache
+stores a description of that file and the digest of the code that derived the data.
 """
 
 import os
@@ -22,38 +22,43 @@ except ModuleNotFoundError:  # a station does without a cache, and reads its log
     duckdb = None  # type: ignore[assignment]
 
 TABLE_CACHE = "tables.duckdb"  # every table's rows, and the session index
-INDEX_SCHEMA = "session_index"  # which has a digest per row, and none of its definition
+INDEX_SCHEMA = "session_index"  # its rows have digests; its definition has none
 IN_USE_ERRORS = (duckdb.ConnectionException, duckdb.ResourceInUseException) if duckdb else ()  # open in this process
-# one process cannot open it with two kinds; with one thread, rows that are put in take whole pieces of the file
+# one process cannot open a file with two kinds of settings; with one thread, inserted rows fill whole row groups
 CACHE_SETTINGS = {"threads": "1", "memory_limit": "128MB"}
-LOCK_WAIT_S = 2.0  # how long another process may hold it before a command does without it
+LOCK_WAIT_S = 2.0  # a command does without the cache if another process holds it longer
 _LOCK_POLL_S = 0.02
 _LOCK_ERRORS = ("Could not set lock", "being used by another process")  # of DuckDB, on POSIX and on Windows
-_END_BYTES = 64 * 1024  # of a file's beginning and end, which tell it from another of the same size
-_UNSETTLED_NS = 2_000_000_000  # file systems count in steps of up to two seconds
-_FORMER = ("sessions.sqlite", "tables.files", "figures.files")  # what earlier versions kept
-_CHECKED = ".checked"  # of the file that says as of when its rows were compared with their digests
-_BESIDE = ("", "-journal", "-wal", "-shm", ".wal", ".tmp", _CHECKED)  # what we and libraries put beside them
+_END_BYTES = 64 * 1024  # of a file's beginning and end, which distinguish files of the same size
+_UNSETTLED_NS = 2_000_000_000  # file systems store times in steps of up to two seconds
+_FORMER = ("sessions.sqlite", "tables.files", "figures.files")  # the caches of earlier versions
+_CHECKED = ".checked"  # suffix of the file that records which tables were compared with their digests
+_BESIDE = ("", "-journal", "-wal", "-shm", ".wal", ".tmp", _CHECKED)  # suffixes of the files beside a cache
 _NAMES = frozenset(name + more for name in (TABLE_CACHE, *_FORMER) for more in _BESIDE)
 
 
 def is_cache(path: Path) -> bool:
-    """Tell whether a path, as seen from its study's folder, is a cache's or in one: by its exact name, at the top."""
+    """Tell whether a path relative to the study's folder is a cache file, or lies in a cache folder.
+
+    Only exact names at the top of the study's folder count.
+    """
     return bool(path.parts) and path.parts[0] in _NAMES
 
 
 def list_caches(study: Path) -> Iterator[Path]:
-    """List the caches of a study that exist now."""
+    """Yield the paths of a study's existing cache files."""
     yield from (study / name for name in sorted(_NAMES) if (study / name).exists())
 
 
 def connect_cache(
     file: Path, *, read_only: bool = False, wait_s: float = LOCK_WAIT_S, settings: dict[str, str] = CACHE_SETTINGS
 ) -> "duckdb.DuckDBPyConnection":
-    """Open a cache, once no other process has it open for writing, or at all if it is to be written.
+    """Open a cache, waiting while another process has it open.
+
+    Another reader delays only an opening for writing; another writer delays every opening.
 
     Raises:
-        duckdb.Error: if it cannot be opened, is none, or is still in use after ``wait_s``.
+        duckdb.Error: if it cannot be opened, is not a DuckDB file, or is still in use after ``wait_s``.
     """
     deadline_s = time.monotonic() + wait_s
     while True:
@@ -71,7 +76,7 @@ def connect_cache(
 
 @contextmanager
 def transaction(connection: "duckdb.DuckDBPyConnection") -> Iterator[None]:
-    """Keep all changes that are made inside, or none of them."""
+    """Run the enclosed changes in one transaction: either all of them are kept or none."""
     connection.execute("BEGIN")
     try:
         yield
@@ -88,22 +93,28 @@ def is_in_use(error: Exception) -> bool:
 
 
 def remove_cache(file: Path) -> None:
-    """Remove a database, its write-ahead log first: that alone would be replayed into the next file of the name."""
+    """Remove a database and its write-ahead log.
+
+    The write-ahead log goes first, because DuckDB would replay it into the next file of the same name.
+    """
     file.with_name(f"{file.name}.wal").unlink(missing_ok=True)
     file.unlink(missing_ok=True)
 
 
 def describe_cache(file: Path) -> str:
-    """Describe a cache so that every change shows: DuckDB counts its changes at the beginning of a file.
+    """Return a line that differs after every change to a cache, as DuckDB counts changes at the beginning of the file.
 
-    Nothing else can write it while it is open.
+    No other process can write to the file while it is open.
     """
     facts = file.stat()
     return f"{facts.st_ctime_ns} {describe_file(file, facts).rpartition(' ')[0]}"
 
 
 def read_checked(file: Path) -> frozenset[str]:
-    """Read which tables of a cache were compared with their digests, if it was not changed since; none otherwise."""
+    """Return the names of the cache's tables that were compared with their digests.
+
+    None if the cache has changed since then.
+    """
     try:
         described, names = file.with_name(f"{file.name}{_CHECKED}").read_text(encoding="utf-8").split("\n")
     except (OSError, ValueError):
@@ -114,7 +125,10 @@ def read_checked(file: Path) -> frozenset[str]:
 
 
 def write_checked(file: Path, names: Iterable[str]) -> None:
-    """Note which tables of a cache were compared; where that cannot be written the next command compares again."""
+    """Record which tables of a cache were compared with their digests.
+
+    If the record cannot be written, the next command compares the tables again.
+    """
     with suppress(OSError):
         noted = f"{describe_cache(file)}\n{' '.join(sorted(names))}"
         path = file.with_name(f"{file.name}{_CHECKED}")
@@ -123,12 +137,15 @@ def write_checked(file: Path, names: Iterable[str]) -> None:
 
 
 def describe_file(file: str | Path, facts: os.stat_result | None = None, *, name: str = "", known: str = "") -> str:
-    """Tell a file from other content of the same name: by size, time, a digest of the first and last 64 KiB, and when
-    the system says that it was last changed in any way.
+    """Describe a file in one line that distinguishes it from other content of the same name.
 
-    The digest is taken from an earlier description among the lines ``known`` where none of the times differ: nobody can
-    set that last one back. It is not trusted of a file changed just before it was described, nor on Windows, which
-    does not know it. ``is_same_content`` compares. ``name`` is what the line says instead of the file's own.
+    The line holds the size, the modification time, a digest of the first and last 64 KiB, and the time at which the
+    system last recorded any change.
+
+    The digest is copied from a matching line in ``known`` (earlier descriptions) when no time differs, because users
+    cannot set the system's change time back. The change time is not trusted for a file changed just before it was
+    described, nor on Windows, which does not record it. Compare descriptions with ``is_same_content``. ``name``
+    replaces the file's own name in the line.
     """
     name = name or os.path.basename(file)
     try:
@@ -153,17 +170,24 @@ def describe_file(file: str | Path, facts: os.stat_result | None = None, *, name
 
 
 def is_same_content(description: str, other: str) -> bool:
-    """Tell whether two descriptions of files, a line each, are of the same content, whenever it was put there."""
+    """Tell whether two descriptions, with one line per file, are of the same content, whenever it was put there.
+
+    The last field of each line, the system's change time, is ignored.
+    """
     return description == other or [line.rpartition(" ")[0] for line in description.split("\n")] == [
         line.rpartition(" ")[0] for line in other.split("\n")
     ]
 
 
 def _digest_ends(file: str | Path, size: int) -> str:
-    """Digest the first and last 64 KiB of a file: other content may have its size, and the time be set back."""
+    """Digest the first and last 64 KiB of a file.
+
+    Size and modification time are not enough: other content can have the same size, and a modification time can be set
+    back.
+    """
     try:
         with open(file, "rb", buffering=0) as source:
-            digest = sha256(source.read(_END_BYTES))  # half of what BLAKE2 takes
+            digest = sha256(source.read(_END_BYTES))  # takes half the time of BLAKE2
             source.seek(max(_END_BYTES, size - _END_BYTES))
             digest.update(source.read(_END_BYTES))
     except OSError:  # no permission, or finished and renamed just now: reading the log says so
@@ -173,7 +197,7 @@ def _digest_ends(file: str | Path, size: int) -> str:
 
 @cache
 def digest_files(paths: tuple[Path, ...]) -> str:
-    """Digest the contents of files."""
+    """Return one digest of the contents of several files."""
     digest = blake2b(digest_size=8)
     for path in paths:
         digest.update(path.read_bytes())
@@ -182,7 +206,10 @@ def digest_files(paths: tuple[Path, ...]) -> str:
 
 @cache
 def digest_sources(*packages: str) -> str:
-    """Digest the code of packages ("log/model"), without those below them; of none, all of minihuman's."""
+    """Return a digest of the code in packages such as "log/model", excluding their subpackages.
+
+    Without arguments, digest all of minihuman's code.
+    """
     root = Path(minihuman.__file__).parent
     digest = blake2b(digest_size=8)
     for sources in [sorted((root / package).glob("*.py")) for package in packages] or [sorted(root.rglob("*.py"))]:

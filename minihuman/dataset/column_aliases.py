@@ -1,4 +1,4 @@
-"""The names that tables' columns had in earlier versions, and queries that still use them."""
+"""The names that table columns had in earlier versions, and their translation in queries that still use them."""
 
 import re
 
@@ -20,5 +20,5 @@ _SQL_NAMES = re.compile(
 
 
 def use_current_columns(sql: str) -> str:
-    """Replace the columns' earlier names in a query by their present ones; literals and comments stay."""
+    """Replace earlier column names in a query by the current ones, leaving literals and comments unchanged."""
     return _SQL_NAMES.sub(lambda match: match["text"] or COLUMN_ALIASES[match["column"].lower()], sql)

@@ -1,4 +1,4 @@
-"""Columns of the table of episodes that plug-ins add: the entry-point group `minihuman.columns`."""
+"""Columns that plug-ins add to the table of episodes: the entry-point group `minihuman.columns`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,9 +19,10 @@ class EpisodeColumn:
     """A column of the table ``episodes``.
 
     Args:
-        column: its name, type, unit and meaning; it is in the data dictionary, in SQL and in files as the others are.
-        compute: its value for an episode; None where there is none. It sees the log alone, so that the same log gives
-            the same value.
+        column: the column's name, type, unit and meaning. Like any other column, it appears in the data dictionary, in
+            SQL and in files.
+        compute: the function that returns the column's value for an episode, or None if there is none. It receives only
+            the log, so that the same log always gives the same value.
     """
 
     column: TableColumn
@@ -32,7 +33,7 @@ def list_episode_columns() -> tuple[EpisodeColumn, ...]:
     """List the installed columns, in the order of their names.
 
     Raises:
-        QueryError: if one cannot be loaded, is no `EpisodeColumn`, or has a name that the table has already.
+        QueryError: if a column cannot be loaded, is not an `EpisodeColumn`, or has the name of an existing column.
     """
     return tuple(_load_column(name) for name in list_plugin_names(COLUMN_GROUP))
 
@@ -50,5 +51,5 @@ def _load_column(name: str) -> EpisodeColumn:
 
 
 def compute_episode_columns(episode: "EpisodeLog") -> dict[str, Any]:
-    """Compute the installed columns for an episode."""
+    """Return the values of the installed columns for an episode, by column name."""
     return {column.column.name: column.compute(episode) for column in list_episode_columns()}

@@ -1,4 +1,4 @@
-"""What an exporter receives: the included episodes one by one, rows session by session, or the rows in a store."""
+"""What an exporter receives: the included episodes one by one, the rows session by session, or the rows in a store."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -17,29 +17,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IncludedEpisode:
-    """An included episode, and the session it belongs to."""
+    """An included episode and the session it belongs to."""
 
     log: SessionLog
     episode: EpisodeLog
-    stored_frames: bool = False  # take the observations that the log holds, do not play them again
+    stored_frames: bool = False  # whether to use the observations in the log instead of replaying
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Return the facts that every exported episode carries: participant, rule, keys, and how it ended.
+        """Return the facts that every exported episode carries: participant, rule, keys and outcome.
 
-        ``session``, ``segment``, ``episode`` and ``attempt`` count from 1, as in the tables: they join with them.
+        ``session``, ``segment``, ``episode`` and ``attempt`` count from 1, as in the tables, so that they can be
+        joined.
         """
         return build_episode_facts(self.log, self.episode) | {"options": dict(self.episode.plan.options)}
 
 
 class IncludedEpisodes:
-    """The episodes that an export includes. Iterate over them once, in one of two ways.
+    """The episodes that an export includes. Iterate over them only once, by one of the methods.
 
     Args:
-        sessions: where they are, and what counts of them.
-        on_included: called with each episode's log and facts as it is taken.
-        stored_frames: whether observations are those that the logs hold.
-        with_messages: whether an archive of logs takes those with messages between participants, too.
+        sessions: the study's sessions, with the selection that decides which episodes are included.
+        on_included: called with the log's path and the facts of each episode when the episode is yielded.
+        stored_frames: whether to use the observations stored in the logs instead of replaying the episodes.
+        with_messages: whether an archive of logs also includes those that contain messages between participants.
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class IncludedEpisodes:
         self._stored_frames = stored_frames
 
     def __iter__(self) -> Iterator[IncludedEpisode]:
-        """Yield the included episodes in order, with one session in memory at a time.
+        """Yield the included episodes in order, holding one session in memory at a time.
 
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
@@ -72,7 +73,7 @@ class IncludedEpisodes:
                 yield item
 
     def counted(self) -> Iterator[SelectedSession]:
-        """Yield every selected session, one in memory at a time, with its included and excluded episodes.
+        """Yield every selected session with its included and excluded episodes; one session is in memory at a time.
 
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
@@ -84,11 +85,13 @@ class IncludedEpisodes:
                 yield selected
 
     def rows(self) -> Iterator[SessionRows]:
-        """Yield every session's rows of every table, several read side by side; excluded rows have their reason.
+        """Yield every session's rows of every table, reading several sessions in parallel.
+
+        Excluded rows carry their reason.
 
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
-            ReportError: if a protocol excludes by a measure that there is not.
+            ReportError: if a protocol excludes by a measure that does not exist.
         """
         for session in self.sessions.rows(with_shortest=False):
             for facts in session.facts:
@@ -96,10 +99,10 @@ class IncludedEpisodes:
             yield session
 
     def tables(self) -> Tables:
-        """Open the same rows in a file, those of many sessions together; use it in a ``with``.
+        """Open the rows of all sessions together as tables in a file, to be used in a ``with`` statement.
 
         Raises:
-            LogError, ReportError: as ``rows``.
+            LogError, ReportError: as for ``rows``.
         """
         tables = Tables(self.sessions)
         for path, facts in tables.included_facts():
@@ -107,6 +110,9 @@ class IncludedEpisodes:
         return tables
 
     def store(self) -> "StudyStore":
-        """Return the store of these tables: a name of an earlier version, which goes with the next one."""
+        """Return the store behind these tables. This is the name from an earlier version.
+
+        The next version removes it.
+        """
         warn_of_old_name("IncludedEpisodes.store", "IncludedEpisodes.tables")
         return self.tables().store

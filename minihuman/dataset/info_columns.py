@@ -1,7 +1,8 @@
-"""Columns of tables' files for what a study's JSON columns hold: of ``steps`` what it keeps of its worlds' ``info``, of
-``episodes`` and ``trials`` the labels of its stimuli; one column for each key.
+"""File columns for the keys of a study's JSON columns.
 
-In the study's table itself it is one column of JSON, as every study has the same tables.
+In the table ``steps`` the JSON column holds the recorded parts of the world's ``info``; in ``episodes`` and ``trials``
+it holds the labels of the stimuli. Table files have one column for each key. The study's own table keeps a single JSON
+column, so that every study has the same tables.
 """
 
 import json
@@ -18,7 +19,7 @@ from minihuman.experiment.plan.session_plan import name_label_column
 
 @dataclass(frozen=True, slots=True)
 class JsonColumn:
-    """A column of JSON whose keys are columns of a table's files."""
+    """A JSON column whose keys become columns of a table's files."""
 
     name: str
     meaning: str  # of one of them, with the key in it
@@ -36,7 +37,10 @@ _ARROW_TYPES = {"boolean": pa.bool_(), "number": pa.float64(), "text": pa.string
 
 
 def list_info_columns(connection: duckdb.DuckDBPyConnection, table: str) -> dict[str, TableColumn]:
-    """List the columns of a table's kept keys, by key: boolean or number where all values are, else text."""
+    """List the file columns for a table's JSON keys, by key.
+
+    The type is boolean or number where all values are, else text.
+    """
     column = _JSON_COLUMNS.get(table)
     if column is None:
         return {}
@@ -57,12 +61,12 @@ def _find_kind(types: Sequence[str]) -> TableColumnType:
 
 
 def build_info_schema(columns: Mapping[str, TableColumn]) -> list[pa.Field]:
-    """Build the fields of these columns."""
+    """Build the Arrow fields of the columns for JSON keys."""
     return [pa.field(column.name, _ARROW_TYPES[column.kind]) for column in columns.values()]
 
 
 def add_info_columns(rows: pa.Table, table: str, columns: Mapping[str, TableColumn]) -> pa.Table:
-    """Add these columns to some rows of a table."""
+    """Return some rows of a table with the columns for JSON keys appended."""
     if not columns:
         return rows
     texts = rows.column(_JSON_COLUMNS[table].name).to_pylist()

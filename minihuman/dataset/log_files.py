@@ -1,8 +1,7 @@
-"""Find the log files below a path and read them, several in parallel, without those of participants who withdrew.
-Nothing is changed.
+"""Find the log files below a path and read them in parallel, without the data of participants who withdrew.
 
-A file that cannot be read is reported with its reason, and the others are still read. The data of participants who
-withdrew from a study are included nowhere, and no message names them.
+No file is changed. A file that cannot be read is reported with its reason, and the others are still read. The data of
+participants who withdrew from a study are excluded everywhere, and no message names these participants.
 """
 
 import atexit
@@ -34,31 +33,31 @@ from minihuman.log.salvage.summary_section import read_first_metadata
 from minihuman.operating_system import count_processes
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, URL_FILE_NAME
 
-_UP = 3  # from a session's folder to its study's: <study>/sub-07/ses-01
+_UP = 3  # folders above a session's to search for its study: <study>/sub-07/ses-01
 
 T = TypeVar("T")
 _SEGMENT_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")
-_MIN_LOGS_PER_PROCESS = 32  # sessions; fewer are read sooner than one more process starts
-_BATCH = 4  # sessions handed over together
-_RAY_BATCH = 16  # the same; a task costs a cluster more than a process
-_AHEAD = 4  # batches worked on and not yet taken, beside two for each other process
-_SELDOM = 50_000, 20, 100  # new objects before the youngest are looked at, and so on; Python's own begin at 700
+_MIN_LOGS_PER_PROCESS = 32  # sessions; fewer are read faster than another process starts
+_BATCH = 4  # sessions sent to a process together
+_RAY_BATCH = 16  # sessions per task; a cluster's tasks cost more than a process's
+_AHEAD = 4  # unconsumed batches, in addition to two per worker process
+_SELDOM = 50_000, 20, 100  # thresholds of the garbage collector's generations; Python's default begins at 700
 _Batch = tuple[list[Path], "Future[list[T]]"]
 
 
 @dataclass(frozen=True, slots=True)
 class SkippedLog:
-    """A file that is not read, and why, in one sentence."""
+    """A file that is not read, and the reason in one sentence."""
 
     path: Path
     reason: str
 
     def line(self) -> str:
-        """Describe it in one line."""
+        """Describe the skipped file in one line."""
         return f"skipped {self.path}: {self.reason}"
 
     def relative_to(self, source: Path) -> "SkippedLog":
-        """Return the same, named as seen from a study's folder: what is written names no folder outside the study."""
+        """Return a copy with paths relative to the study's folder, so that outputs name no folder outside the study."""
         if source in self.path.parents:
             path = self.path.relative_to(source)
         else:
@@ -67,28 +66,28 @@ class SkippedLog:
 
 
 def find_containing_folder(path: Path) -> Path:
-    """Return a folder itself, and of a file the folder that it lies in."""
+    """Return the path itself if it is a folder, else the folder that contains the file."""
     if path.is_dir():
         return path
     return path.parent
 
 
 def name_paths_from(source: Path, text: str) -> str:
-    """Name the files in a text as seen from a study's folder, or from the folder of one log."""
+    """Return a text with its file paths relative to the study's folder, or to the folder that contains a single log."""
     return text.replace(os.fspath(find_containing_folder(source) / "_")[:-1], "")
 
 
 def list_readable_logs(
     source: Path, read_metadata: Callable[[Path, Path], dict[str, str]] = lambda log, first: read_first_metadata(first)
 ) -> tuple[list[Path], list[SkippedLog]]:
-    """List the log itself, or every session below a folder in order of path, each once; and the logs to skip.
+    """List the log itself, or every session below a folder once, in the order of paths; and list the logs to skip.
 
-    A session in several segments is named by its folder, so that they are read together. Of several logs of a session
-    the one in its own place is read. The logs of participants who withdrew are skipped.
+    A session in several segments is listed as its folder, so that they are read together. Of several logs of a session,
+    the one in its regular place is listed. The logs of participants who withdrew are skipped.
 
     Args:
         source: the log or folder.
-        read_metadata: gives a log's first metadata, by the log's path and that of the file that it begins in.
+        read_metadata: a function that returns a log's first metadata, given the log's path and its first file.
 
     Raises:
         LogError: if there is no such file or folder.
@@ -121,11 +120,11 @@ def list_readable_logs(
 
 
 def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
-    """Return a function that gives the codes of those who withdrew from the study that a log lies in."""
+    """Return a function that returns the codes of participants who withdrew from the study in which a log lies."""
 
     @cache
     def read(folder: str, up: int) -> frozenset[str]:
-        """Read the codes of a folder, and of so many folders above it."""
+        """Read the withdrawn codes of a folder and of the ``up`` folders above it."""
         above = os.path.dirname(folder)
         places = (
             os.path.join(folder, ENROLMENT_FILE_NAME),
@@ -154,20 +153,24 @@ def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
 
 
 def list_participant_logs(source: Path, participant: str) -> list[Path]:
-    """List the readable logs of one participant below a folder, by what each says first; unopened but for that."""
+    """List the readable logs of one participant below a folder, reading only the first metadata of each log.
+
+    Logs that are too damaged to name their participant are included.
+    """
     firsts = dict(_find_sessions(source)[0])
     participants = {
         path: read_first_metadata(firsts[path]).get("participant", "") for path in list_readable_logs(source)[0]
     }
     return [
         path for path, code in participants.items() if code in (participant, "")
-    ]  # a damaged log says nothing there
+    ]  # a damaged log may not name its participant
 
 
 def list_other_sessions(log: SessionLog) -> list[Path]:
-    """List the logs of the same participant's other sessions of the study, in order of session number.
+    """List the logs of the same participant's other sessions in the study, in the order of session number.
 
-    They are looked for where the participant's sessions are recorded, else in the folder the log lies in.
+    The search covers the participant's folder if the log lies in its regular place, else the folder that contains the
+    log.
     """
     folder = find_containing_folder(log.path).absolute()
     own = {"study": log.plan.study, "participant": log.plan.participant.id, "session": str(log.plan.session)}
@@ -190,7 +193,10 @@ def list_other_sessions(log: SessionLog) -> list[Path]:
 
 
 def _find_sessions(source: Path) -> tuple[list[tuple[Path, Path]], list[Path]]:
-    """Find what ``open_log`` takes, each with the file that its session begins in, and other systems' companions."""
+    """Find the paths that ``open_log`` accepts, each with the first file of its session.
+
+    And other systems' companion files.
+    """
     if source.is_file():
         return [(source, source)], []
     if not source.is_dir():
@@ -202,7 +208,7 @@ def _find_sessions(source: Path) -> tuple[list[tuple[Path, Path]], list[Path]]:
 
 
 def _session_of(facts: dict[str, str]) -> tuple[str, ...]:
-    """Return which session a log says it is of; () where it does not say all of that, being damaged."""
+    """Return the study, participant and session that a log names; an empty tuple if damage hides any of them."""
     session_key = tuple(facts.get(name, "") for name in ("study", "participant", "session"))
     if not all(session_key):
         return ()
@@ -210,7 +216,7 @@ def _session_of(facts: dict[str, str]) -> tuple[str, ...]:
 
 
 def _in_place(path: Path, facts: dict[str, str]) -> bool:
-    """Tell whether a log lies where its session's is recorded, under that exact name: a copy beside it has another."""
+    """Tell whether a log lies in its session's regular folder under its regular name, unlike a copy kept beside it."""
     folder = find_containing_folder(path)
     participant = facts.get("participant", "")
     session = f"ses-{facts.get('session', ''):0>2}"
@@ -229,9 +235,9 @@ def map_logs(
     processes: int | None = None,
     engine: str = "local",
 ) -> Iterator[T | SkippedLog]:
-    """Yield what ``work`` makes of one session after the other, as ``map_paths`` does.
+    """Yield the result of ``work`` for each session in turn, in the manner of ``map_paths``.
 
-    It may raise LogError or ProtocolError: that session is skipped.
+    A session for which ``work`` raises LogError or ProtocolError is yielded as skipped.
     """
     return map_paths(paths, partial(_work_on, work=work), processes=processes, engine=engine)
 
@@ -244,10 +250,10 @@ def map_paths(
     engine: str = "local",
     per_process: int = _MIN_LOGS_PER_PROCESS,
 ) -> Iterator[T]:
-    """Yield what ``work`` makes of one log after the other, in order, several side by side: here, or in a Ray cluster.
+    """Yield the result of ``work`` for each log in order, working on several in parallel, here or in a Ray cluster.
 
-    ``work`` also runs in other processes where there are ``per_process`` logs for each, so it and its results can be
-    pickled. Only a few results are held at a time.
+    Other processes are started only if there are ``per_process`` logs for each, so ``work`` and its results must be
+    picklable. Only a few results are held in memory at a time.
     """
     paths = list(paths)
     work_on_batch = partial(_work_on_each, work=work)
@@ -272,7 +278,10 @@ def map_paths(
 
 
 def _map_with_ray(paths: list[Path], work_on_batch: Callable[[list[Path]], list[T]]) -> Iterator[T]:
-    """Work in the cluster that RAY_ADDRESS names, or in one of this machine's cores; all see the same files."""
+    """Work in the cluster that RAY_ADDRESS names, or in a local one with this machine's cores.
+
+    All nodes share their files.
+    """
     ray: Any = import_module("ray")  # an extra
     with ray.init(log_to_driver=False, logging_level=30):  # warnings
         work = ray.remote(num_cpus=1)(_call)
@@ -294,7 +303,10 @@ def _call(work_on_batch: Callable[[list[Path]], list[T]], paths: list[Path], fol
 
 
 def _oldest(waiting: "deque[_Batch[T]]", work_on_batch: Callable[[list[Path]], list[T]]) -> list[T]:
-    """Wait for the oldest batch's results, and meanwhile work in this process on the newest that no other has begun."""
+    """Return the results of the oldest batch.
+
+    Until it is done, work here on the newest batch that no process has begun.
+    """
     while not waiting[0][1].done():
         free = next((place for place in reversed(range(len(waiting))) if waiting[place][1].cancel()), None)
         if free is None:
@@ -308,7 +320,10 @@ def _oldest(waiting: "deque[_Batch[T]]", work_on_batch: Callable[[list[Path]], l
 
 @contextmanager
 def infrequent_collection() -> Iterator[None]:
-    """Collect garbage less often inside: it took a tenth of the time of drawing figures, and freed little."""
+    """Run the enclosed code with less frequent garbage collection.
+
+    Collection took a tenth of the time of drawing figures and freed little memory.
+    """
     usual = gc.get_threshold()
     gc.set_threshold(*_SELDOM)
     try:
@@ -318,10 +333,13 @@ def infrequent_collection() -> Iterator[None]:
 
 
 def _settle(work: Callable[[Path], object]) -> None:
-    """Make a process ready. Handed over, ``work`` has imported what it needs: the collector may leave that alone."""
+    """Prepare a worker process.
+
+    Unpickling ``work`` has imported all that it needs, so the garbage collector can ignore the objects that exist now.
+    """
     gc.freeze()
     gc.set_threshold(*_SELDOM)
-    atexit.register(gc.unfreeze)  # else libraries in C take what is frozen for leaked, and say so
+    atexit.register(gc.unfreeze)  # otherwise C libraries report the frozen objects as leaks
 
 
 def _work_on_each(paths: list[Path], work: Callable[[Path], T]) -> list[T]:
@@ -333,7 +351,7 @@ def _work_on(path: Path, work: Callable[[SessionLog], T]) -> T | SkippedLog:
 
     try:
         log = read_log(path)
-        with raise_as_log_error(path):  # what a log says can be wrong in ways that only its use finds
+        with raise_as_log_error(path):  # a log's content can be invalid in ways that only its use reveals
             return work(log)
     except (LogError, ProtocolError, OSError) as error:
         return SkippedLog(path, str(error))

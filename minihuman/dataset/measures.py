@@ -1,8 +1,8 @@
-"""Measures: numbers computed from one episode or one session. Pure: no file, no clock, no drawing.
+"""Measures: numbers computed from one episode or one session by pure functions, without files, clocks or drawing.
 
-Time without pauses, reaction times, path length and straightness, steps relative to the shortest path (SPL: Anderson
-et al., 2018), the slope over a block's first episodes, and when each key's action is discovered. A step has a visible
-effect if the observation after it differs from the one before it.
+The measures are time without pauses, reaction times, path length and straightness, steps relative to the shortest path
+(SPL: Anderson et al., 2018), the slope over a block's first episodes, and the time at which each key's action is
+discovered. A step has a visible effect if the observation after it differs from the one before it.
 """
 
 import json
@@ -28,23 +28,24 @@ if TYPE_CHECKING:
 
 
 def played_ns(episode: EpisodeLog, until_ns: int | None = None) -> int:
-    """Return the playing time from the reset to a moment of session time, by default the last step, without pauses."""
+    """Return the playing time in nanoseconds, without pauses, from the reset to ``until_ns`` or to the last step."""
     first = int(episode.t_ns[0])
     last = int(episode.t_ns[-1]) if until_ns is None else until_ns
     return last - first - sum(max(0, min(last, end) - max(first, begin)) for begin, end in episode.pauses)
 
 
 def playing_s(episode: EpisodeLog) -> float:
-    """Return the seconds from the reset to the last step, without the pauses in between."""
+    """Return the playing time in seconds from the reset to the last step, without pauses."""
     return played_ns(episode) / 1e9
 
 
 def response_ms(episode: EpisodeLog) -> NDArray[np.float64]:
-    """Return the reaction time of each step, (n,) in ms; NaN without one.
+    """Return the reaction time of each step in milliseconds, an array of shape (n,); NaN for a step without one.
 
-    Turn-based, every picture is an onset: the key press minus the flip of the latest picture. In real time a tick's
-    picture asks for nothing, so the time runs from a stimulus onset that the world or the block names, to the first
-    key after it that a tick took; NaN if none is named, or if a pause lies between.
+    In a turn-based block every picture is an onset: the time runs from the flip of the latest picture to the key press.
+    In real time a tick's picture requires no response, so the time runs from a stimulus onset that the world or the
+    block declares to the first later key that a tick processed. It is NaN if no onset is declared or a pause lies in
+    between.
     """
     if episode.plan.pace != "real_time":
         return episode.rt_ms
@@ -69,7 +70,7 @@ def response_ms(episode: EpisodeLog) -> NDArray[np.float64]:
 
 
 def mean_and_median(times_ms: NDArray[np.float64]) -> tuple[float | None, float | None]:
-    """Mean and median of the times that are not NaN; None without any."""
+    """Return the mean and the median of the times that are not NaN; None for both if there are none."""
     known = times_ms[~np.isnan(times_ms)]
     middle = np.sort(known)[(known.size - 1) // 2 : known.size // 2 + 1]  # one, or two
     if known.size:
@@ -79,21 +80,21 @@ def mean_and_median(times_ms: NDArray[np.float64]) -> tuple[float | None, float 
 
 TURN_DTYPE = np.dtype([("row", np.int64), ("turned_rad", np.float64), ("steps", np.int64)])
 _STILL = 1e-9  # floating-point noise, in the map's unit
-_APART = np.full((1, 4), math.nan)  # between two episodes' poses: no movement leads from one into the next
+_APART = np.full((1, 4), math.nan)  # separates the poses of two episodes, so that no movement joins them
 
-PoseArray = NDArray[np.float64]  # (n + 1, 4) of an episode; of several with a row between them
+PoseArray = NDArray[np.float64]  # (n + 1, 4) for one episode; several are separated by a row of NaN
 
 
 class PathMeasures(NamedTuple):
     """The measures of an episode's path."""
 
-    length: float  # ground covered, in cells or metres; NaN where the world tells no pose
-    efficiency: float  # straight distance over ground covered: 1 is a straight line; NaN for one who never moved
+    length: float  # distance travelled in cells or metres; NaN if the world has no pose
+    efficiency: float  # straight distance / distance travelled; 1 for a straight line, NaN without movement
     turns: int  # runs of turning in place
 
 
 def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
-    """Measure the paths of several episodes; twenty take hardly longer than one."""
+    """Measure the paths of several episodes at once, which takes hardly longer than measuring one."""
     poses = np.concatenate([_APART, *(part for episode in episodes for part in (episode.poses, _APART))])
     begins = np.cumsum([1, *(len(episode.poses) + 1 for episode in episodes)])
     covered = _measure_strides(poses)
@@ -111,21 +112,23 @@ def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
 
 
 def net_displacement(episode: EpisodeLog) -> float:
-    """Return the straight distance from the first place to the last, in cells or metres."""
+    """Return the straight-line distance from the first position to the last, in cells or metres."""
     x0, _, z0, _ = episode.poses[0]
     x1, _, z1, _ = episode.poses[-1]
     return float(np.hypot(x1 - x0, z1 - z0))
 
 
 def turned_rad(episode: EpisodeLog) -> NDArray[np.float64]:
-    """Return the angle turned by each step, (n,), in [-pi, pi], counter-clockwise positive seen from above."""
+    """Return the angle turned at each step, shape (n,), in [-pi, pi]; counter-clockwise is positive seen from above."""
     return _turned_rad(episode.poses)
 
 
 def turns_in_place(episode: EpisodeLog) -> NDArray[np.void]:
-    """Find the runs of turning in place: ``row`` of the pose at the end, ``turned_rad`` in all (unsigned), ``steps``.
+    """Find the runs of turning in place.
 
-    A run lasts while the place stays the same; it counts where the heading changed at least once in it.
+    Each record has the ``row`` of the run's last pose, the total unsigned angle ``turned_rad``, and the number of
+    ``steps`` that turned. A run lasts while the position stays the same; runs without any change of heading are
+    excluded.
     """
     turned = np.abs(turned_rad(episode))
     runs = zip(*(places.tolist() for places in _find_turns(episode.poses)), strict=True)
@@ -133,9 +136,9 @@ def turns_in_place(episode: EpisodeLog) -> NDArray[np.void]:
 
 
 def _measure_strides(poses: PoseArray) -> NDArray[np.float64]:
-    """Return the distance from each place to the next, (n,)."""
-    moved = poses[1:] - poses[:-1]
-    return np.asarray(np.hypot(moved[:, 0], moved[:, 2]))
+    """Return the distance from each position to the next, shape (n,)."""
+    displacements = poses[1:] - poses[:-1]
+    return np.asarray(np.hypot(displacements[:, 0], displacements[:, 2]))
 
 
 def _turned_rad(poses: PoseArray) -> NDArray[np.float64]:
@@ -145,18 +148,19 @@ def _turned_rad(poses: PoseArray) -> NDArray[np.float64]:
 
 
 def _find_turns(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Find the runs of turning in place: their first and last row, and in how many steps the heading changed."""
+    """Find the runs of turning in place: each run's first row, its last row, and the number of steps that turned."""
     still = _measure_strides(poses) < _STILL
-    between = np.concatenate([[False], still, [False]])
-    edges = np.flatnonzero(between[1:] != between[:-1]).reshape(-1, 2)
+    bounded = np.concatenate([[False], still, [False]])
+    edges = np.flatnonzero(bounded[1:] != bounded[:-1]).reshape(-1, 2)  # first and last row of each run
     turned = still & (np.abs(_turned_rad(poses)) > _STILL)
-    before = np.concatenate([[0], np.cumsum(turned)])  # steps that turned, up to each row
-    steps = before[edges[:, 1]] - before[edges[:, 0]]
-    return edges[steps > 0, 0], edges[steps > 0, 1], steps[steps > 0]
+    turns_until_row = np.concatenate([[0], np.cumsum(turned)])
+    steps = turns_until_row[edges[:, 1]] - turns_until_row[edges[:, 0]]
+    has_turn = steps > 0
+    return edges[has_turn, 0], edges[has_turn, 1], steps[has_turn]
 
 
 def excess_steps(steps: int, best: int | None, *, success: bool) -> float | None:
-    """Return the steps over the best known path to the goal; None without the goal, or without a known path."""
+    """Return the steps beyond the best known path to the goal; None if the goal was missed or no path is known."""
     if success and best is not None:
         return float(steps - best)
     return None
@@ -165,8 +169,9 @@ def excess_steps(steps: int, best: int | None, *, success: bool) -> float | None
 def log_excess_steps(steps: int, best: int | None, limit: int, outcome: str) -> float | None:
     """Return ln(1 + excess steps); an episode that missed the goal counts with its step limit.
 
-    Steps are multiplied by what makes people slow, so their logarithm is what is compared; and a group that fails more
-    must not look better by being excluded. None for an episode that was broken off, or where no way is known.
+    What slows people down multiplies their steps, so the logarithm is compared; and a group that fails more often must
+    not look better because its failures are excluded. None for an episode that was broken off, or for which no path is
+    known.
     """
     if best is None or outcome not in ("goal", "timeout", "failure"):
         return None
@@ -176,9 +181,10 @@ def log_excess_steps(steps: int, best: int | None, limit: int, outcome: str) -> 
 def log_steps_ratio(steps: int, best: int | None, limit: int, outcome: str) -> float | None:
     """Return ln(steps / steps of the best known path); an episode that missed the goal counts with its step limit.
 
-    Differences are ratios of steps: -0.36 is 30 % fewer. ``log_excess_steps`` weighs a step most where hardly any was
-    too many, so a layout on which everybody is nearly perfect tells as much there as all others together; here a step
-    counts by the length of the way. None for an episode that was broken off, or where no way is known.
+    Differences of this measure are ratios of steps: -0.36 is 30 % fewer. ``log_excess_steps`` weighs a step most where
+    hardly any were superfluous, so that one layout on which everybody is nearly perfect can weigh as much as all others
+    together; here a step is weighed by the length of the path. None for an episode that was broken off, or for which no
+    path is known.
     """
     if best is None or best < 1 or outcome not in ("goal", "timeout", "failure"):
         return None
@@ -193,9 +199,10 @@ def _steps_at_limit(steps: int, limit: int, outcome: str) -> int:
 
 
 def spl(steps: int, best: int | None, outcome: str) -> float | None:
-    """Return success weighted by path length, in steps (Anderson et al., 2018): best / steps with the goal, else 0.
+    """Return success weighted by path length, in steps (Anderson et al., 2018).
 
-    None for an episode that was broken off, or where no way is known.
+    The value is best / steps if the goal was reached, else 0. It is None for an episode that was broken off, or for
+    which no path is known.
     """
     if best is None or outcome not in ("goal", "timeout", "failure"):
         return None
@@ -204,13 +211,13 @@ def spl(steps: int, best: int | None, outcome: str) -> float | None:
     return 0.0
 
 
-FIRST_EPISODES = 5  # episodes that count as the first
+FIRST_EPISODES = 5  # the number of episodes regarded as the first
 
 
 def slope_per_episode(values: Sequence[float], *, first: int = FIRST_EPISODES) -> float:
-    """Fit the measure's change per episode over the first episodes by least squares; NaN with fewer than two.
+    """Return the least-squares slope of a measure per episode over the first episodes; NaN with fewer than two values.
 
-    NaN values, of episodes that do not count, are excluded.
+    NaN values, which mark excluded episodes, are ignored.
     """
     early = np.asarray(values[:first], float)
     is_known = ~np.isnan(early)
@@ -222,22 +229,23 @@ def slope_per_episode(values: Sequence[float], *, first: int = FIRST_EPISODES) -
     return float((centred * rises).sum() / (centred**2).sum())
 
 
-_TAKEN = ("accepted", "queued")  # verdicts of presses that were answered by a step
+_TAKEN = ("accepted", "queued")  # verdicts of presses that caused a step
 
 
 @dataclass(frozen=True, slots=True)
 class KeyUse:
     """The use of one key under one key map, and when its action was discovered.
 
-    ``discovered_s`` is playing time in episodes, and ``discovered_steps`` the steps done up to and with that press,
-    since the key map came into force; both None while its action never showed.
+    ``discovered_s`` is the playing time, and ``discovered_steps`` the number of steps, from the first use of the key
+    map up to and including the press that discovered the action. Both are None if the action never had a visible
+    effect.
     """
 
     key: str
     action: str | None  # None: no action
-    first_episode: int  # the key map's first, by Episode.number
-    presses: int  # all that went down while an episode ran, auto-repeats excluded
-    steps: int  # that stepped the world
+    first_episode: int  # number of the first episode under the key map
+    presses: int  # presses during episodes, without auto-repeats
+    steps: int  # steps that the key caused
     ineffective_steps: int  # steps without a visible effect
     refused: int  # presses with no action, or while no action was taken
     discovered_s: float | None
@@ -245,13 +253,13 @@ class KeyUse:
 
 
 def visible_effect(episode: EpisodeLog) -> NDArray[np.bool_]:
-    """Return whether each step changed what is seen, (n,)."""
+    """Return whether each step changed the observation, an array of shape (n,)."""
     return np.not_equal(episode.observation_hashes[1:], episode.observation_hashes[:-1])
 
 
 @dataclass(frozen=True, slots=True)
 class KeyTally:
-    """One episode's presses and steps by key, auto-repeats excluded, and where each key's action first showed."""
+    """The presses and steps of one episode by key, without auto-repeats, and when each key's action first showed."""
 
     episode: EpisodeLog
     presses: Counter[str]
@@ -262,7 +270,7 @@ class KeyTally:
 
     @classmethod
     def of(cls, episode: EpisodeLog) -> "KeyTally":
-        """Count an episode's."""
+        """Count the presses and steps of an episode."""
         keys = episode.keys
         key = keys.column("key")
         verdict = keys.column("verdict")
@@ -284,7 +292,7 @@ _UNDISCOVERED: _Discovery = (None, None)
 
 
 def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
-    """Summarize the use of each key of each key map, and of each other key that was tried."""
+    """Summarize the use of every key of each key map, and of every other key that was tried."""
     rows: list[KeyUse] = []
     for key_map, group in _group_by_key_map(tallies):
         presses, refused, steps, ineffective_steps = (
@@ -315,7 +323,7 @@ def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
 
 
 def key_discovery_times(tallies: Sequence[KeyTally]) -> list[float | None]:
-    """Return ``KeyUse.discovered_s`` of every key that has an action."""
+    """Return the ``KeyUse.discovered_s`` of every key that has an action."""
     times_s: list[float | None] = []
     for key_map, group in _group_by_key_map(tallies):
         discoveries = _find_discoveries(group)
@@ -324,7 +332,7 @@ def key_discovery_times(tallies: Sequence[KeyTally]) -> list[float | None]:
 
 
 def _group_by_key_map(tallies: Iterable[KeyTally]) -> Iterator[tuple[KeyMap, list[KeyTally]]]:
-    """Group the episodes that were played one after the other under the same key map."""
+    """Yield each key map with the consecutive episodes that were played under it."""
     for key_map, run in groupby(tallies, key=lambda tally: tally.episode.plan.key_map):
         yield key_map, list(run)
 
@@ -337,7 +345,10 @@ def _total(counts: Iterable[Counter[str]]) -> Counter[str]:
 
 
 def _find_discoveries(group: Sequence[KeyTally]) -> dict[str, _Discovery]:
-    """Find, for each key whose action showed, the playing time in s and the steps under its key map until then."""
+    """Return when each key's action first showed: the playing time in seconds, and the steps under its key map.
+
+    Keys whose action never showed are absent.
+    """
     discoveries: dict[str, _Discovery] = {}
     steps_before = 0
     before_ns = 0
@@ -353,16 +364,18 @@ def _find_discoveries(group: Sequence[KeyTally]) -> dict[str, _Discovery]:
 
 
 def world_options_json(plan: EpisodePlan) -> str:
-    """Encode a world's options as the table "plan" has them."""
+    """Encode a world's options as JSON in the form used by the table "plan"."""
     return json.dumps(plan.options, sort_keys=True, default=str)
 
 
 @lru_cache(maxsize=100_000)
 def layout_path_bounds(world_id: str, options: str, seed: int) -> PathLengthBounds:
-    """Return the fewest steps in a world from its seed; ``options`` are JSON with sorted keys.
+    """Return bounds on the fewest steps to the goal in the world made from a seed.
+
+    ``options`` is JSON with sorted keys.
 
     Raises:
-        WorldError: if the world cannot be made here.
+        WorldError: if the world cannot be created here.
     """
     world = _world(world_id, options)
     world.reset(seed)

@@ -1,4 +1,4 @@
-"""Recording quality of a session: late and missing frames, pauses, displays; and an outline of its plan for reports."""
+"""Recording quality of a session (late and missing frames, pauses, displays), and an outline of its plan."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from minihuman.log.model.doubtful_presses import describe_doubtful_presses, find
 from minihuman.log.model.event_columns import CategoricalTexts
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
-LATE_MS = 5.0  # a press that waited longer for the session than this is counted
+LATE_MS = 5.0  # presses that waited longer to be processed are counted as late
 _NS_PER_MS = 1e6
 _NO_FLIP = -1
 _DISPLAY = ("window", "window_size_px", "refresh_hz_reported", "vsync", "key_times")
@@ -27,26 +27,26 @@ _SOFTWARE = (
 
 @dataclass(frozen=True, slots=True)
 class RecordingQuality:
-    """The recording quality of one session. Times in ms; NaN where there was nothing to measure."""
+    """The recording quality of one session. Times are in milliseconds; NaN where nothing could be measured."""
 
     participant: str
     session: int
     presses: int
-    late: int  # presses that were taken more than LATE_MS after they were made
+    late: int  # presses processed more than LATE_MS after they were made
     latest_ms: float
     steps: int
-    pictures_missing: int  # steps and resets of which no picture was shown
+    pictures_missing: int  # steps and resets whose picture was not shown
     key_to_flip_ms: tuple[float, float, float]  # median, 95 %, 99 %: from a step's key to its picture's flip
     focus_lost: int
     pauses: int
     paused_s: float
     segments: int
     clean: bool
-    displays: tuple[dict[str, str], ...]  # each other one that a segment was played at
-    software: tuple[dict[str, str], ...]  # the same
-    periods: int = 0  # of real time in which steps are made without a key, too
-    periods_missed: int = 0  # of them, without a step: the world or the machine was too slow
-    doubtful_presses: str = ""  # accepted, though down before the window had the focus, in words; "" for none
+    displays: tuple[dict[str, str], ...]  # the distinct displays of the segments
+    software: tuple[dict[str, str], ...]  # the distinct software versions of the segments
+    periods: int = 0  # step periods of real-time blocks that step without a key
+    periods_missed: int = 0  # periods without a step, because the world or the machine was too slow
+    doubtful_presses: str = ""  # describes accepted presses of keys that were down before the window had the focus
 
 
 class PlanOutline(msgspec.Struct, frozen=True):
@@ -59,31 +59,34 @@ class PlanOutline(msgspec.Struct, frozen=True):
     participant: str
     group: str
     session: int
-    by_hand: bool  # participant or group chosen, not allocated
-    blocks: tuple[EpisodePlan, ...]  # the first episode of each
+    by_hand: bool  # whether participant or group was chosen instead of allocated
+    blocks: tuple[EpisodePlan, ...]  # the first episode of each block
     stratum: str = ""
-    stratified_by: str = ""  # the question that the stratum is of
-    computed: tuple[str, ...] = ()  # the blocks that a page with the same kernels computes
+    stratified_by: str = ""  # the question whose answer is the stratum
+    computed: tuple[str, ...] = ()  # blocks that the web page computes with its own kernels
 
     @classmethod
     def of(cls, plan: SessionPlan) -> "PlanOutline":
-        """Outline a plan."""
+        """Outline a session's plan."""
         first: dict[str, EpisodePlan] = {}
         for episode in plan.episodes:
             first.setdefault(episode.block_name, episode)
+        stratified_by = ""
+        if plan.participant.stratum:
+            stratified_by = decode_logged_protocol(plan.protocol_toml).allocation.stratify_by
         return cls(
-            plan.study,
-            plan.study_version,
-            plan.protocol_sha256,
-            plan.study_seed,
-            plan.participant.id,
-            plan.participant.group,
-            plan.session,
-            plan.overridden,
-            tuple(first.values()),
-            plan.participant.stratum,
-            decode_logged_protocol(plan.protocol_toml).allocation.stratify_by if plan.participant.stratum else "",
-            tuple(
+            study=plan.study,
+            version=plan.study_version,
+            protocol_sha256=plan.protocol_sha256,
+            seed=plan.study_seed,
+            participant=plan.participant.id,
+            group=plan.participant.group,
+            session=plan.session,
+            by_hand=plan.overridden,
+            blocks=tuple(first.values()),
+            stratum=plan.participant.stratum,
+            stratified_by=stratified_by,
+            computed=tuple(
                 plan.episodes[part.plan.first].block_name
                 for part in plan.parts
                 if isinstance(part.plan, PlayPlan) and part.plan.computed == "page"
@@ -92,7 +95,7 @@ class PlanOutline(msgspec.Struct, frozen=True):
 
 
 def measure_recording_quality(log: SessionLog) -> RecordingQuality:
-    """Measure one session's recording."""
+    """Measure the recording quality of one session."""
     waited_ms = [np.asarray(segment.keys.column("waited_ns")) / _NS_PER_MS for segment in log.segments]
     down = [np.asarray(segment.keys.column("down"), bool) for segment in log.segments]
     pressed = _concatenate(segment_waits_ms[is_down] for segment_waits_ms, is_down in zip(waited_ms, down, strict=True))
@@ -126,13 +129,13 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
 
 
 def _list_station_facts(log: SessionLog, names: Sequence[str]) -> tuple[dict[str, str], ...]:
-    """List some facts of the stations that a session's segments were played at, each distinct one once."""
+    """List the named facts of the stations on which the session's segments were played, without duplicates."""
     station_facts = [{name: segment.facts[name] for name in names if name in segment.facts} for segment in log.segments]
     return tuple(facts for place, facts in enumerate(station_facts) if facts not in station_facts[:place])
 
 
 def list_key_to_flip_ms(log: SessionLog) -> NDArray[np.float64]:
-    """List the times from each step's key to the first flip of its picture, in ms, of all episodes."""
+    """List the times in milliseconds from each step's key to the first flip of its picture, over all episodes."""
     return _concatenate(_key_to_flip_ms(episode) for episode in log.episodes)
 
 
@@ -141,13 +144,16 @@ def _concatenate(parts: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
 
 
 def _count_missing_pictures(episode: EpisodeLog) -> int:
-    """Count an episode's pictures that were not shown; the reset has one too."""
+    """Count an episode's pictures that were never shown, including the picture of the reset."""
     shown_steps = set(np.asarray(episode.frames.column("step")).tolist())
     return len(episode.actions) + 1 - len(shown_steps)
 
 
 def _count_periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
-    """Count the periods between each step and the next, in real time without a pause; [] where keys make the steps."""
+    """Count the step periods from each real-time step to the next, without steps around a pause.
+
+    The array is empty if keys make the steps.
+    """
     if episode.plan.pace != "real_time" or episode.plan.noop is None:
         return np.empty(0, np.int64)
     made_ns = episode.t_ns[1:]
@@ -160,7 +166,7 @@ def _count_periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> ND
 
 
 def _key_to_flip_ms(episode: EpisodeLog) -> NDArray[np.float64]:
-    """List the times from each step's key to the first flip of its picture, where there was a key and a picture."""
+    """List the times in milliseconds from a step's key to the first flip of its picture, for steps that have both."""
     # backwards: of several pictures of a step the first is kept
     steps, flips_ns = (np.asarray(episode.frames.column(name), np.int64)[::-1] for name in ("step", "flip_ns"))
     is_done = (steps > 0) & (steps <= len(episode.actions))  # a log may break off between a picture and its step

@@ -1,7 +1,8 @@
-"""Keep the tables of a study's sessions in the remote store that ``tables.url`` names, and bring them from there.
+"""Store the tables of a study's sessions in the remote store that ``tables.url`` names, and fetch them from there.
 
-Without such a file no tables are stored. A table's rows of a session are a Parquet file with their digest in its name,
-so a list of names tells what is stored already, and machines that store tables at the same time need no lock.
+No tables are stored if that file does not exist. One session's rows of one table are a Parquet file with their digest
+in its name, so that a listing of names shows what is already stored, and several machines can store tables at the same
+time without a lock.
 """
 
 import tempfile
@@ -26,15 +27,15 @@ from minihuman.storage.remote_store import (
 def store_tables(study_dir: Path, *, say: Callable[[str], None] = lambda line: None) -> tuple[int, int] | None:
     """Put the tables of a study's sessions into the store that ``tables.url`` names, and remove the rows they replace.
 
-    What is stored already is neither written nor read. The rows of sessions that this machine does not have stay, but
-    those of participants who withdrew go. Cut short and done again, it does the rest.
+    What is already stored is neither read nor written. The rows of sessions that this machine does not have are kept,
+    except those of participants who withdrew. If interrupted, it completes the work when called again.
 
     Args:
         study_dir: the study's folder.
-        say: called with a line about each log that cannot be read: its tables stay as they are.
+        say: called with a line about each log that cannot be read; the stored tables of such a log are kept.
 
     Returns:
-        How many files were stored and how many removed; None where there is no ``tables.url``.
+        The number of files stored and the number removed; None if there is no ``tables.url``.
 
     Raises:
         OSError: if the enrolment log cannot be read.
@@ -77,7 +78,7 @@ def _require_study(study_dir: Path, partitions: Iterable[TablePartition]) -> Non
 def _find_stale(
     stored: Set[TablePartition], local: Set[TablePartition], withdrawn: Set[str]
 ) -> Iterator[TablePartition]:
-    """Yield what is stored of participants who withdrew, and of sessions that have other rows here."""
+    """Yield the stored partitions of participants who withdrew, and of sessions whose local rows differ."""
     local_sessions = {partition.of_session for partition in local}
     for partition in stored:
         is_replaced = partition.of_session in local_sessions and partition not in local
@@ -86,14 +87,15 @@ def _find_stale(
 
 
 def fetch_tables(source: str, folder: Path, *, say: Callable[[str], None] = lambda line: None) -> tuple[int, int]:
-    """Make a folder hold the same tables as the store; return how many files came and how many were removed.
+    """Make a folder hold the same tables as the store; return the numbers of fetched and of removed files.
 
-    A file that is damaged there is not fetched but taken away, so that the machine that has the log stores it again.
+    A damaged file in the store is not fetched but removed, so that the machine that has the log stores it again.
 
     Args:
-        source: a study's folder, which need not exist, beside ``tables.url``; or a store, whose studies all come.
-        folder: the folder. Other files in it stay.
-        say: called with a line about each file that is damaged.
+        source: a study's folder, which need not exist, beside ``tables.url``; or the address of a store, from which the
+            tables of all studies are fetched.
+        folder: the folder to fill. Other files in it are kept.
+        say: called with a line about each damaged file.
 
     Raises:
         RemoteStoreError: if the store cannot be reached.
@@ -121,7 +123,7 @@ def fetch_tables(source: str, folder: Path, *, say: Callable[[str], None] = lamb
 def _fetch_partition(
     store: RemoteStore, local_store: RemoteStore, partition: TablePartition, say: Callable[[str], None]
 ) -> bool:
-    """Bring a partition here if it is what its name says."""
+    """Fetch a partition into the local store and return True, or remove it from the remote store if it is damaged."""
     from minihuman.dataset.table_files import find_partition_damage
 
     with fetch_temporarily(store, partition.name) as path:
@@ -142,10 +144,10 @@ def delete_remote_tables(study_dir: Path, code: str) -> int | None:
     """Delete a participant's tables from the store that ``tables.url`` names.
 
     Returns:
-        How many files; None where there is no ``tables.url``.
+        The number of deleted files; None if there is no ``tables.url``.
 
     Raises:
-        RemoteStoreError: if that cannot be.
+        RemoteStoreError: if the tables cannot be deleted.
     """
     store = _open_tables(study_dir)
     if store is None:
@@ -164,6 +166,6 @@ def _open_tables(study_dir: Path) -> RemoteStore | None:
 
 
 def _list_partitions(store: RemoteStore, study: str) -> set[TablePartition]:
-    """List the partitions in a store, of one study or, for "", of all; whatever version of minihuman made them."""
+    """List a store's partitions of one study, or of all studies if ``study`` is "", regardless of who wrote them."""
     partitions = map(TablePartition.parse, store.names(""))
     return {partition for partition in partitions if partition is not None and study in ("", partition.study)}

@@ -1,9 +1,9 @@
-"""Write sessions' rows into a file of tables: read logs, put their rows and digests in, and take stale ones out."""
+"""Update a file of tables: read logs, insert their rows and digests, and remove stale sessions."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice
-from typing import Any
+from typing import NamedTuple
 
 import msgspec
 import pyarrow as pa
@@ -27,13 +27,23 @@ _INCLUDED_SESSIONS = """
 """
 
 
+class _LogLine(NamedTuple):
+    """The columns of a log in the table of logs that are known before its rows are inserted."""
+
+    key: str
+    fingerprint: str
+    metadata: bytes
+    about: bytes
+    facts: bytes | None
+
+
 class RowWriter:
-    """Writes rows and digests in one transaction: a session is complete in the file, or is read again.
+    """Writes each session's rows and digests in one transaction, so that a session is either complete or read again.
 
     Args:
-        tables: the file.
-        sessions: of which study, and what counts.
-        with_shortest: whether the fewest possible steps are worked out, which takes the worlds themselves.
+        tables: the file of tables.
+        sessions: the study's sessions, with the selection that decides what is included.
+        with_shortest: whether to compute the fewest possible steps, which requires the worlds themselves.
     """
 
     def __init__(self, tables: TableDatabase, sessions: StudySessions, *, with_shortest: bool) -> None:
@@ -42,7 +52,7 @@ class RowWriter:
         self._with_shortest = with_shortest
 
     def remove(self, numbers: Sequence[int]) -> None:
-        """Take sessions out, with what is known of their logs."""
+        """Remove sessions by number, together with the information about their logs."""
         if not numbers:
             return
         with transaction(self._tables.connection):
@@ -50,7 +60,10 @@ class RowWriter:
             self._tables.connection.execute("DELETE FROM kept.logs WHERE log IN (SELECT unnest(?))", (numbers,))
 
     def plan_paths(self, unplanned: Mapping[str, int]) -> dict[str, int]:
-        """Fill in what takes the worlds, of sessions whose rows are whole without; give those that were filled in."""
+        """Fill in the measures that require the worlds, for sessions that lack only these.
+
+        Return the sessions filled in.
+        """
         filled: dict[str, int] = {}
         waiting = iter(unplanned.values())
         while numbers := list(islice(waiting, _SESSIONS_PER_UPDATE)):
@@ -68,7 +81,7 @@ class RowWriter:
         return filled
 
     def _store_planned_digests(self, former: Mapping[int, Sequence[int]]) -> None:
-        """Store the digests of the tables that have changed beside the former ones of the others."""
+        """Store new digests of the tables that changed, keeping the former digests of the others."""
         digests = {name: self._tables.digest_rows(name) for name in PLANNED_TABLES}
         stored = [
             {
@@ -89,7 +102,7 @@ class RowWriter:
 
     @infrequent_collection()
     def read(self, logs: Mapping[str, ListedLog]) -> None:
-        """Read logs and keep their rows, some sessions at a time."""
+        """Read logs and store their rows, a limited number of sessions per transaction."""
         ((last,),) = self._tables.connection.execute("SELECT coalesce(max(log), 0) FROM kept.logs").fetchall()
         work = partial(read_session_rows, selection=self._sessions.selection, with_shortest=self._with_shortest)
         paths = [log.path for log in logs.values()]
@@ -100,14 +113,22 @@ class RowWriter:
                 self._insert(islice(numbered, SESSIONS_PER_COMMIT))
 
     def _insert(self, sessions: Iterable[tuple[int, tuple[tuple[str, ListedLog], SessionRows | SkippedLog]]]) -> None:
-        """Keep some sessions' rows, or why a log of theirs cannot be read; memory holds few at a time."""
-        lines: dict[int, tuple[Any, ...]] = {}
+        """Store the rows of some sessions, or why their logs cannot be read.
+
+        Only few sessions are in memory at a time.
+        """
+        lines: dict[int, _LogLine] = {}
 
         def list_rows() -> Iterator[tuple[int, SessionTables]]:
             for number, ((key, log), session) in sessions:
                 cached_session, facts = self._describe(session)
-                encoded = msgspec.msgpack.encode(log.metadata), msgspec.msgpack.encode(cached_session)
-                lines[number] = (key, log.fingerprint, self._with_shortest, *encoded, facts)
+                lines[number] = _LogLine(
+                    key=key,
+                    fingerprint=log.fingerprint,
+                    metadata=msgspec.msgpack.encode(log.metadata),
+                    about=msgspec.msgpack.encode(cached_session),
+                    facts=facts,
+                )
                 if not isinstance(session, SkippedLog):
                     yield number, session.rows
 
@@ -115,12 +136,24 @@ class RowWriter:
         none = [0] * len(TABLES)
         self._tables.connection.executemany(
             "INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?, ?, ?, NULL)",
-            [(number, *line[:3], digests.get(number, none), *line[3:]) for number, line in lines.items()],
+            [
+                (
+                    number,
+                    line.key,
+                    line.fingerprint,
+                    self._with_shortest,
+                    digests.get(number, none),
+                    line.metadata,
+                    line.about,
+                    line.facts,
+                )
+                for number, line in lines.items()
+            ],
         )
         self._digest_logs()
 
     def _describe(self, session: SessionRows | SkippedLog) -> tuple[CachedSession, bytes | None]:
-        """Describe a session for the file, and its included episodes; None for those of an unreadable log."""
+        """Return a session's cache entry and its encoded episode facts; the facts are None for an unreadable log."""
         if not isinstance(session, SkippedLog):
             return build_cached_session(session), msgspec.msgpack.encode(session.facts)
         source = self._sessions.source
@@ -129,5 +162,5 @@ class RowWriter:
         return CachedSession("", problem=name_paths_from(source, session.reason)), None
 
     def _digest_logs(self) -> None:
-        """Digest the lines that were written."""
+        """Compute the digests of the newly written lines of the table of logs."""
         self._tables.connection.execute(f"UPDATE kept.logs SET digest = hash({LOG_COLUMNS}) WHERE digest IS NULL")

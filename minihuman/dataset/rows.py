@@ -1,6 +1,6 @@
-"""Rows of the tables, kept as plain columns until those of many sessions become one Arrow table.
+"""Table rows, kept as plain columns until the rows of many sessions become one Arrow table.
 
-Arrow costs as much per column for one session as for a hundred, and plain columns travel faster between processes.
+Arrow's cost per column is the same for one session as for a hundred, and plain columns travel faster between processes.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ _ARROW = {"text": pa.string(), "key": pa.string(), "integer": pa.int64(), "numbe
 
 
 def arrow_schema(table: str, *, without: frozenset[str] = frozenset()) -> pa.Schema:
-    """Build a table's Arrow schema, some columns excluded, each field with its unit and meaning as metadata."""
+    """Build a table's Arrow schema without some columns; each field carries its unit and meaning as metadata."""
     return _build_schema(list_tables(), table, without)
 
 
@@ -41,21 +41,24 @@ _NUMPY: dict[pa.DataType, type] = {pa.int64(): np.int64, pa.float64(): np.float6
 
 @dataclass(frozen=True, slots=True)
 class RowBatch:
-    """Some rows of a table: each column has n values, in an array, a list or categories, or one value for all rows."""
+    """Rows of a table by column.
+
+    A column is n values in an array, list or categories, or one value shared by all rows.
+    """
 
     count: int  # n
     columns: Mapping[str, Any]
 
     @classmethod
     def of(cls, rows: Sequence[Mapping[str, Any]]) -> "RowBatch":
-        """Make a batch of mappings from column to value; each has the same columns."""
+        """Build a batch from one mapping per row, from column name to value; all rows have the same columns."""
         if not rows:
             return cls(0, {})
         return cls(len(rows), {name: [row[name] for row in rows] for name in rows[0]})
 
     @classmethod
     def stack(cls, parts: Sequence["RowBatch"], **shared: Any) -> "RowBatch":
-        """Put parts of one table one below the other; ``shared`` are further columns with one value for all rows."""
+        """Concatenate batches of one table; ``shared`` are further columns with one value for all rows."""
         if not parts:
             return cls(0, shared)
         filled = [part for part in parts if part.count]
@@ -80,7 +83,7 @@ def _stack_columns(values: Sequence[Any], counts: Sequence[int]) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class SessionTables(Mapping[str, pa.Table]):
-    """A session's rows of every table, by the table's name; as Arrow when one is looked at."""
+    """A session's rows of every table, by table name; a lookup converts the rows to Arrow."""
 
     parts: Mapping[str, RowBatch]
 
@@ -96,14 +99,14 @@ class SessionTables(Mapping[str, pa.Table]):
         return len(TABLES)
 
     def count(self, name: str) -> int:
-        """Count the rows of one of the tables."""
+        """Return the number of rows of one table."""
         return self.parts[name].count
 
 
 def arrow_columns(name: str, parts: Sequence[RowBatch]) -> list[pa.Array]:
-    """Build one table's columns from several sessions' rows, texts as places in a dictionary.
+    """Build one table's Arrow columns from several sessions' rows, with texts encoded as dictionary indices.
 
-    A NaN becomes NULL, and so does an empty text: nothing is said there.
+    A NaN or an empty text becomes NULL: both mean that there is no value.
     """
     columns = RowBatch.stack([part for part in parts if part.count]).columns
     return [_arrow_column(column.kind, columns.get(column.name, [])) for column in TABLES[name]]
@@ -138,7 +141,7 @@ def _texts(values: CategoricalTexts | list[str | None], name: Callable[[str], st
 
 
 def as_int64(numbers: NDArray[np.integer[Any]]) -> pa.Array:
-    """Convert counts and places to Arrow's int64."""
+    """Convert counts or indices to an Arrow int64 array."""
     return pa.Array.from_buffers(pa.int64(), len(numbers), [None, pa.py_buffer(numbers.astype(np.int64, copy=False))])
 
 

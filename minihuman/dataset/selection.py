@@ -1,8 +1,8 @@
-"""Select the sessions and episodes of a study that are included, and say why others are excluded.
+"""Select the sessions and episodes of a study that are included, and give the reasons why others are excluded.
 
-Every output takes one ``Selection`` and prints its summary. Included by default: every episode that was completed,
-that no reviewer annotated with ``exclude``, and that no exclusion rule of the protocol excludes, nor its participant.
-Protocol versions are told apart by their own name and by the SHA-256 of their bytes.
+Every output takes one ``Selection`` and prints its summary. By default an episode is included if it was completed, no
+reviewer tagged it ``exclude``, and no exclusion rule of the protocol excludes it or its participant. Protocol versions
+are distinguished by their own name and by the SHA-256 of their bytes.
 """
 
 import json
@@ -29,7 +29,7 @@ from minihuman.dataset.session_measures import (
 )
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODES, PARTICIPANTS
 from minihuman.errors import ReportError
-from minihuman.experiment.machine.events import EpisodesSkipped, Noted
+from minihuman.experiment.machine.events import Answered, EpisodesSkipped, Noted
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_protocol
 from minihuman.experiment.protocol.specs import apply_overrides
@@ -37,16 +37,19 @@ from minihuman.log.evidence import find_evidence
 from minihuman.log.model.session_log import CUT_OFF, EpisodeLog, SessionLog
 from minihuman.moved import warn_of_old_name
 
-_ENOUGH = 6  # letters of a SHA-256 that name a protocol
+_ENOUGH = 6  # digits of a SHA-256 that identify a protocol
 
 
 def format_version(plan: SessionPlan) -> str:
-    """Format the version of a session's protocol, told apart from another of that name: "1 (d3b07384)"."""
+    """Format the version of a session's protocol with the start of its hash, e.g. "1 (d3b07384)"."""
     return f"{plan.study_version} ({plan.protocol_sha256[:8]})"
 
 
 def matches_version(plan: SessionPlan, version: str) -> bool:
-    """Tell whether a session was played by a version: by its own name, as above, or by the start of its SHA-256."""
+    """Tell whether a session was played under a protocol version.
+
+    The version is given by its own name, as formatted by ``format_version``, or as the start of its SHA-256.
+    """
     by_hash = len(version) >= _ENOUGH and plan.protocol_sha256.startswith(version)
     return by_hash or version in (plan.study_version, format_version(plan))
 
@@ -56,15 +59,17 @@ _COLUMNS = {"episode": EPISODES, "participant": PARTICIPANTS}
 
 
 def check_exclusion_measures(exclusions: Sequence[ExclusionSpec], source: str) -> None:
-    """Check that every rule asks for a measure there is; ``source`` names the protocol in the error.
+    """Check that every exclusion rule uses an existing measure; ``source`` names the protocol in the error.
 
     Raises:
-        ReportError: one line with source, path and the measures there are.
+        ReportError: in one line, with the source, the path of the rule and the existing measures.
     """
     for number, rule in enumerate(exclusions):
         known = [column.name for column in _COLUMNS[rule.level] if column.kind in ("integer", "number", "boolean")]
         if rule.level != "episode" and (rule.where or rule.measured_label):
             raise ReportError(f"{source}: $.exclusions[{number}]: a participant has no labels; use level = 'episode'")
+        if rule.question and rule.level == "participant":
+            continue
         if rule.measure not in known and not rule.measured_label:
             raise ReportError(
                 f"{source}: $.exclusions[{number}].measure: {rule.measure!r} is not a measure of "
@@ -80,10 +85,10 @@ def _exclusions(protocol_toml: bytes, source: str) -> tuple[ExclusionSpec, ...]:
 
 
 def find_practice_blocks(plan: SessionPlan) -> frozenset[str]:
-    """Find the names of a session's blocks that its protocol does not analyse.
+    """Return the names of a session's blocks that its protocol excludes from the analysis.
 
     Raises:
-        ProtocolError: if the protocol in the log cannot be understood.
+        ProtocolError: if the protocol in the log cannot be decoded.
     """
     if b"analysed" not in plan.protocol_toml:  # of nearly all: decoding takes a millisecond
         return frozenset()
@@ -100,12 +105,14 @@ class ExclusionRule:
 
     @property
     def needs_world(self) -> bool:
-        """Tell whether it asks for a measure that only the world itself can tell."""
+        """Tell whether the rule uses a measure that can be computed only from the world itself."""
         return self.exclusion.measure in COLUMNS_NEEDING_WORLD
 
     def broken_by(self, row: Mapping[str, Any]) -> bool:
-        """Tell whether a row's measure lies outside what the rule allows; an unknown measure does not."""
+        """Tell whether a row's measure lies outside the range that the rule allows; an unknown measure does not."""
         rule = self.exclusion
+        if rule.question:
+            return any(_breaks_answer_rule(answer, rule) for answer in row.get(rule.measure, ()))
         labels = json.loads(row.get("labels") or "{}")
         if any(labels.get(name) != level for name, level in rule.where.items()):
             return False
@@ -113,17 +120,45 @@ class ExclusionRule:
             value = labels.get(rule.measured_label)
         else:
             value = row.get(rule.measure)
-        if not isinstance(value, int | float):  # nothing says it, or a label is a text in this row
+        if not isinstance(value, int | float):  # unknown, or a text label
             return False
-        return (rule.below is not None and value < rule.below) or (rule.above is not None and value > rule.above)
+        return _is_outside(value, rule)
+
+
+def _breaks_answer_rule(answer: Any, rule: ExclusionSpec) -> bool:
+    """Tell whether an answer, as it is in the log, is one that a rule excludes."""
+    if answer is None:
+        return rule.is_missing
+    codes = answer if isinstance(answer, list) else [answer]
+    if any(code in rule.is_one_of for code in codes):
+        return True
+    if rule.is_none_of and not any(code in rule.is_none_of for code in codes):
+        return True
+    return isinstance(answer, int | float) and _is_outside(answer, rule)
+
+
+def _is_outside(number: float, rule: ExclusionSpec) -> bool:
+    """Tell whether a number lies outside what a rule allows."""
+    return (rule.below is not None and number < rule.below) or (rule.above is not None and number > rule.above)
+
+
+def _list_compared_answers(log: SessionLog, rules: Sequence[ExclusionRule]) -> dict[str, list[Any]]:
+    """List a session's answers to the questions of rules, by the rules' measures: the last attempt of each asking."""
+    answers: dict[str, dict[int, Any]] = {rule.exclusion.measure: {} for rule in rules if rule.exclusion.question}
+    if not answers:
+        return {}
+    for event in log.part_events:
+        if isinstance(event, Answered) and (measure := f"answer:{event.part_name}.{event.item}") in answers:
+            answers[measure][event.part] = json.loads(event.value)
+    return {measure: list(by_part.values()) for measure, by_part in answers.items()}
 
 
 def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
-    """Read the rules of a session's own protocol, in the order in which they are tried.
+    """Read the exclusion rules of a session's own protocol, in the order in which they are tried.
 
     Raises:
         ReportError: if a rule names a column that its table does not have.
-        ProtocolError: if the protocol in the log cannot be understood.
+        ProtocolError: if the protocol in the log cannot be decoded.
     """
     if not plan.protocol_toml:
         return ()
@@ -142,7 +177,7 @@ ExclusionLevel = Literal["participant", "episode"]
 
 @dataclass(frozen=True, slots=True)
 class ExcludedItem:
-    """A selected episode, or all selected episodes of a participant in a session, that are excluded."""
+    """An excluded selection: one selected episode, or all selected episodes of a participant in a session."""
 
     reason: str
     level: ExclusionLevel
@@ -154,36 +189,36 @@ class ExcludedItem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelectedSession:
-    """A session under a selection: each episode's tags, whether it is selected, and why it is excluded."""
+    """A session under a selection: each episode's tags, whether it is selected, and why it is excluded, if it is."""
 
     log: SessionLog
     tags: tuple[frozenset[str], ...]
     selected: tuple[bool, ...]
-    reasons: tuple[str, ...]  # "" where nothing speaks against an episode
-    is_selected: bool = True  # whether the session is asked for at all; one without an episode may be
-    marks: tuple[Annotation, ...] = ()  # beside the log, those that were taken back among them
-    session_reason: str = ""  # why the participant does not count, "" if nothing speaks against that
+    reasons: tuple[str, ...]  # why each episode is excluded; "" if it is not
+    is_selected: bool = True  # whether the session is selected; it may have no episode
+    marks: tuple[Annotation, ...] = ()  # all annotations beside the log, including revoked ones
+    session_reason: str = ""  # why the participant is excluded; "" if they are not
 
     @property
     def asked(self) -> tuple[bool, ...]:
-        """Return ``selected``, by the name of an earlier version, which goes with the next one."""
+        """Return ``selected``. This is its name from an earlier version; the next version removes it."""
         warn_of_old_name("SelectedSession.asked", "SelectedSession.selected")
         return self.selected
 
     @property
     def wanted(self) -> bool:
-        """Return ``is_selected``, by the name of an earlier version, which goes with the next one."""
+        """Return ``is_selected``. This is its name from an earlier version; the next version removes it."""
         warn_of_old_name("SelectedSession.wanted", "SelectedSession.is_selected")
         return self.is_selected
 
     @property
     def episodes(self) -> tuple[EpisodeLog, ...]:
-        """Return the included episodes, in the order played."""
+        """Return the included episodes, in the order in which they were played."""
         return tuple(self.log.episodes[place] for place in self.places)
 
     @property
     def places(self) -> tuple[int, ...]:
-        """Return the places of the included episodes among all of the session's."""
+        """Return the indices of the included episodes among all of the session's episodes."""
         if self.session_reason:
             return ()
         return tuple(
@@ -194,18 +229,21 @@ class SelectedSession:
 
     @property
     def counts(self) -> bool:
-        """Tell whether the session is included: with an included episode, or without any to play."""
+        """Tell whether the session is included: it has an included episode, or its plan has no episodes at all."""
         nothing_to_play = self.is_selected and not self.session_reason and not self.log.plan.episodes
         return bool(self.places) or nothing_to_play
 
     @property
     def session(self) -> SessionLog:
-        """Return the session with its included episodes alone."""
+        """Return the session with only its included episodes."""
         return replace(self.log, episodes=self.episodes)
 
     @property
     def left_out(self) -> tuple[ExcludedItem, ...]:
-        """List what was selected and is excluded; of an excluded participant, nothing more."""
+        """List the selected episodes that are excluded.
+
+        For an excluded participant, a single item for the participant.
+        """
         session_key = self.log.plan.participant.id, self.log.plan.session
         if self.session_reason and self.is_selected:
             return (ExcludedItem(self.session_reason, "participant", *session_key),)
@@ -218,27 +256,27 @@ class SelectedSession:
 
 @dataclass(slots=True)
 class SelectionSummary:
-    """A summary of an output's data: how much is included, what is excluded and why, what could not be read."""
+    """A summary of an output's data: how much is included, what is excluded and why, and what could not be read."""
 
-    selection: str = ""  # as the command line takes it
-    sessions: int = 0  # with an episode that counts, or without any to play
-    episodes: int = 0  # that count
-    versions: Counter[tuple[str, str]] = field(default_factory=Counter)  # study and protocol version: sessions
+    selection: str = ""  # as command-line options
+    sessions: int = 0  # with an included episode, or without planned episodes
+    episodes: int = 0  # included
+    versions: Counter[tuple[str, str]] = field(default_factory=Counter)  # sessions by study and protocol version
     excluded_episodes: Counter[str] = field(default_factory=Counter)  # by reason
-    excluded_participants: set[tuple[str, str, str]] = field(default_factory=set)  # reason, study, code: once each
+    excluded_participants: set[tuple[str, str, str]] = field(default_factory=set)  # reason, study and code
     skipped: list[SkippedLog] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # about this run, not about the data: for the terminal only
 
     @property
     def left_out(self) -> Counter[tuple[ExclusionLevel, str]]:
-        """Count the excluded episodes and participants by reason; a participant counts once per study."""
+        """Count the excluded episodes and participants by level and reason; a participant counts once per study."""
         excluded: Counter[tuple[ExclusionLevel, str]] = Counter()
         excluded.update({("episode", reason): count for reason, count in self.excluded_episodes.items()})
         excluded.update(("participant", reason) for reason, _, _ in self.excluded_participants)
         return excluded
 
     def take(self, session: SelectedSession) -> None:
-        """Take a session into the account."""
+        """Add a session to the summary."""
         self.episodes += len(session.places)
         self.sessions += session.counts
         if session.is_selected:
@@ -250,7 +288,7 @@ class SelectionSummary:
                 self.excluded_episodes[exclusion.reason] += 1
 
     def add(self, other: "SelectionSummary") -> None:
-        """Take what another has counted into the account."""
+        """Add the counts of another summary to this one."""
         self.sessions += other.sessions
         self.episodes += other.episodes
         self.versions.update(other.versions)
@@ -260,7 +298,7 @@ class SelectionSummary:
         self.notes += other.notes
 
     def lines(self) -> Iterator[str]:
-        """Yield the summary, one line for each fact; the first always."""
+        """Yield the summary, one line per fact; the first line is always present."""
         included = f"{_format_count(self.episodes, 'episode')} of {_format_count(self.sessions, 'session')} included"
         if self.selection:
             included += f" ({self.selection})"
@@ -283,31 +321,33 @@ def _format_count(count: int, noun: str) -> str:
     return f"{count} {noun}s"
 
 
-EXCLUDE = "exclude"  # a reviewer's tag that leaves an episode out unless it is asked for
+EXCLUDE = "exclude"  # a reviewer's tag that excludes an episode by default
 UNFINISHED = "unfinished"  # abandoned, ended by a failed agent, or cut off with the log
 RULES = "rules"  # of the protocol: [[exclusions]]
+ANSWER_RULES = "answer-rules"  # those of them that compare answers
 NOT_FINISHED = "not played to an end"
 AGENT_FAILED = "the agent failed"
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Which episodes are selected and included. Several values of one field mean any of them; none means all.
+    """Which episodes are selected and included. Several values of one field mean any of them; an empty field means all.
 
-    ``outcome`` to ``only`` say what is asked for. ``without`` are further tags that leave an episode out, and
-    ``with_`` takes back in what is excluded by default: "exclude" or another tag, "unfinished", "rules".
+    The fields from ``outcome`` to ``only`` select episodes. ``without`` names further tags that exclude an episode, and
+    ``with_`` includes again what is excluded by default: "exclude" or another tag, "unfinished", "rules" or
+    "answer-rules".
     """
 
     outcome: tuple[str, ...] = ()
     block: tuple[str, ...] = ()
     participant: tuple[str, ...] = ()
-    version: tuple[str, ...] = ()  # of the protocol: as it says itself, or the start of its SHA-256
-    only: tuple[str, ...] = ()  # tags: episodes that carry one of them
+    version: tuple[str, ...] = ()  # of the protocol: its own name, or the start of its SHA-256
+    only: tuple[str, ...] = ()  # tags; an episode needs one of them
     without: tuple[str, ...] = ()
     with_: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """Format it as the command line takes it: "--block grid --with exclude"; "" for the default."""
+        """Format the selection as command-line options, e.g. "--block grid --with exclude"; "" for the default."""
         return " ".join(
             f"--{field.name.rstrip('_')} {value}" for field in fields(self) for value in getattr(self, field.name)
         )
@@ -319,15 +359,16 @@ class Selection:
         measured: SessionMeasures | None = None,
         marks: Iterable[Annotation] | None = None,
     ) -> SelectedSession:
-        """Decide of each of a session's episodes whether it is selected, and whether it is included.
+        """Decide for each of a session's episodes whether it is selected and whether it is included.
 
-        The protocol's rules are judged by the whole session, whatever part of it is asked for. ``measured`` spares
-        measuring for them; ``marks`` are otherwise read from beside the log.
+        The protocol's rules are applied to the whole session, whichever part of it is selected. ``measured`` holds the
+        session's measures, if they have been computed; ``marks`` by default are read from the annotation file beside
+        the log.
 
         Raises:
-            LogError: if the marks beside the log cannot be understood.
-            ProtocolError: if the protocol in the log cannot be understood.
-            ReportError: if the protocol excludes by a measure that there is not.
+            LogError: if the annotations beside the log are not valid.
+            ProtocolError: if the protocol in the log cannot be decoded.
+            ReportError: if the protocol excludes by a measure that does not exist.
         """
         if marks is None:
             marks = read_annotations(log.path)
@@ -343,7 +384,7 @@ class Selection:
         selected = [
             self._asks_for(log, episode, tags) for episode, tags in zip(log.episodes, episode_tags, strict=True)
         ]
-        # a session without an episode is not asked for where episodes of one kind are
+        # a session without episodes is not selected by properties of episodes
         if log.episodes:
             is_selected = any(selected)
         else:
@@ -359,7 +400,10 @@ class Selection:
         measured: SessionMeasures | None,
         episode_tags: Sequence[frozenset[str]],
     ) -> tuple[list[str], str]:
-        """Return the reason against each episode, and the reason that this session gives against its participant."""
+        """Return the reason to exclude each episode, and this session's reason to exclude its participant.
+
+        An empty string means that there is no reason.
+        """
         reasons = [self._reason(episode, tags) for episode, tags in zip(log.episodes, episode_tags, strict=True)]
         if not rules or measured is None:
             return reasons, ""
@@ -373,20 +417,23 @@ class Selection:
             for place, (reason, row) in enumerate(zip(reasons, measured.rows, strict=True))
             if not reason and row["block"] not in practice
         ]
-        return reasons, find_broken_rule(rules, "participant", measured.aggregate(counting) | summarize_session(log))
+        row = measured.aggregate(counting) | summarize_session(log) | _list_compared_answers(log, rules)
+        return reasons, find_broken_rule(rules, "participant", row)
 
     def _find_participant_reason(self, log: SessionLog, own: str) -> str:
-        """Find the reason against the participant: of their first session that breaks a rule, this one's or another's.
+        """Return the reason to exclude the participant, from the first of their sessions that breaks a rule.
 
-        A participant is excluded whole, so one session's answer depends on the logs of the others.
+        "" if none does.
+
+        A participant is excluded as a whole, so the result for one session depends on the logs of the others.
         """
         judgements = map_logs(list_other_sessions(log), self._judge_participant, processes=1)
         other_reasons = [judgement for judgement in judgements if not isinstance(judgement, SkippedLog)]
         return next((reason for _, reason in sorted([(log.plan.session, own), *other_reasons]) if reason), "")
 
     def _judge_participant(self, log: SessionLog) -> tuple[int, str]:
-        """Return a session's number, and the reason that it alone gives against its participant."""
-        rules = read_exclusion_rules(log.plan)
+        """Return a session's number, and the reason to exclude the participant that this session alone gives."""
+        rules = self._read_rules(log.plan)
         in_force = collect_tags(read_annotations(log.path))
         episode_tags = [list_episode_tags(episode, in_force) for episode in log.episodes]
         if rules:
@@ -396,16 +443,22 @@ class Selection:
         return log.plan.session, self._apply_rules(log, rules, measured, episode_tags)[1]
 
     def planner(self, plan: SessionPlan, *, with_shortest: bool) -> PathPlanner:
-        """Return what finds shortest paths; it finds none, unless paths are wanted or a rule asks for them."""
+        """Return the function that finds shortest paths.
+
+        It skips them unless they are requested or a rule needs them.
+        """
         if with_shortest or any(rule.needs_world for rule in self._read_rules(plan)):
             return find_path_bounds
         return skip_path_bounds
 
     def _read_rules(self, plan: SessionPlan) -> tuple[ExclusionRule, ...]:
-        """Read the rules of the protocol that this selection applies."""
+        """Read the rules of the session's protocol, or none if this selection switches the rules off."""
         if RULES in self.with_:
             return ()
-        return read_exclusion_rules(plan)
+        rules = read_exclusion_rules(plan)
+        if ANSWER_RULES in self.with_:
+            return tuple(rule for rule in rules if not rule.exclusion.question)
+        return rules
 
     def _asks_for(self, log: SessionLog, episode: EpisodeLog, tags: frozenset[str]) -> bool:
         return (
@@ -431,7 +484,10 @@ class Selection:
 
 
 def summarize_session(log: SessionLog) -> MeasureRow:
-    """Summarize a session for the table "participants"; ``completed_share`` is of the planned episodes."""
+    """Return a session's columns of the table "participants".
+
+    ``completed_share`` is the share of the planned episodes.
+    """
     completed = {episode.number for episode in log.episodes if episode.outcome_word not in UNFINISHED_OUTCOMES}
     skipped = sum(event.count for event in log.part_events if isinstance(event, EpisodesSkipped))
     planned = len(log.plan.episodes) - skipped

@@ -37,14 +37,17 @@ MeasureRow = dict[str, Any]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionMeasures:
-    """A session's measures: a row for each episode in the order played, and its key counts."""
+    """A session's measures: one row per episode in the order played, and the episodes' key counts."""
 
     rows: tuple[MeasureRow, ...]  # columns of the table "episodes"
     tallies: tuple[KeyTally, ...]
 
     @classmethod
     def of(cls, log: SessionLog, planner: PathPlanner) -> "SessionMeasures":
-        """Measure every episode; ``planner`` says how few steps one could have taken."""
+        """Measure every episode.
+
+        ``planner`` returns the bounds on the fewest steps in which an episode can be solved.
+        """
         tallies = tuple(KeyTally.of(episode) for episode in log.episodes)
         rows: list[MeasureRow] = []
         for tally, walk in zip(tallies, measure_paths(log.episodes), strict=True):
@@ -53,9 +56,10 @@ class SessionMeasures:
         return cls(tuple(rows), tallies)
 
     def aggregate(self, places: Sequence[int]) -> MeasureRow:
-        """Aggregate some of the episodes; None where a measure is unknown.
+        """Aggregate the measures of the episodes at the given indices; None where a measure is unknown.
 
-        When a key was found does not hang on which episodes count: all that were begun in their blocks tell it.
+        The discovery time of a key does not depend on which episodes are included: it is computed from all episodes
+        that were begun in the same blocks.
         """
         return _aggregate(
             [self.rows[place] for place in places],
@@ -64,17 +68,20 @@ class SessionMeasures:
         )
 
     def select_blocks(self, blocks: Collection[str]) -> list[KeyTally]:
-        """Return the tallies of all episodes that were begun in some blocks."""
+        """Return the tallies of all episodes that were begun in the given blocks."""
         return [tally for row, tally in zip(self.rows, self.tallies, strict=True) if row["block"] in blocks]
 
 
 def find_path_bounds(plan: EpisodePlan) -> PathLengthBounds:
-    """Find the fewest steps of an episode; unknown where the world cannot be made here."""
+    """Return bounds on the fewest steps of an episode; unknown bounds if the world cannot be created here."""
     return find_layout_bounds(plan.world, world_options_json(plan), plan.seed)
 
 
 def find_layout_bounds(world_id: str, options: str, seed: int) -> PathLengthBounds:
-    """Find the fewest steps in a world from its seed, ``options`` as JSON; unknown where it cannot be made here."""
+    """Return bounds on the fewest steps in the world made from a seed; ``options`` is JSON.
+
+    The bounds are unknown if the world cannot be created here.
+    """
     try:
         return layout_path_bounds(world_id, options, seed)
     except WorldError:
@@ -82,7 +89,7 @@ def find_layout_bounds(world_id: str, options: str, seed: int) -> PathLengthBoun
 
 
 def skip_path_bounds(plan: EpisodePlan) -> PathLengthBounds:
-    """Ask no world."""
+    """Return unknown bounds without creating a world."""
     return UNKNOWN_BOUNDS
 
 
@@ -127,7 +134,7 @@ def _measure_episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
 
 
 def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) -> MeasureRow:
-    """Compare an episode's steps with the fewest possible and with the best known path."""
+    """Return the measures that compare an episode's steps with the fewest possible and with the best known path."""
     steps = row["steps"]
     limit = row["max_steps"]
     outcome = row["outcome"]
@@ -179,7 +186,7 @@ def _aggregate(
 
 
 def _steps_at_limit(row: MeasureRow) -> float | None:
-    """Return an episode's steps, its step limit without the goal; None where success is not known."""
+    """Return an episode's steps if it succeeded, else its step limit; None if success is unknown."""
     if row["success"] is None:
         return None
     column = "steps" if row["success"] else "max_steps"
@@ -188,13 +195,16 @@ def _steps_at_limit(row: MeasureRow) -> float | None:
 
 
 def average_path_measures(rows: Sequence[Mapping[str, Any]]) -> MeasureRow:
-    """Average the measures of the shortest path over episodes; None where none is known."""
+    """Return the means of the shortest-path measures over episodes; None for a measure that no episode has."""
     names = ("excess_steps", "log_excess_steps", "log_steps_ratio", "spl")
     return {f"{name}_mean": _mean(row[name] for row in rows) for name in names}
 
 
 def _fit_reward_slope(rows: Sequence[MeasureRow]) -> float | None:
-    """Fit the reward's change per episode over one block, excluded episodes as gaps; None of several blocks."""
+    """Return the reward's change per episode over one block, with excluded episodes as gaps.
+
+    None for several blocks.
+    """
     if len({row["block"] for row in rows}) != 1:
         return None
     rewards = [math.nan] * max(row["episode_in_block"] for row in rows)

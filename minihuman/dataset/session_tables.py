@@ -1,6 +1,6 @@
 """Build every table's rows from one session: steps, presses, keys, episodes, and all that was logged around them.
 
-Stored observations are no rows; exporters read them.
+Stored observations do not become rows; exporters read them.
 """
 
 import json
@@ -52,7 +52,7 @@ def build_context_rows(
     *,
     is_selected: bool = True,
 ) -> dict[str, RowBatch]:
-    """Build these tables' rows, none of a session that is not selected; starts and frames are of the given episodes."""
+    """Build the context tables' rows, none of a session not selected; starts and frames are of ``episodes``."""
     if not is_selected:
         return dict.fromkeys(_TABLE_BUILDERS, RowBatch(0, {}))
     attempts = Counter(episode.number for episode in log.episodes)
@@ -167,7 +167,7 @@ def _frames(episode: EpisodeLog) -> RowBatch:
 
 
 def _other_presses(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch:
-    """Return the key events while no episode ran: those of a segment that are in none of its episodes."""
+    """Return a segment's key events that happened outside its episodes."""
     keys = segment.keys
     outside = np.ones(len(keys), bool)
     for episode in episodes:
@@ -189,7 +189,7 @@ def _note(note: SegmentNote) -> TableRow:
 
 
 def _sample(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[TableRow]:
-    """Make a row for each number of a sample; one row without a number where there is none."""
+    """Build a row for each number of a sample; a single row without a number if the sample has none."""
     names = channels.get(sampled.device, ())
     shared = {"t_ns": sampled.t_ns, "device": sampled.device, "said": sampled.text}
     if not sampled.values:
@@ -201,7 +201,7 @@ def _sample(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[Tab
 
 
 def _channels(log: SessionLog) -> dict[str, tuple[str, ...]]:
-    """Return the protocol's names for the numbers of each device's samples."""
+    """Return the protocol's channel names for the numbers in each device's samples."""
     if not any(segment.samples for segment in log.segments):
         return {}
     try:
@@ -220,14 +220,17 @@ _MS = 1e-6
 def build_activity_rows(
     log: SessionLog, session_key: Mapping[str, Any], *, is_selected: bool = True
 ) -> dict[str, RowBatch]:
-    """Build the rows of the tables that events fill, none of a session that is not selected."""
+    """Build the rows of the tables that are filled from events; all are empty if the session is not selected."""
     tables = [table for table in (*_EVENT_TABLES, *list_activity_tables()) if table.episode_row is None]
     makers = defaultdict[type, list[tuple[str, RowMaker]]](list)  # by the class of an event
     for table in tables:
         for event_type, maker in table.event_rows.items():
             makers[event_type].append((table.name, maker))
     rows: dict[str, list[TableRow]] = {table.name: [] for table in tables}
-    for segment in log.segments if is_selected else ():
+    segments = log.segments
+    if not is_selected:
+        segments = ()
+    for segment in segments:
         for event in segment.part_events:
             for name, make in makers.get(type(event), ()):
                 row = make(event, log)
@@ -237,7 +240,7 @@ def build_activity_rows(
 
 
 def build_episode_rows(episodes: Sequence[EpisodeLog], session_key: SessionKey) -> dict[str, RowBatch]:
-    """Build the rows of the tables that a kind of activity fills from episodes."""
+    """Build the rows of the tables that activity kinds fill from episodes."""
     return {
         table.name: RowBatch.of(list(_episode_rows(table, episodes, session_key)))
         for table in list_activity_tables()
@@ -319,10 +322,10 @@ NO_EPISODE_INCLUDED = "no episode counts"
 
 
 def build_session_tables(session: SelectedSession, measured: SessionMeasures) -> SessionTables:
-    """Build one session's rows of every table, from the selected episodes.
+    """Build one session's rows of every table from the selected episodes.
 
-    Rows that do not count stay in the tables, with the reason in ``exclusion_reason``; block and participant rows are
-    over the episodes that count, keys' rows over all that were begun in those blocks.
+    Excluded rows stay in the tables, with the reason in ``exclusion_reason``. Rows of blocks and participants aggregate
+    the included episodes; rows of keys cover all episodes that were begun in those blocks.
     """
     log = session.log
     session_key: MeasureRow = {
@@ -362,7 +365,7 @@ def _episode(session: SelectedSession, measured: SessionMeasures, place: int) ->
 
 
 def _block(session: SelectedSession, measured: SessionMeasures, places: Sequence[int], name: str) -> MeasureRow:
-    """Build a block's row from those of the episodes at ``places`` that are its own and count."""
+    """Build a block's row from the included episodes among those at ``places``."""
     included = [place for place in places if not session.reasons[place] and measured.rows[place]["block"] == name]
     return (
         {"block": name}
@@ -372,7 +375,7 @@ def _block(session: SelectedSession, measured: SessionMeasures, places: Sequence
 
 
 def _participant(session: SelectedSession, measured: SessionMeasures, places: Sequence[int]) -> MeasureRow:
-    """Build the participant's row from those of the episodes at ``places`` that count, practice excluded."""
+    """Build the participant's row from the included episodes among those at ``places``, without practice blocks."""
     practice = find_practice_blocks(session.log.plan)
     analysed = [
         place for place in places if not session.reasons[place] and measured.rows[place]["block"] not in practice
@@ -416,7 +419,7 @@ def _steps(episode: EpisodeLog) -> RowBatch:
 
 
 def _encode_steps(n: int, records: NDArray[np.float64] | Sequence[Any] | None) -> CategoricalTexts:
-    """Encode what was recorded at each of n steps as JSON; empty texts where the log has nothing of that kind."""
+    """Encode the records of n steps as JSON; all texts are empty if the log has no such records."""
     if records is None:
         return CategoricalTexts(np.zeros(n, np.int64), ("",))
     if isinstance(records, np.ndarray):
@@ -482,5 +485,5 @@ _TABLES_OF_TOPIC = {
 
 
 def find_tables_of_topics() -> dict[str, tuple[str, ...]]:
-    """Find the tables that have the contents of each topic of a log."""
+    """Return, for each topic of a log, the names of the tables that hold its contents."""
     return _TABLES_OF_TOPIC | list_tables_of_topics()

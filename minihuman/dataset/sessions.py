@@ -1,4 +1,4 @@
-"""Read a study's sessions under a selection, in sequence or in parallel, with a summary of what is included."""
+"""Read a study's sessions under a selection, in sequence or in parallel, and summarize what is included."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def build_episode_facts(log: SessionLog, episode: EpisodeLog) -> dict[str, Any]:
-    """Build the facts of one episode; ``session``, ``segment``, ``episode`` and ``attempt`` count from 1."""
+    """Return the facts of one episode; ``session``, ``segment``, ``episode`` and ``attempt`` count from 1."""
     plan = episode.plan
     return {
         "study": log.plan.study,
@@ -49,9 +49,9 @@ T = TypeVar("T")
 class StudySessions:
     """The sessions of a log, or of all logs below a folder. Iterating over them fills the ``account``.
 
-    A log that cannot be read, a second log of the same session and withdrawn participants are skipped by name, and the
-    rest is read; ``say`` is called with each at once. ``from_logs`` believes no cache: tables are made from
-    the logs.
+    Unreadable logs, further logs of the same session and withdrawn participants are skipped, and the rest is read.
+    ``say`` is called at once with a line about each skipped log. With ``from_logs`` the cache is ignored, and tables
+    are built from the logs.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class StudySessions:
         self.engine = engine
 
     def __iter__(self) -> Iterator[SelectedSession]:
-        """Yield the sessions, one in memory at a time.
+        """Yield the sessions, holding one in memory at a time.
 
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
@@ -81,23 +81,23 @@ class StudySessions:
         return self._go_through(self.selection.judge, processes=1)
 
     def each(self, work: Callable[[SelectedSession], T]) -> Iterator[T]:
-        """Yield what ``work`` makes of each session with an included episode, several worked on side by side.
+        """Yield the result of ``work`` for each session with an included episode, working on several in parallel.
 
-        ``work`` may run in another process: it and its results can be pickled.
+        ``work`` can run in another process, so it and its results must be picklable.
 
         Raises:
-            LogError: as ``__iter__``.
+            LogError: as for ``__iter__``.
         """
         for result in self._go_through(partial(_process_session, self.selection, work), processes=self.processes):
             self.account.add(result.account)
             yield from result.outputs
 
     def rows(self, *, with_shortest: bool) -> Iterator["SessionRows"]:
-        """Yield every session's rows of every table, excluded ones with the reason.
+        """Yield every session's rows of every table; excluded rows carry the reason.
 
         Raises:
-            LogError: as ``__iter__``.
-            ReportError: if a protocol excludes by a measure that there is not.
+            LogError: as for ``__iter__``.
+            ReportError: if a protocol excludes by a measure that does not exist.
         """
         work = partial(read_session_rows, selection=self.selection, with_shortest=with_shortest)
         for session in self._go_through(work, processes=self.processes):
@@ -121,7 +121,7 @@ class StudySessions:
                 yield outcome
 
     def skip(self, log: SkippedLog) -> None:
-        """Put what cannot be read into the account, and say so."""
+        """Record a log that cannot be read in the account, and report it with ``say``."""
         log = log.relative_to(self.source)
         self.account.skipped.append(log)
         self._say(log.line())
@@ -129,21 +129,21 @@ class StudySessions:
 
 @dataclass(frozen=True, slots=True)
 class SessionRows:
-    """One session's plan and rows, and how much of it is included."""
+    """One session's plan and rows, and how much of the session is included."""
 
     path: Path
     plan: SessionPlan
     rows: "SessionTables"
-    facts: tuple[dict[str, Any], ...]  # of each episode that counts
+    facts: tuple[dict[str, Any], ...]  # of each included episode
     account: SelectionSummary
     quality: RecordingQuality
 
 
 def read_selected_sessions(sources: Iterable[Path], selection: Selection) -> tuple[list[SessionLog], SelectionSummary]:
-    """Read every session of several logs and folders, with the included episodes, and the account of them.
+    """Read every session in several logs and folders; return the sessions with included episodes, and a summary.
 
     Raises:
-        LogError: if there is no such file or folder, or no session to be read in them.
+        LogError: if there is no such file or folder, or it holds no session with an included episode.
     """
     account = SelectionSummary(str(selection))
     logs = list[SessionLog]()
@@ -159,12 +159,12 @@ def read_selected_sessions(sources: Iterable[Path], selection: Selection) -> tup
 
 
 def read_session_rows(log: SessionLog, *, selection: Selection, with_shortest: bool) -> SessionRows:
-    """Make a session's rows.
+    """Build a session's rows of every table.
 
     Raises:
-        LogError: if the marks beside the log cannot be understood.
-        ProtocolError: if the protocol in the log cannot be understood.
-        ReportError: if the protocol excludes by a measure that there is not.
+        LogError: if the annotations beside the log are not valid.
+        ProtocolError: if the protocol in the log cannot be decoded.
+        ReportError: if the protocol excludes by a measure that does not exist.
     """
     from minihuman.dataset.session_tables import build_session_tables
 
@@ -172,18 +172,18 @@ def read_session_rows(log: SessionLog, *, selection: Selection, with_shortest: b
     session = selection.judge(log, measured=measured)
     facts = tuple(build_episode_facts(log, episode) for episode in session.episodes)
     return SessionRows(
-        log.path,
-        log.plan,
-        build_session_tables(session, measured),
-        facts,
-        _account(session),
-        measure_recording_quality(log),
+        path=log.path,
+        plan=log.plan,
+        rows=build_session_tables(session, measured),
+        facts=facts,
+        account=_account(session),
+        quality=measure_recording_quality(log),
     )
 
 
 @dataclass(frozen=True, slots=True)
 class _SessionResult(Generic[T]):
-    outputs: tuple[T, ...]  # one, or none where no episode counts
+    outputs: tuple[T, ...]  # one, or none if no episode is included
     account: SelectionSummary
 
 

@@ -1,15 +1,15 @@
 """The study store: all tables in one DuckDB file, ``tables.duckdb``, so that no log is read twice.
 
-It is a cache, and may be deleted at any time. Every use first brings it up to date: a session is read again if the
-size, time, beginning or end of its log or annotations changed, or if its rows in a table that is to be read do not have
-the digest that was stored with them. The digests are compared once: ``tables.duckdb.checked`` beside it says of which
-tables, and of which file, by its size, times, beginning and end; DuckDB counts every change at the beginning. Rows and
-digests change in one transaction, so that a process that is killed leaves the session either whole or to be read again.
-Edits that also forge the digests are found by ``verify --tables``, which recomputes every table from the logs.
+The file is a cache and may be deleted at any time. Every use first brings it up to date: a session is read again if the
+size, time, beginning or end of its log or annotations changed, or if its rows in a requested table do not match the
+stored digest. The digests are compared once: ``tables.duckdb.checked`` beside the file records which tables were
+compared, and identifies the file by its size, times, beginning and end; DuckDB counts every change at the beginning.
+Rows and digests change in one transaction, so that a killed process leaves each session either complete or to be read
+again. Edits that also forge the digests are found by ``verify --tables``, which recomputes every table from the logs.
 
-It holds the tables under the default selection. For another selection, or where the file cannot be written (disk full,
-no permission, locked by another process), the same tables are made in a temporary file; the latter is said. It is a
-file, not memory, because a thousand sessions would need gigabytes.
+The store holds the tables under the default selection. For another selection, or if the file cannot be written (full
+disk, no permission, locked by another process), the same tables are built in a temporary file; the latter case is
+reported. They are built in a file, not in memory, because a thousand sessions would need gigabytes.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -30,31 +30,31 @@ from minihuman.dataset.table_catalogue import TABLES
 from minihuman.dataset.table_database import COUNTED_BY, LOG_COLUMNS, PLANNED_TABLES
 from minihuman.moved import forward_names
 
-_MAX_OPENINGS = 5  # to look, to write, to read; another command may write meanwhile
+_MAX_OPENINGS = 5  # to check, to write and to read; another command may write in between
 
 
 class _Damage(NamedTuple):
-    """The parts of a file that are not as they were written."""
+    """The parts of a file that differ from what was written."""
 
-    changed: set[int]  # the sessions with other rows, or whose line is another; numbers of no session among them
-    doubled: set[str]  # the logs that are in it more than once
+    changed: set[int]  # numbers of sessions with changed rows or log lines, and of rows without a session
+    doubled: set[str]  # keys of logs that the file holds more than once
 
 
 class StudyStore(AbstractContextManager["StudyStore", None]):
-    """The tables of a study's sessions, up to date as of when it was opened. Use it in a ``with``.
+    """The tables of a study's sessions, brought up to date when the store is opened. Use it in a ``with`` statement.
 
-    Opening it fills the sessions' account.
+    Opening the store fills the sessions' account.
 
     Args:
-        sessions: of which study, and what counts.
-        with_shortest: whether the fewest possible steps are worked out, which takes the worlds themselves.
-        tables: those that will be read; the digests of no others are compared.
-        with_account: whether ``cached_sessions`` and the account are filled in; without, the account says what was
-            skipped.
+        sessions: the study's sessions, with the selection that decides what is included.
+        with_shortest: whether to compute the fewest possible steps, which requires the worlds themselves.
+        tables: the tables that will be read; only their digests are compared.
+        with_account: whether to fill in ``cached_sessions`` and the account; otherwise the account lists only the
+            skipped logs.
 
     Raises:
         LogError: if there is no such file or folder, or it is a single log that cannot be read.
-        QueryError: if there is no room for the tables, beside the study or among the temporary files.
+        QueryError: if there is no space for the tables, beside the study or in the temporary folder.
     """
 
     def __init__(
@@ -65,15 +65,15 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         tables: Collection[str] | None = None,
         with_account: bool = True,
     ) -> None:
-        self.cached_sessions: tuple[CachedSession, ...] = ()  # every log, in order of path
+        self.cached_sessions: tuple[CachedSession, ...] = ()  # one per log, in the order of paths
         self.selection = sessions.selection
         self._sessions = sessions
         self._with_shortest = with_shortest
         self._read_tables = frozenset(TABLES if tables is None else tables).union(COUNTED_BY)
         self._keys: tuple[str, ...] = ()
         self._known: dict[str, KnownLog] = {}  # while the rows are brought up to date
-        self._described = ""  # the file, when its rows were compared with their digests
-        self._compared = frozenset[str]()  # the tables of which they were; of no log's own, where it is empty
+        self._described = ""  # describes the file as of the comparison with the digests
+        self._compared = frozenset[str]()  # the tables that were compared; empty if nothing was
         self._file = StoreFile(sessions)
         self.tables = self._file.open_database(read_only=True)
         try:
@@ -89,11 +89,11 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
 
     @property
     def is_temporary(self) -> bool:
-        """Tell whether the tables lie in a file that goes away, not in the study's own."""
+        """Tell whether the tables lie in a temporary file instead of the study's own."""
         return self._file.is_temporary
 
     def facts(self) -> Iterator[tuple[Path, dict[str, Any]]]:
-        """Yield every log with the facts of each included episode in it."""
+        """Yield the path of a log and the facts of an episode, for each included episode."""
         paths = {key: self._sessions.source / key for key in self._keys}
         rows = self.tables.connection.execute("SELECT key, facts FROM kept.logs WHERE facts IS NOT NULL")
         while lines := rows.fetchmany(SESSIONS_PER_COMMIT):
@@ -101,7 +101,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
                 yield from ((paths[key], of_episode) for of_episode in msgspec.msgpack.decode(facts))
 
     def close(self) -> None:
-        """Leave the file to others."""
+        """Close the file, so that other processes can use it."""
         self.tables.close()
         self._file.close()
 
@@ -109,7 +109,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         self.close()
 
     def _update(self) -> dict[str, ListedLog]:
-        """List the logs, and bring the rows up to date: in a file that goes away where the study's own fails."""
+        """List the logs and bring the rows up to date, in a temporary file if the study's own fails."""
         self._described = describe_cache(self.tables.path)
         self._compared = read_checked(self.tables.path)
         self._known = self._list_known()
@@ -130,14 +130,14 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         return logs
 
     def _list_known(self) -> dict[str, KnownLog]:
-        """List what the file says of each log."""
+        """Return the file's description of each log, by key."""
         rows = self.tables.connection.execute("SELECT key, log, fingerprint, with_shortest, metadata FROM kept.logs")
         return {key: KnownLog(*facts) for key, *facts in rows.fetchall()}
 
     def _bring_up_to_date(self, logs: Mapping[str, ListedLog]) -> None:
-        """Write what is stale, and leave the study's file open for reading alone: others can read it, too.
+        """Rewrite stale rows, and leave the study's file open for reading only, so that other processes can read it.
 
-        What was compared before the file was closed is not compared again unless it changed meanwhile.
+        Tables compared before the file was closed are not compared again unless the file changed in the meantime.
         """
         for _ in range(_MAX_OPENINGS):
             is_fresh = self._refresh(logs)
@@ -158,7 +158,10 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         raise duckdb.TransactionException("other commands are changing it")
 
     def _refresh(self, logs: Mapping[str, ListedLog]) -> bool:
-        """Bring every session's rows up to date; False, with nothing done, if that takes writing."""
+        """Bring every session's rows up to date.
+
+        Return False, without any change, if a read-only file would have to be written.
+        """
         if not all(known.with_shortest >= self._with_shortest for known in self._known.values()):
             self._read_tables |= {"plan", *PLANNED_TABLES}
         damage = self._find_damage()
@@ -182,7 +185,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         return True
 
     def _find_damage(self) -> _Damage:
-        """Compare rows with their digests, of the tables of which they were not compared yet."""
+        """Compare rows with their digests in the requested tables that were not compared yet."""
         changed = set[int]()
         doubled = set[str]()
         if self.tables.is_new:
@@ -196,7 +199,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         return _Damage(changed.union(*map(self.tables.find_changed, self._read_tables - self._compared)), doubled)
 
     def _match(self, logs: Mapping[str, ListedLog], damage: _Damage) -> tuple[dict[str, int], dict[str, int]]:
-        """Find the sessions whose rows are those of their logs, and those that lack only what takes the worlds."""
+        """Find the sessions whose rows match their logs, and those that lack only the measures that require worlds."""
         fresh: dict[str, int] = {}
         unplanned: dict[str, int] = {}
         for key, known in self._known.items():
@@ -209,7 +212,10 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         return fresh, unplanned
 
     def _account(self, logs: Mapping[str, ListedLog], *, include_readable: bool) -> None:
-        """Note what is known of each log, or with ``whole`` off of those to be skipped, and in which order to read."""
+        """Fill in the account, the cached sessions and the order in which sessions are read.
+
+        Without ``include_readable``, only the logs that cannot be read are put into the account.
+        """
         of_which = "" if include_readable else "WHERE facts IS NULL"
         rows = self.tables.connection.execute(f"SELECT key, about FROM kept.logs {of_which}").fetchall()
         sessions = {key: msgspec.msgpack.decode(cached_session, type=CachedSession) for key, cached_session in rows}
@@ -217,7 +223,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         self.tables.put_in_order([numbers[key] for key in logs])
         self.tables.checked = self._read_tables
         self._keys = tuple(logs)
-        self.cached_sessions = tuple(  # with the paths of today: files may move
+        self.cached_sessions = tuple(  # with current paths, as files may have moved
             msgspec.structs.replace(sessions[key], path=str(log.path)) for key, log in logs.items() if key in sessions
         )
         for session in self.cached_sessions:

@@ -1,4 +1,4 @@
-"""The file that a study's tables lie in: its own cache where that can hold them, else one that goes away."""
+"""The file that holds a study's tables: the study's own cache if it can hold them, else a temporary file."""
 
 import tempfile
 from pathlib import Path
@@ -13,10 +13,11 @@ from minihuman.errors import QueryError
 
 
 class StoreFile:
-    """Opens the file, and makes it again where it holds something else.
+    """Opens the file of a study's tables, and recreates it if its contents are not usable.
 
     Args:
-        sessions: of which study, and what counts; what is done without the study's own file is noted in their account.
+        sessions: the study's sessions and selection. Their account receives a note when the study's own file is not
+            used.
     """
 
     def __init__(self, sessions: StudySessions) -> None:
@@ -26,13 +27,13 @@ class StoreFile:
 
     @property
     def is_temporary(self) -> bool:
-        """Tell whether the tables lie in a file that goes away, not in the study's own."""
+        """Tell whether the tables lie in a temporary file instead of the study's own."""
         return self._temporary is not None
 
     def open_database(self, *, read_only: bool) -> TableDatabase:
-        """Open the study's own file if it can hold what is asked for, else one that goes away.
+        """Open the study's own file if it can hold the selection, else a temporary file.
 
-        A file that is new or made by other software is opened for writing.
+        A new file, or one made by another version of the software, is opened for writing.
         """
         if not self._can_hold_selection():
             return self.open_temporary()
@@ -57,10 +58,10 @@ class StoreFile:
         return self.open_temporary()
 
     def open_temporary(self) -> TableDatabase:
-        """Open a file that goes away.
+        """Open a temporary file for the tables.
 
         Raises:
-            QueryError: if there is no room for it.
+            QueryError: if there is no space for the file.
         """
         self._temporary = tempfile.TemporaryDirectory(prefix="minihuman-")
         try:
@@ -70,7 +71,7 @@ class StoreFile:
             raise self.name_no_room(error) from error
 
     def name_no_room(self, error: duckdb.Error) -> QueryError:
-        """Make the error that says that the tables lie nowhere."""
+        """Return the error for tables that can be stored neither beside the study nor in the temporary folder."""
         reason = str(error).splitlines()[0]
         return QueryError(
             f"{self._sessions.source}: its tables cannot be made, beside it or in {tempfile.gettempdir()}: {reason}"
@@ -82,16 +83,16 @@ class StoreFile:
         self.note(f"{self._own} cannot be used now ({reason}); the tables were made anew for this once")
 
     def note_damage(self, count: int) -> None:
-        """Note that so many sessions' rows are not those that were written."""
+        """Note that the rows of ``count`` sessions differ from what was written."""
         sessions = "1 session" if count == 1 else f"{count} sessions"
         self.note(f"{self._own} was changed by another program: the rows of {sessions} were made anew from the logs")
 
     def note(self, line: str) -> None:
-        """Put a line into the account, for the terminal."""
+        """Add a line to the account's notes, which are shown only in the terminal."""
         self._sessions.account.notes.append(line)
 
     def close(self) -> None:
-        """Remove the file that goes away."""
+        """Remove the temporary file, if there is one."""
         if self._temporary is not None:
             self._temporary.cleanup()
 

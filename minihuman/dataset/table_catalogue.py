@@ -1,9 +1,9 @@
-"""All tables: those of every session and those of the installed kinds of activity.
+"""All tables: those of every session and those of the installed activity kinds.
 
-The data dictionary, the tables' primary keys, the names of partitions' files, and the tables' description as a
-Frictionless data package, so that no reader has to guess a type (R, pandas, polars and DuckDB read the files without
-it, too). Sources: Data Package and Table Schema, https://specs.frictionlessdata.io. No Arrow here: importing it takes
-longer than many a command.
+This module has the data dictionary, the tables' primary keys, the names of partition files, and the description of the
+tables as a Frictionless data package, so that no reader has to guess a type (R, pandas, polars and DuckDB can also read
+the files without it). Sources: Data Package and Table Schema, https://specs.frictionlessdata.io. It does not import
+Arrow, because that takes longer than many commands.
 """
 
 import re
@@ -22,7 +22,7 @@ from minihuman.storage.outside_names import explain_refused_name
 
 
 class _TableCatalogue(Mapping[str, tuple[TableColumn, ...]]):
-    """The columns of each table by its name; a kind's tables are loaded when they are asked for."""
+    """The columns of each table by table name; activity tables are loaded on first access."""
 
     def __getitem__(self, name: str) -> tuple[TableColumn, ...]:
         return list_tables().columns[name]
@@ -36,13 +36,13 @@ class _TableCatalogue(Mapping[str, tuple[TableColumn, ...]]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TableSet:
-    """The columns of each table, with the plug-ins that are installed."""
+    """The columns of each table, given the installed plug-ins."""
 
     columns: Mapping[str, tuple[TableColumn, ...]]
 
 
 def list_tables() -> TableSet:
-    """List the tables; the same object as long as the same plug-ins are installed."""
+    """Return the set of tables; the same object as long as the same plug-ins are installed."""
     return _gather_columns(list_activity_tables(), list_episode_columns())
 
 
@@ -60,7 +60,7 @@ EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "sample
 
 
 def build_data_dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:
-    """Build the data dictionary, some columns excluded: table, column, then its type, unit and meaning."""
+    """Build the data dictionary without some columns: table, then column, then its type, unit and meaning."""
     return {
         table: describe_columns(column for column in columns if column.name not in without)
         for table, columns in TABLES.items()
@@ -68,7 +68,7 @@ def build_data_dictionary(*, without: frozenset[str] = frozenset()) -> dict[str,
 
 
 def describe_columns(columns: Iterable[TableColumn]) -> dict[str, dict[str, str]]:
-    """Describe columns as the data dictionary does."""
+    """Describe columns as in the data dictionary."""
     return {
         column.name: {"type": column.kind, "unit": column.unit, "meaning": column.meaning, **_history(column)}
         for column in columns
@@ -76,7 +76,7 @@ def describe_columns(columns: Iterable[TableColumn]) -> dict[str, dict[str, str]
 
 
 def _history(column: TableColumn) -> dict[str, str]:
-    """Return the number of a column's definition and its name in earlier versions, where it has them."""
+    """Return the number of a column's definition and its name in earlier versions, for those that exist."""
     old = next((old for old, now in COLUMN_ALIASES.items() if now == column.name), "")
     history = {"definition": str(column.definition or ""), "earlier_name": old}
     return {name: value for name, value in history.items() if value}
@@ -110,7 +110,7 @@ _PARTITION = re.compile(r"(\w+)/study=([^/]+)/participant=([^/]+)/ses-(\d{2,4})-
 
 @dataclass(frozen=True, slots=True)
 class TablePartition:
-    """One session's rows of one table, in a Parquet file whose name tells them from other rows of that session."""
+    """One session's rows of one table, in a Parquet file whose name includes a digest of the rows."""
 
     table: str
     study: str
@@ -120,7 +120,7 @@ class TablePartition:
 
     @property
     def name(self) -> str:
-        """Return the file's name, in a folder or a remote store, as Hive lays out partitions."""
+        """Return the file's name in a folder or a remote store, following the layout of Hive partitions."""
         return (
             f"{self.table}/study={self.study}/participant={self.participant}/"
             f"ses-{self.session:02d}-{self.digest}.parquet"
@@ -128,7 +128,7 @@ class TablePartition:
 
     @classmethod
     def parse(cls, name: str) -> "TablePartition | None":
-        """Read a file's name, whoever gave it; None where it is no partition's."""
+        """Parse a file name from any source; return None if it is not the name of a partition."""
         match = _PARTITION.fullmatch(name)
         if match is None or any(explain_refused_name(part) for part in match.group(1, 2, 3)):
             return None
@@ -136,7 +136,7 @@ class TablePartition:
 
     @property
     def of_session(self) -> tuple[str, str, int]:
-        """Return study, participant and session: partitions that have these in common replace each other."""
+        """Return the study, participant and session; a newer partition replaces those that share all three."""
         return self.study, self.participant, self.session
 
 
@@ -153,14 +153,14 @@ def is_episode_table(name: str) -> bool:
 
 
 def find_primary_key(name: str) -> tuple[str, ...]:
-    """Return the columns that no two rows of a table share; none for a table of what may happen twice at once."""
+    """Return the columns of a table's primary key; none for a table whose events can coincide."""
     if name in _find_episode_tables():
         return _EPISODE
     return _PRIMARY_KEYS.get(name, ())
 
 
 def build_table_schema(name: str, columns: Iterable[TableColumn]) -> dict[str, Any]:
-    """Build one table's schema."""
+    """Build the Frictionless schema of one table."""
     schema: dict[str, Any] = {"fields": [_field(column) for column in columns], "missingValues": [""]}
     if key := find_primary_key(name):
         schema["primaryKey"] = list(key)
@@ -179,9 +179,14 @@ def build_data_package(
     infos: Mapping[str, Mapping[str, TableColumn]] = MappingProxyType({}),
     **facts: Any,
 ) -> dict[str, Any]:
-    """Build a data package of table files, each with its table's name; ``facts`` are further properties of the package.
+    """Describe table files as a Frictionless data package.
 
-    ``infos`` are the columns that a table's file has for keys of a world's info.
+    Args:
+        name: the package's name.
+        files: the table's name and the path of each file.
+        without: the columns that the files do not have.
+        infos: per table, the columns that its file has for keys of JSON columns.
+        facts: further properties of the package.
     """
     return {
         "profile": "tabular-data-package",

@@ -1,7 +1,7 @@
-"""Columns of the tables that every session has: name, type, unit and meaning. The data dictionary is made of them.
+"""Columns of the tables that every session has: name, type, unit and meaning, from which the data dictionary is made.
 
-Kinds of activity have further tables, in a module ``columns`` of their folder. No Arrow here: importing it takes longer
-than many a command.
+Activity kinds define further tables, in a module ``columns`` of their folder. This module does not import Arrow,
+because that takes longer than many commands.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ TableColumnType = Literal[
 
 @dataclass(frozen=True, slots=True)
 class TableColumn:
-    """One column; the unit is "" for words, counts and numbers without one."""
+    """A table column; the unit is "" for words, counts and dimensionless numbers."""
 
     name: str
     kind: TableColumnType
@@ -26,9 +26,9 @@ class TableColumn:
 
 
 def table_key_name(key: str) -> str:
-    """Name a physical key as tables do: "key_1", "key_q"; longer names, such as "enter", as they are.
+    """Return a physical key's name in the tables: "key_1", "key_q"; longer names, such as "enter", are unchanged.
 
-    A column of "1" and "2" is one of numbers to most readers, and "t" and "f" are yes and no to some.
+    Most readers would take a column of "1" and "2" for numbers, and some would take "t" and "f" for booleans.
     """
     return f"key_{key}" if len(key) == 1 else key
 

@@ -1,6 +1,6 @@
-"""A DuckDB file with the tables of some sessions: their rows, the digests of these, and the answers to queries.
+"""A DuckDB file with the tables of some sessions: their rows, the digests of the rows, and the answers to queries.
 
-It knows rows and sessions' numbers, and neither logs nor selections.
+The module deals with rows and session numbers; it knows neither logs nor selections.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -25,14 +25,14 @@ from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_queries import QUERY_SETTINGS, find_queried_tables
 from minihuman.errors import QueryError
 
-_ROWS = 100_000  # handed out at once
+_ROWS = 100_000  # per batch
 _DIGEST_MODULUS = 2**64
-_ROWS_PER_INSERT = 50_000  # of a table; fewer are slower, more take more memory
+_ROWS_PER_INSERT = 50_000  # of one table; fewer are slower, more need more memory
 _SQL_TYPES = {pa.string(): "VARCHAR", pa.int64(): "BIGINT", pa.float64(): "DOUBLE", pa.bool_(): "BOOLEAN"}
 _READING = frozenset(f"StatementType.{name}" for name in ("SELECT", "EXPLAIN", "PRAGMA", "MULTI"))  # MULTI: PIVOT
-_MAKERS = ("dataset", "log/model")  # the packages whose code makes the rows, beside the modules of activities' tables
+_MAKERS = ("dataset", "log/model")  # the packages whose code builds the rows, besides the modules of activity tables
 LOG_COLUMNS = "log, key, fingerprint, with_shortest, row_digests, metadata, about, facts"  # digested with each log
-COUNTED_BY = ("episodes", "participants")  # the tables whose exclusion reasons say what counts in all others
+COUNTED_BY = ("episodes", "participants")  # the tables whose exclusion reasons apply to all others
 PLANNED_TABLES = {
     "episodes": "row",
     "blocks": "block",
@@ -41,34 +41,36 @@ PLANNED_TABLES = {
 
 
 class StoreVersionError(Exception):
-    """A file holds tables of other columns, or made by other software."""
+    """A file holds tables with other columns, or was made by another version of the software."""
 
 
 class CatalogueChangedError(Exception):
-    """A file's tables, views or macros are not those that were laid out."""
+    """A file's tables, views or macros differ from those that were created."""
 
 
 class TableDatabase(AbstractContextManager["TableDatabase", None]):
-    """The tables of some sessions, each under a number of its own. Use it in a ``with``.
+    """The tables of some sessions, each identified by a number. Use it in a ``with`` statement.
 
     Args:
-        path: the file.
-        read_only: leave the file as it is.
+        path: the DuckDB file.
+        read_only: whether the file must stay unchanged.
 
     Raises:
-        StoreVersionError: if the file holds others.
-        CatalogueChangedError: if its tables, views or macros were changed.
-        duckdb.Error: if it cannot be opened or written, or is no such file.
+        StoreVersionError: if the file holds other tables.
+        CatalogueChangedError: if the file's tables, views or macros were changed.
+        duckdb.Error: if the file cannot be opened or written, or is not a DuckDB file.
     """
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
-        """Open a file; a new one is given its tables."""
+        """Open a file, and create the tables if the file is new."""
         self.path = path
-        self.order: tuple[int, ...] | None = None  # of the sessions' numbers; None: as they were put in
+        self.order: tuple[int, ...] | None = (
+            None  # session numbers in the order of reading; None: in the order of insertion
+        )
         self._is_placed = False  # whether the connection has the order as a table
         self.checked: frozenset[str] = frozenset(TABLES)  # tables that may be read: their digests were compared
         self.read_only = read_only
-        self.is_new = False  # whether it was laid out here: no other program can have changed it
+        self.is_new = False  # whether this object created the tables; no other program can have changed them
         self.connection = connect_cache(path, read_only=read_only)
         try:
             version_tables = self.connection.execute(
@@ -89,7 +91,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             raise
 
     def insert(self, sessions: Iterable[tuple[int, SessionTables]]) -> dict[int, list[int]]:
-        """Put sessions' rows in, and give the digests of each session's rows, in the order of ``TABLES``."""
+        """Insert sessions' rows; return, for each session, the digests of its rows in the order of ``TABLES``."""
         digests: dict[int, list[int]] = {}
         waiting: dict[str, dict[int, RowBatch]] = {name: {} for name in TABLES}
         for number, rows in sessions:
@@ -104,13 +106,13 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         return digests
 
     def _insert(self, name: str, parts: dict[int, RowBatch], digests: Mapping[int, list[int]]) -> None:
-        """Put some sessions' rows of a table in, note their digests, and forget them."""
+        """Insert some sessions' rows of one table, record their digests in ``digests``, and clear ``parts``."""
         if not parts:
             return
         counts = [part.count for part in parts.values()]
         numbers = np.repeat(list(parts), counts), np.concatenate([np.arange(count) for count in counts])
         columns = [*map(as_int64, numbers), *arrow_columns(name, list(parts.values()))]
-        # no view, which would keep them in memory until the transaction ends
+        # not a view, which would keep the rows in memory until the transaction ends
         new = self.connection.from_arrow(pa.Table.from_arrays(columns, ["log", "row", *arrow_schema(name).names]))
         for number, digest in new.aggregate(_row_digest(name), "log").fetchall():
             digests[number][list(TABLES).index(name)] = digest
@@ -118,14 +120,15 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         parts.clear()
 
     def add_path_measures(self, numbers: Sequence[int], practice: Mapping[int, Collection[str]]) -> None:
-        """Fill in the columns that take the worlds, from the rows alone.
+        """Fill in the columns that require the worlds, using only the stored rows.
 
         Args:
-            numbers: of sessions that no rule excludes: others' rows do not tell which episodes count.
-            practice: each session's blocks that are not analysed.
+            numbers: the numbers of sessions that no rule excludes; the rows of excluded sessions do not show which
+                episodes are included.
+            practice: per session number, the names of the blocks that are not analysed.
         """
         episodes = self._measure_paths(numbers)
-        if not episodes:  # none of these sessions had one
+        if not episodes:  # none of these sessions has an episode
             return
         by_block: dict[tuple[int, str], list[dict[str, Any]]] = {}
         by_session: dict[tuple[int, str], list[dict[str, Any]]] = {}
@@ -146,7 +149,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             self._update_world_columns(name, means)
 
     def _measure_paths(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
-        """Compare some sessions' episodes with their shortest paths; return what is known of each."""
+        """Compare the episodes of some sessions with their shortest paths; return one row of measures per episode."""
         episode_rows = self.connection.execute(
             "SELECT log, e.row, e.block, steps, e.max_steps, outcome, exclusion_reason IS NULL AS counts, p.world, "
             "options, p.seed FROM kept.episodes e JOIN kept.plan p USING (log, episode) "
@@ -160,7 +163,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         return rows
 
     def _update_world_columns(self, name: str, rows: list[dict[str, Any]]) -> None:
-        """Store a planned table's columns that take the worlds; each row names its session and its key."""
+        """Store the columns of a table that require the worlds; each row names its session and its key."""
         key = PLANNED_TABLES[name]
         changed = [column for column in arrow_schema(name).names if column in COLUMNS_NEEDING_WORLD]
         assigned = ", ".join(f'"{column}" = new."{column}"' for column in changed)
@@ -171,19 +174,23 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         )
 
     def remove(self, numbers: Sequence[int]) -> None:
-        """Take sessions' rows out."""
+        """Delete sessions' rows from all tables."""
         for name in TABLES:
             self.connection.execute(f"DELETE FROM kept.{name} WHERE log IN (SELECT unnest(?))", (list(numbers),))
 
     def digest_rows(self, name: str, *, without: frozenset[str] = frozenset()) -> dict[int, int]:
-        """Digest each session's rows in a table, of those that have any, some columns excluded.
+        """Return a digest of each session's rows in a table, by session number, without some columns.
 
-        Any edit changes it. Equal rows have equal digests, whatever the session's number.
+        Sessions without rows are absent. Every edit changes the digest; equal rows have equal digests, whatever the
+        session's number.
         """
         return digest_relation(self.connection.sql(f"FROM kept.{name}"), name, without=without)
 
     def find_changed(self, name: str) -> set[int]:
-        """Find the sessions whose rows in a table are not those that were put in; rows of no session among them."""
+        """Return the numbers of sessions whose rows in a table differ from those inserted.
+
+        The numbers of rows that belong to no session are among them.
+        """
         place = list(TABLES).index(name) + 1
         changed = self.connection.execute(
             f"SELECT log FROM (SELECT {_row_digest(name)} FROM kept.{name} GROUP BY log) AS held "
@@ -193,9 +200,9 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         return {log for (log,) in changed.fetchall()}
 
     def _digest_catalogue(self) -> str:
-        """Digest the definitions of all tables, views and macros, any of which could stand for one of ours.
+        """Digest the definitions of all tables, views and macros, any of which could shadow one of ours.
 
-        But for the session index, which is made anew whatever is in its schema.
+        The session index is excluded, because it is rebuilt whatever its schema holds.
         """
         definitions = self.connection.execute(
             f"SELECT schema_name || table_name || sql FROM duckdb_tables() WHERE schema_name <> '{INDEX_SCHEMA}' "
@@ -207,7 +214,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         return blake2b(repr(definitions).encode(), digest_size=16).hexdigest()
 
     def put_in_order(self, numbers: Sequence[int]) -> None:
-        """Say in which order sessions are to be handed out."""
+        """Set the order in which sessions are returned."""
         if list(numbers) == sorted(numbers):
             self.order = None
             return
@@ -215,7 +222,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         self._is_placed = False
 
     def _place_sessions(self, numbers: Sequence[int]) -> None:
-        """Make the temporary table that gives each session's place in the order."""
+        """Create the temporary table that gives each session's position in the order."""
         self._is_placed = True
         self.connection.execute("CREATE OR REPLACE TEMP TABLE placed (log INTEGER, place INTEGER)")
         columns = (np.array(numbers), np.arange(len(numbers)))
@@ -225,12 +232,11 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def batches(
         self, name: str, *, without: frozenset[str] = frozenset(), counting: bool = False
     ) -> Iterator[pa.RecordBatch]:
-        """Yield one table's rows, session by session, some columns excluded; only a few are in memory at a time.
+        """Yield one table's rows, session by session, without some columns; only a few rows are in memory at a time.
 
-        All but the last batch have the same number of rows, whatever was put in and taken out before: equal rows make
-        equal files.
-
-        ``counting`` leaves out what does not count, and what belongs to an episode or a session that does not.
+        All batches except the last have the same number of rows, regardless of earlier insertions and deletions, so
+        that equal rows make equal files. With ``counting``, excluded rows are omitted, and so are rows that belong to
+        an excluded episode or session.
         """
         self._require_checked({name, *(COUNTED_BY if counting else ())})
         schema = arrow_schema(name, without=without)
@@ -256,9 +262,10 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def session_batches(
         self, name: str, numbers: Sequence[int], *, without: frozenset[str] = frozenset()
     ) -> Iterator[tuple[int, Iterator[pa.RecordBatch]]]:
-        """Yield one table's rows of some sessions, session by session, some columns excluded; others are not read.
+        """Yield the rows of one table for the given sessions, session by session, without some columns.
 
-        Use up a session's batches before the next session's. As in ``batches``, equal rows make equal batches.
+        Each item is a session's number and an iterator over its batches, to be used up before the next item is
+        requested. As in ``batches``, equal rows make equal batches.
         """
         self._require_checked({name})
         schema = arrow_schema(name, without=without)
@@ -273,7 +280,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             )
 
     def table(self, name: str, columns: Sequence[str] | None = None, *, counting: bool = False) -> pa.Table:
-        """Read a table, or some columns of it; ``counting`` as in ``batches``."""
+        """Read a table, or some of its columns; ``counting`` omits excluded rows as in ``batches``."""
         without = frozenset[str]()
         if columns is not None:
             without = frozenset(column.name for column in TABLES[name]).difference(columns)
@@ -285,16 +292,18 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         return table.select(columns)
 
     def count(self, name: str) -> int:
-        """Count the rows of a table."""
+        """Return the number of rows in a table."""
         self._require_checked({name})
         counts = self.connection.execute(f"SELECT count(*) FROM kept.{name}").fetchall()
         return int(counts[0][0])
 
     def query(self, sql: str) -> pa.Table:
-        """Answer SQL about the tables, by present or earlier column names. It reads and writes no other file.
+        """Run SQL on the tables, with current or earlier column names.
+
+        A query can neither read nor write any other file.
 
         Raises:
-            QueryError: if it is no SQL, or asks for what is not there.
+            QueryError: if the text is not a valid SELECT statement, or refers to something that does not exist.
         """
         self._require_checked(find_queried_tables(sql))
         self._connect_for_queries()
@@ -315,7 +324,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             raise QueryError(f"the query failed: {line}; the tables are {', '.join(TABLES)}") from error
 
     def _connect_for_queries(self) -> None:
-        """Connect anew, as one process cannot have the file open with two kinds of settings."""
+        """Reconnect with the settings for queries; one process cannot open the file with two kinds of settings."""
         self.connection.close()
         self.connection = connect_cache(self.path, read_only=True, settings=QUERY_SETTINGS)
         self._is_placed = False  # the temporary table went with the connection
@@ -325,7 +334,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             raise AssertionError(f"the store was not opened for {', '.join(sorted(unchecked))}")
 
     def close(self) -> None:
-        """Leave the file to others."""
+        """Close the file, so that other processes can use it."""
         self.connection.close()
 
     def __exit__(self, *error: object) -> None:
@@ -346,7 +355,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
 
 
 def _write_definition(name: str) -> str:
-    """Write the SQL that lays out a table, and the view of it that queries read."""
+    """Return the SQL that creates a table and the view of it that queries read."""
     types = {field.name: _SQL_TYPES[field.type] for field in arrow_schema(name)}
     columns = ", ".join(f'"{column}" {sql_type}' for column, sql_type in types.items())
     shown = ", ".join(f'"{column}"' for column in types)
@@ -359,18 +368,21 @@ def _write_definition(name: str) -> str:
 def digest_relation(
     rows: duckdb.DuckDBPyRelation, name: str, *, without: frozenset[str] = frozenset()
 ) -> dict[int, int]:
-    """Digest a table's rows by session, as ``digest_rows`` does: each row has ``log``, its session, and ``row``."""
+    """Digest a table's rows by session, as ``digest_rows`` does.
+
+    Each row has the column ``log``, which is the number of its session, and the column ``row``.
+    """
     return dict(rows.aggregate(_row_digest(name, without=without), "log").fetchall())
 
 
 def _row_digest(name: str, *, without: frozenset[str] = frozenset()) -> str:
-    """Return the columns of a query that digests a table's rows by session."""
+    """Return the select list of a query that digests a table's rows by session."""
     columns = ", ".join(f'"{column}"' for column in arrow_schema(name, without=without).names)
     return f"log, (sum(hash(row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT AS digest"
 
 
 def _split_evenly(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """Yield the same rows in batches of ``_ROWS``: DuckDB's own follow where its file has gaps."""
+    """Yield the same rows in batches of ``_ROWS``; the sizes of DuckDB's own batches depend on gaps in the file."""
     waiting: list[pa.RecordBatch] = []
     for batch in batches:
         waiting.append(batch)
@@ -388,7 +400,7 @@ def _cast(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
 
 
 def _split_sessions(batch: pa.RecordBatch) -> Iterator[pa.RecordBatch]:
-    """Yield the same rows by session; the first column is the session's number."""
+    """Yield the same rows in one batch per session; the first column is the session's number."""
     edges = [0, *(np.flatnonzero(np.diff(batch.column(0))) + 1).tolist(), len(batch)]
     yield from (batch.slice(begin, end - begin) for begin, end in pairwise(edges) if begin < end)
 
@@ -399,6 +411,6 @@ def _combine(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
 
 
 def software_digest() -> str:
-    """Digest the software that makes the rows: a file that other software made is not continued."""
+    """Return a digest of the software that builds the rows; files made by other software are not extended."""
     sources = f"{digest_sources(*_MAKERS)} {digest_files(list_table_sources())}"
     return f"{minihuman.__version__} duckdb {duckdb.__version__} {sources}"

@@ -1,7 +1,8 @@
-"""Table files: write tables to CSV and Parquet with their data dictionary, or to Parquet partitioned by study and
-participant; and compare them and the study's table cache with tables recomputed from the logs, cell by cell.
+"""Table files: write tables as CSV or Parquet, and compare stored tables with tables recomputed from the logs.
 
-Some rows at a time: 10,000 sessions need no more memory than ten.
+Tables are written with their data dictionary, or as Parquet partitioned by study and participant. The comparison of
+table files and of the study's table cache is cell by cell. Only some rows are in memory at a time: 10,000 sessions need
+no more memory than ten.
 """
 
 import csv
@@ -39,10 +40,10 @@ TableFormat = Literal["parquet", "csv"]
 
 
 def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
-    """Open a writer that keeps a dictionary of what recurs.
+    """Open a Parquet writer that encodes recurring values in dictionaries.
 
-    The smallest and largest value of a piece of a column are kept of numbers: who reads them skips pieces by them.
-    Of texts, which stand in the order of sessions, they would take a third of the time.
+    For numbers it stores the smallest and largest value of each row group, so that readers can skip row groups. For
+    texts, which are ordered by session, these statistics would take a third of the writing time.
     """
     numbers = [field.name for field in columns if not pa.types.is_string(field.type)]
     return pa.parquet.ParquetWriter(
@@ -51,7 +52,7 @@ def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
 
 
 class _Csv:
-    """A CSV writer for pandas, polars, R and DuckDB alike: TRUE and FALSE, and nothing where a value is missing."""
+    """A CSV writer for pandas, polars, R and DuckDB: booleans are TRUE and FALSE, and missing values are empty."""
 
     def __init__(self, path: Path, columns: pa.Schema) -> None:
         self._yes_no = [name for name in columns.names if pa.types.is_boolean(columns.field(name).type)]
@@ -81,11 +82,10 @@ def write_tables(
     without: frozenset[str] = frozenset(),
     empty: bool = False,
 ) -> tuple[Path, ...]:
-    """Write the tables that have rows into a folder, as Parquet, CSV or both; give the files.
+    """Write the tables that have rows into a folder, as Parquet, CSV or both; return the paths of the files.
 
-    Beside them is what the columns mean:
-    ``dictionary.json`` says it in the shortest form, ``datapackage.json`` as a Frictionless data package. The columns
-    ``without`` are excluded; ``empty`` writes the tables without rows too.
+    Two further files explain the columns: ``dictionary.json`` in the shortest form, and ``datapackage.json`` as a
+    Frictionless data package. The columns in ``without`` are omitted; ``empty`` also writes tables that have no rows.
     """
     folder.mkdir(parents=True, exist_ok=True)
     names = [name for name in (TABLES if names is None else names) if empty or tables.count(name)]
@@ -115,9 +115,10 @@ def write_tables(
 
 
 def list_partitions(store: StudyStore) -> dict[TablePartition, int]:
-    """List the partitions of a store's tables, without columns that take the worlds, each with its session's number.
+    """Return the partitions of a store's tables, with the number of each partition's session.
 
-    Equal rows have equal partitions on every machine with the same version of DuckDB.
+    The partitions omit columns that require the worlds. Equal rows have equal partitions on every machine with the same
+    version of DuckDB.
     """
     partitions: dict[TablePartition, int] = {}
     sql = "SELECT log, study, participant, session FROM kept.participants"
@@ -133,9 +134,9 @@ def list_partitions(store: StudyStore) -> dict[TablePartition, int]:
 def write_partitions(
     store: StudyStore, partitions: Mapping[TablePartition, int], folder: Path
 ) -> Iterator[tuple[TablePartition, Path]]:
-    """Write partitions from ``list_partitions`` below a folder; yield each with its file once that is whole.
+    """Write partitions from ``list_partitions`` below a folder; yield each with its file when the file is complete.
 
-    Each file's key-value metadata state the digest, the selection, its digest and the version of minihuman.
+    Each file's key-value metadata state the digest, the selection, the selection's digest and the version of minihuman.
     """
     selection = str(store.selection)
     made_by = {
@@ -159,10 +160,11 @@ def write_partitions(
 
 
 def find_partition_damage(path: Path, partition: TablePartition) -> str:
-    """Say why a file is not the partition that its name says; "" where nothing speaks against it.
+    """Return why a file is not the partition that its name states; "" if no damage is found.
 
-    All of it is read, with the checksum of each page; files of earlier versions have none. Its rows are digested again
-    where the same versions of minihuman and DuckDB made it, as another's digest of the same rows may differ.
+    The whole file is read and the checksum of each page is verified; files of earlier versions have none. The rows are
+    digested again only if the same versions of minihuman and DuckDB wrote the file, because another version's digest of
+    the same rows can differ.
     """
     try:
         file = pa.parquet.ParquetFile(path, page_checksum_verification=True)
@@ -187,7 +189,7 @@ def _digest_partition(table: str, rows: int, selection: str) -> str:
 
 
 def _digest_file(path: Path, table: str) -> int:
-    """Digest the rows of a partition's file as the store digests those of its session."""
+    """Digest the rows of a partition file as the store digests the rows of its session."""
     with duckdb.connect() as connection:
         relation = connection.sql(
             "SELECT 0 AS log, file_row_number AS row, * FROM read_parquet(?, file_row_number = true)",
@@ -204,7 +206,7 @@ _Cells = Sequence[object]
 def compare_cache(fresh: StudyStore, study: Path) -> Iterator[str]:
     """Yield the differences of a study's ``tables.duckdb`` from tables recomputed from its logs.
 
-    Sessions that the next command would read again, since their logs changed, are not compared.
+    Sessions whose logs have changed are not compared, because the next command reads them again.
     """
     own = study / TABLE_CACHE
     if not own.exists():
@@ -246,7 +248,7 @@ def _compare_databases(connection: duckdb.DuckDBPyConnection) -> Iterator[str]:
 
 
 def _compare_accounts(connection: duckdb.DuckDBPyConnection) -> Iterator[str]:
-    """Yield the sessions that are in the cache twice, and what it says otherwise of a session than its log."""
+    """Yield the sessions that the cache holds twice, and where the cache's account of a session contradicts the log."""
     repeated = "SELECT key FROM cache.kept.logs GROUP BY key HAVING count(*) > 1 ORDER BY key"
     for (key,) in connection.execute(repeated).fetchall():
         yield f"{TABLE_CACHE}: session {key} is in it more than once"
@@ -292,7 +294,7 @@ def _compare_column(column: str) -> str:
 
 
 def compare_table_files(folder: Path, recomputed: Path) -> Iterator[str]:
-    """Yield the differences of a folder's CSV and Parquet tables from the files of the same names in another."""
+    """Yield the differences of a folder's CSV and Parquet tables from the files of the same names in another folder."""
     for path in sorted(path for path in folder.iterdir() if path.stem in TABLES and path.suffix in _READERS):
         own = recomputed / path.name
         if not own.exists():
@@ -306,7 +308,7 @@ def compare_table_files(folder: Path, recomputed: Path) -> Iterator[str]:
 
 
 def compare_pages(page: Path, recomputed: Path) -> Iterator[str]:
-    """Yield the differences of a report's page from one made from recomputed tables, by line."""
+    """Yield the differences of a report page from one made from recomputed tables, line by line."""
     lines, own = (path.read_text(encoding="utf-8").splitlines() for path in (page, recomputed))
     differences = (
         _describe_cell(str(page), f"line {number}", _shorten(line), _shorten(expected))

@@ -1,4 +1,4 @@
-"""SQL over a study's tables: which tables a query reads, whether it takes the worlds, its answer, and that as text."""
+"""SQL over a study's tables: which tables a query reads, whether it requires the worlds, and how its result prints."""
 
 import io
 from collections.abc import Iterator, Mapping, Set
@@ -24,7 +24,7 @@ QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables o
 
 
 def find_queried_tables(sql: str) -> frozenset[str]:
-    """Find the tables that a query reads; all of them if the query alone does not tell."""
+    """Return the names of the tables that a query reads; all tables if the query alone does not show it."""
     try:
         with duckdb.connect(config=dict(QUERY_SETTINGS)) as parser:
             names = frozenset(name.lower() for name in parser.get_table_names(sql))
@@ -37,7 +37,7 @@ def find_queried_tables(sql: str) -> frozenset[str]:
 
 
 def needs_shortest_paths(sql: str) -> bool:
-    """Tell whether a query may read a column that takes the worlds themselves; True if that is not clear."""
+    """Tell whether a query may read a column that requires the worlds themselves; True if that is unclear."""
     names = find_queried_tables(sql)
     if not any(has_world_columns(name) for name in names):
         return False
@@ -54,7 +54,7 @@ def needs_shortest_paths(sql: str) -> bool:
 
 
 def _may_read_columns(node: Mapping[str, Any], columns: Set[str]) -> bool:
-    """Tell whether a node of a query's tree names one of these columns, or may do so without saying it."""
+    """Tell whether a node of a query's syntax tree names one of the columns, or may read it implicitly."""
     if node.get("error") or node.get("class") in ("STAR", "POSITIONAL_REFERENCE") or node.get("type") == "PIVOT":
         return True
     column_names = node.get("column_names")
@@ -62,7 +62,7 @@ def _may_read_columns(node: Mapping[str, Any], columns: Set[str]) -> bool:
 
 
 def _walk(tree: Any) -> Iterator[dict[str, Any]]:
-    """Yield every object of a JSON document."""
+    """Yield every object in a JSON document."""
     if isinstance(tree, dict):
         yield tree
         for part in tree.values():
@@ -73,7 +73,7 @@ def _walk(tree: Any) -> Iterator[dict[str, Any]]:
 
 
 def has_world_columns(name: str) -> bool:
-    """Tell whether a table has columns that take the worlds themselves."""
+    """Tell whether a table has columns that require the worlds themselves."""
     return any(column.name in COLUMNS_NEEDING_WORLD for column in TABLES[name])
 
 
@@ -81,14 +81,14 @@ MAX_SHOWN_ROWS = 100  # rows; more are for a file
 
 
 def format_result_csv(answer: pa.Table) -> str:
-    """Format every row as CSV, under the columns' names."""
+    """Format all rows as CSV with a header of column names."""
     file = io.BytesIO()
     pa.csv.write_csv(answer, file)
     return file.getvalue().decode()
 
 
 def format_result_lines(answer: pa.Table) -> Iterator[str]:
-    """Yield the first rows in aligned columns; a missing value is a dot."""
+    """Yield the header and the first rows in aligned columns; a missing value is shown as a dot."""
     rows = [list(map(_format_cell, row.values())) for row in answer.slice(0, MAX_SHOWN_ROWS).to_pylist()]
     widths = [max(map(len, column)) for column in zip(answer.column_names, *rows, strict=True)]
     numbers = [pa.types.is_integer(kind) or pa.types.is_floating(kind) for kind in answer.schema.types]

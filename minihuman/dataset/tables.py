@@ -1,7 +1,7 @@
-"""The tables of one selection, from one open store: what reports, figures, planning and exports are made of.
+"""The tables of one selection, from one open store: the data of reports, figures, planning and exports.
 
-Nothing above opens a log or the store. What they need and no table holds (poses, maps, key presses, the protocol) is
-read here, a session at a time.
+Modules above this one open neither logs nor the store. What they need beyond the tables (poses, maps, key presses, the
+protocol) is read here, one session at a time.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 
 class Tables(AbstractContextManager["Tables", None]):
-    """A study's tables under one selection. Use it in a ``with``.
+    """A study's tables under one selection. Use it in a ``with`` statement.
 
-    The store is opened once, with the tables that the first ``require`` names.
+    The store is opened once, with the tables that the first call of ``require`` names.
 
     Args:
-        logs: the study's, with the selection.
+        logs: the study's sessions, with the selection.
     """
 
     def __init__(self, logs: StudySessions) -> None:
@@ -40,17 +40,17 @@ class Tables(AbstractContextManager["Tables", None]):
 
     @property
     def source(self) -> Path:
-        """Return the study's folder, or the one log."""
+        """Return the path of the study's folder, or of the single log."""
         return self._logs.source
 
     @property
     def selection(self) -> Selection:
-        """Return which sessions and episodes are included."""
+        """Return the selection that decides which sessions and episodes are included."""
         return self._logs.selection
 
     @property
     def account(self) -> SelectionSummary:
-        """Return what is included, and what is excluded and why, once the store is opened or the logs are read."""
+        """Return what is included, and what is excluded and why, once the store is open or the logs have been read."""
         return self._logs.account
 
     def require(
@@ -59,14 +59,14 @@ class Tables(AbstractContextManager["Tables", None]):
         """Open the store for some tables, unless it is open.
 
         Args:
-            names: the tables that will be read; by default all. The digests of no others are compared.
-            shortest_paths: whether the fewest possible steps are worked out, which takes the worlds themselves.
-            with_account: whether ``sessions`` and the account are filled in; without, the account names what was
-                skipped.
+            names: the names of the tables that will be read; by default all. Only their digests are compared.
+            shortest_paths: whether to compute the fewest possible steps, which requires the worlds themselves.
+            with_account: whether to fill in ``sessions`` and the account; otherwise the account lists only the skipped
+                logs.
 
         Raises:
             LogError: if there is no such file or folder, or it is a single log that cannot be read.
-            QueryError: if there is no room for the tables, beside the study or among the temporary files.
+            QueryError: if there is no space for the tables, beside the study or in the temporary folder.
         """
         from minihuman.dataset.store import StudyStore  # a station does without tables
 
@@ -79,7 +79,7 @@ class Tables(AbstractContextManager["Tables", None]):
 
     @property
     def store(self) -> "StudyStore":
-        """Return the open store, for what compares or copies it."""
+        """Return the open store, for code that compares or copies it."""
         self.require()
         if self._opened is None:
             raise AssertionError("require opens the store")
@@ -87,27 +87,33 @@ class Tables(AbstractContextManager["Tables", None]):
 
     @property
     def sessions(self) -> tuple["CachedSession", ...]:
-        """Return what is known of every log, in order of path; little of one that is not selected or not readable."""
+        """Return the cached description of every log, in order of path.
+
+        Brief for logs that are not selected or not readable.
+        """
         return self.store.cached_sessions
 
     def arrow(self, name: str, columns: Sequence[str] | None = None, *, included: bool = False) -> "pa.Table":
-        """Return a table, or some of its columns; ``included`` leaves out the rows that do not count."""
+        """Return a table, or some of its columns, as Arrow; with ``included``, excluded rows are omitted."""
         return self.store.tables.table(name, columns, counting=included)
 
     def frame(self, name: str, columns: Sequence[str] | None = None, *, included: bool = False) -> "pd.DataFrame":
-        """Return the same as a pandas table."""
+        """Return a table, or some of its columns, as a pandas data frame.
+
+        With ``included``, excluded rows are omitted.
+        """
         frame: pd.DataFrame = self.arrow(name, columns, included=included).to_pandas()
         return frame
 
     def count(self, name: str) -> int:
-        """Count a table's rows."""
+        """Return the number of rows in a table."""
         return self.store.tables.count(name)
 
     def query(self, sql: str) -> "pa.Table":
-        """Answer SQL about the tables.
+        """Run SQL on the tables and return the result.
 
         Raises:
-            QueryError: if it is no SQL, or asks for what is not there.
+            QueryError: if the text is not a valid SELECT statement, or refers to something that does not exist.
         """
         return self.store.tables.query(sql)
 
@@ -119,48 +125,51 @@ class Tables(AbstractContextManager["Tables", None]):
         kinds: Sequence["TableFormat"] = ("parquet", "csv"),
         without: frozenset[str] = frozenset(),
     ) -> tuple[Path, ...]:
-        """Write the tables that have rows into a folder, some columns excluded; return the files."""
+        """Write the tables that have rows into a folder, without some columns; return the paths of the files."""
         from minihuman.dataset.table_files import write_tables
 
         return write_tables(self.store.tables, folder, names=names, kinds=kinds, without=without)
 
     def write_partitions(self, folder: Path) -> Iterator[tuple["TablePartition", Path]]:
-        """Write the tables as a Parquet file per table and session below a folder; yield each once it is whole."""
+        """Write the tables below a folder, one Parquet file per table and session.
+
+        Yield each file when it is complete.
+        """
         from minihuman.dataset.table_files import list_partitions, write_partitions
 
         return write_partitions(self.store, list_partitions(self.store), folder)
 
     def included_facts(self) -> Iterator[tuple[Path, dict[str, Any]]]:
-        """Yield every log with the facts of each episode in it that counts."""
+        """Yield the path of a log and the facts of an episode, for each included episode."""
         return self.store.facts()
 
     def read_log(self, session: "CachedSession") -> SessionLog:
         """Read the log of a session that the tables name.
 
         Raises:
-            LogError: if it cannot be read any more.
+            LogError: if the log can no longer be read.
         """
         from minihuman.log.read.session_reader import read_log
 
         return read_log(Path(session.path))
 
     def read_session(self, session: "CachedSession") -> SelectedSession:
-        """Read a session that the tables name, with what counts of it.
+        """Read a session that the tables name, and apply the selection to it.
 
         Raises:
-            LogError: if its log cannot be read any more.
+            LogError: if the log can no longer be read.
         """
         return self.selection.judge(self.read_log(session))
 
     def read_protocol(self, session: "CachedSession") -> Protocol | None:
-        """Read the protocol that a session was played by; None if the log holds none."""
+        """Read the protocol under which a session was played; None if the log holds none."""
         toml = self.read_log(session).plan.protocol_toml
         if toml:
             return decode_logged_protocol(toml, session.path)
         return None
 
     def read_protocols(self) -> list[Protocol]:
-        """Read the protocols that the selected sessions were played by, each once."""
+        """Read the protocols under which the selected sessions were played, without duplicates."""
         last_by_digest = {
             session.outline.protocol_sha256: session for session in self.sessions if session.outline is not None
         }
@@ -168,7 +177,7 @@ class Tables(AbstractContextManager["Tables", None]):
         return [protocol for protocol in protocols if protocol is not None]
 
     def read_sessions(self) -> Iterator[SelectedSession]:
-        """Read one session after the other from its log, without the store; that fills the account.
+        """Read one session after the other from its log, without the store; iterating fills the account.
 
         Raises:
             LogError: if there is no such file or folder, or it is a single log that cannot be read.
@@ -178,12 +187,15 @@ class Tables(AbstractContextManager["Tables", None]):
         return iter(self._logs)
 
     def release(self) -> None:
-        """Leave the study's own file to others once all tables are read; a temporary file stays open."""
+        """Close the study's own file after all tables were read, so that other processes can use it.
+
+        Keep a temporary one open.
+        """
         if self._opened is not None and not self._opened.is_temporary:
             self._opened.close()
 
     def close(self) -> None:
-        """Leave the store's file to others."""
+        """Close the store's file, so that other processes can use it."""
         if self._opened is not None:
             self._opened.close()
 
@@ -192,10 +204,10 @@ class Tables(AbstractContextManager["Tables", None]):
 
 
 def answer_query(tables: Tables, sql: str) -> "pa.Table":
-    """Answer SQL about tables that are not open yet: those that the query reads are opened, and no others.
+    """Open the tables that a query reads, and no others, and return the query's result.
 
     Raises:
-        QueryError: if it is no SQL, or asks for what is not there.
+        QueryError: if the text is not a valid SELECT statement, or refers to something that does not exist.
     """
     from minihuman.dataset.table_queries import find_queried_tables, needs_shortest_paths
 
@@ -212,15 +224,16 @@ def select(
     engine: str = "local",
     from_logs: bool = False,
 ) -> Tables:
-    """Select sessions and episodes of a study's folder, or of one log; nothing is read yet.
+    """Select sessions and episodes of a study's folder, or of one log, without reading any yet.
 
     Args:
-        source: the folder or log.
-        selection: which are included; by default all that were completed and that no rule or reviewer excludes.
+        source: the study's folder or the log.
+        selection: the rule for what is included; by default, all completed episodes that neither a rule nor a reviewer
+            excludes.
         say: called with a line about each log that cannot be read.
-        processes: how many read logs side by side; by default as many as there are processors.
-        engine: reads logs in processes of this machine (local) or in a Ray cluster (ray).
-        from_logs: believe no cache, and make the tables from the logs.
+        processes: the number of processes that read logs in parallel; by default the number of processors.
+        engine: "local" to read logs in processes of this machine, or "ray" to read them in a Ray cluster.
+        from_logs: whether to ignore the cache and build the tables from the logs.
     """
     logs = StudySessions(source, selection, say=say, processes=processes, engine=engine, from_logs=from_logs)
     return Tables(logs)

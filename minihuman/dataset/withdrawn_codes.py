@@ -1,4 +1,7 @@
-"""Reads from a study's enrolment log who withdrew. Opens no log of a session, so that a command starts quickly."""
+"""Read from a study's enrolment log which participants withdrew.
+
+The module opens no session log, so that commands start quickly.
+"""
 
 import re
 from collections.abc import Iterator
@@ -15,7 +18,7 @@ from minihuman.storage.system import current_system
 class _Line(msgspec.Struct, frozen=True):
     """A line of the enrolment log that names a participant who withdrew: {"withdrawn": "sub-07", "at": ...}.
 
-    The enrolment log's declaration has a list there.
+    In the line that declares the enrolment log's format, the field is a list.
     """
 
     withdrawn: str | list[str] = ""
@@ -35,7 +38,7 @@ class LedgerEntry(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def read_local_ledger(data: Path, study: str) -> Iterator[LedgerEntry]:
-    """Yield the entries that a data folder has of a study, as the shared ledger has them."""
+    """Yield a data folder's ledger entries about one study, in the form of the shared ledger."""
     try:
         lines = (data / LEDGER_FILE_NAME).read_bytes().splitlines()
     except FileNotFoundError:
@@ -48,11 +51,11 @@ def read_local_ledger(data: Path, study: str) -> Iterator[LedgerEntry]:
 
 
 def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
-    """Read the codes of those who withdrew from the study of this folder, here or on another machine.
+    """Return the codes of participants who withdrew from the study in a folder, on this or another machine.
 
     Raises:
-        OSError: if the enrolment log is in a database that cannot be asked.
-        LogError: if one of its lines is damaged.
+        OSError: if the enrolment log is in a database that cannot be reached.
+        LogError: if a line of the enrolment log is damaged.
     """
     if url := find_database_url(study_dir):
         from minihuman.storage.postgres_journal import PostgresJournal
@@ -70,7 +73,7 @@ def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
 
 
 def _read_code(line: bytes, number: int) -> str | None:
-    """Read who withdrew by a line; None where it says nothing of that."""
+    """Return the code of the participant who withdrew according to a line; None if the line records no withdrawal."""
     try:
         withdrawn = msgspec.json.decode(line, type=_Line).withdrawn
     except (msgspec.DecodeError, UnicodeDecodeError) as error:

@@ -1,1 +1,1 @@
-"""Exporters: one file per format, one entry point each."""
+"""Exporters: one file per format, each with one entry point."""

@@ -1,4 +1,4 @@
-"""The Gymnasium spec of an episode's world, as a file can hold it: what makes the world again elsewhere."""
+"""The Gymnasium specification of an episode's world, in a form that a file can hold and another machine can use."""
 
 import copy
 import sys
@@ -14,10 +14,10 @@ from minihuman.worlds.hashing import resolve_files
 
 
 def build_environment_spec(chosen: IncludedEpisode) -> EnvSpec | None:
-    """Return the Gymnasium spec of an episode's world, with options and the protocol's step limit, for a file.
+    """Return the Gymnasium specification of an episode's world, with options and the protocol's step limit, for a file.
 
-    The module that registers the world is imported by then. None where the world cannot be made by name elsewhere: its
-    class has no module of its own, or an option is no plain value.
+    The module that registers the world must have been imported. None if the world cannot be created by name elsewhere:
+    its class is not importable, or an option is not a plain value.
     """
     spec = copy.deepcopy(gymnasium.spec(chosen.episode.plan.world.rsplit(":", 1)[-1]))
     kwargs: dict[str, Any] = {**spec.kwargs, **resolve_files(chosen.episode.plan.options)}
@@ -38,7 +38,7 @@ def build_environment_spec(chosen: IncludedEpisode) -> EnvSpec | None:
 
 
 def _importable(made_by: Any) -> str | None:
-    """Find where a class or function can be imported from, "module:name"; None if nowhere."""
+    """Return the import path "module:name" of a class or function; None if it cannot be imported."""
     module = getattr(made_by, "__module__", "")
     name = getattr(made_by, "__qualname__", "")
     if module in sys.modules and name.isidentifier():

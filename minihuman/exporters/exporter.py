@@ -1,8 +1,8 @@
-"""The exporter port, and an export from start to end.
+"""The exporter interface, and an export from start to end.
 
 An exporter is one function in one file, found through the entry-point group `minihuman.exporters`. An export is
-written to a new folder that appears only when it is complete, with a card: a README that says what the export
-holds, where it came from and what was excluded.
+written to a new folder that appears only when it is complete. It includes a card: a README that states what the export
+holds, where the data came from and what was excluded.
 """
 
 import shutil
@@ -25,18 +25,18 @@ GROUP = "minihuman.exporters"
 
 @dataclass(frozen=True, slots=True)
 class ExportResult:
-    """An exporter's output: its data files and folders, and how much is in them."""
+    """An exporter's output: its data files and folders, and the amount of data in them."""
 
     paths: tuple[Path, ...]
-    episodes: int  # that count
-    steps: int  # of those
-    left_out: tuple[str, ...] = ()  # what the format cannot hold, and why; in the card
-    marked: int = 0  # further episodes, that do not count and are there all the same, with the reason
-    sessions: int = 0  # of tables: those that have a row, with an episode or without
-    front_matter: str = ""  # of the card, for what reads it by machine
+    episodes: int  # included episodes
+    steps: int  # steps of the included episodes
+    left_out: tuple[str, ...] = ()  # what the format cannot hold, and why; listed in the card
+    marked: int = 0  # excluded episodes that are present with the reason
+    sessions: int = 0  # for tables: sessions that have a row
+    front_matter: str = ""  # of the card, for programs
 
     def with_files(self, paths: tuple[Path, ...], *, front_matter: str = "") -> "ExportResult":
-        """Return the same counts, of these files."""
+        """Return the same counts for other files."""
         return replace(self, paths=paths, front_matter=front_matter)
 
 
@@ -44,15 +44,15 @@ Exporter = Callable[[IncludedEpisodes, Path], ExportResult]
 
 
 def list_exporters() -> tuple[str, ...]:
-    """List the names of the exporters that are installed."""
+    """Return the names of the installed exporters."""
     return list_plugin_names(GROUP)
 
 
 def find_exporter(name: str) -> Exporter:
-    """Find the exporter of that name.
+    """Return the exporter with a given name.
 
     Raises:
-        ExportError: if there is none, or what it needs is not installed.
+        ExportError: if there is none, or a package that it needs is not installed.
     """
     exporter: Exporter = load_plugin(GROUP, name, ExportError, noun="export format")
     return exporter
@@ -60,7 +60,7 @@ def find_exporter(name: str) -> Exporter:
 
 @dataclass(slots=True)
 class ExportCard:
-    """Counts the episodes of an export, and writes its card."""
+    """Counts the episodes of an export and writes its card."""
 
     format: str
     account: SelectionSummary
@@ -68,12 +68,12 @@ class ExportCard:
     counts: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
 
     def count(self, facts: Mapping[str, Any]) -> None:
-        """Take an episode into the counts."""
+        """Count an episode by each of its facts."""
         for name in ("study", "participant", "group", "player", "block", "world", "outcome", "protocol_sha256"):
             self.counts[name][str(facts[name])] += 1
 
     def write(self, out: Path, export: ExportResult) -> Path:
-        """Write the card into the export's folder."""
+        """Write the card into the export's folder and return its path."""
         path = out / "README.md"
         path.write_text(export.front_matter + self._text(out, export), encoding="utf-8", newline="\n")
         return path
@@ -105,7 +105,7 @@ class ExportCard:
 
 
 def _require_new_folder(out: Path) -> None:
-    """Refuse a folder that has something in it, or that the program was started in."""
+    """Raise ExportError if a folder is not empty, or is the program's working directory."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportError(f"{out} already exists; choose another folder, or move that one away")
     if _is_current_folder(out):
@@ -114,7 +114,7 @@ def _require_new_folder(out: Path) -> None:
 
 @contextmanager
 def _write_whole(out: Path) -> Iterator[Path]:
-    """Give a folder beside ``out`` that takes its name once all is written; an error inside removes it."""
+    """Yield a temporary folder beside ``out`` that is renamed to ``out`` on success and removed on an error."""
     unfinished = out.resolve().with_name(out.name + ".unfinished")  # Minari joins a relative path to itself
     if unfinished.exists():
         raise ExportError(
@@ -149,14 +149,14 @@ def export_study(
     engine: str = "local",
     progress: Callable[[Path], None] = lambda _: None,
 ) -> tuple[ExportResult, ExportCard]:
-    """Write the chosen episodes of a log or study to ``out``; ``progress`` hears of each log once.
+    """Write the selected episodes of a log or study to ``out``; call ``progress`` once with each log.
 
-    Logs with messages between participants are in no export, unless ``with_messages`` asks for them.
-    Observations are played again, or with ``stored_frames`` those that the logs hold; each is checked against its hash.
+    Logs with messages between participants are excluded unless ``with_messages`` is set. Observations are replayed, or
+    read from the logs with ``stored_frames``; each is checked against its hash.
 
     Raises:
-        ExportError: if the format is unknown, ``out`` has something in it, no episode counts,
-            or an episode does not replay or holds no observations.
+        ExportError: if the format is unknown, ``out`` is not empty, no episode is included, or an episode does not
+            replay or holds no observations.
         LogError: if the source cannot be read.
     """
     exporter = find_exporter(format_name)

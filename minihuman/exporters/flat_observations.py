@@ -1,7 +1,7 @@
-"""Observations of episodes for datasets: replay the episode, check every hash, and reshape what was observed.
+"""Observations of episodes for datasets: replay the episode, check every hash, and reshape the observations.
 
-Observations come from seed and actions, or from the log where it holds them. There is one dataset per world,
-because worlds with different observations cannot share one. Knows no format.
+Observations are computed from the seed and the actions, or read from the log if it holds them. There is one dataset per
+world, because worlds with different observations cannot share one. This module knows no file format.
 """
 
 import copy
@@ -35,10 +35,11 @@ from minihuman.worlds.adapters.world import World
 from minihuman.worlds.observation_spaces import find_mismatch
 
 _CHARACTERS = frozenset(string.printable)
+_MIN_PICTURE_PX = 32  # a smaller array is taken for an encoded grid
 
 
 def stack_observations(observations: Sequence[Any]) -> Any:
-    """Stack a list of observations, or of actions, into arrays: dicts stay dicts, texts become lists."""
+    """Stack a list of observations or actions into arrays; dicts stay dicts, and texts become lists."""
     first = observations[0]
     if isinstance(first, dict):
         return {key: stack_observations([observation[key] for observation in observations]) for key in first}
@@ -50,10 +51,10 @@ def stack_observations(observations: Sequence[Any]) -> Any:
 
 
 def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
-    """Replace a space's own kinds (a world's mission space) by Gymnasium's, which others can store.
+    """Replace a world's own kinds of spaces (its mission space) by Gymnasium's, which other libraries can store.
 
     Raises:
-        ExportError: if a part is of a kind that has no plain form.
+        ExportError: if a part of the space has no standard form.
     """
     match space:
         case gymnasium.spaces.Dict():
@@ -80,12 +81,12 @@ def is_picture(space: gymnasium.Space[Any]) -> bool:
         and space.dtype == np.uint8
         and len(space.shape) == 3
         and space.shape[2] == 3
-        and min(space.shape[:2]) >= 32
+        and min(space.shape[:2]) >= _MIN_PICTURE_PX
     )
 
 
 def flatten_observation(observation: Any, space: gymnasium.Space[Any]) -> NDArray[Any]:
-    """Put all numbers of an observation in one row, dict parts by sorted key; texts are excluded (they are metadata).
+    """Put all numbers of an observation in one row, ordering the parts of a dict by key; texts are omitted as metadata.
 
     The dtype is the narrowest that holds every part of the space exactly, so it is the same for all observations.
     """
@@ -96,7 +97,7 @@ def flatten_observation(observation: Any, space: gymnasium.Space[Any]) -> NDArra
 
 
 def name_flat_observation(observation: Any, name: str = "") -> list[str]:
-    """Name each number of a flat observation: "direction", "image_0", "image_1", ..."""
+    """Return a name for each number of a flat observation: "direction", "image_0", "image_1", ..."""
     if isinstance(observation, dict):
         return [
             label for key in sorted(observation) for label in name_flat_observation(observation[key], f"{name}{key}_")
@@ -133,10 +134,11 @@ def _numbers(observation: Any, space: gymnasium.Space[Any]) -> list[NDArray[Any]
 
 
 def build_steering_columns(episode: EpisodeLog, *, with_reset: bool = False) -> dict[str, NDArray[Any]]:
-    """Build a row for each step: whether the person steered, and the world's action that the policy advised.
+    """Build columns with one row per step: whether the person acted, and which action the policy advised.
 
-    Empty where no agent took part in the episode; -1 where the policy advised nothing. ``with_reset`` puts a row before
-    the first, with neither.
+    The columns are "intervention" and "policy_action", which is -1 where the policy advised nothing. There are no
+    columns if no agent took part in the episode. ``with_reset`` prepends a row for the reset, without intervention or
+    advice.
     """
     taught = episode.taught
     if taught is None:
@@ -149,7 +151,7 @@ def build_steering_columns(episode: EpisodeLog, *, with_reset: bool = False) -> 
 
 
 def get_step_steering(episode: EpisodeLog, index: int) -> dict[str, Any]:
-    """Return the same of one step, 0 for the first, as plain values, with the policy's probabilities by action."""
+    """Return the steering of one step (0 is the first) as plain values, with the policy's action probabilities."""
     taught = episode.taught
     if taught is None:
         return {}
@@ -162,9 +164,10 @@ def get_step_steering(episode: EpisodeLog, index: int) -> dict[str, Any]:
 
 
 def name_dataset(chosen: IncludedEpisode) -> str:
-    """Name a folder for an episode's world: "minigrid-fourrooms-v0", with other options another name.
+    """Return the folder name for the dataset of an episode's world, e.g. "minigrid-fourrooms-v0".
 
-    Where the options differ by episode, as a design or a table of stimuli has it, the block's name is part of it.
+    Other options give another name. If the options differ by episode, as in a design or a table of stimuli, the name
+    includes the block's name.
     """
     name = _slug(chosen.episode.plan.world.rsplit("/", 1)[-1].rsplit(":", 1)[-1])
     options = get_shared_options(chosen)
@@ -184,7 +187,7 @@ def _digest(value: Any) -> str:
 
 
 def _mark(name: str, mark: str) -> str:
-    """Put a mark before a name's version."""
+    """Insert a mark before the version in a name."""
     stem, _, version = name.rpartition("-v")
     if stem:
         return f"{stem}-{mark}-v{version}"
@@ -197,9 +200,9 @@ FROM_LOG = logging.getLogger("minihuman")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayedEpisode:
-    """An episode with what was observed: ``n + 1`` observations for ``n`` actions, each equal to the one played.
+    """An episode with its observations: ``n + 1`` observations for ``n`` actions, each equal to the recorded one.
 
-    Of a first-person episode that an earlier version drew, each state is equal, and the pictures are this version's.
+    For a first-person episode drawn by an earlier version, each state is equal, and the pictures are this version's.
     """
 
     episode: EpisodeLog
@@ -210,9 +213,10 @@ class ReplayedEpisode:
 
     @property
     def actions(self) -> Any:
-        """Return the ``n`` actions as the environment's ``step`` takes them: numbers from the space's start, or arrays.
+        """Return the ``n`` actions in the form that the environment's ``step`` takes.
 
-        Those of a Dict or Tuple space are a dict or tuple of arrays, one row per action.
+        They are numbers from the start of a Discrete space, or arrays. The actions of a Dict or Tuple space are a dict
+        or tuple of arrays, with one row per action.
         """
         vectors = self.episode.action_vectors
         if vectors is None:
@@ -223,7 +227,7 @@ class ReplayedEpisode:
 
 
 def name_state(demonstration: ReplayedEpisode) -> list[str]:
-    """Name the columns of ``build_state``."""
+    """Return the names of the columns of ``build_state``."""
     if not is_picture(demonstration.observation_space):
         return name_flat_observation(demonstration.observations[0])
     if np.isnan(demonstration.episode.poses).any():
@@ -232,10 +236,10 @@ def name_state(demonstration: ReplayedEpisode) -> list[str]:
 
 
 def build_state(demonstration: ReplayedEpisode) -> NDArray[np.float32]:
-    """Build the numbers that were observed, (n + 1, numbers).
+    """Build the observed numbers, an array of shape (n + 1, numbers).
 
-    Where the observation is a picture, they are where the agent stands, or, where the world cannot tell, how much of
-    the episode is over.
+    If the observation is a picture, the numbers are the agent's pose, or the elapsed share of the episode if the world
+    provides no pose.
     """
     episode = demonstration.episode
     space = demonstration.observation_space
@@ -252,7 +256,7 @@ def _narrow(rows: NDArray[Any], episode: EpisodeLog) -> NDArray[np.float32]:
     """Convert rows of numbers to float32.
 
     Raises:
-        ExportError: if one is beyond what float32 holds.
+        ExportError: if a finite number exceeds the range of float32.
     """
     beyond = np.argwhere(np.isfinite(rows) & (np.abs(rows.astype(np.float64)) > np.finfo(np.float32).max))
     if len(beyond):
@@ -265,7 +269,7 @@ def _narrow(rows: NDArray[Any], episode: EpisodeLog) -> NDArray[np.float32]:
 
 
 def name_actions(item: IncludedEpisode) -> list[str]:
-    """Name the columns of ``build_actions``' "action"."""
+    """Return the names of the columns of "action" in ``build_actions``."""
     vectors = item.episode.action_vectors
     if vectors is None:
         return list(get_action_names(item))
@@ -273,10 +277,11 @@ def name_actions(item: IncludedEpisode) -> list[str]:
 
 
 def build_actions(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, NDArray[Any]]:
-    """Build the actions as learners of vectors take them: "action" (n, actions), and "discrete_action" (n,).
+    """Build the actions as vectors for learners: "action" of shape (n, actions), and "discrete_action" of shape (n,).
 
-    A row of "action" has a 1 at its place among the actions that participants could take, and "discrete_action" is what
-    the environment's ``step`` takes; where that is a vector itself, "action" is it, flat, and there is nothing else.
+    A row of "action" is a one-hot vector over the actions that participants could take, and "discrete_action" is what
+    the environment's ``step`` takes. If ``step`` takes a vector, "action" is that vector, flattened, and the only
+    column.
     """
     vectors = item.episode.action_vectors
     if vectors is not None:
@@ -287,11 +292,11 @@ def build_actions(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict
 
 
 class Resimulator:
-    """Replays episodes for their observations, and reuses the world of the last one for the next.
+    """Replays episodes to obtain their observations, reusing the world of the previous episode where possible.
 
     Args:
-        picture_px: width and height within which pictures are drawn, too, of what the participant saw; by default none
-            are. Where the observation is a picture, it is the picture, and stored observations have no others.
+        picture_px: the maximum width and height of pictures of the participant's view; None draws none. If the
+            observation is a picture, it is used unchanged. Stored observations have no other pictures.
     """
 
     def __init__(self, *, picture_px: tuple[int, int] | None = None) -> None:
@@ -300,11 +305,13 @@ class Resimulator:
         self._made_from: tuple[str, dict[str, Any]] | None = None
 
     def __call__(self, chosen: IncludedEpisode) -> ReplayedEpisode:
-        """Play an episode again, or take what its log holds if that was chosen. Spaces are the world's as it is here.
+        """Replay an episode, or take the observations from its log if requested.
+
+        The spaces are those of the world here.
 
         Raises:
-            ExportError: if the world cannot be made here or answers differently than when it was played; or if the
-                log holds no observations, or others than were made.
+            ExportError: if the world cannot be created here or behaves differently than when it was played; or if the
+                log holds no observations, or observations that do not match their hashes.
         """
         world = self._world_of(chosen.episode, chosen)
         observed = self._picture_px is None or is_picture(world.observation_space)
@@ -341,11 +348,11 @@ _WITHOUT_OBSERVATIONS = "export as csv or parquet, which hold no observations"
 
 
 def require_regular(item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
-    """Refuse an episode of which a dataset cannot hold every observation and picture, before any of it is written.
+    """Check, before anything is written, that a dataset can hold all observations and pictures of an episode.
 
     Raises:
-        ExportError: if the space has no plain form, or an observation is built otherwise than the space, or a picture
-            is of another size than the first.
+        ExportError: if the space has no standard form, an observation does not match the space, or a picture differs in
+            size from the first.
     """
     place = f"{item.log.path}: {item.episode.name}"
     try:
@@ -365,12 +372,12 @@ def require_regular(item: IncludedEpisode, demonstration: ReplayedEpisode) -> No
 
 
 class ReplayedStudy:
-    """Replays the episodes that have a step, each with its dataset's name and its observations; counts them.
+    """Replays the episodes that have a step, counts them, and names the dataset of each.
 
     Args:
-        chosen: the episodes.
-        reason: why the format leaves an episode without a step out.
-        picture_px: as ``Resimulator`` takes it.
+        chosen: the included episodes.
+        reason: the reason why the format excludes an episode without a step.
+        picture_px: the maximum picture size, as for ``Resimulator``.
     """
 
     def __init__(self, chosen: IncludedEpisodes, reason: str, *, picture_px: tuple[int, int] | None = None) -> None:
@@ -383,7 +390,9 @@ class ReplayedStudy:
         self._steps = 0
 
     def __iter__(self) -> Iterator[tuple[str, IncludedEpisode, ReplayedEpisode]]:
-        """Yield the episodes, one in memory at a time; one of another shape than its dataset's first gets another.
+        """Yield the dataset's name, the episode and its observations, holding one episode in memory at a time.
+
+        An episode whose shapes differ from those of the dataset's first episode is put in another dataset.
 
         Raises:
             ExportError: if an episode does not replay.
@@ -410,7 +419,7 @@ class ReplayedStudy:
             yield name, item, demonstration
 
     def result(self, paths: Iterable[Path]) -> ExportResult:
-        """Return what was written to these files and folders."""
+        """Return the export's result for the given files and folders."""
         return ExportResult(tuple(paths), self._episodes, self._steps, tuple(self._left_out))
 
 

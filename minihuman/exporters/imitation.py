@@ -1,9 +1,9 @@
-"""Export trajectories for the `imitation` library: Hugging Face `datasets` on disk. Observations are flat, and pictures
-(channels, rows, columns), as Stable-Baselines3's `CnnPolicy` takes them.
+"""Export trajectories for the `imitation` library as Hugging Face `datasets` on disk.
 
-One dataset per world, `OUT/<world>`; `imitation.data.serialize.load` and `datasets.load_from_disk` read it.
-Trajectories are written a few at a time, so that a large study takes no more memory than a small one. Compared
-fragments are another dataset, `OUT/<world>-preferences`, one row per pair, for `PreferenceDataset.push`.
+Observations are flat; pictures have the order (channels, rows, columns) that Stable-Baselines3's `CnnPolicy` takes.
+There is one dataset per world, `OUT/<world>`, which `imitation.data.serialize.load` and `datasets.load_from_disk` read.
+Trajectories are written a few at a time, so that a large study needs no more memory than a small one. Compared
+fragments are another dataset, `OUT/<world>-preferences`, with one row per pair, for `PreferenceDataset.push`.
 """
 
 import json
@@ -39,7 +39,7 @@ _Key = tuple[int, int, int, int]  # episode, attempt, first step and last
 
 
 class FragmentWriter:
-    """Gathers the compared fragments of one session after the other."""
+    """Collects the fragments that participants compared, one session after the other."""
 
     def __init__(self) -> None:
         self._log: SessionLog | None = None
@@ -50,7 +50,10 @@ class FragmentWriter:
     def take(
         self, item: IncludedEpisode, dataset: str, trajectory: dict[str, Any]
     ) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Look at an episode's trajectory; gives the pairs of the session before, if this is of the next one."""
+        """Collect the compared fragments of an episode's trajectory.
+
+        Yield the previous session's pairs when a session begins.
+        """
         if self._log is None or self._log.path != item.log.path:
             yield from self.close()
             self._log = item.log
@@ -64,7 +67,7 @@ class FragmentWriter:
                 self._worlds[key] = dataset
 
     def close(self) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Yield the pairs of the last session: the dataset's name, and a row."""
+        """Yield the pairs of the last session, each as the dataset's name and a row."""
         if self._log is None:
             return
         for comparison in self._log.comparisons:
@@ -82,7 +85,7 @@ class FragmentWriter:
 
 
 def preference_features(trajectory: datasets.Features) -> datasets.Features:
-    """Return the columns of a pair, both of whose fragments have those of a trajectory."""
+    """Return the features of a pair: its preference, its time, and the features of a trajectory for both fragments."""
     columns = {f"{side}_{name}": kind for side in SIDES for name, kind in trajectory.items()}
     return datasets.Features({"preference": datasets.Value("float64"), "t_ns": datasets.Value("int64")} | columns)
 
@@ -92,7 +95,7 @@ def _key(side: EpisodeClip) -> _Key:
 
 
 def _fragment(trajectory: dict[str, Any], first: int, last: int) -> dict[str, Any]:
-    """Cut a fragment out of a trajectory: ``last`` is the step whose observation is the last one."""
+    """Cut a fragment out of a trajectory; ``last`` is the step that leads to the fragment's last observation."""
     steps = slice(first, last)
     reaches_end = last == len(trajectory["acts"])
     return {
@@ -108,7 +111,7 @@ _TOGETHER = 8  # trajectories written at once: of pictures, some tens of megabyt
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every episode that has a step as a trajectory with rewards; what else is known is in its ``infos``.
+    """Write every episode that has a step as a trajectory with rewards; further facts are in its ``infos``.
 
     Raises:
         ExportError: if an episode does not replay.
@@ -128,7 +131,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 class _Writers:
-    """A file for each dataset, opened when its first row comes."""
+    """One Arrow file per dataset, opened when the dataset's first row is written."""
 
     def __init__(self, out: Path) -> None:
         self._out = out
@@ -172,7 +175,7 @@ def _trajectory(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[s
 
 
 def _observations(demonstration: ReplayedEpisode) -> NDArray[Any]:
-    """Return the n + 1 observations: (n + 1, numbers), or pictures (n + 1, 3, rows, columns)."""
+    """Return the n + 1 observations: an array (n + 1, numbers), or pictures (n + 1, 3, rows, columns)."""
     space = demonstration.observation_space
     if is_picture(space):
         return np.stack(demonstration.observations).transpose(0, 3, 1, 2)
@@ -197,7 +200,7 @@ def _features(observations: NDArray[Any], actions: NDArray[Any]) -> datasets.Fea
 
 
 def _nest(number: str, depth: int) -> Any:
-    """Return the feature of an array of so many dimensions."""
+    """Return the feature of an array with ``depth`` dimensions."""
     feature: Any = datasets.Value(number)
     for _ in range(depth):
         feature = datasets.List(feature)
@@ -205,7 +208,7 @@ def _nest(number: str, depth: int) -> Any:
 
 
 def _settle(arrow_file: Path, path: Path, features: datasets.Features) -> None:
-    """Make a dataset's folder around the file: as ``save_to_disk`` lays it out, but for copying it through memory."""
+    """Turn an Arrow file into a dataset folder with the layout of ``save_to_disk``, without reading it into memory."""
     path.mkdir()
     data = path / "data-00000-of-00001.arrow"
     arrow_file.rename(data)

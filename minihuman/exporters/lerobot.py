@@ -1,10 +1,10 @@
-"""Export LeRobot datasets, format v3.0, written with pyarrow and PyAV: `OUT/<world>/{meta,data,videos}`. No torch.
+"""Export LeRobot datasets, format v3.0: `OUT/<world>/{meta,data,videos}`, written with pyarrow and PyAV, without torch.
 
 A frame is an observation and the action taken in it, so the observation after the last action has no row. LeRobot's
-timestamps are frame number over frame rate; when a step really happened is in `time_s`. A discrete action is
-written as a one-hot vector, which a policy can learn, and as the number that `step` takes. Pictures are LeRobot's video
-features: the observation where that is a picture, else the view that the participant had. The statistics, the features
-and the card are those that LeRobot and the Hub read.
+timestamps are frame number over frame rate; the time at which a step really happened is in `time_s`. A discrete action
+is written as a one-hot vector, which a policy can learn, and as the number that `step` takes. Pictures are LeRobot's
+video features: the observation if it is a picture, else the participant's view. The statistics, the features and the
+card are those that LeRobot and the Hub read.
 """
 
 import json
@@ -45,11 +45,11 @@ QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
 class FeatureStatistics:
-    """Statistics of one feature. Quantiles over episodes are their means weighted by frames, as LeRobot's own are.
+    """Statistics of one feature. As in LeRobot, quantiles over episodes are means weighted by the number of frames.
 
     Args:
-        values: an episode's, a row per frame; of a picture (frames, H, W, 3) bytes, whose channels are told apart and
-            scaled to 0 to 1.
+        values: an episode's values, one row per frame; a picture is uint8 (frames, H, W, 3), with separate statistics
+            for each channel, scaled to the range 0 to 1.
     """
 
     def __init__(self, values: NDArray[Any]) -> None:
@@ -88,7 +88,10 @@ class FeatureStatistics:
         self._quantiles = self._quantiles + other._quantiles
 
     def statistics(self) -> dict[str, Any]:
-        """Return them as the format keeps them: a list per number, [[[value]]] per channel of a picture."""
+        """Return the statistics in LeRobot's form: a list with one entry per number.
+
+        [[[value]]] per channel for pictures.
+        """
         mean = self._sum / self._samples
         values = {
             "min": self._low,
@@ -105,7 +108,7 @@ _NO_STATISTICS = dict.fromkeys(("min", "max", "mean", "std", *QUANTILES, "count"
 
 
 def select_known(column: NDArray[Any]) -> NDArray[Any]:
-    """Select the rows of a column that have a number: none of texts."""
+    """Return the rows of a column that can enter statistics: finite numbers and booleans, but no texts."""
     if column.dtype == object:
         return np.array([value for value in column if isinstance(value, bool)], np.bool_)
     if column.dtype.kind == "f" and column.ndim == 1:
@@ -120,7 +123,7 @@ INFO = "info."  # before a kept key of the world's info
 
 
 def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, dict[str, Any]]:
-    """Describe a frame of the episode's dataset: each feature's type, shape and names, as ``info.json`` has them."""
+    """Describe a frame of the episode's dataset: each feature's type, shape and names, in the form of ``info.json``."""
     names = name_state(first)
     if not names:
         raise ExportError(
@@ -151,7 +154,7 @@ def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, d
 
 
 def _number_feature(dtype: str, name: str = "") -> dict[str, Any]:
-    """Describe a feature of one value."""
+    """Describe a feature with a single value."""
     names = None
     if name:
         names = [name]
@@ -178,7 +181,7 @@ def _video_feature(picture: NDArray[np.uint8]) -> dict[str, Any]:
 def build_columns(
     item: IncludedEpisode, demonstration: ReplayedEpisode, features: dict[str, Any]
 ) -> dict[str, NDArray[Any]]:
-    """Build the features that come from the episode, ``n`` rows each."""
+    """Build the features that come from the episode, with ``n`` rows each."""
     episode = item.episode
     too_large = np.flatnonzero(np.isfinite(episode.rewards) & (np.abs(episode.rewards) > LARGEST_REWARD))
     if len(too_large):
@@ -205,17 +208,20 @@ def build_columns(
 
 
 def _build_success(episode: EpisodeLog, is_last: NDArray[np.bool_]) -> NDArray[Any]:
-    """Return True at an end that is a success; None throughout where no rule tells, which is null in the file."""
+    """Return True at the end of a successful episode.
+
+    None, which is null in the file, throughout if success is undefined.
+    """
     if episode.success is None:
         return np.full(len(is_last), None, object)
     return is_last & episode.success
 
 
 def _build_info(item: IncludedEpisode, features: dict[str, Any]) -> dict[str, NDArray[Any]]:
-    """Build columns of the kept keys of ``info``, in the types of the data set.
+    """Build the columns of the recorded keys of ``info``, in the dataset's types.
 
     Raises:
-        ExportError: if a key that was a number in the data set's first episode is something else in this one.
+        ExportError: if a key that was a number in the dataset's first episode is something else in this one.
     """
     episode = item.episode
     columns = dict[str, NDArray[Any]]()
@@ -236,7 +242,7 @@ _TASKS_SHOWN = 20
 
 
 def build_card(study_facts: AboutSpec, world: str, info: Mapping[str, Any], tasks: Sequence[str]) -> str:
-    """Write the card's text; what the protocol does not say is not in it."""
+    """Return the text of the dataset card; facts missing from the protocol are omitted."""
     front: dict[str, Any] = {
         "license": get_licence_id(study_facts),
         "task_categories": ["robotics"],
@@ -290,7 +296,7 @@ VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.m
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every episode that has a step, many to a file.
+    """Write every episode that has a step, many episodes to a file.
 
     Raises:
         ExportError: if an episode does not replay.
@@ -307,7 +313,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 class _Dataset:
-    """One world's dataset while it is written."""
+    """The dataset of one world while it is being written."""
 
     def __init__(self, root: Path, item: IncludedEpisode, first: ReplayedEpisode) -> None:
         self.root = root
@@ -325,7 +331,7 @@ class _Dataset:
         (root / "meta").mkdir(parents=True)
 
     def add(self, item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
-        """Write an episode's frames and remember its row of metadata."""
+        """Write an episode's frames and record its row of metadata."""
         number = len(self.rows)
         length = len(item.episode.actions)
         task = item.episode.start.mission or f"reach the goal of {item.episode.plan.world}"
@@ -367,7 +373,7 @@ class _Dataset:
         self.frames += length
 
     def _measure(self, name: str, column: NDArray[Any]) -> Mapping[str, Any]:
-        """Return an episode's statistics of one feature, and take them into the dataset's."""
+        """Return an episode's statistics of one feature, and merge them into the dataset's."""
         known = select_known(column)
         if not len(known):
             return _NO_STATISTICS
@@ -380,7 +386,10 @@ class _Dataset:
         return measured
 
     def _write(self, frames: pa.Table) -> tuple[int, int]:
-        """Write an episode behind the others in a file, or in the next where that is full; say in which."""
+        """Append an episode to the current data file, or to the next one if it is full.
+
+        Return the chunk and file numbers.
+        """
         chunk, file = divmod(self._file, CHUNK)
         path = self.root / f"data/chunk-{chunk:03d}/file-{file:03d}.parquet"
         if self._writer is None:
@@ -394,7 +403,10 @@ class _Dataset:
         return chunk, file
 
     def _film(self, pictures: NDArray[np.uint8]) -> dict[str, Any]:
-        """Append an episode's pictures to the video file, or to the next where that is full; say where they are."""
+        """Append an episode's pictures to the current video file, or to the next one if it is full.
+
+        Return their location.
+        """
         chunk, file = divmod(self._video_file, CHUNK)
         path = self.root / VIDEO_PATH.format(video_key=PICTURE, chunk_index=chunk, file_index=file)
         if self._video is None:
@@ -412,7 +424,7 @@ class _Dataset:
         return {f"videos/{PICTURE}/{name}": value for name, value in places.items()}
 
     def finish(self) -> None:
-        """Write what describes the whole dataset."""
+        """Write the metadata of the whole dataset."""
         for open_file in (self._writer, self._video):
             if open_file is not None:
                 open_file.close()
@@ -452,7 +464,7 @@ class _Dataset:
 def _table(columns: dict[str, NDArray[Any]], features: dict[str, Any]) -> pa.Table:
     """Build a table of an episode's frames.
 
-    A feature of one number is a plain column: no list of one, which its readers refuse.
+    A feature with one number is a plain column; readers refuse lists of length one.
     """
     arrays = {}
     for name, values in columns.items():

@@ -1,4 +1,4 @@
-"""Export Minari 0.5 datasets in HDF5, one per study and world, never JPEG: `OUT/minihuman/<study>/<world>/data`.
+"""Export Minari 0.5 datasets in HDF5, one per study and world, without JPEG: `OUT/minihuman/<study>/<world>/data`.
 
 With `MINARI_DATASETS_PATH=OUT`, `minari.load_dataset("minihuman/demo/minigrid-fourrooms-v0")` reads one. An
 unfinished episode ends truncated, so that no reader joins it to the next one.
@@ -45,10 +45,10 @@ _RESERVE_BYTES = 2**20  # an episode's groups and attributes, and the files of J
 
 @contextmanager
 def _restore_system_errors() -> Iterator[None]:
-    """Raise what the operating system said: HDF5 gives it as the text of a RuntimeError when it closes a file.
+    """Raise the operating system's error, which HDF5 reports as the text of a RuntimeError when it closes a file.
 
     Raises:
-        OSError: with the number that is in the text.
+        OSError: with the error number from the text.
     """
     try:
         yield
@@ -60,10 +60,10 @@ def _restore_system_errors() -> Iterator[None]:
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every episode that has a step; a session's subject, group, keys and outcome are its metadata.
+    """Write every episode that has a step; the session's participant, group, keys and outcome become its metadata.
 
     Raises:
-        ExportError: if an episode does not replay, or its world's observations have no plain space.
+        ExportError: if an episode does not replay, or its world's observation space has no standard form.
         OSError: if the files cannot be written.
     """
     with _restore_system_errors():
@@ -94,7 +94,10 @@ def _write(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def _require_room(out: Path, needed_bytes: int) -> None:
-    """Refuse before HDF5 writes: where a write of its own fails, it may end the process when it closes the file."""
+    """Raise OSError before HDF5 writes if space is short.
+
+    A failed write can end the process when HDF5 closes the file.
+    """
     if shutil.disk_usage(out).free < needed_bytes:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(out))
 
@@ -135,7 +138,7 @@ def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedE
 
 
 def _list_publication_facts(study_facts: AboutSpec) -> dict[str, Any]:
-    """List what a data set's metadata say of the publication, by Minari's names."""
+    """Return a dataset's metadata about the publication, under Minari's names."""
     facts: dict[str, Any] = {}
     if study_facts.authors:
         facts["author"] = [author.name for author in study_facts.authors]
@@ -150,7 +153,10 @@ def _list_publication_facts(study_facts: AboutSpec) -> dict[str, Any]:
 
 
 def find_unnamed_key(space: gymnasium.Space[Any]) -> str:
-    """Find a key of an observation's parts that is no name in HDF5: not text, empty, or with a slash; "" if none is."""
+    """Return the first observation key that is not a valid HDF5 name: not text, empty, or with a slash.
+
+    "" if all are valid.
+    """
     match space:
         case gymnasium.spaces.Dict():
             bad = [repr(key) for key in space.spaces if not isinstance(key, str) or not key or "/" in key]
@@ -180,7 +186,7 @@ def _description(item: IncludedEpisode, study_facts: AboutSpec, *, recoverable: 
 
 
 def _requirements(item: IncludedEpisode) -> list[str]:
-    """List what to install before the environment can be made, as pip takes it."""
+    """Return the pip requirements of the environment."""
     module, colon, _ = item.episode.plan.world.partition(":")
     if colon:
         distributions = packages_distributions().get(module.partition(".")[0], [])

@@ -1,8 +1,9 @@
-"""Export RLDS episodes as TensorFlow Datasets keeps them, `OUT/<world>/1.0.0`; `tfds.builder_from_directory` reads one.
+"""Export RLDS episodes in the format of TensorFlow Datasets, `OUT/<world>/1.0.0`, for `tfds.builder_from_directory`.
 
-An episode is a sequence of steps. The last one holds what was observed after the last action; its action, reward and
-discount mean nothing, as RLDS says. Written without TensorFlow: a TFRecord file frames `tf.train.Example` messages with
-their CRC-32C. Sources: https://github.com/google-research/rlds, https://www.tensorflow.org/tutorials/load_data/tfrecord.
+An episode is a sequence of steps. The last step holds the observation after the last action; its action, reward and
+discount have no meaning, as RLDS specifies. The files are written without TensorFlow: a TFRecord file frames
+`tf.train.Example` messages with their CRC-32C. Sources: https://github.com/google-research/rlds,
+https://www.tensorflow.org/tutorials/load_data/tfrecord.
 """
 
 import json
@@ -32,6 +33,7 @@ from minihuman.log.observations import encode_png
 
 DATASET_VERSION = "1.0.0"
 SHARD_BYTES = 200 * 1024 * 1024
+_CRC_MASK_DELTA = 0xA282EAD8  # of the TFRecord format
 _PYTHON = "tensorflow_datasets.core.features."
 
 
@@ -56,7 +58,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def build_steps(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
-    """Build the ``n + 1`` steps as columns; what belongs to an action is 0 in the last."""
+    """Build the ``n + 1`` steps as columns; the fields that belong to an action are 0 in the last step."""
     episode = item.episode
     n = len(episode.actions)
     beyond = np.flatnonzero(np.isfinite(episode.rewards) & (np.abs(episode.rewards) > np.finfo(np.float32).max))
@@ -89,7 +91,7 @@ def build_steps(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[s
 
 
 class _Dataset:
-    """One world's dataset while it is written."""
+    """The dataset of one world while it is being written."""
 
     def __init__(self, root: Path, name: str, description: str) -> None:
         self.root = root
@@ -100,7 +102,7 @@ class _Dataset:
         root.mkdir(parents=True)
 
     def add(self, steps: Mapping[str, Any], facts: Mapping[str, Any]) -> None:
-        """Append an episode to the last file, or to the next where that is full."""
+        """Append an episode to the current file, or to a new one if it is full."""
         if not self._shards or self._shards[-1][1] >= SHARD_BYTES:
             self._shards.append([0, 0])
         self._features = self._features or _features(steps, facts)
@@ -117,7 +119,7 @@ class _Dataset:
         return self.root / name
 
     def finish(self) -> None:
-        """Name the files by their number and write what describes them."""
+        """Rename the files to include their total number, and write the metadata of the dataset."""
         for number in range(len(self._shards)):
             self._path(number).rename(self._path(number, len(self._shards)))
         split = {
@@ -140,7 +142,7 @@ class _Dataset:
 
 
 def _features(steps: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe the examples' features as TensorFlow Datasets reads them."""
+    """Describe the features of the examples in the form that TensorFlow Datasets reads."""
     kinds = {name: _kind(values) for name, values in steps.items()}
     observation_kinds = {name.partition("/")[2]: kind for name, kind in kinds.items() if "/" in name}
     inner = {name: kind for name, kind in kinds.items() if "/" not in name} | {
@@ -200,7 +202,10 @@ _MESSAGES: dict[str, Any] = message_factory.GetMessages([text_format.Parse(_SCHE
 
 
 def encode_example(columns: Mapping[str, Any]) -> bytes:
-    """Encode a ``tf.train.Example``: texts and pictures as bytes, whole numbers and flags as int64, others as float."""
+    """Encode a ``tf.train.Example``.
+
+    Texts and pictures are encoded as bytes, integers and booleans as int64, and other numbers as float.
+    """
     example = _MESSAGES["Example"]()
     for name, values in columns.items():
         feature = example.features.entries.add(key=name).value
@@ -218,11 +223,12 @@ def encode_example(columns: Mapping[str, Any]) -> bytes:
 
 
 def _frame(record: bytes) -> bytes:
-    """Frame a record of a TFRecord file: its length and bytes, each followed by its masked CRC-32C."""
+    """Frame a record of a TFRecord file: its length and its bytes, each followed by a masked CRC-32C."""
     length = struct.pack("<Q", len(record))
     return length + _checksum(length) + record + _checksum(record)
 
 
 def _checksum(content: bytes) -> bytes:
     crc = google_crc32c.value(content)
-    return struct.pack("<I", ((crc >> 15 | crc << 17) + 0xA282EAD8) & 0xFFFFFFFF)
+    rotated = crc >> 15 | crc << 17
+    return struct.pack("<I", (rotated + _CRC_MASK_DELTA) & 0xFFFFFFFF)

@@ -1,8 +1,8 @@
-"""Export datasets for robomimic, one HDF5 file per world, `OUT/<world>.hdf5`: a group per episode below `data`.
+"""Export datasets for robomimic, one HDF5 file per world, `OUT/<world>.hdf5`, with a group per episode below `data`.
 
-`obs/image` is a picture, `obs/state` the numbers that were observed, or the pose where a picture was. robomimic's
-policies have continuous actions: an action is a one-hot vector, and `discrete_action` what the environment's `step`
-takes. Source: https://robomimic.github.io/docs/datasets/overview.html.
+`obs/image` is a picture. `obs/state` holds the observed numbers, or the pose if the observation is a picture.
+robomimic's policies have continuous actions, so an action is a one-hot vector, and `discrete_action` is what the
+environment's `step` takes. Source: https://robomimic.github.io/docs/datasets/overview.html.
 """
 
 import json

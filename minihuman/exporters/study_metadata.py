@@ -1,5 +1,6 @@
-"""Study metadata for exports: what the protocol in a log says about the study, its worlds and devices, and what the
-lab's `participants.csv` says about people.
+"""Study metadata for exports, from the protocol in a log and the laboratory's `participants.csv`.
+
+The protocol describes the study, its worlds and devices; the table describes the participants.
 """
 
 import csv
@@ -24,7 +25,7 @@ from minihuman.experiment.protocol.specs import (
 
 
 def get_plan_study_facts(plan: SessionPlan) -> AboutSpec:
-    """Return the facts about a session's study; empty where the log's protocol says none or cannot be read here."""
+    """Return the facts about a session's study; empty if the log's protocol has none or cannot be read here."""
     protocol = _protocol(plan.protocol_toml)
     if protocol is None:
         return AboutSpec()
@@ -32,21 +33,21 @@ def get_plan_study_facts(plan: SessionPlan) -> AboutSpec:
 
 
 def get_doi_url(study_facts: AboutSpec) -> str:
-    """Return the address of a study's DOI; "" without one."""
+    """Return the URL of a study's DOI; "" if the study has none."""
     if not study_facts.doi:
         return ""
     return f"https://doi.org/{study_facts.doi}"
 
 
 def get_licence_id(study_facts: AboutSpec) -> str:
-    """Return a study's licence as the Hugging Face Hub names it; "unknown" of an address or none."""
+    """Return a study's licence as the Hugging Face Hub names it; "unknown" for a URL or no licence."""
     if not study_facts.licence or "://" in study_facts.licence:
         return "unknown"
     return study_facts.licence.lower()
 
 
 def get_plan_devices(plan: SessionPlan) -> dict[str, DeviceSpec]:
-    """Return the devices of a session's protocol, by name."""
+    """Return the devices in a session's protocol, by name."""
     protocol = _protocol(plan.protocol_toml)
     if protocol is None:
         return {}
@@ -54,13 +55,13 @@ def get_plan_devices(plan: SessionPlan) -> dict[str, DeviceSpec]:
 
 
 def describe_episode(item: IncludedEpisode) -> str:
-    """Describe an episode in words: "sub-07 session 1 episode 3"."""
+    """Name an episode in words, e.g. "sub-07 session 1 episode 3"."""
     plan = item.log.plan
     return f"{plan.participant.id} session {plan.session} {item.episode.name}"
 
 
 def get_action_names(item: IncludedEpisode) -> tuple[str, ...]:
-    """Return the names of the actions that participants could take in the episode's world, in the world's order."""
+    """Return the actions that participants could take in the episode's world, in the world's order."""
     plan = item.episode.plan
     offered = {*plan.key_map.keys.values(), *plan.actions, plan.noop}
     for block in _list_blocks(item):
@@ -69,12 +70,12 @@ def get_action_names(item: IncludedEpisode) -> tuple[str, ...]:
 
 
 def get_step_limit(item: IncludedEpisode) -> int:
-    """Return the largest step limit that the protocol gives an episode in this world."""
+    """Return the largest step limit that the protocol sets for an episode in this world."""
     return max([item.episode.plan.max_steps, *(block.max_steps for block in _list_blocks(item))])
 
 
 def get_plain_facts(item: IncludedEpisode) -> dict[str, str | int]:
-    """Return the episode's facts as a file's attributes can hold them: mappings and lists as JSON text."""
+    """Return the episode's facts in types that file attributes can hold; mappings and lists become JSON text."""
     return {name: _flatten(fact) for name, fact in item.facts.items()}
 
 
@@ -85,7 +86,7 @@ def _flatten(fact: Any) -> str | int:
 
 
 def get_shared_options(item: IncludedEpisode) -> str | dict[str, Any]:
-    """Return the options of the world in all episodes of a dataset; the block's name where they differ by episode."""
+    """Return the world options shared by all episodes of a dataset; the block's name if they differ by episode."""
     plan = item.episode.plan
     block = next((block for block in _list_variants(item) if block.name == plan.block_name), None)
     if block is None or isinstance(_shared_options(block), dict):
@@ -100,7 +101,7 @@ def _shared_options(block: BlockSpec) -> str | dict[str, Any]:
 
 
 def _list_blocks(item: IncludedEpisode) -> list[BlockSpec]:
-    """List the blocks whose episodes share a dataset with this one, as each group has them."""
+    """List the blocks whose episodes share a dataset with this one, with each group's overrides applied."""
     shared = item.episode.plan.world, get_shared_options(item)
     return [block for block in _list_variants(item) if (block.world, _shared_options(block)) == shared]
 
@@ -124,11 +125,11 @@ FILE_NAME = "participants.csv"
 
 
 def read_participants(source: Path, study_facts: AboutSpec) -> dict[str, dict[str, str]]:
-    """Read the columns that the protocol names, by participant; nothing where there is no such file.
+    """Read the columns that the protocol names, by participant code; an empty dict if there is no such file.
 
     Raises:
-        ExportError: if the file has no column of codes, a column that the protocol names is missing, a participant is
-            there twice or a value is not what the protocol says.
+        ExportError: if the file has no column of codes, lacks a column that the protocol names, lists a participant
+            twice, or has a value that the protocol does not allow.
     """
     path = find_containing_folder(source) / FILE_NAME
     if not path.is_file() or not study_facts.participant_columns:
@@ -153,7 +154,7 @@ def read_participants(source: Path, study_facts: AboutSpec) -> dict[str, dict[st
 
 
 def _check(column: ParticipantColumnSpec, value: str, place: str) -> None:
-    """Refuse a value that is not what the protocol says; nothing at all is always one."""
+    """Raise ExportError for a value that the protocol does not allow; an empty value is always allowed."""
     if not value:
         return
     if column.levels and value not in column.levels:

@@ -1,4 +1,4 @@
-"""Export the tables by standards that describe them: Croissant, Psych-DS 1 and Frictionless Data Packages."""
+"""Export the tables under standards that describe datasets: Croissant, Psych-DS 1 and Frictionless Data Packages."""
 
 import hashlib
 import json
@@ -44,7 +44,7 @@ CONTEXT: dict[str, Any] = {
 
 
 def export_croissant(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every table and ``croissant.json``."""
+    """Write every table and its description in ``croissant.json``."""
     export, first = export_tables(chosen, out, "parquet")
     if first is None:
         return replace(export, paths=())
@@ -109,7 +109,7 @@ def _records(table: str, columns: tuple[TableColumn, ...]) -> dict[str, Any]:
 
 
 def _describe_author(author: AuthorSpec, kind: str) -> dict[str, str]:
-    """Describe an author as a person of the vocabulary's type."""
+    """Describe an author as a person, with the vocabulary's name for that type."""
     person = {"@type": kind, "name": author.name}
     if author.orcid:
         person["@id"] = _orcid_url(author)
@@ -121,7 +121,7 @@ def _orcid_url(author: AuthorSpec) -> str:
 
 
 def _version(version: str) -> str:
-    """Format a version as three numbers, as Croissant asks; zeros where the protocol says fewer or something else."""
+    """Format a version as three numbers, as Croissant requires; missing or non-numeric parts become zeros."""
     numbers = [part for part in version.split(".") if part.isdigit()]
     return ".".join([*numbers, "0", "0", "0"][:3])
 
@@ -173,7 +173,10 @@ def _describe_as_psych_ds(plan: SessionPlan, tables: list[str]) -> dict[str, Any
 
 
 def _variables(tables: list[str]) -> Iterator[dict[str, Any]]:
-    """Yield every column once, whichever tables have it; where it means several things, each with its table."""
+    """Yield the description of every column once.
+
+    If its meaning differs between tables, it lists each with its tables.
+    """
     meanings: dict[str, dict[str, list[str]]] = {}
     units: dict[str, str] = {}
     kinds: dict[str, str] = {}
@@ -195,7 +198,7 @@ def _variables(tables: list[str]) -> Iterator[dict[str, Any]]:
 
 
 def export_frictionless(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every table, what its columns mean and the facts about the study."""
+    """Write every table, and a data package with the meaning of the columns and the facts about the study."""
     export, first = export_tables(chosen, out, "csv")
     if first is None:
         return replace(export, paths=())
@@ -210,7 +213,7 @@ def export_frictionless(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def get_package_properties(study_facts: AboutSpec) -> dict[str, Any]:
-    """Return what the protocol says of the study, as a package's properties."""
+    """Return the protocol's facts about the study as properties of a data package."""
     licence = {"path" if "://" in study_facts.licence else "name": study_facts.licence}
     properties = {
         "title": study_facts.title,
@@ -225,7 +228,7 @@ def get_package_properties(study_facts: AboutSpec) -> dict[str, Any]:
 
 
 def _describe_contributor(author: AuthorSpec) -> dict[str, str]:
-    """Describe an author as a package's contributor."""
+    """Describe an author as a contributor to a data package."""
     contributor = {"title": author.name, "role": "author"}
     if author.email:
         contributor["email"] = author.email

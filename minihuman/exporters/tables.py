@@ -1,5 +1,6 @@
-"""Export the report's tables of the selected episodes as CSV or Parquet, for SPSS (`.sav`) and Stata (`.dta`), and as a
-Hugging Face data set.
+"""Export the tables of the selected episodes as CSV, Parquet, SPSS, Stata or a Hugging Face dataset.
+
+SPSS files end in `.sav`, and Stata files in `.dta`.
 """
 
 import json
@@ -34,10 +35,12 @@ def export_parquet(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def export_tables(chosen: IncludedEpisodes, out: Path, kind: TableFormat) -> tuple[ExportResult, SessionPlan | None]:
-    """Write every table; rows that do not count are there too, with the reason in ``exclusion_reason``.
+    """Write every table; excluded rows are present, with the reason in ``exclusion_reason``.
 
-    Gives what was written, and the plan of the first session that is asked for, which says what the study is; None
-    where there is none.
+    Returns:
+        The export's result, and the plan of the first selected session, which describes the study; the plan is None if
+        no
+        session is selected.
 
     Raises:
         LogError: if the source does not exist, or is a single log that cannot be read.
@@ -53,7 +56,7 @@ def _write(tables: Tables, out: Path, kind: TableFormat) -> ExportResult:
 
 
 def count_included(tables: Tables) -> ExportResult:
-    """Count what the tables hold, of no files yet."""
+    """Count the included episodes and steps in the tables; the result names no files yet."""
     rows = tables.arrow("episodes", ["exclusion_reason", "steps"])
     is_included = pc.is_null(rows["exclusion_reason"])
     steps = pc.sum(rows.filter(is_included)["steps"]).as_py() or 0
@@ -63,7 +66,7 @@ def count_included(tables: Tables) -> ExportResult:
 
 
 def read_first_plan(tables: Tables) -> SessionPlan | None:
-    """Read the plan of the first session that is asked for, which says what the study is; None where there is none."""
+    """Read the plan of the first selected session, which describes the study; None if no session is selected."""
     first = next((session for session in tables.sessions if session.outline is not None), None)
     if first is None:
         return None
@@ -117,7 +120,7 @@ def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "d
 
 
 def _label(column: TableColumn, kind: Literal["sav", "dta"]) -> str:
-    """Return a column's label: its meaning and unit, shortened where the format limits its length."""
+    """Return a column's label: its meaning and unit, shortened if the format limits the length."""
     text = column.meaning
     if column.unit:
         text = f"{column.meaning} ({column.unit})"
@@ -127,7 +130,7 @@ def _label(column: TableColumn, kind: Literal["sav", "dta"]) -> str:
 
 
 def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every table that has rows; those that do not count are there too, with the reason."""
+    """Write every table that has rows; excluded rows are present, with the reason."""
     with chosen.tables() as tables:
         names = list(dict.fromkeys(partition.table for partition, _ in tables.write_partitions(out)))
         result = count_included(tables)

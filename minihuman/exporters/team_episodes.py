@@ -1,7 +1,8 @@
-"""Export episodes of teams with all bodies: PettingZoo-style episodes, and Overcooked-AI's trajectories for kitchens.
+"""Export episodes of teams with all bodies: PettingZoo-style episodes, and Overcooked-AI trajectories of kitchens.
 
-An episode is written once, from the first of its members' logs; each is played again from seed and joint actions, and
-its last state compared with the log. Rows of one body have no place in these formats and are left out.
+A team's episode is written once, from the first of its members' logs. Each episode is replayed from its seed and joint
+actions, and its last state is compared with the log. These formats have no place for episodes with a single body, which
+are excluded.
 """
 
 import json
@@ -27,10 +28,10 @@ NO_TEAM = "was played by one body"
 
 
 def export_pettingzoo(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write a folder per world: ``episodes.jsonl``, a line an episode, and each one's observations as ``.npz``.
+    """Write a folder per world, with a line per episode in ``episodes.jsonl`` and a file of observations per episode.
 
-    Agents are named as PettingZoo's parallel API names them, ``body_0`` for the first. Observations of body i
-    are ``body_i`` of the file, (steps + 1, ...); actions and rewards are lists by step, by agent.
+    Agents have the names of PettingZoo's parallel API, beginning with ``body_0``. The array ``body_i`` in an episode's
+    ``.npz`` file holds the observations of body i, (steps + 1, ...); actions and rewards are lists by step and agent.
 
     Raises:
         ExportError: if an episode does not replay.
@@ -87,10 +88,10 @@ def _describe_team_episode(included: IncludedEpisode, team: TeamRecord, agents: 
 
 
 def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write kitchens as Overcooked-AI's trajectories: a JSON file per layout and rules.
+    """Write kitchens as Overcooked-AI trajectories: one JSON file per layout and version of the rules.
 
-    ``AgentEvaluator.load_traj_from_json`` reads each, and Overcooked-AI steps those of the rules of 1.1.0 to the same
-    states. A kitchen that a protocol draws is named by its floor plan.
+    ``AgentEvaluator.load_traj_from_json`` reads each file, and Overcooked-AI reproduces the states under the rules of
+    1.1.0. A kitchen that a protocol defines is named by its floor plan.
 
     Raises:
         ExportError: if an episode does not replay.
@@ -113,8 +114,7 @@ def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
             continue
         names = (name for name, layout in KITCHENS.items() if layout == kitchen.layout)
         layout_name = next(names, kitchen.layout.plan)
-        name = "".join(letter if letter.isalnum() else "_" for letter in layout_name)
-        name += "_2019" * (kitchen.rules == "2019")
+        name = _name_trajectories(layout_name, kitchen.rules)
         trajectory = _describe_trajectory(item, team, kitchen, layout_name, states)
         columns = files.setdefault(name, {key: [] for key in trajectory})
         for key, part in trajectory.items():
@@ -128,17 +128,31 @@ def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     return ExportResult(tuple(paths), episodes, steps, left_out=tuple(left_out))
 
 
+def _name_trajectories(layout_name: str, rules: str) -> str:
+    """Return a file name without suffix: the layout's name, with the rules if they are those of 2019."""
+    name = "".join(letter if letter.isalnum() else "_" for letter in layout_name)
+    if rules == "2019":
+        return f"{name}_2019"
+    return name
+
+
 ORIENTATIONS = ((0, -1), (0, 1), (1, 0), (-1, 0))  # Overcooked-AI's vectors, by our direction: up, down, right, left
 ACTIONS = (*ORIENTATIONS, (0, 0), "interact")  # by our action
 _THINGS = ("", "onion", "tomato", "dish", "soup")
 _INGREDIENTS = {"o": "onion", "t": "tomato"}
 _LETTERS = " PXOTDS"  # of Overcooked-AI's layouts, by our terrain
+_COOK_SIZE = 4  # numbers of a cook in a kitchen's row: column, line, direction, held thing
+_KIND_MASK = 7  # a thing's lowest three bits; of a soup, onions, tomatoes and clock follow
+_INGREDIENT_MASK = 3
+_ONIONS_SHIFT = 3
+_TOMATOES_SHIFT = 5
+_CLOCK_SHIFT = 7
 
 
 def _describe_trajectory(
     included: IncludedEpisode, team: TeamRecord, kitchen: "Kitchen", layout_name: str, states: list[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Describe an episode as a trajectory of Overcooked-AI; ``states`` are the kitchen's at each step."""
+    """Describe an episode as an Overcooked-AI trajectory; ``states`` are the kitchen's states at each step."""
     rewards = team.rewards[:, 0].astype(int).tolist()
     n = len(rewards)
     params = {
@@ -161,24 +175,24 @@ def _describe_trajectory(
 
 
 def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
-    """Describe a kitchen's state in Overcooked-AI's words, as its ``OvercookedState.to_dict``."""
+    """Describe a kitchen's state in the form of Overcooked-AI's ``OvercookedState.to_dict``."""
     from minihuman.worlds.grid.core import kitchen_rules as rules
 
     row = kitchen.row
     width, height, cooks = row[:3].tolist()
-    cells = row[rules.COOK + 4 * cooks + width * height :].reshape(width, height)
-    times = row[rules.TIMES : rules.TIMES + 16].tolist()
+    cells = row[rules.COOK + _COOK_SIZE * cooks + width * height :].reshape(width, height)
+    times = row[rules.TIMES : rules.COOK].tolist()
 
     def thing(number: int, position: list[int]) -> dict[str, Any] | None:
-        kind = number & 7
+        kind = number & _KIND_MASK
         if not kind:
             return None
         described = {"name": _THINGS[kind], "position": position}
         if kind != rules.SOUP:
             return described
-        onions = number >> 3 & 3
-        tomatoes = number >> 5 & 3
-        clock = (number >> 7) - 1
+        onions = number >> _ONIONS_SHIFT & _INGREDIENT_MASK
+        tomatoes = number >> _TOMATOES_SHIFT & _INGREDIENT_MASK
+        clock = (number >> _CLOCK_SHIFT) - 1
         inside = ["onion"] * onions + ["tomato"] * tomatoes
         time = times[onions + 4 * tomatoes]
         return described | {
@@ -193,7 +207,7 @@ def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
 
     players = []
     for cook in range(cooks):
-        x, y, direction, held_number = row[rules.COOK + 4 * cook :][:4].tolist()
+        x, y, direction, held_number = row[rules.COOK + _COOK_SIZE * cook :][:_COOK_SIZE].tolist()
         held_object = thing(held_number, [x, y])
         players.append({"position": [x, y], "orientation": list(ORIENTATIONS[direction]), "held_object": held_object})
     objects = [thing(int(cells[x, y]), [x, y]) for x, y in np.argwhere(cells).tolist()]
@@ -215,12 +229,12 @@ def _terrain(kitchen: "Kitchen") -> list[list[str]]:
     from minihuman.worlds.grid.core import kitchen_rules as rules
 
     width, height, cooks = kitchen.row[:3].tolist()
-    cells = kitchen.row[rules.COOK + 4 * cooks :][: width * height].reshape(width, height)
+    cells = kitchen.row[rules.COOK + _COOK_SIZE * cooks :][: width * height].reshape(width, height)
     return [[_LETTERS[cells[x, y]] for x in range(width)] for y in range(height)]
 
 
 def _team_episodes(chosen: IncludedEpisodes, left_out: list[str]) -> Iterator[tuple[IncludedEpisode, TeamRecord]]:
-    """Yield every team's episode once; what else there is goes into ``left_out``."""
+    """Yield every team's episode once; add a line to ``left_out`` for each episode of a single body."""
     known_keys = set()
     for item in chosen:
         team = item.episode.team
@@ -235,10 +249,10 @@ def _team_episodes(chosen: IncludedEpisodes, left_out: list[str]) -> Iterator[tu
 
 
 def _play(item: IncludedEpisode) -> Iterator[World]:
-    """Yield the world at each state of an episode, the reset's first.
+    """Replay an episode, yielding the world at each state, beginning with the reset.
 
     Raises:
-        ExportError: if it cannot be made here, or ends in another state than in the log.
+        ExportError: if the world cannot be created here, or the last state differs from the log.
     """
     episode = item.episode
     try:

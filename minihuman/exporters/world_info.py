@@ -1,4 +1,4 @@
-"""What a world said in ``info``, as columns of a data set: numbers, or texts where it said anything else."""
+"""A world's ``info`` as columns of a dataset: numbers, or texts if any value is not a number."""
 
 import json
 import math
@@ -14,24 +14,24 @@ InfoColumn = NDArray[np.float64] | list[str]
 
 
 def list_info_values(episode: EpisodeLog, key: str) -> list[Any]:
-    """List a kept key's values, one per step; None where the world did not say."""
+    """Return the values of a recorded key, one per step; None where the world gave no value."""
     return [info.get(key) for info in episode.infos or ()]
 
 
 def build_info_columns(episode: EpisodeLog) -> dict[str, InfoColumn]:
-    """Build a column for each kept key: numbers, NaN where there is none, or texts, "" where there is none."""
+    """Build a column of numbers or texts for each recorded key; a missing value is NaN or ""."""
     return {key: build_info_column(list_info_values(episode, key)) for key in episode.plan.record_info}
 
 
 def build_info_column(values: Sequence[Any]) -> InfoColumn:
-    """Build a column of numbers; of texts, JSON where they are none themselves, where a value is no number."""
+    """Build a column of numbers if all values are numbers, else of texts, with other values encoded as JSON."""
     if all(value is None or isinstance(value, bool | int | float) for value in values):
         return np.array([math.nan if value is None else float(value) for value in values], np.float64)
     return format_info_texts(values)
 
 
 def format_info_texts(values: Sequence[Any]) -> list[str]:
-    """Format values as texts: JSON, but for those that are texts."""
+    """Format values as texts: strings stay as they are, None becomes "", and other values become JSON."""
     return [_format_text(value) for value in values]
 
 
@@ -44,7 +44,7 @@ def _format_text(value: Any) -> str:
 
 
 def add_reset(column: InfoColumn) -> InfoColumn:
-    """Put a reset's row before those of the steps: a log keeps no ``info`` of a reset."""
+    """Insert an empty row for the reset before the rows of the steps, because a log records no ``info`` of a reset."""
     if isinstance(column, list):
         return ["", *column]
     return np.insert(column, 0, math.nan)

@@ -13,6 +13,7 @@ from minihuman import __version__
 from minihuman.errors import ReportError
 from minihuman.experiment.plan.allocation import allocation_sha256, build_allocation_list
 from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.answer_exclusions import describe_answer_exclusion
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.protocol.study_design import derive_design
@@ -40,7 +41,7 @@ def build_preregistration(protocol: Protocol, plan: SessionPlan, power: str = ""
         loader=PackageLoader("minihuman.planning", "templates"), undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
-    environment.filters |= {"repr": repr, "label": label_measure}
+    environment.filters |= {"repr": repr, "label": label_measure, "answers": describe_answer_exclusion}
     return environment.get_template("preregistration.md.j2").render(
         protocol=protocol,
         groups=protocol.groups,

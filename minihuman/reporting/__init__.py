@@ -1,1 +1,1 @@
-"""Report: session logs of a study as tables, statistics, figures and one HTML page."""
+"""Report a study's session logs as tables, statistics, figures and one HTML page."""

@@ -1,4 +1,4 @@
-"""Sections of the report that kinds of activity write: what they are made of, and those of all installed kinds."""
+"""Sections of the report that activity kinds write: their contents, their data, and how all of them are built."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,7 +20,7 @@ from minihuman.reporting.template import ReportFigure, Table
 
 @dataclass(frozen=True, slots=True)
 class CaptionedTable:
-    """A table of a section, and the text above it."""
+    """A table in a section of the report, and the text above it."""
 
     table: Table
     caption: str
@@ -28,16 +28,16 @@ class CaptionedTable:
 
 @dataclass(frozen=True, slots=True)
 class ReportSection:
-    """What a kind of activity adds to the report; sections of one title stand together.
+    """An activity kind's section of the report; sections with the same title are shown together.
 
     Args:
-        title: the heading; nothing is shown of a section without tables.
-        tables: in order.
-        rank: of sections with one title, those with smaller numbers come first.
-        figures: drawn when they are asked for; shown among the report's other figures.
-        measure_tables: tables by name, with participant, session and block, that the measures of a protocol may use.
-        blocks: that are reported in full here: of trials, which have no ways to a goal.
-        is_leading: whether the figures come before the report's own of a block.
+        title: the heading; a section without tables is not shown.
+        tables: the section's tables, in order.
+        rank: the position among sections with the same title; smaller numbers come first.
+        figures: figures that are shown among the report's other figures, and drawn when they are iterated over.
+        measure_tables: tables by name, with participant, session and block, that the protocol's measures can use.
+        blocks: blocks that this section reports in full, namely blocks of trials, which have no paths to a goal.
+        is_leading: whether the figures come before the report's own figures of a block.
     """
 
     title: str
@@ -50,17 +50,17 @@ class ReportSection:
 
     @property
     def anchor(self) -> str:
-        """Return the heading's name in links."""
+        """Return the heading's anchor for links."""
         return self.title.lower().replace(" ", "-")
 
 
 class SectionSource:
-    """What a section is made of: a study's tables, and the sessions behind them.
+    """The data from which a section is built: a study's tables, and the sessions behind them.
 
     Args:
-        tables: the study's.
+        tables: the study's tables.
         figures: the folder for figures.
-        practice: group and block of all practice.
+        practice: the group and the block of every practice block.
     """
 
     def __init__(self, tables: Tables, figures: Path, practice: frozenset[tuple[str, str]] = frozenset()) -> None:
@@ -69,25 +69,25 @@ class SectionSource:
         self._tables = tables
 
     def table(self, name: str) -> pd.DataFrame:
-        """Return a table of the study."""
+        """Return a table of the study as a data frame."""
         return self._tables.frame(name)
 
     def keep_included(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Keep the rows of a table of episodes that the statistics include, each with its world."""
+        """Return the rows of a table of episodes that are included in the statistics, each with its world."""
         keys = ["participant", "session", "episode", "attempt"]
         episodes = self._tables.frame("episodes", [*keys, "world", "exclusion_reason"])
         included = episodes[episodes["exclusion_reason"].isna()][[*keys, "world"]]
         return rows.merge(included, on=keys, validate="one_to_one")
 
     def keep_analysed(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Keep the rows of a table that are not of practice."""
+        """Return the rows of a table that do not belong to practice blocks."""
         pairs = zip(rows["group"], rows["block"], strict=True)
         return rows[[pair not in self._practice for pair in pairs]]
 
     def read_logs(self, rows: pd.DataFrame) -> Mapping[str, SessionLog]:
-        """Read the sessions that have rows in a table, by participant and session, with the episodes included.
+        """Read the sessions that have rows in a table, with their included episodes, by participant and session.
 
-        None is opened where the table is empty; a session of which nothing is included is left out.
+        No session is opened for an empty table; sessions without an included episode are omitted.
         """
         if rows.empty:
             return {}
@@ -100,7 +100,7 @@ class SectionSource:
 
     @cached_property
     def _logs(self) -> dict[tuple[str, int], SessionLog]:
-        """Read every session's included episodes, once, whichever sections ask."""
+        """Read the included episodes of all sessions, once for all sections."""
         asked_for = (session for session in self._tables.sessions if session.outline is not None)
         selected = (self._tables.read_session(session) for session in asked_for)
         logs = [session.session for session in selected if session.places]
@@ -108,7 +108,10 @@ class SectionSource:
 
 
 def build_activity_sections(source: SectionSource) -> list[ReportSection]:
-    """Build the sections of every installed kind, in the order of the kinds' names; those that kinds share once."""
+    """Build the sections of all installed activity kinds, in the order of the kinds' names.
+
+    Shared sections are built once.
+    """
     builders: dict[str, None] = {}
     for name in list_plugin_names(GROUP):
         with suppress(ProtocolError):  # a kind that cannot be loaded here has no section
@@ -124,7 +127,7 @@ def build_activity_sections(source: SectionSource) -> list[ReportSection]:
 
 
 def join_sections(sections: Iterable[ReportSection]) -> list[ReportSection]:
-    """Put the tables of sections with one title together, under a heading each."""
+    """Join the tables of sections with the same title under one heading."""
     by_title: dict[str, list[ReportSection]] = defaultdict(list)
     for section in sections:
         if section.tables:

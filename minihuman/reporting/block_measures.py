@@ -1,4 +1,4 @@
-"""The measures that groups are compared on: columns of the block table, with their labels, formulas and roles."""
+"""The measures on which groups are compared: columns of the block table, with their labels, formulas and roles."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -51,7 +51,7 @@ FORMULAS = {  # of one episode, where a measure's name does not tell it
 
 
 def label_measure(name: str) -> str:
-    """Return what a measure is called on the page."""
+    """Return a measure's label on the page."""
     return MEASURES.get(name) or find_measure(name).label
 
 
@@ -59,14 +59,14 @@ Role = Literal["primary", "secondary", "exploratory"]  # named in the protocol o
 
 
 def list_default_measures(rows: pd.DataFrame) -> list[str]:
-    """List the measures that are compared where the protocol names none: those that have values."""
+    """Return the measures that are compared if the protocol names none: those that have values."""
     return [name for name in MEASURES if name not in ONLY_IF_NAMED and rows[name].notna().any()]
 
 
 def take_logarithms(rows: pd.DataFrame, measures: Sequence[str]) -> tuple[pd.DataFrame, frozenset[str]]:
-    """Replace measures of ``LOG_MEASURES`` by their logarithms; return the rows, and which measures those are.
+    """Replace measures of ``LOG_MEASURES`` by their logarithms; return the rows and the names of the replaced measures.
 
-    A measure with a value of 0 or less stays as it is.
+    A measure with a value of 0 or less is left unchanged.
     """
     times = [name for name in measures if name in LOG_MEASURES or (":" in name and find_measure(name).is_log)]
     logs = [name for name in times if not (rows[name] <= 0).any()]
@@ -74,7 +74,10 @@ def take_logarithms(rows: pd.DataFrame, measures: Sequence[str]) -> tuple[pd.Dat
 
 
 def set_measures_aside(rows: pd.DataFrame, *, late: int) -> dict[str, str]:
-    """Find the measures that omit those who failed, where some did, and say why; ``late`` episodes had no success."""
+    """Return the measures that omit participants or episodes that failed, with the reason.
+
+    ``late`` is the number of episodes without success.
+    """
     undiscovered = int((rows["all_keys_discovered_s"].isna() & (rows["keys_total"] > 0)).sum())
     reasons: dict[str, str] = {}
     if late:
@@ -87,7 +90,7 @@ def set_measures_aside(rows: pd.DataFrame, *, late: int) -> dict[str, str]:
 
 
 def assign_roles(names: Sequence[str], analysis: AnalysisSpec) -> dict[str, Role]:
-    """Give each measure the role that the protocol names it in."""
+    """Return the role of each measure according to the protocol."""
     roles: dict[str, Role] = dict.fromkeys(names, "exploratory")
     roles |= {name: "secondary" for name in analysis.secondary_measures if name in roles}
     roles |= {name: "primary" for name in (analysis.primary_measure,) if name in roles}

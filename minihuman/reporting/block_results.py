@@ -1,12 +1,12 @@
-"""The results of one block, from the tables.
+"""The results of one block, computed from the tables.
 
-Group comparisons, changes between sessions, survival times until all keys were found and until the goal, the two-part
-comparison of rewards that are 0 after a timeout, growth, equivalence, reliability and power.
+They are group comparisons, changes between sessions, survival times until all keys were discovered and until the goal,
+the two-part comparison of rewards that are 0 after a timeout, growth, equivalence, reliability and power.
 """
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import get_args
 
@@ -35,7 +35,7 @@ from minihuman.statistics.units import name_units
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockSurvival:
-    """The survival times of one block by group; empty where there was nothing to wait for."""
+    """The survival times of one block by group; empty if no event could occur."""
 
     keys: Mapping[str, SurvivalTimes]  # playing seconds until every key was found, one per participant
     goal: Mapping[str, SurvivalTimes]  # steps until the goal, one per episode: a participant's are not independent
@@ -43,7 +43,7 @@ class BlockSurvival:
 
     @property
     def without_goal(self) -> list[str]:
-        """Say by group how many episodes did not reach the goal; nothing where all did."""
+        """Return, as text per group, how many episodes did not reach the goal; an empty list if all did."""
         missed = {group: int((~times.observed).sum()) for group, times in self.goal.items()}
         if not any(missed.values()):
             return []
@@ -51,10 +51,12 @@ class BlockSurvival:
 
 
 def collect_survival_times(rows: pd.DataFrame, all_episodes: pd.DataFrame, order: Sequence[str]) -> BlockSurvival:
-    """Collect them from a block's rows of the block table and all of its episodes; the goal's from those included.
+    """Collect survival times from a block's rows of the block table and its episodes.
 
-    A participant who never found every key was watched for all of the block's playing time. An episode that failed will
-    not reach the goal any more: it waits to its step limit, as one that timed out; it is not censored before.
+    The goal's from included episodes.
+
+    A participant who never discovered every key is censored at the end of the block's playing time. An episode that
+    failed can no longer reach the goal, so it is censored at its step limit like one that timed out, not earlier.
     """
     episodes = all_episodes[all_episodes["exclusion_reason"].isna()]
     playing_s = all_episodes.groupby(["participant", "session"])["playing_s"].sum()
@@ -80,7 +82,7 @@ def collect_survival_times(rows: pd.DataFrame, all_episodes: pd.DataFrame, order
 
 
 def _collect_key_times(first: pd.DataFrame, playing_s: "pd.Series[float]") -> SurvivalTimes:
-    """Collect the seconds until all keys were found, from each participant's first session of the block."""
+    """Return the seconds until all keys were discovered, from each participant's first session of the block."""
     sessions = pd.MultiIndex.from_frame(first[["participant", "session"]])
     watched_s = playing_s.reindex(sessions).fillna(0.0).to_numpy(float)
     discovered_s = first["all_keys_discovered_s"].to_numpy(float)
@@ -89,7 +91,7 @@ def _collect_key_times(first: pd.DataFrame, playing_s: "pd.Series[float]") -> Su
 
 
 def compare_reward_parts(episodes: pd.DataFrame, order: Sequence[str]) -> tuple[TwoPartComparison, ...]:
-    """Compare every two groups in both parts of the reward; none where it has no mass at 0."""
+    """Compare every two groups in both parts of the reward; no comparison if the reward has no mass at 0."""
     if episodes["success"].isna().all() or not has_mass_at_zero(episodes["reward"].to_numpy(np.float64)):
         return ()
     return tuple(compare_two_parts(episodes, "reward", pair) for pair in combinations(order, 2))
@@ -109,7 +111,7 @@ class EquivalenceResult:
 
 @dataclass(frozen=True, slots=True)
 class SessionChange:
-    """A group's change of a measure from one session to another, over the participants who have it in both."""
+    """A group's change of a measure from one session to another, over the participants with values in both."""
 
     measure: str
     group: str
@@ -119,6 +121,9 @@ class SessionChange:
     interval: tuple[float, float]  # 95 %, of the same sign flips as p; NaN where too few participants have both
     p: float  # paired permutation test
     is_log: bool = False  # the change is one of natural logarithms
+
+
+_SUBJECT_COLUMNS = ["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,11 +150,32 @@ class BlockResults:
     reliabilities: tuple[Reliability, ...]  # of the measures that an episode has a value of; none of teams
     powers: tuple[PowerAnalysis, ...]  # one for each pair of groups, in the order of the headline
     teams: int = 0  # of several people, each of which is one unit of the statistics; 0: participants are
+    team_units: Mapping[str, str] = field(default_factory=dict)  # by group: "teams", or "teams and participants"
+
+    @property
+    def unit_name(self) -> str:
+        """Name the unit of the block's statistics, in the plural."""
+        names = {self.team_units.get(str(group), "participants") for group in self.groups["group"]}
+        if len(names) == 1:
+            return names.pop()
+        return "teams and participants"
 
     @property
     def headline(self) -> tuple[GroupComparison, ...]:
         """Return the comparisons on the primary measure, or on the first of ``MEASURES`` that has values."""
         return _select_headline(self.comparisons, self.roles)
+
+
+def _name_team_units(rows: pd.DataFrame, teams: Collection[str]) -> dict[str, str]:
+    """Name what is counted in each group that has teams; a group of participants alone is left out."""
+    names: dict[str, str] = {}
+    for group, codes in rows.groupby("group")["participant"]:
+        is_team = codes.isin(teams)
+        if is_team.all():
+            names[str(group)] = "teams"
+        elif is_team.any():
+            names[str(group)] = "teams and participants"
+    return names
 
 
 def _select_headline(comparisons: Sequence[GroupComparison], roles: Mapping[str, Role]) -> tuple[GroupComparison, ...]:
@@ -169,7 +195,7 @@ def compute_block_results(
 ) -> BlockResults:
     """Compute one block's results from its included rows of the block table and all of its episodes.
 
-    Where people played together, ``units`` names each one's team, which is then the unit of every statistic.
+    If people played together, ``units`` maps each participant to their team, which is then the unit of every statistic.
     """
     units = units or {}
     order = [group for group in order if (rows["group"] == group).any()]
@@ -190,12 +216,11 @@ def compute_block_results(
     scaled_means = _average_sessions(scaled, columns)
     comparisons = compare_measures(scaled_means, roles, order, logs)
     changed = list_changes(scaled, measured)
-    subject_columns = ["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]
     return BlockResults(
         block=block,
         worlds=tuple(dict.fromkeys(episodes["world"])),
         episodes=len(episodes),
-        subjects=_order_by_group(people, order)[subject_columns].reset_index(drop=True),
+        subjects=_order_by_group(people, order)[_SUBJECT_COLUMNS].reset_index(drop=True),
         groups=_order_by_group(summarise_group_rewards(means), order),
         measures=_describe_measures(_order_by_group(means, order), measured, ["group"]),
         by_session=_describe_measures(_order_by_group(rows, order), measured, ["group", "session"]),
@@ -212,16 +237,20 @@ def compute_block_results(
         reliabilities=() if units else tuple(estimate_reliabilities(episodes, measured)),
         powers=tuple(compute_power(comparison.n) for comparison in _select_headline(comparisons, roles)),
         teams=len({*units.values()} & {*rows["participant"]}),
+        team_units=_name_team_units(rows, set(units.values())),
     )
 
 
 def _list_named(analysis: AnalysisSpec) -> list[str]:
-    """List the measures that the protocol names, the primary one first."""
+    """Return the measures that the protocol names, the primary one first."""
     return [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
 
 
 def _list_set_aside(rows: pd.DataFrame, episodes: pd.DataFrame, analysis: AnalysisSpec) -> dict[str, str]:
-    """List the measures that are not compared since they omit those who failed, and why; none that is named."""
+    """Return the measures that are not compared because they omit failures, with the reason.
+
+    Named measures are kept.
+    """
     late = int(episodes["success"].eq(False).sum())
     named = _list_named(analysis)
     return {name: reason for name, reason in set_measures_aside(rows, late=late).items() if name not in named}
@@ -230,26 +259,26 @@ def _list_set_aside(rows: pd.DataFrame, episodes: pd.DataFrame, analysis: Analys
 def _select_measures(
     rows: pd.DataFrame, columns: Sequence[str], analysis: AnalysisSpec, set_aside: Collection[str]
 ) -> list[str]:
-    """Select the columns that groups are compared on: named ones, and the default ones that have values."""
+    """Return the columns on which groups are compared: those named, and the default ones, that have values."""
     named = _list_named(analysis)
     default = [name for name in MEASURES if name not in ONLY_IF_NAMED and name not in set_aside]
     return [name for name in columns if (name in named or name in default) and rows[name].notna().any()]
 
 
 def _average_sessions(rows: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
-    """Average each participant's sessions: a row per group and participant."""
+    """Average the sessions of each participant; return a row per group and participant."""
     return rows.groupby(["group", "participant"])[list(columns)].mean().reset_index()
 
 
 def _compare_growth(episodes: pd.DataFrame, order: Sequence[str]) -> GrowthComparison | None:
-    """Compare how the excess steps change over the block's episodes; the reward where none has excess steps."""
+    """Compare the groups' growth over the block's episodes, in excess steps or, if there are none, in reward."""
     if "log_excess_steps" in episodes and episodes["log_excess_steps"].notna().any():
         return compare_growth(episodes.rename(columns={"log_excess_steps": _LOG_EXCESS}), _LOG_EXCESS, order=order)
     return compare_growth(episodes, "reward", order=order)
 
 
 def estimate_reliabilities(episodes: pd.DataFrame, measures: Sequence[str]) -> Iterator[Reliability]:
-    """Estimate the reliability of each measure that an episode has a value of; of times, of their logarithms."""
+    """Yield the reliability of each measure that episodes have values of; times are analysed on a log scale."""
     episodes = episodes.sort_values("session", kind="stable")  # rows of a session are in the order of play
     for name in measures:
         column = name.removesuffix("_mean")
@@ -268,10 +297,10 @@ def estimate_reliabilities(episodes: pd.DataFrame, measures: Sequence[str]) -> I
 def compare_adjusted(
     participant_means: pd.DataFrame, analysis: AnalysisSpec, order: Sequence[str], logs: Collection[str] = ()
 ) -> tuple[GroupComparison, ...]:
-    """Compare groups on the primary measure at equal covariates (analysis of covariance), each pair by itself.
+    """Compare every two groups on the primary measure at equal covariates (analysis of covariance).
 
-    Participants without a covariate are left out. None where the protocol names no covariates; a pair with too few
-    participants for the slopes has its reason.
+    Participants without a covariate are omitted. There is no comparison if the protocol names no covariates; a pair
+    with too few participants for the slopes has a reason instead.
     """
     primary = analysis.primary_measure
     covariates = list(analysis.covariates)
@@ -302,12 +331,12 @@ def compare_measures(
     *,
     intervals: bool = True,
 ) -> tuple[GroupComparison, ...]:
-    """Compare every two groups on every measure, each role corrected by itself.
+    """Compare every two groups on every measure, with a correction within each role.
 
     Args:
-        participant_means: a row per participant.
-        roles: of the measures.
-        order: of the groups.
+        participant_means: a table with a row per participant.
+        roles: the role of each measure.
+        order: the groups, in order.
         logs: the measures that are logarithms.
         intervals: whether to compute intervals, which take most of the time.
     """
@@ -319,11 +348,10 @@ def compare_measures(
 
 
 def list_changes(rows: pd.DataFrame, measures: Sequence[str]) -> dict[tuple[int, int], pd.DataFrame]:
-    """List every participant's change from the block's first session to each later one, by pair of sessions.
+    """Return every participant's change from the block's first session to each later one, by pair of sessions.
 
-    A participant who has only one of both has NaN.
-
-    A pair of sessions that no participant has both of is left out.
+    A participant who has only one of the two sessions has NaN. A pair of sessions that no participant has both of is
+    omitted.
     """
     values = {
         int(str(session)): part.groupby(["group", "participant"])[list(measures)].mean().astype(float)
@@ -376,7 +404,7 @@ def _compare_changes(
 def _check_equivalences(
     participant_means: pd.DataFrame, analysis: AnalysisSpec, order: Sequence[str]
 ) -> tuple[EquivalenceResult, ...]:
-    """Test every two groups for equivalence on the primary measure; none where the protocol gives no margin."""
+    """Test every two groups for equivalence on the primary measure; no test if the protocol gives no margin."""
     if analysis.equivalence_margin is None:
         return ()
     bounds = (-analysis.equivalence_margin, analysis.equivalence_margin)
@@ -391,19 +419,19 @@ def _check_equivalences(
 
 
 def summarise_group_rewards(participant_means: pd.DataFrame) -> pd.DataFrame:
-    """Compute the mean and standard deviation, by group, of the subjects' mean rewards."""
+    """Compute the mean and standard deviation of the participants' mean rewards, by group."""
     grouped = participant_means.groupby("group")["reward_mean"]
     return grouped.agg(participants="count", reward_mean="mean", reward_sd="std").reset_index()
 
 
 def _order_by_group(rows: pd.DataFrame, order: Sequence[str]) -> pd.DataFrame:
-    """Sort the rows by group; within a group they keep their order."""
+    """Sort rows by group, keeping their order within each group."""
     places = {group: place for place, group in enumerate(order)}
     return rows.sort_values("group", key=lambda groups: groups.map(places), kind="stable").reset_index(drop=True)
 
 
 def _describe_measures(rows: pd.DataFrame, names: list[str], by: list[str]) -> pd.DataFrame:
-    """Count values and compute their mean and standard deviation, by measure and by columns."""
+    """Return the number of values, mean and standard deviation of each measure, grouped by the columns in ``by``."""
     long = rows.melt(by, names, var_name="measure")
     table = long.groupby(["measure", *by], sort=False)["value"].agg(n="count", mean="mean", sd="std").reset_index()
     order = {name: place for place, name in enumerate(dict.fromkeys([*MEASURES, *names]))}

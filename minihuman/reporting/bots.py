@@ -1,10 +1,10 @@
-"""Was it a person? What a log's key times say, as a likelihood ratio of a person against a program, with its reasons.
+"""Evidence from a log's key times on whether a person or a program played, as a likelihood ratio with reasons.
 
-Simulated people and simulated programs are mixtures of kinds: some hands of people, some programs and, as not every
-program is known, one that can be anything. Each kind has a histogram of every measure of the key times
-(``analysis/bots.py`` fits them). The ratio of the mixtures is shrunk by a logistic regression, since measures are
-correlated, and bounded. It is not calibrated on people: it flags a session, a person decides. Keys that a script made,
-keys without focus and times that another session has too are facts beside it.
+People and programs are modelled as mixtures of kinds fitted to simulations: some kinds of people, some of programs and,
+because not every program is known, one that can be anything. Each kind has a histogram of every measure of the key
+times (``analysis/bots.py`` fits them). Since measures are correlated, the ratio of the mixtures is shrunk by a logistic
+regression and bounded. It is not calibrated on people: it flags a session, and a person decides. Scripted keys, keys
+without focus and times shared with another session are reported as separate facts.
 """
 
 import json
@@ -48,19 +48,22 @@ NOT_CALIBRATED = "not calibrated on people: fitted to simulated people and progr
 # so many times in a row, each as near as this, in another session
 _SAME_RUN = 5
 _SAME_MS = 2.0
+_VARIED_MS = 50 * _SAME_MS  # a steadier run, as of a held key, can be the same in two sessions by chance
+_MIN_MS = 0.1  # shorter times count as this, so that each has a logarithm
+_MIN_RATIO = 1e-3  # added to a spread for the same reason
 _ANSWER_AT_ONCE = 40  # characters
 
 
 @dataclass(frozen=True, slots=True)
 class PressTimes:
-    """A session's presses while playing; ``nan`` stands between episodes and where a pause lies.
+    """A session's key presses while playing; NaN separates episodes and marks pauses.
 
     Attributes:
-        intervals_ms: (n,), from each press to the next of its episode.
-        same: (n,), whether that is the same key again.
-        firsts_ms: of each episode, from its first picture to its first press.
-        holds_ms: of each press that came up again.
-        overlap: share of presses before the last key was released.
+        intervals_ms: the times in milliseconds from each press to the next in its episode, an array of shape (n,).
+        same: whether the next press is of the same key, an array of shape (n,).
+        firsts_ms: per episode, the time in milliseconds from its first picture to its first press.
+        holds_ms: the times in milliseconds for which keys were held, for presses with a release.
+        overlap: the share of presses before the previous key was released.
     """
 
     intervals_ms: Array
@@ -71,7 +74,7 @@ class PressTimes:
 
 
 def read_key_times(log: SessionLog) -> PressTimes:
-    """Read a session's key times, of the episodes that a person's seat played."""
+    """Read the key times of a session, from the episodes that a person played."""
     parts = [part for part in map(_read_episode, log.episodes) if part is not None]
     joined = [np.concatenate([np.empty(0), *column]) for column in zip(*parts, strict=True)] or [np.empty(0)] * 5
     intervals, same, firsts, holds, overlaps = joined
@@ -108,9 +111,12 @@ def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
 
 
 def measure_key_times(times: PressTimes) -> dict[str, float]:
-    """Compute the measures of `MEASURES`; NaN where there is too little, none at all with too few intervals."""
+    """Return the measures of `MEASURES`, NaN where data are insufficient.
+
+    An empty dict if there are too few intervals.
+    """
     known = ~np.isnan(times.intervals_ms)
-    intervals = np.maximum(times.intervals_ms, 0.1)
+    intervals = np.maximum(times.intervals_ms, _MIN_MS)
     if known.sum() < N_INTERVALS:
         return {}
     logs = np.log10(intervals)
@@ -120,19 +126,19 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
     pairs = known[1:] & known[:-1]
     low, middle, high = np.quantile(intervals[known], (0.25, 0.5, 0.75))
     if len(times.holds_ms) >= N_OTHERS:
-        holds_ms = np.maximum(times.holds_ms, 0.1)
+        holds_ms = np.maximum(times.holds_ms, _MIN_MS)
     else:
         holds_ms = np.full(1, np.nan)
     measures = {
         "median": np.log10(middle),
-        "spread": np.log10((high - low) / middle + 1e-3),
+        "spread": np.log10((high - low) / middle + _MIN_RATIO),
         "skewness": np.log10((high - middle + 1.0) / (middle - low + 1.0)),
         "autocorrelation": _correlate(logs[1:][pairs], logs[:-1][pairs]),
         "repetition": _compare(intervals[known & times.same], intervals[known & ~times.same]),
         "first": _compare(times.firsts_ms, intervals[known]),
         "practice": _correlate(scipy.stats.rankdata(intervals[known]), np.arange(known.sum())),
         "hold": np.log10(np.median(holds_ms)),
-        "hold_spread": np.log10(np.ptp(np.quantile(holds_ms, (0.25, 0.75))) / np.median(holds_ms) + 1e-3),
+        "hold_spread": np.log10(np.ptp(np.quantile(holds_ms, (0.25, 0.75))) / np.median(holds_ms) + _MIN_RATIO),
         "overlap": times.overlap,
     }
     return {name: float(value) for name, value in measures.items()}
@@ -147,11 +153,13 @@ def _correlate(first: Array, second: Array) -> float:
 def _compare(first: Array, second: Array) -> float:
     if min(len(first), len(second)) < N_OTHERS:
         return float("nan")
-    return float(np.log10(max(float(np.median(first)), 0.1) / max(float(np.median(second)), 0.1)))
+    first_median = max(float(np.median(first)), _MIN_MS)
+    second_median = max(float(np.median(second)), _MIN_MS)
+    return float(np.log10(first_median / second_median))
 
 
 def place_in_bin(name: str, value: float) -> int:
-    """Return the bin of a measure's histogram that holds a value."""
+    """Return the index of the histogram bin of a measure that holds a value."""
     _, low, high = MEASURES[name]
     return int(np.clip((value - low) / (high - low) * BINS, 0, BINS - 1))
 
@@ -159,15 +167,15 @@ def place_in_bin(name: str, value: float) -> int:
 def weigh_measures(
     measured: Mapping[str, float], model: Mapping[str, Any], *, bound: float = BOUND
 ) -> tuple[float, dict[str, float]]:
-    """Compute log10 of the likelihood ratio of a person against a program, and what each measure adds to it.
+    """Compute log10 of the likelihood ratio of a person against a program, and each measure's contribution to it.
 
-    A measure's share is that between the kind of person and the kind of program that fit best.
+    A measure's contribution compares the best-fitting kind of person with the best-fitting kind of program.
 
     Args:
-        measured: of `measure_key_times`.
-        model: ``people`` and ``programs``, each a list of kinds with its ``weight`` and ``log10`` of the probability of
-            each bin by measure; ``slope`` and ``intercept``.
-        bound: the largest ratio that is claimed, either way.
+        measured: the measures returned by `measure_key_times`.
+        model: ``people`` and ``programs``, each a list of kinds with a ``weight`` and, by measure, the ``log10`` of
+            each bin's probability; ``slope`` and ``intercept`` of the logistic regression.
+        bound: the largest log10 of a ratio that is reported in either direction.
     """
     places = {name: place_in_bin(name, value) for name, value in measured.items() if np.isfinite(value)}
     likelihoods = []
@@ -185,7 +193,7 @@ def weigh_measures(
 
 @cache
 def load_model() -> dict[str, Any]:
-    """Load the fitted model that comes with the package."""
+    """Load the fitted model that is shipped with the package."""
     text = (files("minihuman.reporting") / "data" / "bots.json").read_text(encoding="utf-8")
     model: dict[str, Any] = json.loads(text)
     return model
@@ -193,7 +201,7 @@ def load_model() -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What one session's key times say."""
+    """The evidence from one session's key times on whether a person played."""
 
     participant: str
     session: int
@@ -206,7 +214,7 @@ class Evidence:
     decision: str  # a reviewer's annotations of the whole session
 
     def line(self) -> str:
-        """State the verdict in one line; ``facts`` and ``reasons`` say why."""
+        """State the verdict in one line; ``facts`` and ``reasons`` explain it."""
         verdict = "FLAGGED" if self.flagged else "-"
         line = f"{self.participant} session {self.session}: {verdict}  {self._format_ratio()}"
         if self.decision:
@@ -223,11 +231,11 @@ class Evidence:
 
 
 def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False) -> Iterator[Evidence]:
-    """Weigh the evidence of each session.
+    """Yield the evidence for each session.
 
     Args:
-        sessions: of one study, as times of one session in another are looked for.
-        typing: also look at how answers were typed.
+        sessions: the sessions of one study, as key times of one session are searched for in the others.
+        typing: whether to examine also how answers were typed.
     """
     read = [(session.log, session.marks, read_key_times(session.log)) for session in sessions]
     copies = find_same_times([times for _, _, times in read])
@@ -258,7 +266,7 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
 
 
 def _find_facts(log: SessionLog, *, typing: bool) -> Iterator[str]:
-    """Yield what flags a session by itself: scripted keys, keys without focus, pasted answers."""
+    """Yield facts that flag a session on their own: scripted keys, keys without focus, and pasted answers."""
     scripted = sum(
         isinstance(note, Noted) and note.kind == BROWSER_NOTE and note.text.endswith("made by a script")
         for note in log.notes
@@ -288,13 +296,13 @@ def _count_keys_without_focus(log: SessionLog) -> int:
 
 
 def find_same_times(times: list[PressTimes]) -> dict[int, int]:
-    """Find the sessions with a run of key times that another has too, and which: logs that were replayed."""
+    """Return the sessions that share a run of key times with another session, as replayed logs do, and that session."""
     rows = [np.empty((0, _SAME_RUN))]
     owners = [np.empty(0, int)]
     for number, press_times in enumerate(times):
         if len(press_times.intervals_ms) >= _SAME_RUN:
             runs = np.lib.stride_tricks.sliding_window_view(press_times.intervals_ms, _SAME_RUN)
-            varied = runs[~np.isnan(runs).any(axis=1) & (np.ptp(np.nan_to_num(runs), axis=1) > 50 * _SAME_MS)]
+            varied = runs[~np.isnan(runs).any(axis=1) & (np.ptp(np.nan_to_num(runs), axis=1) > _VARIED_MS)]
             rows.append(varied)
             owners.append(np.full(len(varied), number))
     owner = np.concatenate(owners)

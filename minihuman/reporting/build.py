@@ -1,13 +1,16 @@
-"""Build a study's report from its tables: a folder of table files, figures, one page, and scripts of mixed models in R
-(lme4, brms) and Python (statsmodels, Bambi).
+"""Build a study's report from its tables: a folder of table files, figures, pages, and scripts of mixed models.
+
+The scripts are for R (lme4, brms) and Python (statsmodels, Bambi).
 """
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pandas as pd
 
+from minihuman.dataset.selection import ANSWER_RULES
 from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES
 from minihuman.dataset.tables import Tables, select
 from minihuman.errors import ReportError
@@ -21,12 +24,12 @@ from minihuman.reporting.activity_sections import (
     join_sections,
 )
 from minihuman.reporting.block_results import BlockResults
-from minihuman.reporting.exclusions import exclude_practice_alone, list_exclusions
+from minihuman.reporting.exclusions import count_excluded, exclude_practice_alone, list_exclusions
 from minihuman.reporting.instruction_clauses import ATTEMPT_COLUMNS, count_clauses
-from minihuman.reporting.interactions import choose_first_block, compute_interaction
+from minihuman.reporting.interactions import InteractionResults, choose_first_block, compute_interaction
 from minihuman.reporting.methods import build_methods, find_known_keys
-from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
-from minihuman.reporting.participant_flow import flow_section
+from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study, state_answers
+from minihuman.reporting.participant_flow import FlowSection, flow_section
 from minihuman.reporting.results import Results, compute_results, leave_out_navigation
 from minihuman.reporting.scorecard import (
     PlayerRows,
@@ -63,7 +66,7 @@ _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study ha
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ReportInput:
-    """What a report is computed from: a study's tables as pandas has them, and what its protocols say."""
+    """The data from which a report is computed: a study's tables as data frames, and the contents of its protocols."""
 
     study: str
     episodes: pd.DataFrame
@@ -84,21 +87,20 @@ class _ReportInput:
 def build_report(
     tables: Tables, out: Path, templates: Path | None = None, *, scripts: Sequence[str] = ()
 ) -> tuple[Path, ...]:
-    """Write tables, figures and ``report.html`` of a study; return the files, the page first.
+    """Write tables, figures and ``report.html`` of a study; return the paths of the files, the page first.
 
-    ``participants.html`` beside it shows every participant in every measure.
-
-    The tables of every step, key and picture are left to an export.
+    ``participants.html`` beside the report shows every participant in every measure. The tables of every step, key and
+    picture are left to exports.
 
     Args:
-        tables: the study's.
+        tables: the study's tables.
         out: the folder of the report.
-        templates: a folder with a template or a style of one's own; see ``build_page``.
+        templates: a folder with a custom template or style; see ``build_page``.
         scripts: ``r`` and ``python``, for scripts of mixed models beside the tables.
 
     Raises:
         LogError: if there is no such folder.
-        ReportError: if no log in it can be read, or they are of different studies.
+        ReportError: if no log in the folder can be read, or the logs are of different studies.
     """
     names = [name for name in TABLES if name not in EVERY_MOMENT]  # the others are too long to be read in a report
     tables.require((*names, "steps"), shortest_paths=True)
@@ -110,7 +112,7 @@ def build_report(
     episodes, blocks = _leave_out_practice(report_input, practice)
     results = _compute_results(report_input, episodes, blocks)
     content = _gather_content(tables, report_input, results, practice)
-    content = _add_interaction(content, report_input, blocks, results)
+    content = _add_interaction(content, tables, report_input, blocks, results)
     content = _add_figures(content, tables, report_input, (episodes, blocks), results, out / "figures")
     models, score_files = _score_models(report_input.plays, out)
     content = replace(
@@ -133,7 +135,7 @@ def build_report(
 def _leave_out_practice(
     report_input: _ReportInput, practice: Collection[tuple[str, str]]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the episodes and blocks without practice, and those of trials without navigation measures."""
+    """Return the episodes and blocks without practice, and without navigation measures in blocks of trials."""
     episodes = report_input.episodes[~_is_practice(report_input.episodes, practice)]
     blocks = report_input.blocks[~_is_practice(report_input.blocks, practice)]
     trial_blocks = frozenset(block for section in report_input.sections for block in section.blocks)
@@ -141,7 +143,7 @@ def _leave_out_practice(
 
 
 def _compute_results(report_input: _ReportInput, episodes: pd.DataFrame, blocks: pd.DataFrame) -> Results:
-    """Compute the results of the episodes and blocks without practice."""
+    """Compute the results from episodes and blocks without practice."""
     levels = [section.measure_tables.get("trial_levels") for section in report_input.sections]
     return compute_results(
         episodes,
@@ -155,15 +157,40 @@ def _compute_results(report_input: _ReportInput, episodes: pd.DataFrame, blocks:
 
 
 def _add_interaction(
-    content: PageContent, report_input: _ReportInput, blocks: pd.DataFrame, results: Results
+    content: PageContent, tables: Tables, report_input: _ReportInput, blocks: pd.DataFrame, results: Results
 ) -> PageContent:
     """Add the interaction of groups and conditions, and choose the block whose comparison answers the question."""
+    interaction, first_block = _compute_interaction(report_input, blocks, results)
+    without_rules = _answer_without_rules(tables, report_input)
+    return replace(content, interaction=interaction, first_block=first_block, answers_without_rules=without_rules)
+
+
+def _compute_interaction(
+    report_input: _ReportInput, blocks: pd.DataFrame, results: Results
+) -> tuple[InteractionResults | None, str]:
+    """Return the interaction of groups and conditions, and the block whose comparison answers the question."""
     analysis = report_input.analysis
     design = report_input.design
     included = unite_teams(blocks[blocks["exclusion_reason"].isna()], report_input.teams)
     interaction = compute_interaction(included, design, analysis, results.order)
-    first_block = choose_first_block(design, analysis, results, interaction)
-    return replace(content, interaction=interaction, first_block=first_block)
+    return interaction, choose_first_block(design, analysis, results, interaction)
+
+
+def _answer_without_rules(tables: Tables, report_input: _ReportInput) -> list[str]:
+    """State the answers as they are if no rule on answers excludes anybody; none where none does."""
+    reasons = {rule.reason for protocol in report_input.protocols for rule in protocol.exclusions if rule.question}
+    if not reasons.intersection(report_input.participants["exclusion_reason"].dropna()):
+        return []
+    selection = replace(tables.selection, with_=(*tables.selection.with_, ANSWER_RULES))
+    names = [name for name in TABLES if name not in EVERY_MOMENT]
+    with TemporaryDirectory() as figures, select(tables.source, selection) as all_tables:
+        all_tables.require((*names, "steps"), shortest_paths=True)
+        all_input = _read_input(all_tables, report_input.study, names, Path(figures))
+    practice = find_practice(all_input.protocols, all_input.participants["group"].unique())
+    episodes, blocks = _leave_out_practice(all_input, practice)
+    results = _compute_results(all_input, episodes, blocks)
+    interaction, first_block = _compute_interaction(all_input, blocks, results)
+    return state_answers(results, interaction, all_input.design, first_block)
 
 
 def _add_figures(
@@ -174,7 +201,10 @@ def _add_figures(
     results: Results,
     out: Path,
 ) -> PageContent:
-    """Draw the figures, and put those of the answers first; ``analysed`` are episodes and blocks without practice."""
+    """Draw the figures, those that answer the study's question first.
+
+    ``analysed`` is episodes and blocks without practice.
+    """
     first_figures: list[ReportFigure] = []
     if content.interaction is not None:
         first_figures.append(draw_interaction(content.interaction, out))
@@ -189,7 +219,7 @@ def _add_figures(
 
 
 def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path) -> _ReportInput:
-    """Read what the report is computed from."""
+    """Read the data from which the report is computed."""
     protocols = tables.read_protocols()
     analysis = read_planned_analysis(protocols)
     blocks = tables.frame("blocks")
@@ -220,7 +250,7 @@ def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path)
 
 
 def _read_plays(tables: Tables) -> list[PlayerRows]:
-    """Read what people and models played; nothing where the study has no models."""
+    """Read what people and models played; an empty list if the study has no models."""
     folder = find_models_folder(tables.source)
     if not folder.is_dir():
         return []
@@ -235,7 +265,7 @@ def _draw_figures(
     results: Results,
     out: Path,
 ) -> list[ReportFigure]:
-    """Draw all figures but those of the estimates; ``analysed`` are episodes and blocks without practice."""
+    """Draw all figures except those of the estimates; ``analysed`` is episodes and blocks without practice."""
     episodes, blocks = analysed
     paths = draw_paths(tables, out)
     sections = sorted(report_input.sections, key=lambda section: not section.is_leading)
@@ -254,14 +284,14 @@ def _draw_figures(
 def _gather_content(
     tables: Tables, report_input: _ReportInput, results: Results, practice: Collection[tuple[str, str]]
 ) -> PageContent:
-    """Gather what the page says besides the results; its figures, tables and mixed models are still to come."""
+    """Gather the page's contents besides the results; figures, tables and mixed models are added later."""
     participants = report_input.participants
     episodes = report_input.episodes
     qualities = [session.quality for session in tables.sessions if session.quality is not None]
     outlines = [session.outline for session in tables.sessions if session.outline is not None]
     simulated = int((participants["player"] != "human").sum())
     is_practice = _is_practice(episodes, practice)
-    practised = episodes[is_practice & episodes["exclusion_reason"].isna()]
+    flow = flow_section(tables.source, participants)
     return PageContent(
         study=report_input.study,
         sessions=len(participants),
@@ -269,8 +299,8 @@ def _gather_content(
         windows=dict(participants["window"].fillna("a window that did not say").value_counts()),
         simulated=simulated,
         imported=int((participants["evidence"] == "consistent").sum()),
-        flow=flow_section(tables.source, participants),
-        methods=build_methods(outlines, qualities, simulated, protocols=report_input.protocols),
+        flow=flow,
+        methods=_write_methods(tables, report_input, simulated, flow),
         known_keys=find_known_keys(outlines, report_input.protocols),
         figures=(),
         first_figures=(),
@@ -280,7 +310,7 @@ def _gather_content(
         answers=report_input.answers,
         clauses=count_clauses(episodes[~is_practice], report_input.starts, report_input.clauses),
         activities=join_sections(report_input.sections),
-        practice={str(name): len(rows) for name, rows in practised.groupby("block", sort=False)},
+        practice=_count_by_block(episodes[is_practice & episodes["exclusion_reason"].isna()]),
         exclusions=list_exclusions(episodes, participants),
         account=tables.account,
         analysis=report_input.analysis,
@@ -292,8 +322,25 @@ def _gather_content(
     )
 
 
+def _write_methods(tables: Tables, report_input: _ReportInput, simulated: int, flow: FlowSection | None) -> list[str]:
+    """Write the methods of the sessions that could be read."""
+    return build_methods(
+        [session.outline for session in tables.sessions if session.outline is not None],
+        [session.quality for session in tables.sessions if session.quality is not None],
+        simulated,
+        protocols=report_input.protocols,
+        flow=flow.counts if flow else None,
+        n_excluded=count_excluded(report_input.participants),
+    )
+
+
+def _count_by_block(episodes: pd.DataFrame) -> dict[str, int]:
+    """Count episodes by block, in the order of the first of each."""
+    return {str(name): len(rows) for name, rows in episodes.groupby("block", sort=False)}
+
+
 def _fit_mixed(episodes: pd.DataFrame, block: BlockResults) -> MixedModel | None:
-    """Fit the mixed model of a block's growth; None of teams, whose members' episodes are the same ones."""
+    """Fit the mixed model of a block's growth; None for teams, whose members share their episodes."""
     if block.growth is None or block.teams:
         return None
     rows = episodes[(episodes["block"] == block.block) & episodes["exclusion_reason"].isna()]
@@ -306,7 +353,7 @@ def _fit_mixed(episodes: pd.DataFrame, block: BlockResults) -> MixedModel | None
 
 
 def _score_models(plays: Sequence[PlayerRows], out: Path) -> tuple[list[ReportFigure], list[Path]]:
-    """Draw the study's models beside people, and write the table; nothing where it has no models."""
+    """Draw the scores of the study's models and people and write their table; nothing if there are no models."""
     if not plays:
         return [], []
     card = compose_scorecard(plays)
@@ -317,7 +364,12 @@ def _score_models(plays: Sequence[PlayerRows], out: Path) -> tuple[list[ReportFi
 
 
 def find_stale_figures(out: Path, report_files: Collection[Path]) -> tuple[str, ...]:
-    """Name the figures in a report's folder that it did not write: another study's, or of excluded participants."""
+    """Return a line about figures in a report's folder that the report did not write.
+
+    None if there are no such figures.
+
+    They are of another study or of excluded participants.
+    """
     stems = {path.stem for path in report_files}
     left = sorted(path.name for path in (out / "figures").glob("*.p[nd][gf]") if path.stem not in stems)
     if not left:
@@ -328,7 +380,7 @@ def find_stale_figures(out: Path, report_files: Collection[Path]) -> tuple[str, 
 
 
 def read_planned_analysis(protocols: Sequence[Protocol]) -> AnalysisSpec:
-    """Read what the protocol named before the study; nothing where its versions name different things."""
+    """Return the analysis that the protocol planned; an empty one if its versions name different analyses."""
     named = {protocol.analysis for protocol in protocols}
     if len(named) == 1:
         return named.pop()
@@ -336,7 +388,7 @@ def read_planned_analysis(protocols: Sequence[Protocol]) -> AnalysisSpec:
 
 
 def read_planned_design(protocols: Sequence[Protocol]) -> ExperimentDesign:
-    """Read the design that the protocol states; an empty one where its versions differ."""
+    """Return the experimental design that the protocol states; an empty one if its versions differ."""
     named = {derive_design(protocol) for protocol in protocols}
     if len(named) == 1:
         return named.pop()
@@ -344,7 +396,7 @@ def read_planned_design(protocols: Sequence[Protocol]) -> ExperimentDesign:
 
 
 def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> frozenset[tuple[str, str]]:
-    """Find group and block of all practice.
+    """Return the group and the block of every practice block.
 
     Raises:
         ReportError: if one version of the protocol analyses a block, and another does not.
@@ -369,7 +421,7 @@ def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> froze
 
 
 def _is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "pd.Series[bool]":
-    """Say of each row whether it is of practice."""
+    """Return whether each row belongs to a practice block."""
     if not practice:
         return pd.Series(False, rows.index, dtype=bool)
     pairs = pd.MultiIndex.from_frame(rows[["group", "block"]])
@@ -377,7 +429,7 @@ def _is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "
 
 
 def _find_study(tables: Tables) -> str:
-    """Find the name of the one study that the sessions are of."""
+    """Return the name of the single study to which all sessions belong."""
     readable = [session for session in tables.sessions if session.study]
     if not readable:
         skipped = len(tables.account.skipped)

@@ -1,13 +1,17 @@
-"""Exclusions: of participants of whom only practice is left, and the list of all excluded rows."""
+"""Exclusion of participants for whom only practice is left, and the list of all excluded rows."""
+
+from collections import Counter
 
 import numpy as np
 import pandas as pd
+
+from minihuman.reporting.template import to_records
 
 PRACTICE_ALONE = "only practice was played"
 
 
 def exclude_practice_alone(participants: pd.DataFrame) -> pd.DataFrame:
-    """Exclude the participants of whom nothing but practice is included; those who had nothing to play stay."""
+    """Exclude the participants for whom only practice is included; participants who had nothing to play are kept."""
     is_included = participants["exclusion_reason"].isna()
     played = (participants["episodes"] > 0) | participants["completed_share"].isna()
     players = participants.loc[is_included & played, "participant"]
@@ -15,10 +19,27 @@ def exclude_practice_alone(participants: pd.DataFrame) -> pd.DataFrame:
     return participants.assign(exclusion_reason=participants["exclusion_reason"].mask(practice_only, PRACTICE_ALONE))
 
 
-def list_exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFrame:
-    """List every row that is excluded, with its reason: participants first, then episodes of the others.
+def list_exclusion_reasons(participants: pd.DataFrame) -> dict[str, str]:
+    """List each participant's exclusion reason, of their first session; "" where any session is included."""
+    reasons: dict[str, str] = {}
+    for row in to_records(participants):
+        code = str(row["participant"])
+        if pd.isna(row["exclusion_reason"]):
+            reasons[code] = ""
+        else:
+            reasons.setdefault(code, str(row["exclusion_reason"]))
+    return reasons
 
-    The level of a session is "participant" if no other one of the participant is included, else "session".
+
+def count_excluded(participants: pd.DataFrame) -> dict[str, int]:
+    """Count the participants of whom no session is included, by reason."""
+    return dict(Counter(reason for reason in list_exclusion_reasons(participants).values() if reason))
+
+
+def list_exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFrame:
+    """List every excluded row with its reason: participants first, then the episodes of the others.
+
+    The level of an excluded session is "session" if another session of the participant is included, else "participant".
     """
     people = participants.loc[participants["exclusion_reason"].notna(), ["exclusion_reason", "participant", "session"]]
     included = participants.loc[participants["exclusion_reason"].isna(), "participant"]

@@ -1,4 +1,4 @@
-"""The clauses of instructions: how many were asked for and done, by block, verb and group."""
+"""The clauses of instructions: how many were assigned and completed, by block, verb and group."""
 
 from typing import Any
 
@@ -17,15 +17,17 @@ ATTEMPT_COLUMNS = ["participant", "session", "segment", "episode"]  # one of an 
 
 
 def count_clauses(episodes: pd.DataFrame, starts: pd.DataFrame, completed: pd.DataFrame) -> pd.DataFrame:
-    """Count the clauses that were asked for and done, by block, verb and group.
+    """Count the clauses that were assigned and completed, by block, verb and group.
 
     Args:
-        episodes: the table of episodes; only those that are included are counted.
-        starts: the table of beginnings, for the missions.
-        completed: the table of clauses that were done.
+        episodes: the table of episodes; only included episodes are counted.
+        starts: the table of episode starts, which has the missions.
+        completed: the table of completed clauses.
 
     Returns:
-        block, verb, group, asked, done, median_step (of those done); no row of blocks in which no clause was ever done.
+        A table with the columns block, verb, group, asked, done and median_step (of completed clauses); blocks in which
+        no
+        clause was ever completed are absent.
     """
     included = episodes.loc[episodes["exclusion_reason"].isna(), [*ATTEMPT_COLUMNS, "block", "group"]]
     included = included.merge(starts[[*ATTEMPT_COLUMNS, "mission"]], on=ATTEMPT_COLUMNS)
@@ -41,7 +43,7 @@ def count_clauses(episodes: pd.DataFrame, starts: pd.DataFrame, completed: pd.Da
 
 
 def _list_clauses(episodes: pd.DataFrame) -> list[dict[str, Any]]:
-    """List a row per clause of each episode's mission."""
+    """Return a row per clause of each episode's mission."""
     from minihuman.worlds.grid.babyai.language import clauses, parse  # brings Numba, which few reports need
 
     rows: list[dict[str, Any]] = []
@@ -53,7 +55,7 @@ def _list_clauses(episodes: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def clauses_table(rows: pd.DataFrame) -> Table | None:
-    """Tabulate how many clauses of instructions were done; None where no world had instructions."""
+    """Tabulate how many clauses of instructions were completed; None if no world had instructions."""
     cells = [_list_clause_cells(row) for row in to_records(rows)]
     if not cells:
         return None

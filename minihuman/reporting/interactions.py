@@ -1,6 +1,6 @@
-"""The interaction of groups and conditions in a mixed design: contrast scores of participants, compared between groups.
+"""The interaction of groups and conditions in a mixed design: participants' contrast scores, compared between groups.
 
-Its results, the sentences that answer the study's question with them, and their table.
+The module computes the results, the sentences that answer the study's question with them, and their table.
 """
 
 import math
@@ -32,7 +32,7 @@ from minihuman.statistics.permutation import permutation_tests
 
 @dataclass(frozen=True, slots=True)
 class ContrastComparison:
-    """Two groups compared on the scores of one contrast between conditions."""
+    """A comparison of two groups on the scores of one contrast between conditions."""
 
     contrast: str
     groups: GroupComparison
@@ -40,7 +40,7 @@ class ContrastComparison:
 
 @dataclass(frozen=True, slots=True)
 class OmnibusInteraction:
-    """All groups and conditions of one measure together, where the interaction has several degrees of freedom."""
+    """A test of all groups and conditions together on one measure, for an interaction of several degrees of freedom."""
 
     measure: str
     test: InteractionTest
@@ -49,7 +49,7 @@ class OmnibusInteraction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InteractionResults:
-    """Groups and conditions crossed."""
+    """The results of crossing groups and conditions."""
 
     groups: tuple[str, ...]
     conditions: tuple[str, ...]
@@ -61,31 +61,31 @@ class InteractionResults:
 
     @property
     def measure(self) -> str:
-        """Return the primary measure, or the first that has values."""
+        """Return the primary measure, or the first measure that has values."""
         return next(iter(sorted(self.roles, key=lambda name: self.roles[name] != "primary")), "")
 
     @property
     def headline(self) -> tuple[ContrastComparison, ...]:
-        """Return the contrasts of that measure."""
+        """Return the contrasts of the primary measure, or of the first measure that has values."""
         return tuple(compared for compared in self.contrasts if compared.groups.measure == self.measure)
 
 
 def compute_interaction(
     rows: pd.DataFrame, design: ExperimentDesign, analysis: AnalysisSpec, order: tuple[str, ...]
 ) -> InteractionResults | None:
-    """Compare contrast scores between groups on the measures that the protocol names, or all that have values.
+    """Compare contrast scores between groups on the measures that the protocol names, or on all that have values.
 
-    A participant's value of a condition is the mean over its blocks and sessions. Participants without a value in
-    every condition are left out.
+    A participant's value in a condition is the mean over its blocks and sessions. Participants without a value in every
+    condition are omitted.
 
     Args:
-        rows: included rows of the table of blocks, teams in the place of their members.
-        design: the study's.
-        analysis: the measures that the protocol names.
+        rows: the included rows of the table of blocks, with teams in place of their members.
+        design: the study's design.
+        analysis: the planned analysis, which can name measures.
         order: the groups, in the order of comparison.
 
     Returns:
-        None unless the design is mixed and two groups or more have values.
+        The results; None unless the design is mixed and at least two groups have values.
     """
     if not design.is_mixed:
         return None
@@ -116,7 +116,7 @@ def compute_interaction(
 def choose_first_block(
     design: ExperimentDesign, analysis: AnalysisSpec, results: Results, interaction: InteractionResults | None
 ) -> str:
-    """Choose the block whose comparison of groups answers the question: none where the interaction does.
+    """Return the block whose group comparison answers the study's question; "" if the interaction answers it.
 
     In a mixed design the last block that all groups play is an arbitrary condition, unless the protocol names it.
     """
@@ -127,7 +127,7 @@ def choose_first_block(
 
 
 def _tabulate_cells(rows: pd.DataFrame, measure: str, conditions: tuple[str, ...]) -> pd.DataFrame:
-    """Tabulate a measure: a row per group and participant, a column per condition; NaN without a value."""
+    """Tabulate a measure with a row per group and participant and a column per condition; NaN for a missing value."""
     known = rows.assign(value=rows[measure].astype(float)).dropna(subset=["value"])
     means = known.groupby(["group", "participant", "condition"])["value"].mean()
     return means.unstack("condition").reindex(columns=list(conditions))
@@ -175,7 +175,7 @@ def _compare_scores(
 def _test_omnibus(
     tables: Mapping[str, pd.DataFrame], groups: tuple[str, ...], roles: Mapping[str, Role], design: ExperimentDesign
 ) -> tuple[OmnibusInteraction, ...]:
-    """Test all groups and conditions together; none of one degree of freedom, or where contrasts are stated."""
+    """Test all groups and conditions together; no test with a single degree of freedom or if contrasts are planned."""
     if design.contrasts or (len(groups) == 2 and len(design.conditions) == 2):
         return ()
     tests = {
@@ -192,7 +192,7 @@ def _test_omnibus(
 
 
 def state_interaction(interaction: InteractionResults) -> Iterator[str]:
-    """Answer whether the difference between conditions depends on the group, for the primary measure."""
+    """Yield sentences on whether the difference between conditions depends on the group, for the primary measure."""
     name = label_measure(interaction.measure)
     opening = f"{name[0].upper()}{name[1:]}, interaction of group and condition"
     omnibus = next((candidate for candidate in interaction.omnibus if candidate.measure == interaction.measure), None)
@@ -237,7 +237,7 @@ def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: boo
 
 
 def interaction_table(interaction: InteractionResults) -> Table:
-    """Tabulate every measure: all degrees of freedom together, then each contrast between every two groups."""
+    """Tabulate the interaction for every measure: the omnibus test, then each contrast between every two groups."""
     rows: list[tuple[str, ...]] = []
     for measure in interaction.roles:
         start = (label_measure(measure), interaction.roles[measure])

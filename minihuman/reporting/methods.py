@@ -1,14 +1,17 @@
-"""The methods paragraphs: what was played by whom with what, in words to copy, with versions and hashes."""
+"""The methods section: participants, blocks, measures and software in sentences to copy, with versions and hashes."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 
 import minihuman
+from minihuman.admin.enrolment_flow import ParticipantFlow
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.plan.stated_outcomes import describe_rule, find_outcome_rule, is_of_catalogue
+from minihuman.experiment.protocol.answer_exclusions import describe_answer_exclusion
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+from minihuman.reporting.attrition import Attrition
 from minihuman.reporting.block_measures import FORMULAS, MEASURES, TRIAL_BLOCK_MEASURES
 from minihuman.reporting.trial_methods import (
     describe_stimuli,
@@ -36,13 +39,13 @@ Cell = tuple[str, int, str]  # group, session, and the block before (of an earli
 
 
 class BlockSpecs:
-    """The blocks of the sessions' protocols, as each group has them."""
+    """The blocks of the sessions' protocols, with each group's overrides."""
 
     def __init__(self, protocols: Sequence[Protocol]) -> None:
         self._protocols = {protocol.sha256: protocol for protocol in protocols}
 
     def find(self, plan: PlanOutline, block: str) -> BlockSpec | None:
-        """Find a block as a session's group has it; None if its protocol is not known."""
+        """Return a block with the overrides of a session's group; None if the session's protocol is not known."""
         protocol = self._protocols.get(plan.protocol_sha256)
         if protocol is None:
             return None
@@ -55,18 +58,24 @@ def build_methods(
     simulated: int = 0,
     *,
     protocols: Sequence[Protocol] = (),
+    flow: ParticipantFlow | None = None,
+    n_excluded: Mapping[str, int] | None = None,
 ) -> list[str]:
-    """Write the paragraphs of the methods.
+    """Write the paragraphs of the methods section.
 
     Args:
-        plans: of the sessions.
-        qualities: of their recording.
-        simulated: how many sessions no person played.
-        protocols: those the sessions were played by; without them nothing is said that only a protocol knows.
+        plans: the outlines of the sessions' plans.
+        qualities: the recording quality of the sessions.
+        simulated: the number of sessions that no person played.
+        protocols: the protocols under which the sessions were played; without them, facts that only a protocol contains
+            are omitted.
+        flow: the flow of the study's participants; None if there is no enrolment log.
+        n_excluded: the number of excluded participants by reason; None if it is not known.
     """
     specs = BlockSpecs(protocols)
     return [
-        _describe_people(plans, simulated, specs, protocols),
+        _describe_people(plans, simulated, specs, protocols, flow),
+        *_describe_answer_exclusions(protocols, n_excluded or {}),
         *_describe_designs(protocols),
         *_describe_blocks(plans, specs),
         _describe_measures(plans, specs),
@@ -80,9 +89,9 @@ def _name_statistics() -> str:
 
 
 def find_known_keys(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] = ()) -> dict[str, list[str]]:
-    """Find, by block, the groups who came to it with the keys of an earlier block, which they knew by then.
+    """Return, by block, the groups that already knew the keys from an earlier block.
 
-    A group is named if all of its participants did, the first time that they played the block.
+    A group is named if this was true of all its participants the first time they played the block.
     """
     known_keys: dict[str, dict[str, bool]] = {}
     for block, cells in _find_known_cells(plans, BlockSpecs(protocols)).items():
@@ -100,9 +109,10 @@ def find_known_keys(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] 
 
 
 def _find_known_cells(plans: Sequence[PlanOutline], specs: BlockSpecs) -> dict[str, dict[Cell, bool]]:
-    """Find, by block and cell, whether all participants had the keys of an earlier block: of a few alone it is chance.
+    """Return, by block and cell, whether all participants kept the keys of an earlier block.
 
-    Keys that the protocol draws anew are never an earlier block's, whatever was drawn.
+    If only some participants have equal keys, that is due to chance. Keys that the protocol draws anew never count as
+    an earlier block's, whatever was drawn.
     """
     known_by_block: dict[str, dict[Cell, bool]] = {}
     history: dict[str, list[EpisodePlan]] = {}
@@ -124,7 +134,7 @@ def _find_known_cells(plans: Sequence[PlanOutline], specs: BlockSpecs) -> dict[s
 
 
 def _map_key_effects(block_plan: EpisodePlan) -> dict[str, int]:
-    """Map each key to the place of its action in the block's list: worlds call the same actions by other names."""
+    """Map each key to the index of its action in the block's list, because worlds name the same actions differently."""
     return {
         key: block_plan.actions.index(action)
         for key, action in block_plan.key_map.keys.items()
@@ -133,10 +143,15 @@ def _map_key_effects(block_plan: EpisodePlan) -> dict[str, int]:
 
 
 def _describe_people(
-    plans: Sequence[PlanOutline], simulated: int, specs: BlockSpecs, protocols: Sequence[Protocol] = ()
+    plans: Sequence[PlanOutline],
+    simulated: int,
+    specs: BlockSpecs,
+    protocols: Sequence[Protocol] = (),
+    flow: ParticipantFlow | None = None,
 ) -> str:
-    """Say who took part, and how groups and keys were allocated."""
-    groups = Counter({plan.participant: plan.group for plan in plans}.values())
+    """State who took part, who was lost, and how groups and keys were allocated."""
+    attrition = Attrition.of(plans, flow)
+    groups = attrition.groups
     parts = ", ".join(f"{count} in group {group}" for group, count in sorted(groups.items()))
     by_hand = sum(plan.by_hand for plan in plans)
     by_design = any(protocol.allocation.design for protocol in protocols)
@@ -145,17 +160,17 @@ def _describe_people(
     if by_hand:
         chosen = f"; in {by_hand} sessions the participant or group was chosen by hand"
     return (
-        f"{sum(groups.values())} participants took part{_describe_sessions(plans)} "
-        f"({parts}{_describe_simulated(plans, simulated)}). "
+        f"{sum(groups.values())} participants took part{_describe_sessions(attrition.sessions)} "
+        f"({parts}{_describe_simulated(plans, simulated, attrition)}). {attrition.describe()}"
         f"{allocated} came from an allocation list "
         f"drawn before the first session from the study's seed, {plans[0].seed}{_describe_later_keys(plans, specs)}"
         f"{chosen}.{_describe_strata(plans, by_design=by_design)}"
     )
 
 
-def _describe_sessions(plans: Sequence[PlanOutline]) -> str:
-    """Say in how many sessions participants took part; "" of one session."""
-    by_session = sorted(Counter(plan.session for plan in plans).items())
+def _describe_sessions(sessions: Mapping[int, int]) -> str:
+    """State in how many sessions participants took part; "" for a single session."""
+    by_session = sorted(sessions.items())
     counts = ", ".join(f"{count} in session {session}" for session, count in by_session)
     if len({count for _, count in by_session}) > 1:
         return f" in {len(by_session)} sessions ({counts})"
@@ -165,14 +180,30 @@ def _describe_sessions(plans: Sequence[PlanOutline]) -> str:
 
 
 def _name_allocated(*, by_design: bool, has_keys: bool) -> str:
-    """Name what came from the allocation list; an adaptive design assigns groups by itself."""
+    """Name what came from the allocation list; an adaptive design assigns the groups itself."""
     if by_design:
         return "Keys" if has_keys else "Orders"
     return "Groups and keys" if has_keys else "Groups"
 
 
+def _describe_answer_exclusions(protocols: Sequence[Protocol], n_excluded: Mapping[str, int]) -> list[str]:
+    """Write a paragraph on the rules that exclude by answers, with the count of each; none without such rules."""
+    rules = {
+        rule.reason: describe_answer_exclusion(rule)
+        for protocol in protocols
+        for rule in protocol.exclusions
+        if rule.question
+    }
+    if not rules:
+        return []
+    described = "; ".join(
+        f"{description} ({reason}: {n_excluded.get(reason, 0)} excluded)" for reason, description in rules.items()
+    )
+    return [f"By rules that the protocol states, blind to the results, participants are excluded {described}."]
+
+
 def _describe_designs(protocols: Sequence[Protocol]) -> list[str]:
-    """Write a paragraph on what was adaptive, by the protocols; none where nothing was."""
+    """Write a paragraph on the protocols' adaptive designs; none if nothing was adaptive."""
     sentences: dict[str, None] = {}
     for protocol in protocols:
         for opening, spec in (
@@ -194,7 +225,7 @@ def _describe_designs(protocols: Sequence[Protocol]) -> list[str]:
 
 
 def _describe_later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
-    """Say where the keys of later sessions came from, if any were drawn anew: the list has the first session's."""
+    """State where keys drawn anew in later sessions came from, as the allocation list has only the first session's."""
     for plan in plans:
         if plan.session <= 1:
             continue
@@ -206,7 +237,7 @@ def _describe_later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str
 
 
 def _are_keys_drawn(plans: Sequence[PlanOutline], specs: BlockSpecs) -> bool:
-    """Say whether keys were drawn; as far as only the plans tell, whether participants had different ones."""
+    """Tell whether keys were drawn at random; without a protocol, whether participants had different keys."""
     keys: dict[tuple[str, str], list[dict[str, str]]] = {}
     for plan in plans:
         for number, block_plan in enumerate(plan.blocks):
@@ -219,7 +250,7 @@ def _are_keys_drawn(plans: Sequence[PlanOutline], specs: BlockSpecs) -> bool:
 
 
 def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -> str:
-    """Say within which strata groups were drawn, and how many of each group each stratum has."""
+    """State within which strata groups were drawn, and the number of participants by stratum and group."""
     allocations = {plan.participant: (plan.stratum, plan.group) for plan in plans if plan.stratum}
     if not allocations:
         return ""
@@ -237,17 +268,17 @@ def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -
     return f" Groups were stratified by the answer to {question}, {lists} ({strata})."
 
 
-def _describe_simulated(plans: Sequence[PlanOutline], simulated: int) -> str:
-    """Say how many sessions were simulated; "" where none was."""
+def _describe_simulated(plans: Sequence[PlanOutline], simulated: int, attrition: Attrition) -> str:
+    """State how many sessions were simulated; "" if none was. Whether erased sessions were is unknown."""
     if not simulated:
         return ""
     if simulated == len(plans):
-        return "; all simulated"
+        return "; all simulated" if not attrition.withdrew else "; all sessions on record simulated"
     return f"; {simulated} of the sessions simulated"
 
 
 def _describe_blocks(plans: Sequence[PlanOutline], specs: BlockSpecs) -> list[str]:
-    """Write a paragraph per block; where it differed between groups, sessions or versions, a sentence for each."""
+    """Write a paragraph per block, with a sentence for each variant between groups, sessions or versions."""
     known = _find_known_cells(plans, specs)
     descriptions: dict[str, list[tuple[PlanOutline, str]]] = {}
     for plan in sorted(plans, key=lambda plan: -len(plan.blocks)):  # in the order of those who played most
@@ -258,7 +289,7 @@ def _describe_blocks(plans: Sequence[PlanOutline], specs: BlockSpecs) -> list[st
 
 
 def _describe_block(name: str, described: Sequence[tuple[PlanOutline, str]], known: Mapping[Cell, bool]) -> str:
-    """Write a block's sentences: one where all played it alike, else one per description, with who had it."""
+    """Write a block's sentences: one per description, each with who played it if there are several."""
     sentences = []
     for description, labels in _label_descriptions(described).items():
         qualifier = ""
@@ -274,7 +305,7 @@ def _describe_block(name: str, described: Sequence[tuple[PlanOutline, str]], kno
 
 
 def _label_descriptions(described: Sequence[tuple[PlanOutline, str]]) -> dict[str, list[str]]:
-    """Label each description with who had it, by the fewest divisions that tell descriptions apart."""
+    """Label each description with who played it, using the fewest divisions that distinguish the descriptions."""
     for parts in _DIVISIONS:
         kinds: dict[tuple[str, ...], set[str]] = {}
         for plan, description in described:
@@ -288,7 +319,7 @@ def _label_descriptions(described: Sequence[tuple[PlanOutline, str]]) -> dict[st
 
 
 def _describe_known_keys(known: Mapping[Cell, bool]) -> str:
-    """Say who had no keys to find; "" if all had."""
+    """State who had no keys to discover; "" if all had."""
     exceptions: list[str] = []
     for group in sorted({group for group, _, _ in known}):
         cells = {(session, before): is_known for (name, session, before), is_known in known.items() if name == group}
@@ -299,11 +330,11 @@ def _describe_known_keys(known: Mapping[Cell, bool]) -> str:
 
 
 def _list_with_known_keys(group: str, cells: Mapping[tuple[int, str], bool]) -> Iterator[str]:
-    """Yield who of a group came with keys: the whole group, whole sessions, or those after certain blocks.
+    """Yield which part of a group already knew the keys: the whole group, whole sessions, or those after some blocks.
 
     Args:
-        group: its name.
-        cells: whether keys were known, by session and the block before.
+        group: the group's name.
+        cells: whether the keys were known, by session and preceding block.
     """
     if all(cells.values()):
         yield group
@@ -319,7 +350,7 @@ def _list_with_known_keys(group: str, cells: Mapping[tuple[int, str], bool]) -> 
 
 
 def _describe_episode(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
-    """Describe a block as one participant had it."""
+    """Describe a block as one participant played it."""
     practice = ""
     if spec is not None and not spec.analysed:
         practice = "practice, not analysed: "
@@ -343,7 +374,7 @@ def _describe_episode(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
 
 
 def _describe_keys(block_plan: EpisodePlan) -> str:
-    """Say which actions were on how many keys, and whether the keys were shown."""
+    """State which actions were on how many keys, and whether the keys were shown."""
     key_map = block_plan.key_map
     offered = sum(action in block_plan.actions for action in key_map.keys.values())
     pool = len(key_map.keys) + len(key_map.spare_keys)
@@ -356,7 +387,7 @@ def _describe_keys(block_plan: EpisodePlan) -> str:
 
 
 def _describe_outcome(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
-    """Say what an end meant, where that does not go without saying."""
+    """State the rule that decides an episode's outcome, unless it is the default of a shipped world."""
     if is_of_catalogue(block_plan.world) and block_plan.outcome_rule == LAST_REWARD:
         return ""
     rule = describe_rule(block_plan.outcome_rule)
@@ -367,7 +398,7 @@ def _describe_outcome(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
 
 
 def _describe_motion(spec: BlockSpec | None) -> str:
-    """Say how the view got from one picture to the next, where it did not change at once."""
+    """State for how long the view moved from one picture to the next; "" if it changed at once."""
     moved = "; in windows, and in browsers whose page drew the world, the view moved to each new picture for"
     if spec and spec.motion_ms:
         return f"{moved} {spec.motion_ms:g} ms, from the beginning of which times count"
@@ -375,7 +406,7 @@ def _describe_motion(spec: BlockSpec | None) -> str:
 
 
 def _describe_count(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
-    """Say how many episodes there were, and what ended the block before."""
+    """State the number of episodes, and what could end the block earlier."""
     ends = []
     if spec is not None and spec.stop_criterion is not None:
         ends.append(f"until {spec.stop_criterion.successes} of the last {spec.stop_criterion.of} reached the goal")
@@ -387,7 +418,7 @@ def _describe_count(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
 
 
 def _describe_pace(block_plan: EpisodePlan) -> str:
-    """Say what made a step."""
+    """State what triggered a step."""
     if block_plan.pace == "on_key":
         step = "each press of a key made one step"
         if block_plan.auto_repeat:
@@ -404,7 +435,7 @@ def _describe_pace(block_plan: EpisodePlan) -> str:
 
 
 def _describe_measures(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
-    """Say how the measures are computed."""
+    """State how the measures are computed."""
     blocks = [(block, specs.find(plan, block.block_name)) for plan in plans for block in plan.blocks]
     are_trials = bool(blocks) and all(is_of_trials(block, spec) for block, spec in blocks)
     names = [name for name in FORMULAS if name in TRIAL_BLOCK_MEASURES or not are_trials]
@@ -423,7 +454,7 @@ _SOFTWARE = {  # what a log says of its software, and how the methods call it
 
 
 def _describe_software(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality]) -> str:
-    """Say by which protocols the study was played, and by which software."""
+    """State the protocols under which the study was played, and the software used."""
     protocols = sorted({(plan.version, plan.protocol_sha256) for plan in plans})
     parts = "; ".join(f"version {name}, SHA-256 {sha}" for name, sha in protocols)
     versions = []
@@ -436,12 +467,12 @@ def _describe_software(plans: Sequence[PlanOutline], qualities: Sequence[Recordi
 
 
 def _list_software(qualities: Sequence[RecordingQuality], name: str) -> list[str]:
-    """List the values that the sessions' logs have under a name of software."""
+    """Return the distinct values that the sessions' logs record under a name of software."""
     return sorted({run[name] for quality in qualities for run in quality.software if name in run})
 
 
 def _describe_page_kernels(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality]) -> str:
-    """Say which blocks the page stepped and drew by itself; "" where it did not."""
+    """State which blocks the page stepped and drew itself; "" if there were none."""
     software = {(quality.participant, quality.session): quality.software for quality in qualities}
     computes = [plan for plan in plans if plan.computed]
     with_kernels = [

@@ -1,6 +1,6 @@
-"""The report as one self-contained HTML page, by a Jinja template that a lab can replace or extend.
+"""The report as one self-contained HTML page, rendered from a Jinja template that a lab can replace or extend.
 
-The published study's subject means stand beside a replication of it: Chevalier-Boisvert et al. (2023), "Minigrid &
+A replication of the published study is shown beside its subject means: Chevalier-Boisvert et al. (2023), "Minigrid &
 Miniworld", mean reward of each subject in Miniworld's four rooms.
 """
 
@@ -40,6 +40,7 @@ from minihuman.reporting.statements import (
     paired_statement,
     power_statement,
 )
+from minihuman.reporting.study_question import ask_question, join_names
 from minihuman.reporting.template import (
     PARTICIPANTS,
     REPORT,
@@ -69,61 +70,64 @@ PUBLISHED_SOURCE = "Chevalier-Boisvert et al. (2023), Minigrid & Miniworld"
 
 
 def read_published_subjects() -> pd.DataFrame:
-    """Read the published study's subjects, a row each: group, subject, reward_mean."""
+    """Return the published study's subjects, one row each with the columns group, subject and reward_mean."""
     with (files("minihuman.reporting") / "data" / "published.csv").open(encoding="utf-8") as file:
         return pd.read_csv(file)
 
 
 def is_published_study(protocols: Collection[str]) -> bool:
-    """Say whether all sessions were played by the published study's protocol; ``protocols`` are SHA-256 of files."""
+    """Tell whether all sessions used the published study's protocol.
+
+    ``protocols`` are the SHA-256 of protocol files.
+    """
     return bool(protocols) and _PUBLISHED_PROTOCOLS.issuperset(protocols)
 
 
 @dataclass(frozen=True, slots=True)
 class PageContent:
-    """What the page is made of, besides the results."""
+    """The contents of the page besides the results."""
 
     study: str
     sessions: int
     players: Sequence[str]
     simulated: int  # sessions that no person played
-    imported: int  # sessions that a page recorded and nobody witnessed
-    windows: Mapping[str, int]  # what they sat at, and how many sessions there
-    flow: FlowSection | None  # how many came, left, were screened out and are included
+    imported: int  # sessions that a page recorded without a server
+    windows: Mapping[str, int]  # the number of sessions by kind of window
+    flow: FlowSection | None  # counts of participants who came, left, were screened out and are included
     methods: Sequence[str]
-    known_keys: Mapping[str, Sequence[str]]  # block: the groups who came to it with the keys of the one before
+    known_keys: Mapping[str, Sequence[str]]  # by block, the groups that already knew its keys
     figures: Sequence[ReportFigure]
-    first_figures: Sequence[ReportFigure]  # of the result
+    first_figures: Sequence[ReportFigure]  # those that answer the study's question
     models: Sequence[ReportFigure]
     tables: Sequence[Path]
     qualities: Sequence[RecordingQuality]
     answers: pd.DataFrame
-    clauses: pd.DataFrame  # asked for and done, by block, verb and group
-    activities: Sequence[ReportSection]  # what kinds of activity add
-    practice: Mapping[str, int]  # block that is not analysed: episodes that would be included
+    clauses: pd.DataFrame  # assigned and completed, by block, verb and group
+    activities: Sequence[ReportSection]  # the sections of activity kinds
+    practice: Mapping[str, int]  # by practice block, the episodes that would be included
     exclusions: pd.DataFrame
     account: SelectionSummary
-    analysis: AnalysisSpec  # what the protocol named
+    analysis: AnalysisSpec  # as the protocol plans it
     design: ExperimentDesign
     interaction: InteractionResults | None  # of groups and conditions, in a mixed design
-    first_block: str  # whose comparison of groups is among the answers; "": none's
-    papers: bool  # the protocol is the published study's
-    mixed: Mapping[str, MixedModel | None]  # of each block whose change over episodes is compared
+    first_block: str  # the block whose group comparison answers the question; "" for none
+    papers: bool  # whether the protocol is the published study's
+    mixed: Mapping[str, MixedModel | None]  # by block, if its change over episodes is compared
+    answers_without_rules: Sequence[str] = ()  # the study's answers if rules on questionnaire answers exclude nobody
 
 
 def build_page(content: PageContent, results: Results, templates: Path | None = None) -> str:
-    """Render the page.
+    """Render the page as HTML.
 
     Args:
-        content: what the page shows besides the results.
-        results: the study's.
-        templates: a folder with a ``report.html.j2`` or a ``report.css`` that is taken instead of the package's. Its
-            template may extend ``minihuman/report.html.j2``.
+        content: the contents of the page besides the results.
+        results: the study's results.
+        templates: a folder with a ``report.html.j2`` or a ``report.css`` that replaces the package's own. Its template
+            can extend ``minihuman/report.html.j2``.
 
     Raises:
-        ReportError: if there is no such file in the folder, or the template in it cannot be rendered.
+        ReportError: if the folder has neither file, or its template cannot be rendered.
     """
-    target = results.target_block
     windows = ", ".join(f"{window} in {count} sessions" for window, count in content.windows.items())
     context = {
         "study": content.study,
@@ -136,9 +140,10 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "windows": windows,
         "flow": content.flow,
         "practice": content.practice,
-        "published": _compare_with_published(target) if content.papers and target else None,
+        "published": _compare_with_published(results) if content.papers else None,
         "question": ask_question(content.analysis, results, content.design, content.interaction),
-        "answers_first": _answer_question(results, content),
+        "answers_first": state_answers(results, content.interaction, content.design, content.first_block),
+        "answers_without_rules": content.answers_without_rules,
         "excluded": _count_excluded(content.exclusions),
         "within": _show_within(results.within),
         "interaction": _show_interaction(content.interaction),
@@ -159,85 +164,45 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
     return render_template(REPORT, context, templates)
 
 
-def ask_question(
-    analysis: AnalysisSpec,
-    results: Results,
-    design: ExperimentDesign | None = None,
-    interaction: InteractionResults | None = None,
-) -> str:
-    """State what the study compares, in one sentence, after the protocol's own question."""
-    stated = ""
-    if design and design.question:
-        stated = f"{design.question} "
-    if analysis.primary_measure:
-        measure = label_measure(analysis.primary_measure)
-    else:
-        measure = "every measure"
-    if design and interaction and design.primary_effect == "interaction":
-        return (
-            f"{stated}Asked: whether differences between conditions {_join(interaction.conditions)} in {measure} "
-            f"depend on the group ({_join(interaction.groups)})."
-        )
-    groups: list[str] = []
-    if results.target_block is not None:
-        groups = results.target_block.groups["group"].tolist()
-    conditions: Sequence[str] = ()
-    if results.within is not None:
-        conditions = results.within.conditions
-    parts = []
-    if len(groups) > 1:
-        parts.append(f"groups {_join(groups)} in block {results.target}")
-    if results.within and results.within.label:
-        parts.append(f"levels {_join(conditions)} of {results.within.label} within participants")
-    elif conditions:
-        parts.append(f"blocks {_join(conditions)} within participants")
-    if not parts:
-        return f"{stated}One group: nothing is compared between groups."
-    return f"{stated}Asked: how {', and '.join(parts)} differ in {measure}."
+def state_answers(
+    results: Results, interaction_results: InteractionResults | None, design: ExperimentDesign, first_block: str
+) -> list[str]:
+    """State the answers to the study's question: group differences, equivalence, conditions and interaction.
 
-
-def _join(names: Sequence[str]) -> str:
-    if len(names) > 1:
-        return f"{', '.join(names[:-1])} and {names[-1]}"
-    return names[0]
-
-
-def _answer_question(results: Results, content: PageContent) -> list[str]:
-    """State the answers: the primary measure's, adjusted ones, equivalence, and conditions.
-
-    Where the question is about the interaction, its answer comes first, and conditions pooled over groups are left to
+    If the question is about the interaction, its answer comes first, and conditions pooled over groups are left to
     their table.
     """
-    is_about_interaction = content.interaction is not None and content.design.primary_effect == "interaction"
+    is_about_interaction = interaction_results is not None and design.primary_effect == "interaction"
     statements: list[str] = []
-    if content.first_block:
+    if first_block:
         statements += _state_differences(results.target_block)
     if results.within and not is_about_interaction:
         roles = results.within.roles
         primary = [comparison for comparison in results.within.comparisons if roles[comparison.measure] == "primary"]
         statements += [paired_statement(comparison) for comparison in primary]
-    if content.interaction is None:
+    if interaction_results is None:
         return statements
-    interaction = list(state_interaction(content.interaction))
+    interaction = list(state_interaction(interaction_results))
     if is_about_interaction:
         return [*interaction, *statements]
     return [*statements, *interaction]
 
 
 def _state_differences(target: BlockResults | None) -> Iterator[str]:
-    """Yield a statement per comparison of groups in the target block; none with one group."""
+    """Yield a sentence per group comparison in the target block; none if there is only one group."""
     if target is None or len(target.groups) < 2:
         return
     for comparison in target.headline:
-        yield difference_statement(comparison, target.block)
+        yield difference_statement(comparison, target.block, target.team_units)
     for comparison in target.adjusted:
-        yield f"Adjusted for the covariates. {difference_statement(comparison, target.block)}"
+        statement = difference_statement(comparison, target.block, target.team_units)
+        yield f"Adjusted for the covariates. {statement}"
     for equivalence in target.alike:
         yield equivalence_statement(equivalence, target.roles)
 
 
 def _count_excluded(exclusions: pd.DataFrame) -> str:
-    """Count the excluded participants, by reason."""
+    """Return the number of excluded participants by reason, as text."""
     people = exclusions[exclusions["level"] == "participant"].drop_duplicates(["exclusion_reason", "participant"])
     counts = people["exclusion_reason"].value_counts(sort=False)
     return ", ".join(f"{count} ({reason})" for reason, count in counts.items()) or "none"
@@ -248,7 +213,7 @@ def _show_within(within: WithinResults | None) -> dict[str, Any] | None:
         return None
     return {
         "label": within.label,
-        "conditions": _join(within.conditions),
+        "conditions": join_names(within.conditions),
         "table": conditions_table(within),
         "effects": crossover_table(within),
     }
@@ -261,12 +226,12 @@ def _show_interaction(interaction: InteractionResults | None) -> dict[str, Table
 
 
 def build_participants_page(study: str, blocks: pd.DataFrame, results: Results) -> str:
-    """Render the page on which every included participant can be found in every measure; it works from disk alone.
+    """Render the page that shows every included participant in every measure; it works from disk without a server.
 
     Args:
         study: the study's name.
-        blocks: rows of the table "blocks".
-        results: whose measures, groups and target block are shown.
+        blocks: the rows of the table "blocks".
+        results: the results that determine the measures, groups and target block shown.
     """
     included = blocks[blocks["exclusion_reason"].isna()]
     compared = dict.fromkeys(name for block in results.blocks for name in block.roles)
@@ -288,7 +253,7 @@ def build_participants_page(study: str, blocks: pd.DataFrame, results: Results) 
 
 
 def _describe_versions(account: SelectionSummary) -> str:
-    """Say by which versions of the protocol the sessions were played."""
+    """State under which versions of the protocol the sessions were played."""
     versions = [f"{version} in {count} sessions" for (_, version), count in sorted(account.versions.items())]
     if len(versions) == 1:
         return f"Protocol version {versions[0]}"
@@ -296,7 +261,7 @@ def _describe_versions(account: SelectionSummary) -> str:
 
 
 def _show_block(block: BlockResults, results: Results, content: PageContent) -> dict[str, Any]:
-    """Return a block's results as the template shows them."""
+    """Return a block's results as variables of the template."""
     has_comparisons = bool(block.comparisons)
     return {
         "name": block.block,
@@ -324,26 +289,26 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         "parts_missing": list_missing_parts(block.parts),
         **_show_growth(block, content.mixed.get(block.block)),
         "reliability": reliability_table(block.reliabilities),
-        "powers": [power_statement(power) for power in block.powers],
+        "powers": [power_statement(power, block.unit_name) for power in block.powers],
     }
 
 
 def _find_only_group(block: BlockResults, results: Results) -> str:
-    """Find the one group that played a block which other groups did not play; "" if there are several."""
+    """Return the only group that played a block in a study with several groups; "" if several groups played it."""
     if len(block.groups) == 1 and len(results.order) > 1:
         return str(block.groups["group"].iloc[0])
     return ""
 
 
 def _list_differences(block: BlockResults, first_block: str) -> list[str]:
-    """State the differences of groups in a block, unless they are among the answers at the page's beginning."""
+    """State the group differences in a block, unless they are among the answers at the top of the page."""
     if block.block == first_block and len(block.groups) > 1:
         return []
-    return [difference_statement(comparison, block.block) for comparison in block.headline]
+    return [difference_statement(comparison, block.block, block.team_units) for comparison in block.headline]
 
 
 def _name_only_pair(block: BlockResults) -> str:
-    """Name the two groups that are compared, in brackets; "" if there are several pairs or none."""
+    """Return the two groups that are compared, in parentheses; "" unless there is exactly one pair."""
     pairs = {(comparison.first, comparison.second) for comparison in block.comparisons}
     if len(pairs) != 1:
         return ""
@@ -351,7 +316,7 @@ def _name_only_pair(block: BlockResults) -> str:
 
 
 def _list_not_compared(block: BlockResults) -> list[dict[str, str]]:
-    """List what was not compared, or not in every way, and why."""
+    """Return the comparisons that were not made, or not in every way, each with the reason."""
     return [
         {
             "measure": label_measure(comparison.measure),
@@ -362,8 +327,11 @@ def _list_not_compared(block: BlockResults) -> list[dict[str, str]]:
     ]
 
 
-def _compare_with_published(block: BlockResults) -> dict[str, Any]:
-    """Set the published study's subjects beside this one's."""
+def _compare_with_published(results: Results) -> dict[str, Any] | None:
+    """Return the template's variables that compare the published study's subjects with this study's."""
+    block = results.target_block
+    if block is None:
+        return None
     frame = read_published_subjects()
     rows = [(row["group"], str(row["subject"]), f"{row['reward_mean']:.2f}") for row in to_records(frame)]
     means = summarise_group_rewards(frame)
@@ -378,7 +346,7 @@ def _compare_with_published(block: BlockResults) -> dict[str, Any]:
 
 
 def _show_subjects(block: BlockResults) -> dict[str, Table]:
-    """Tabulate each subject's reward, by session where there are several, and the groups' over subjects' means."""
+    """Return a table of each participant's reward, by session if there are several, and a table of group means."""
     has_several_sessions = block.subjects["session"].nunique() > 1
     heads = ["group", "subject", "n", "reward"]
     if has_several_sessions:
@@ -401,12 +369,12 @@ def _has_roles(block: BlockResults) -> bool:
 
 
 def _unbroken(first: str, second: str) -> str:
-    """Write a difference of two groups that no line break divides."""
+    """Format a difference of two groups without line breaks."""
     return f"{first}\N{NO-BREAK SPACE}\N{MINUS SIGN}\N{NO-BREAK SPACE}{second}"
 
 
 def _comparisons_table(block: BlockResults) -> Table:
-    """Tabulate the comparisons, a row each; of several pairs of groups a column says which."""
+    """Tabulate the comparisons, one row each; a column names the groups if there are several pairs."""
     pairs = list(dict.fromkeys((comparison.first, comparison.second) for comparison in block.comparisons))
     has_roles = _has_roles(block)
     words = ["measure"]
@@ -450,7 +418,7 @@ def _list_comparison_cells(comparison: GroupComparison, *, role: str, has_severa
 
 
 def _show_growth(block: BlockResults, mixed: MixedModel | None) -> dict[str, Any]:
-    """Return the growth over a block's episodes as the template shows it."""
+    """Return the growth over a block's episodes as variables of the template."""
     growth = block.growth
     if growth is None:
         return {"growth": None}
@@ -468,9 +436,9 @@ def _show_growth(block: BlockResults, mixed: MixedModel | None) -> dict[str, Any
 
 
 def _mixed_model_table(terms: Sequence[GrowthTerm]) -> Table:
-    """Tabulate the terms of a mixed model, without its Wald intervals and p.
+    """Tabulate a mixed model's terms, without Wald intervals and p values.
 
-    Of 2 and 18 people with SDs 3 to 1 they reject a true null in a third of studies.
+    With groups of 2 and 18 people and SDs of 3 to 1, these reject a true null hypothesis in a third of studies.
     """
     return Table(("term", "estimate"), [(term.name, format_number(term.estimate)) for term in terms])
 

@@ -1,57 +1,51 @@
-"""The CONSORT flow of participants, and the looks at a sequential study."""
+"""The CONSORT flow of participants, and the interim looks at a sequential study."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import pandas as pd
 
 from minihuman.admin.enrolment_entries import LookTaken, open_enrolment_log, read_enrolment_log
-from minihuman.admin.status import (
-    GroupCounts,
-    ParticipantFlow,
-    SessionFlow,
-    count_all_interventions,
-    count_participant_flow,
-)
+from minihuman.admin.enrolment_flow import GroupCounts, ParticipantFlow, list_analysis_stages, list_stages
+from minihuman.admin.status import count_all_interventions, count_participant_flow
 from minihuman.errors import AllocationError, LogError
-from minihuman.reporting.template import (
-    Table,
-)
+from minihuman.reporting.exclusions import list_exclusion_reasons
+from minihuman.reporting.template import Table
 
 
 class FlowSection(NamedTuple):
-    """The participants by stage; no table where the enrolment log cannot be read."""
+    """The participants by stage; the table is None if the enrolment log cannot be read."""
 
     table: Table | None
     interventions: str = ""  # what was done by hand, in counts
     looks: Table | None = None  # of a sequential study
+    counts: ParticipantFlow | None = None  # what the table shows
 
 
 def flow_section(source: Path, participants: pd.DataFrame) -> FlowSection | None:
-    """Count who came, left and is included; None unless the report is of a study's whole folder with its enrolment log.
+    """Build the section on participant flow: who came, who left and who is included.
+
+    The section is None unless the report covers a study's whole folder with its enrolment log.
 
     Args:
-        source: what the report is of.
+        source: the folder or log that the report covers.
         participants: the table of participants; those without a reason in ``exclusion_reason`` are included.
     """
     try:
         if not source.is_dir() or not open_enrolment_log(source).begun:
             return None
-        flow = count_participant_flow(source)
+        flow = count_participant_flow(source, list_exclusion_reasons(participants))
         interventions = count_all_interventions(source)
     except (AllocationError, LogError):  # no other number depends on it; the error names folders: it is not given here
         return FlowSection(None)
-    included = participants[participants["exclusion_reason"].isna()].groupby("group")["participant"].nunique()
-    included_by_group = {str(group): int(n) for group, n in included.items()}
-    table = flow_table(flow, included_by_group, _count_excluded(participants))
     looks = [line for line in read_enrolment_log(source) if isinstance(line, LookTaken)]
     by_hand = ", ".join(f"{count} {label}" for label, count in interventions.items())
-    return FlowSection(table, by_hand, looks_table(looks))
+    return FlowSection(flow_table(flow), by_hand, looks_table(looks), flow)
 
 
 def looks_table(looks: Sequence[LookTaken]) -> Table | None:
-    """Tabulate the looks at a sequential study, a row each; None without any."""
+    """Tabulate the looks at a sequential study, one row each; None if there are none."""
     if not looks:
         return None
     named = dict.fromkeys(name for look in looks for name in look.estimates)
@@ -77,60 +71,43 @@ def _format_estimate(look: LookTaken, name: str) -> str:
 
 
 def _find_group_statistics(look: LookTaken) -> dict[str, Sequence[float]]:
-    """Find the statistics that are lists, one per group, whose first number is the group's n."""
+    """Return the statistics that are lists, one per group; the first number in each is the group's n."""
     return {name: statistic for name, statistic in look.statistics.items() if isinstance(statistic, list) and statistic}
 
 
-def _count_excluded(participants: pd.DataFrame) -> dict[str, dict[str, int]]:
-    """Count the participants excluded from every session, by reason (of their first session) and group."""
-    included = set(participants.loc[participants["exclusion_reason"].isna(), "participant"])
-    excluded = participants[~participants["participant"].isin(included)].drop_duplicates("participant")
-    counts: dict[str, dict[str, int]] = {}
-    for (reason, group), rows in excluded.groupby(["exclusion_reason", "group"]):
-        counts.setdefault(str(reason), {})[str(group)] = len(rows)
-    return counts
+def flow_table(flow: ParticipantFlow) -> Table:
+    """Tabulate the flow: a row per stage and per loss before the next one, a column per group.
 
-
-def flow_table(
-    flow: ParticipantFlow, included: Mapping[str, int], excluded: Mapping[str, Mapping[str, int]] | None = None
-) -> Table:
-    """Tabulate the flow: a row per stage, a column per group.
-
-    Args:
-        flow: of the enrolment log.
-        included: how many participants of each group the report includes.
-        excluded: how many are excluded from every session, by reason and group.
+    The analysis of a report goes on from the last stage, or where somebody was lost after the first session's begin,
+    from those who began.
     """
-    groups = sorted({*flow.allocated, *included})
-    stages: list[tuple[str, GroupCounts]] = [("allocated to a group", flow.allocated)]
-    losses = (
-        ("withdrew afterwards", flow.withdrew),
-        ("did not return, slot reallocated", flow.replaced),
-        ("no data recorded so far", flow.without_data),
-    )
-    stages += [(label, counts) for label, counts in losses if counts]
-    for number, course in flow.courses.items():
-        session = f"session {number}: " if len(flow.courses) > 1 else ""
-        stages += [(f"{session}{label}", counts) for label, counts in _list_course_stages(course)]
-    stages += [(f"excluded: {reason}", counts) for reason, counts in (excluded or {}).items()]
-    stages.append(("included in this report", included))
-    before_groups = [("came", flow.came), *flow.before.items()]
-    rows = [(label, str(count), *("\N{EN DASH}" for _ in groups)) for label, count in before_groups]
-    rows += [
-        (label, str(sum(counts.values())), *(str(counts.get(group, 0)) for group in groups)) for label, counts in stages
-    ]
+    stages = list(list_stages(flow))
+    n_included_besides = 0
+    if flow.analysis is not None:
+        analysis_stages = list(list_analysis_stages(flow.analysis))
+        if stages[-1].counts == analysis_stages[0].counts:
+            first, *analysis_stages = analysis_stages
+            stages[-1] = stages[-1]._replace(losses=first.losses)
+        stages += analysis_stages
+        n_included_besides = flow.analysis.unregistered
+    groups = sorted({group for stage in stages[1:] for group in stage.counts})
+    rows = []
+    for stage in stages:
+        for label, counts in ((stage.label, stage.counts), *stage.losses.items()):
+            rows.append((label, str(sum(counts.values())), *_list_group_cells(counts, groups)))
+    if n_included_besides:
+        rows.append(("included besides, not in the enrolment log", str(n_included_besides), *_no_cells(groups)))
+    if flow.teams:
+        rows.append(("teams of people", str(sum(flow.teams.values())), *_list_group_cells(flow.teams, groups)))
     return Table(("participants", "all", *groups), rows)
 
 
-def _list_course_stages(course: SessionFlow) -> Iterator[tuple[str, GroupCounts]]:
-    """Yield the stages of one session: an early end only where a participant had it."""
-    yield "began", course.began
-    early_ends = (
-        ("screened out", course.screened_out),
-        ("simulated participant failed", course.failed),
-        ("not finished", course.unfinished),
-    )
-    for label, counts in early_ends:
-        if counts:
-            yield label, counts
-    yield "finished", course.complete
+def _list_group_cells(counts: GroupCounts, groups: Sequence[str]) -> tuple[str, ...]:
+    """List the cells of a row's groups: dashes of those who have no group yet."""
+    if "" in counts:
+        return _no_cells(groups)
+    return tuple(str(counts.get(group, 0)) for group in groups)
+
+
+def _no_cells(groups: Sequence[str]) -> tuple[str, ...]:
+    return tuple("\N{EN DASH}" for _ in groups)

@@ -1,4 +1,4 @@
-"""Compare a study's caches, tables and reports with what is recomputed from its logs."""
+"""Compare a study's caches, tables and reports with those recomputed from its logs."""
 
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -14,14 +14,14 @@ from minihuman.reporting.build import build_report
 
 
 def verify_tables(study: Path, outputs: Iterable[Path]) -> Iterator[tuple[str, bool]]:
-    """Recompute a study's tables from its logs, and yield how its caches and outputs differ, each line with False.
+    """Recompute a study's tables from its logs; yield each difference of its caches and outputs as a line with False.
 
     Args:
-        study: its folder.
-        outputs: folders of reports and of CSV and Parquet exports.
+        study: the study's folder.
+        outputs: the folders of reports and of CSV and Parquet exports.
 
     Raises:
-        LogError: if there is no such folder, or an output is none.
+        LogError: if the study's folder or an output's folder does not exist.
     """
     require_folder(study, instead="a study's folder")
     with (
@@ -42,7 +42,7 @@ def verify_tables(study: Path, outputs: Iterable[Path]) -> Iterator[tuple[str, b
 
 
 def _compare_output(tables: Tables, folder: Path, recomputed: Path) -> Iterator[str]:
-    """Write a report or tables again, and yield how a folder differs from them."""
+    """Write a report or tables again, and yield how the given folder differs from them."""
     if (folder / "report.html").is_file():
         build_report(tables, recomputed)
         yield from compare_table_files(folder / "tables", recomputed / "tables")

@@ -1,4 +1,4 @@
-"""The tables of a block's results and of the conditions within participants."""
+"""The tables of a block's results, and of conditions compared within participants."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -27,7 +27,7 @@ def _join_sizes(n: tuple[int, int]) -> str:
 
 
 def conditions_table(within: WithinResults) -> Table | None:
-    """Tabulate the comparisons of conditions within participants; None without any."""
+    """Tabulate the comparisons of conditions within participants; None if there are none."""
     rows = [
         (
             label_measure(comparison.measure),
@@ -49,7 +49,7 @@ def conditions_table(within: WithinResults) -> Table | None:
 
 
 def crossover_table(within: WithinResults) -> Table | None:
-    """Tabulate the effects of condition, position and carry-over; None where everyone has the same order."""
+    """Tabulate the effects of condition, position and carry-over; None if all participants have the same order."""
     rows = [
         (
             label_measure(term.measure),
@@ -87,7 +87,7 @@ def survival_table(survival: BlockSurvival) -> Table | None:
 
 
 def reliability_table(reliabilities: Sequence[Reliability]) -> Table | None:
-    """Tabulate how well each measure tells participants apart; None without measures."""
+    """Tabulate how well each measure distinguishes participants; None if there are no measures."""
     rows = [
         (
             label_measure(reliability.measure),
@@ -104,7 +104,7 @@ def reliability_table(reliabilities: Sequence[Reliability]) -> Table | None:
 
 
 def session_table(block: BlockResults) -> Table | None:
-    """Tabulate each session's values, and the changes from the block's first session; None of one session."""
+    """Tabulate each session's values, and the changes from the block's first session; None for a single session."""
     sessions = sorted(block.by_session["session"].unique())
     if len(sessions) < 2:
         return None
@@ -125,7 +125,7 @@ def session_table(block: BlockResults) -> Table | None:
 
 
 def _format_session(row: Mapping[str, Any] | None) -> str:
-    """Format the mean and SD of one session; a dash where no participant has a value."""
+    """Format the mean and SD of one session; a dash if no participant has a value."""
     if row is None or not row["n"]:
         return _NONE
     return format_mean_sd(row["mean"], row["sd"])
@@ -139,7 +139,7 @@ def _list_change_cells(change: SessionChange | None) -> tuple[str, str, str]:
 
 
 def session_changes_table(block: BlockResults) -> Table | None:
-    """Tabulate how groups differ in their change between sessions; None of one group or session."""
+    """Tabulate how groups differ in their change between sessions; None for a single group or session."""
     has_several_changes = len({sessions for sessions, _ in block.changes_compared}) > 1
     rows = []
     for (first, later), comparison in block.changes_compared:
@@ -163,7 +163,7 @@ def session_changes_table(block: BlockResults) -> Table | None:
 
 
 def parts_table(comparisons: Sequence[TwoPartComparison]) -> Table | None:
-    """Tabulate both parts of a reward that has mass at 0; None without comparisons."""
+    """Tabulate both parts of a reward that has mass at 0; None if there are no comparisons."""
     rows = [
         (
             format_pair(comparison.first, comparison.second),
@@ -184,7 +184,7 @@ def parts_table(comparisons: Sequence[TwoPartComparison]) -> Table | None:
 
 
 def list_missing_parts(comparisons: Sequence[TwoPartComparison]) -> list[str]:
-    """List the reason of each part that could not be compared."""
+    """Return the reason for each part that could not be compared."""
     reasons = []
     for comparison in comparisons:
         groups = format_pair(comparison.first, comparison.second)

@@ -1,4 +1,4 @@
-"""The results of a study, block by block and within participants; from the tables, not the logs."""
+"""The results of a study, block by block and within participants, computed from the tables instead of the logs."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Results:
 
     @property
     def target_block(self) -> BlockResults | None:
-        """Return the results of the block that all groups are compared on."""
+        """Return the results of the block on which all groups are compared; None if there is no such block."""
         return next((block for block in self.blocks if block.block == self.target), None)
 
 
@@ -47,10 +47,10 @@ def compute_results(
     trial_levels: pd.DataFrame | None = None,
     design: ExperimentDesign | None = None,
 ) -> Results:
-    """Compute the results from three tables; ``analysis`` is what the protocol names, ``teams`` the table of teams.
+    """Compute a study's results from its tables of episodes, blocks and participants.
 
-    ``trial_levels`` are the measures of trials by the levels of their labels. ``design`` says which blocks are one
-    condition; without it each block is its own.
+    ``analysis`` is the protocol's planned analysis, ``teams`` the table of teams, and ``trial_levels`` the measures of
+    trials by level of their labels. ``design`` assigns blocks to conditions; without it each block is a condition.
     """
     units: dict[str, dict[str, str]] = {}
     if teams is not None:
@@ -87,7 +87,7 @@ def compute_results(
 
 
 def _order_groups(blocks: pd.DataFrame) -> list[str]:
-    """Order the groups by their number of blocks, most first: a transfer effect is of what came before."""
+    """Return the groups by their number of blocks, most first, because a transfer effect depends on earlier blocks."""
     counts = blocks.groupby("group")["block"].nunique()
     return sorted((str(group) for group in counts.index), key=lambda group: (-int(counts[group]), group))
 
@@ -95,7 +95,7 @@ def _order_groups(blocks: pd.DataFrame) -> list[str]:
 def leave_out_navigation(
     episodes: pd.DataFrame, blocks: pd.DataFrame, trial_blocks: Collection[str]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Clear the navigation measures of blocks of trials; the section on trials has their accuracy and times."""
+    """Clear the navigation measures of trial blocks; their accuracy and times are in the section on trials."""
     if not trial_blocks:
         return episodes, blocks
     is_trial = episodes["block"].isin(trial_blocks)
@@ -118,7 +118,7 @@ def sort_blocks_by_play(blocks: pd.DataFrame) -> list[str]:
 
 
 def find_target_block(blocks: pd.DataFrame) -> str:
-    """Find the last block that every group played; "" without any. Rows are in the order of play."""
+    """Return the last block that every group played; "" if there is none. Rows are in the order of play."""
     played = [list(dict.fromkeys(part["block"])) for _, part in blocks.groupby("group")]
     if not played:
         return ""

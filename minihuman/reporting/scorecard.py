@@ -1,7 +1,8 @@
 """A scorecard: people, policies, models and simulated people on the same levels, as one table and one figure.
 
-A level is a block's world with a seed; an episode counts where it ended by itself, and one that a model's session left
-unfinished is a failure. A score needs no person, but it says who its reference is: people are called that from ten on.
+A level is a block's world with a seed. An episode is included if it ended by itself; an episode that a model's session
+left unfinished is a failure. Scores do not require people, but the scorecard states who its reference is: people are
+called human only if there are at least ten.
 """
 
 import csv
@@ -35,12 +36,12 @@ _ENDED = ("goal", "timeout", "failure")
 UNFINISHED = "unfinished"
 _LEVEL = ["block", "world", "seed"]
 _MODELS = ("model:", "http:")  # players whose unfinished episodes are failures
-_STAND_INS = ("human-like", "exploring", "optimal")  # for people who are not there, the likest first
+_STAND_INS = ("human-like", "exploring", "optimal")  # stand-ins for people, the most similar first
 
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """What a player's calls took; zeros for one who is no model."""
+    """The costs of a player's model calls; zeros for a player that is not a model."""
 
     calls: int = 0
     invalid: int = 0
@@ -48,10 +49,10 @@ class Costs:
     tokens: int = 0
     price: float = 0.0
     currency: str = ""
-    declined: int = 0  # sessions whose consent it refused
+    declined: int = 0  # sessions in which it declined consent
 
     def add(self, other: "Costs") -> "Costs":
-        """Add both up; a sum of two currencies is in "mixed"."""
+        """Return the sum of both costs; the currency is "mixed" if it differs."""
         if self.currency and self.currency != other.currency:
             currency = "mixed"
         else:
@@ -65,34 +66,34 @@ class Costs:
 
 @dataclass(frozen=True, slots=True)
 class ScoredPlayer:
-    """One line of the scorecard."""
+    """One player's line of the scorecard."""
 
     player: str
     runs: int
     episodes: int
-    levels: int  # that the reference has played, too
-    unfinished: int  # episodes on them that a model's sessions did not finish, and that are failures
-    unknown_paths: int  # levels whose shortest path is not known, so that they are in no efficiency
+    levels: int  # shared with the reference
+    unfinished: int  # episodes on shared levels left unfinished by a model's sessions; they are failures
+    unknown_paths: int  # levels without a known shortest path; efficiencies exclude them
     score: PlayerScore
-    excess_steps: float  # mean, over the fewest, of successful episodes
-    success_by_episode: tuple[float, ...]  # share of successes, by the place of the episode in its block
+    excess_steps: float  # mean over successful episodes
+    success_by_episode: tuple[float, ...]  # share of successes by episode number in the block
     costs: Costs
 
 
 @dataclass(frozen=True, slots=True)
 class Scorecard:
-    """The players on the same levels."""
+    """The scores of several players on the same levels."""
 
-    reference: str  # "human (n = 12)", or the stand-in's name and that it is one
+    reference: str  # "human (n = 12)", or a stand-in's name marked as such
     reference_player: str
     players: tuple[ScoredPlayer, ...]
     notes: tuple[str, ...]
-    answers: pd.DataFrame  # a row for each question, a column for each player; what a person typed is not in it
+    answers: pd.DataFrame  # a row per question and a column per player, without typed answers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayerRows:
-    """What a study's players did: the episodes that count, the answers, and what models cost."""
+    """The data of a study's players: included episodes, answers, and the costs of models."""
 
     source: Path
     episodes: pd.DataFrame
@@ -108,17 +109,17 @@ def build_scorecard(
     seed: int = 1,
     draws: int = DRAWS,
 ) -> Scorecard:
-    """Score every player of some studies' folders; the models' folder of each is read, too.
+    """Score every player in some studies' folders and in the folders of their models.
 
     Args:
-        studies: their folders.
-        reference: the player that scores 1; by default people, or who is likest to them.
-        selection: which episodes are included.
-        seed: of the bootstrap.
-        draws: of the bootstrap.
+        studies: the studies' folders.
+        reference: the player whose score is 1; by default people or, if there are none, the players most like them.
+        selection: the rule for which episodes are included.
+        seed: the random seed of the bootstrap.
+        draws: the number of bootstrap draws.
 
     Raises:
-        ReportError: if there is no episode, no such reference, or no level that it shares.
+        ReportError: if there is no episode, the reference did not play, or no level is shared with it.
     """
     folders = [folder for study in studies for folder in (study, find_models_folder(study)) if folder.is_dir()]
     if not folders:
@@ -135,16 +136,17 @@ def compose_scorecard(
 ) -> Scorecard:
     """Score every player of some studies.
 
-    Participants of one code in one data folder count as one, so that a set of levels may be several protocols.
+    Participants with the same code in one data folder count as one, so that a set of levels can comprise several
+    protocols.
 
     Args:
-        plays: of the studies.
-        reference: the player that scores 1; by default people, or who is likest to them.
-        seed: of the bootstrap.
-        draws: of the bootstrap.
+        plays: the data of each study's players.
+        reference: the player whose score is 1; by default people or, if there are none, the players most like them.
+        seed: the random seed of the bootstrap.
+        draws: the number of bootstrap draws.
 
     Raises:
-        ReportError: if there is no episode, no such reference, or no level that it shares.
+        ReportError: if there is no episode, the reference did not play, or no level is shared with it.
     """
     rows = pd.concat([play.episodes for play in plays], ignore_index=True)
     answers = pd.concat([play.answers for play in plays], ignore_index=True)
@@ -175,7 +177,7 @@ def _describe_no_play(studies: Sequence[Path]) -> str:
 
 
 def _sum_costs(plays: Iterable[PlayerRows], names: Mapping[str, str]) -> dict[str, Costs]:
-    """Add up what each player's calls took, by its name on the scorecard."""
+    """Return the costs of each player's model calls, by the player's name on the scorecard."""
     costs: dict[str, Costs] = {}
     for play in plays:
         for player, price in play.costs.items():
@@ -185,7 +187,7 @@ def _sum_costs(plays: Iterable[PlayerRows], names: Mapping[str, str]) -> dict[st
 
 
 def _label_reference(reference: str, runs: int) -> str:
-    """Say who the reference is, and that they stand in for people where they do."""
+    """Return a label of the reference, stating if it stands in for people."""
     if reference != HUMAN:
         return f"{reference} (n = {runs}), in place of people"
     if runs < HUMAN_REFERENCE:
@@ -194,13 +196,13 @@ def _label_reference(reference: str, runs: int) -> str:
 
 
 def find_models_folder(study: Path) -> Path:
-    """Find the folder of a study's models; it need not exist."""
+    """Return the path of the folder with a study's models, whether or not it exists."""
     study = study.absolute()
     return study.parent / MODELS_FOLDER / study.name
 
 
 def _summarize_answers(answers: pd.DataFrame) -> pd.DataFrame:
-    """Summarise answers by question and player: the mean of numbers, else the most frequent option."""
+    """Summarize answers by question and player: the mean of numbers, else the most frequent option."""
 
     def summarize(group_answers: pd.DataFrame) -> str:
         option_counts = group_answers["said"].value_counts()
@@ -218,7 +220,7 @@ def _summarize_answers(answers: pd.DataFrame) -> pd.DataFrame:
 
 
 def read_player_rows(tables: Tables) -> PlayerRows:
-    """Read the episodes that count and the answers, with whose they are, and what models cost."""
+    """Read the included episodes and the answers with their players, and the costs of models."""
     columns = {"episodes": _COLUMNS, "participants": [*_SESSION, "player"], "answers": _ANSWER}
     tables.require((*columns, "model_calls"), shortest_paths=True)
     episodes, participants, answers = (tables.frame(name, names) for name, names in columns.items())
@@ -244,7 +246,7 @@ def read_player_rows(tables: Tables) -> PlayerRows:
 
 
 def _read_model_logs(tables: Tables, participants: pd.DataFrame) -> Iterator[SessionLog]:
-    """Read the logs of models' sessions, and of those that are not selected: what they cost counts, too."""
+    """Read the logs of models' sessions, including those that are not selected, because their costs count too."""
     is_model = participants["player"].str.startswith(_MODELS)
     model_calls = tables.frame("model_calls", _SESSION)
     model_sessions = {*_list_sessions(participants[is_model]), *_list_sessions(model_calls)}
@@ -261,26 +263,26 @@ def _list_sessions(rows: pd.DataFrame) -> Iterator[tuple[str, int]]:
 
 
 def _count_costs(logs: Iterable[SessionLog], currency: str) -> dict[str, Costs]:
-    """Count the calls of models, by player."""
+    """Return the costs of model calls, by player."""
     costs: dict[str, Costs] = {}
     for log in logs:
         calls = [event for event in log.part_events if isinstance(event, ModelCall) and event.state != "asked"]
         if calls:
             session_costs = Costs(
-                len(calls),
-                sum(call.verdict == "invalid" for call in calls),
-                sum(call.state == "unknown" for call in calls),
-                sum(call.prompt_tokens + call.completion_tokens for call in calls),
-                sum(call.price for call in calls),
-                currency,
-                int(log.end_reason == "declined"),
+                calls=len(calls),
+                invalid=sum(call.verdict == "invalid" for call in calls),
+                unknown=sum(call.state == "unknown" for call in calls),
+                tokens=sum(call.prompt_tokens + call.completion_tokens for call in calls),
+                price=sum(call.price for call in calls),
+                currency=currency,
+                declined=int(log.end_reason == "declined"),
             )
             costs[log.player] = costs.get(log.player, Costs()).add(session_costs)
     return costs
 
 
 def _list_unfinished(logs: Iterable[SessionLog]) -> Iterator[dict[str, object]]:
-    """Yield a failure at the step limit for each episode that a model left; none where it refused its consent."""
+    """Yield a failure at the step limit for each episode that a model left unfinished, unless it declined consent."""
     for log in logs:
         if log.player.startswith(_MODELS) and log.end_reason != "declined":
             left = find_remaining_episodes(log)
@@ -301,7 +303,7 @@ def _list_unfinished(logs: Iterable[SessionLog]) -> Iterator[dict[str, object]]:
 
 
 def _name_players(players: Iterable[str]) -> dict[str, str]:
-    """Shorten the names of policies to their file's, where that tells them apart."""
+    """Shorten the names of policies to their file names if these are unambiguous."""
     names = {player: _shorten_player(player) for player in players}
     name_counts = Counter(names.values())
     ambiguous = {player: player for player, name in names.items() if name_counts[name] > 1}
@@ -309,14 +311,14 @@ def _name_players(players: Iterable[str]) -> dict[str, str]:
 
 
 def _shorten_player(player: str) -> str:
-    """Leave out the folder of a policy's file."""
+    """Remove the folder from the name of a policy."""
     if player.startswith("policy:") and "/" in player:
         return f"policy:{Path(player).name}"
     return player
 
 
 def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: int, draws: int) -> ScoredPlayer | None:
-    """Score one player; None where it shares no level with the reference."""
+    """Score one player; None if it shares no level with the reference."""
     player_rows = rows[rows["player"] == name]
     reference_rows = rows[rows["player"] == reference]
     shared = player_rows[_LEVEL].drop_duplicates().merge(reference_rows[_LEVEL].drop_duplicates())
@@ -328,16 +330,16 @@ def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: in
     if len(runs["random"].success):
         floor = runs["random"]
     return ScoredPlayer(
-        name,
-        player_rows["run"].nunique(),
-        len(player_rows),
-        len(levels),
-        int((player_rows.merge(shared)["outcome"] == UNFINISHED).sum()),
-        len(player_rows.loc[~player_rows["path_known"]].merge(shared)[_LEVEL].drop_duplicates()),
-        score_player(runs[name], runs[reference], floor, seed=seed, draws=draws),
-        float(player_rows["excess_steps"].mean()),
-        tuple(float(share) for share in player_rows.groupby("episode_in_block")["success"].mean()),
-        costs,
+        player=name,
+        runs=player_rows["run"].nunique(),
+        episodes=len(player_rows),
+        levels=len(levels),
+        unfinished=int((player_rows.merge(shared)["outcome"] == UNFINISHED).sum()),
+        unknown_paths=len(player_rows.loc[~player_rows["path_known"]].merge(shared)[_LEVEL].drop_duplicates()),
+        score=score_player(runs[name], runs[reference], floor, seed=seed, draws=draws),
+        excess_steps=float(player_rows["excess_steps"].mean()),
+        success_by_episode=tuple(float(share) for share in player_rows.groupby("episode_in_block")["success"].mean()),
+        costs=costs,
     )
 
 
@@ -373,7 +375,7 @@ def _note(lines: Sequence[ScoredPlayer], reference: str, named: str, players: se
 
 
 def write_scorecard(card: Scorecard, out: Path, *, stem: str = "scores") -> tuple[Path, ...]:
-    """Write the table as CSV and Markdown, and the figure; return their paths. Answers have a CSV of their own."""
+    """Write the table as CSV and Markdown, the answers as CSV, and the figure; return the paths."""
     out.mkdir(parents=True, exist_ok=True)
     page = out / f"{stem}.md"
     answers = [out / f"{stem}_answers.csv"] if len(card.answers) else []
@@ -384,7 +386,7 @@ def write_scorecard(card: Scorecard, out: Path, *, stem: str = "scores") -> tupl
 
 
 def write_score_table(card: Scorecard, path: Path) -> Path:
-    """Write the table as CSV, with every interval's ends in columns of their own; return its path."""
+    """Write the table as CSV, with separate columns for the bounds of each interval; return the path."""
     lines = [_list_columns(line) for line in card.players]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, lines[0], lineterminator="\n")
@@ -394,13 +396,13 @@ def write_score_table(card: Scorecard, path: Path) -> Path:
 
 
 def draw_scorecard(card: Scorecard, stem: Path) -> tuple[Path, Path]:
-    """Draw the scores with their intervals, and success over the episodes of a block; PNG and PDF."""
+    """Draw the scores with their intervals, and the success over the episodes of a block, as PNG and PDF."""
     bars = [(line.player, line.score, line.success_by_episode) for line in card.players]
     return draw_figure_files(stem, "estimation.score_figure", bars, reference=card.reference)
 
 
 def format_scorecard(card: Scorecard) -> str:
-    """Format the table in Markdown, with what has to be known to read it."""
+    """Format the table as Markdown, followed by the notes needed to interpret it."""
     heads = "player | runs | levels | success | efficiency | normalised | relative efficiency | excess steps | price"
     rows = [" | ".join(_list_cells(line)) for line in card.players]
     table = [f"| {heads} |", "|---" * 9 + "|", *(f"| {row} |" for row in rows)]
@@ -411,7 +413,7 @@ def format_scorecard(card: Scorecard) -> str:
 
 
 def _list_cells(line: ScoredPlayer) -> list[str]:
-    """List the cells of a player's line in Markdown."""
+    """Return the Markdown cells of a player's line."""
     score = line.score
     price = ""
     if line.costs.calls:
@@ -439,7 +441,7 @@ def _format_steps(steps: float) -> str:
 
 
 def _list_columns(line: ScoredPlayer) -> Mapping[str, object]:
-    """List the columns of a player's line in the CSV file."""
+    """Return the CSV columns of a player's line."""
     score = line.score
     costs = line.costs
     named = {

@@ -1,4 +1,4 @@
-"""Scripts of mixed models beside a report's tables: in R (lme4, brms) and Python (statsmodels, Bambi)."""
+"""Scripts that fit mixed models to a report's tables: in R (lme4, brms) and Python (statsmodels, Bambi)."""
 
 import json
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ _FILES = {"r": "analysis.R", "python": "analysis.py"}
 
 
 class _Expression(NamedTuple):
-    """A measure of one episode, from the columns of the table of episodes."""
+    """A measure of one episode as an expression in R and Python over the columns of the table of episodes."""
 
     r: str
     python: str
@@ -51,7 +51,7 @@ _OF_EPISODE = {  # measures of a block that are the mean of an episode's; times 
 def write_scripts(
     out: Path, study: str, results: Results, episodes: pd.DataFrame, languages: Sequence[str]
 ) -> tuple[Path, ...]:
-    """Write ``analysis.R`` and ``analysis.py`` into a report's folder, for the block that groups are compared on.
+    """Write ``analysis.R`` and ``analysis.py`` into a report's folder, for the block on which groups are compared.
 
     The measure is the primary one if it is a mean over episodes, else the first that is.
 
@@ -88,7 +88,7 @@ def write_scripts(
 
 
 def _make_environment() -> Environment:
-    """Make the environment that renders the scripts' templates."""
+    """Create the Jinja environment that renders the scripts."""
     environment = Environment(
         loader=PackageLoader("minihuman.reporting", "templates"), undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,

@@ -1,4 +1,4 @@
-"""Sections of the report's page on the data themselves: answers, recording quality, exclusions and skipped logs."""
+"""Sections of the report's page about the data: answers, recording quality, exclusions and skipped logs."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -25,10 +25,10 @@ _TIMED_COLUMNS = slice(3, 9)  # of the table of quality, those that need a displ
 
 
 def answers_table(answers: pd.DataFrame) -> Table | None:
-    """Tabulate every question: how often each answer was given, or its mean and range, and how long it took.
+    """Tabulate every question: the counts of each answer, or its mean and range, and the median response time.
 
-    One that was asked in several sessions, or several times in one, has a row for each: a second day's answers are not
-    the first day's, and those after a block not those after the one before.
+    A question asked in several sessions, or several times in one session, has a row for each time, because the answers
+    of different days or after different blocks are not comparable.
     """
     if answers.empty:
         return None
@@ -52,7 +52,7 @@ def answers_table(answers: pd.DataFrame) -> Table | None:
 
 
 def _summarise_answers(group: pd.DataFrame) -> Cell:
-    """Summarise the answers to one question: mean and range of numbers, else how often each answer was given."""
+    """Summarise the answers to one question: mean and range for numbers, else the count of each answer."""
     numbers = group["number"].dropna()
     if not len(numbers) or not all(map(_has_mean, set(group["kind"]))):
         counts = group["said"].fillna(group["answer"]).fillna("nothing").value_counts()
@@ -65,7 +65,7 @@ def _summarise_answers(group: pd.DataFrame) -> Cell:
 
 
 def _has_mean(kind: str) -> bool:
-    """Say whether answers to a kind of question have a mean; False for a plug-in's kind that is not installed here."""
+    """Tell whether answers to a kind of question have a mean; False for a kind whose plug-in is not installed."""
     try:
         return find_question_kind(kind).answer_type in ("rating", "number")
     except ProtocolError:
@@ -73,7 +73,7 @@ def _has_mean(kind: str) -> bool:
 
 
 def _share_right(group: pd.DataFrame) -> str:
-    """Format the share of right answers; a dash where none can be right."""
+    """Format the share of correct answers; a dash if no answer can be correct."""
     right = group["right"].dropna()
     if not len(right):
         return "\N{EN DASH}"
@@ -81,7 +81,7 @@ def _share_right(group: pd.DataFrame) -> str:
 
 
 class QualitySection(NamedTuple):
-    """How well sessions were recorded, in a sentence and one by one."""
+    """The recording quality of the sessions: a summary sentence, the displays, and a table with a row per session."""
 
     lead: str
     displays: Sequence[str]
@@ -89,7 +89,7 @@ class QualitySection(NamedTuple):
 
 
 def quality_section(qualities: Sequence[RecordingQuality]) -> QualitySection:
-    """Report on late presses, frames, focus, pauses and displays."""
+    """Build the section on late presses, frames, focus, pauses and displays."""
     rows = [_list_quality_cells(quality) for quality in qualities]
     heads: tuple[str, ...] = (
         "participant", "session", "presses", f"late (over {LATE_MS:g} ms)", "latest (ms)", "frames missing",
@@ -106,7 +106,7 @@ def quality_section(qualities: Sequence[RecordingQuality]) -> QualitySection:
 
 
 def _list_quality_cells(quality: RecordingQuality) -> tuple[str, ...]:
-    """List the cells of one session's recording quality."""
+    """Return the table cells of one session's recording quality."""
     if _is_timed(quality):
         timing = [
             f"{quality.late}",
@@ -128,7 +128,7 @@ def _list_quality_cells(quality: RecordingQuality) -> tuple[str, ...]:
 
 
 def _state_quality(qualities: Sequence[RecordingQuality]) -> str:
-    """State how late presses and frames were over all timed sessions, in one sentence."""
+    """State in one sentence how late presses and frames were over all timed sessions."""
     timed = [quality for quality in qualities if _is_timed(quality)]
     late = sum(quality.late for quality in timed)
     presses = sum(quality.presses for quality in timed)
@@ -153,19 +153,19 @@ def _state_quality(qualities: Sequence[RecordingQuality]) -> str:
 
 
 def _is_timed(quality: RecordingQuality) -> bool:
-    """Say whether a session had a display and a keyboard: a simulated window has a clock of its own."""
+    """Tell whether a session had a display and a keyboard; a simulated window has its own clock."""
     return any(display.get("window") != "simulated" for display in quality.displays)
 
 
 class ExclusionsSection(NamedTuple):
-    """The exclusions: totals by rule, and each one."""
+    """The exclusions: a table of totals by reason, and a table of single exclusions."""
 
     totals: Table
     each: Table
 
 
 def exclusions_section(rows: pd.DataFrame) -> ExclusionsSection | None:
-    """List what is excluded; None where nothing is."""
+    """Build the section on exclusions; None if nothing is excluded."""
     if rows.empty:
         return None
     single = rows[(rows["level"] != "participant") | ~rows.duplicated(["exclusion_reason", "level", "participant"])]
@@ -187,7 +187,7 @@ def exclusions_section(rows: pd.DataFrame) -> ExclusionsSection | None:
 
 
 def skipped_table(logs: Sequence[SkippedLog]) -> Table:
-    """Tabulate the logs that could not be read, and why."""
+    """Tabulate the logs that could not be read, with the reasons."""
     return Table(("log", "reason"), [(str(log.path), log.reason) for log in logs], words=2)
 
 

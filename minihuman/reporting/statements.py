@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 
 from minihuman.reporting.block_measures import Role, label_measure
 from minihuman.reporting.block_results import EquivalenceResult
@@ -22,13 +23,21 @@ _ALPHA = 0.05
 
 
 def _begin_with_measure(name: str) -> str:
-    """Return a measure's label with a capital letter, to begin a sentence."""
+    """Return a measure's label with an initial capital letter, for the beginning of a sentence."""
     label = label_measure(name)
     return f"{label[0].upper()}{label[1:]}"
 
 
-def difference_statement(comparison: GroupComparison, block: str) -> str:
-    """State how far apart two groups are in a block, in one sentence."""
+def difference_statement(
+    comparison: GroupComparison, block: str, team_units: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """State in one sentence how much two groups differ in a block.
+
+    Args:
+        comparison: the comparison of the two groups.
+        block: the block's name.
+        team_units: by group, the words for its units if they are not participants alone.
+    """
     per = "over" if comparison.is_log else "minus"
     groups = f"{comparison.first} {per} {comparison.second}"
     opening = f"{_begin_with_measure(comparison.measure)}, block {block}: {groups} "
@@ -43,12 +52,20 @@ def difference_statement(comparison: GroupComparison, block: str) -> str:
         size = f"; standardised difference g {format_number(comparison.g, 2)}, interval {interval}"
     estimate = f"{_state_estimate(comparison)}{_state_factor(comparison)}"
     p = format_p_value(comparison.p)
-    participants = f"{comparison.n[0]} and {comparison.n[1]} participants"
-    return f"{opening}is {estimate}; permutation p {p}{size}; {participants}).{caveat}"
+    sizes = _count_units(comparison, team_units)
+    return f"{opening}is {estimate}; permutation p {p}{size}; {sizes}).{caveat}"
+
+
+def _count_units(comparison: GroupComparison, team_units: Mapping[str, str]) -> str:
+    """Write how many teams or participants the two groups have."""
+    first, second = (team_units.get(group, "participants") for group in (comparison.first, comparison.second))
+    if first == second:
+        return f"{comparison.n[0]} and {comparison.n[1]} {second}"
+    return f"{comparison.n[0]} {first} and {comparison.n[1]} {second}"
 
 
 def _state_estimate(comparison: GroupComparison | PairedComparison) -> str:
-    """State the difference, or the ratio of logarithms' means, with its interval; the bracket stays open."""
+    """State the difference, or the ratio of geometric means, with its interval; the parenthesis stays open."""
     if comparison.is_log:
         bounds = (math.exp(comparison.interval[0]), math.exp(comparison.interval[1]))
         ratio = format_number(math.exp(comparison.difference))
@@ -58,7 +75,7 @@ def _state_estimate(comparison: GroupComparison | PairedComparison) -> str:
 
 
 def _state_factor(comparison: GroupComparison) -> str:
-    """State by what factor steps are multiplied, of a difference of logarithms of steps."""
+    """State a difference of log steps as a factor of the steps; "" for other measures."""
     quantity = _FACTORS.get(comparison.measure)
     if quantity is None or math.isnan(comparison.interval[0]):
         return ""
@@ -68,7 +85,7 @@ def _state_factor(comparison: GroupComparison) -> str:
 
 
 def paired_statement(comparison: PairedComparison) -> str:
-    """State how far apart two conditions are within participants, in one sentence."""
+    """State in one sentence how much two conditions differ within participants."""
     caveat = ""
     if comparison.smallest_p >= _ALPHA:
         caveat = " So few participants cannot reach p < 0.05, whatever the difference."
@@ -82,7 +99,7 @@ def paired_statement(comparison: PairedComparison) -> str:
 
 
 def equivalence_statement(equivalence: EquivalenceResult, roles: Mapping[str, Role]) -> str:
-    """State whether two groups are shown to be equivalent, in one sentence."""
+    """State in one sentence whether two groups are shown to be equivalent."""
     (primary,) = (name for name, role in roles.items() if role == "primary")
     test = equivalence.test
     verdict = "are equivalent" if test.alike else "are not shown to be equivalent"
@@ -93,14 +110,14 @@ def equivalence_statement(equivalence: EquivalenceResult, roles: Mapping[str, Ro
     )
 
 
-def power_statement(power: PowerAnalysis) -> str:
-    """State what the sample could show, in one sentence."""
+def power_statement(power: PowerAnalysis, units: str = "participants") -> str:
+    """State in one sentence which differences the sample could detect."""
     a, b = power.n
     if math.isnan(power.power_for_large):
-        return f"Power: with {a} and {b} participants no difference between groups can be tested."
+        return f"Power: with {a} and {b} {units} no difference between groups can be tested."
     return (
-        f"Power: with {a} and {b} participants a two-sided t test at 5 %, before any correction, detects a "
+        f"Power: with {a} and {b} {units} a two-sided t test at 5 %, before any correction, detects a "
         f"difference of 0.8 standard deviations with a power of {100 * power.power_for_large:.0f} %; a power of 80 % "
-        f"needs one of {power.detectable_g:.2f} standard deviations, or {power.needed_for_large} participants per "
+        f"needs one of {power.detectable_g:.2f} standard deviations, or {power.needed_for_large} {units} per "
         f"group for one of 0.8."
     )

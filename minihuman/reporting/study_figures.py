@@ -39,7 +39,7 @@ _BOUNDED_MEASURES = frozenset(
 
 
 def _find_limits(measure: str, values: "pd.Series[float]") -> tuple[float, float] | None:
-    """Return the bounds that a measure cannot leave, where none of its values does; None where there are none."""
+    """Return the theoretical bounds of a measure for its axis; None if it has none or a value lies outside them."""
     if measure in _BOUNDED_MEASURES and values.dropna().between(0, 1).all():
         return (0.0, 1.0)
     return None
@@ -50,12 +50,12 @@ def _begin_sentence(label: str) -> str:
 
 
 def _shorten(label: str) -> str:
-    """Return a measure's label without what is in brackets or follows a colon, for an axis."""
+    """Return a measure's label without parentheses or the text after a colon, for use on an axis."""
     return label.partition(" (")[0].partition(":")[0]
 
 
 def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
-    """Draw every participant and the groups' differences on the measure that each block is compared on first."""
+    """Draw every participant's value and the group differences on each block's main measure."""
     included = blocks[blocks["exclusion_reason"].isna()]
     for block in results.blocks:
         if not block.headline or block.teams:
@@ -88,7 +88,7 @@ def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterato
 
 
 def draw_interaction(interaction: InteractionResults, out: Path) -> ReportFigure:
-    """Draw every participant in every cell of groups and conditions, and the interaction's contrasts."""
+    """Draw every participant's value by group and condition, and the interaction's contrasts."""
     label = label_measure(interaction.measure)
     cells = interaction.cells
     groups = {
@@ -147,7 +147,7 @@ def draw_reaction_times(times: pd.DataFrame, results: Results, out: Path) -> Ite
         shares = shares.div(shares.sum(axis=1), axis=0)
         groups = {group: shares.loc[group].to_numpy(float) for group in results.order if group in shares.index}
         edges_ms = 2.0 ** (np.arange(bins.start, bins.stop + 1) / _BINS_PER_OCTAVE)
-        stem = out / f"{block.block}draw_reaction_times"
+        stem = out / f"{block.block}_reaction_times"
         title = name_measure("reaction times", block.block)
         png, _ = draw_figure_files(stem, "estimation.reaction_time_figure", groups, edges_ms, title=title)
         caption = (
@@ -185,7 +185,7 @@ def draw_learning_curves(episodes: pd.DataFrame, results: Results, out: Path) ->
 
 
 def draw_sessions(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
-    """Draw the measure that groups are compared on first, session by session, of every block of several sessions."""
+    """Draw each block's main measure session by session, for blocks played in several sessions."""
     included = blocks[blocks["exclusion_reason"].isna()]
     for block in results.blocks:
         rows = included[included["block"] == block.block]
@@ -216,7 +216,7 @@ def draw_sessions(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator
 
 
 def draw_waiting_times(results: Results, out: Path) -> Iterator[ReportFigure]:
-    """Draw how long participants took to the goal and to their keys, block by block."""
+    """Draw the survival curves of reaching the goal and of discovering all keys, block by block."""
     for block in results.blocks:
         kinds = (
             ("goal", block.waits.goal, "steps of an episode", "episodes that have not reached the goal"),
@@ -239,7 +239,7 @@ def draw_waiting_times(results: Results, out: Path) -> Iterator[ReportFigure]:
 
 
 def draw_paths(tables: Tables, out: Path) -> Iterator[ReportFigure]:
-    """Draw the paths of one session of each group, the one with the most blocks, over the included episodes."""
+    """Draw the paths of one session per group, the one with the most blocks, over its included episodes."""
     examples: dict[str, CachedSession] = {}
     for candidate in sorted(tables.sessions, key=lambda session: -session.blocks):
         if candidate.blocks and candidate.outline is not None:

@@ -1,7 +1,7 @@
-"""Measures that a protocol can name besides the columns of the table of blocks: answers, teaching, another block's
-value, a design's estimate, and those of a lab's own package (entry-point group `minihuman.measures`).
+"""Measures that a protocol can name in addition to the columns of the table of blocks.
 
-A name is ``KIND:ARGUMENT``, such as ``answer:load.mental``.
+They are answers, teaching, another block's value, an adaptive design's estimate, trials, and those of a lab's own
+package (entry-point group `minihuman.measures`). A name is ``KIND:ARGUMENT``, such as ``answer:load.mental``.
 """
 
 import json
@@ -21,10 +21,10 @@ Tables = Mapping[str, pd.DataFrame]
 
 
 class StudyMeasure(ABC):
-    """One number per participant and session, or per block of it, computed from the study's tables.
+    """A measure computed from a study's tables: one number per participant and session, or per block of a session.
 
     Args:
-        argument: what follows the colon in the protocol; a measure refuses with ReportError what it cannot read.
+        argument: the text after the colon in the protocol; an invalid argument raises ReportError.
     """
 
     label: str  # in the report: "mental demand (0 to 100)"
@@ -35,18 +35,19 @@ class StudyMeasure(ABC):
 
     @abstractmethod
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """Compute the values: columns participant, session and value, and block where a session's blocks differ.
+        """Compute the values, in columns participant, session and value, and block if the blocks of a session differ.
 
-        ``tables`` are those of `minihuman query` by name, without the tables of single steps, keys and pictures, and
-        ``teaching``, a row per session and block that an agent played in. Rows with an ``exclusion_reason`` are left
-        out.
+        ``tables`` holds the tables of `minihuman query` by name, except those of single steps, keys and pictures, and
+        the table ``teaching``, with a row per session and block in which an agent played. Rows with an
+        ``exclusion_reason`` are omitted.
         """
 
 
 class AnswerScore(StudyMeasure):
-    """``answer:QUESTIONS.ITEM``: the answer as a number; ``answer:QUESTIONS``: the mean of all items with numbers.
+    """``answer:QUESTIONS.ITEM`` is the answer as a number; ``answer:QUESTIONS`` is the mean of all numeric items.
 
-    Questions that are asked after several blocks have a value for each: the block that was played last before them.
+    Questions asked after several blocks have a value for each of them, namely the last block played before the
+    questions.
     """
 
     def __init__(self, argument: str) -> None:
@@ -58,7 +59,7 @@ class AnswerScore(StudyMeasure):
         self.label = f"answer to {argument}"
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """Return the last answers that were given to each asking."""
+        """Return the mean of the last answers each time the questions were asked."""
         answers = tables["answers"]
         answers = answers[(answers["questions"] == self.questions) & answers["number"].notna()]
         if self.item:
@@ -77,7 +78,7 @@ class AnswerScore(StudyMeasure):
 
 
 class TeachingMeasure(StudyMeasure):
-    """``teaching:NAME``: of the blocks that an agent played in."""
+    """``teaching:NAME`` is a measure of blocks in which an agent played."""
 
     LABELS: Mapping[str, str] = {
         "takeovers": "takeovers per episode",
@@ -96,12 +97,12 @@ class TeachingMeasure(StudyMeasure):
         self.label = self.LABELS[argument]
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """Return the column of the table of teaching."""
+        """Return the measure's column of the table ``teaching``."""
         return tables["teaching"].rename(columns={self.name: "value"})[["participant", "session", "block", "value"]]
 
 
 class BlockValue(StudyMeasure):
-    """``block:BLOCK/MEASURE``: a measure of another block, for each of its sessions; a baseline for instance."""
+    """``block:BLOCK/MEASURE`` is a measure of another block, such as a baseline, in each session that has the block."""
 
     def __init__(self, argument: str) -> None:
         self.block, _, self.measure = argument.partition("/")
@@ -110,7 +111,7 @@ class BlockValue(StudyMeasure):
         self.label = f"{self.measure} in block {self.block}"
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """Return that block's column."""
+        """Return the measure's column for the other block."""
         rows = tables["blocks"]
         if self.measure not in rows:
             raise ReportError(
@@ -123,7 +124,7 @@ class BlockValue(StudyMeasure):
 
 
 class DesignEstimate(StudyMeasure):
-    """``design:NAME``: what a block's adaptive design estimated at last; a ``threshold`` is compared as logarithms."""
+    """``design:NAME`` is the last estimate of a block's adaptive design; a ``threshold`` is compared on a log scale."""
 
     def __init__(self, argument: str) -> None:
         self.name = argument
@@ -131,14 +132,14 @@ class DesignEstimate(StudyMeasure):
         self.is_log = argument == "threshold"
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """Return the last decision's estimate in each block; none where the design had too few episodes for it."""
+        """Return the last decision's estimate in each block; NaN if the design had too few episodes for one."""
         last = tables["decisions"].drop_duplicates(["participant", "session", "block"], keep="last")
         values = [json.loads(estimates).get(self.name, np.nan) for estimates in last["estimates"]]
         return last.assign(value=np.array(values, float))[["participant", "session", "block", "value"]]
 
 
 class TrialMeasure(StudyMeasure):
-    """``trials:NAME``: a measure of trials, such as ``trials:d_prime``."""
+    """``trials:NAME`` is a measure of trials, such as ``trials:d_prime``."""
 
     def __init__(self, argument: str) -> None:
         labels = load_trial_measures()
@@ -148,13 +149,13 @@ class TrialMeasure(StudyMeasure):
         self.label = labels[argument]
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """Return the column of the measures of all trials of a block."""
+        """Return the measure over all trials of each block."""
         rows = tables.get("trial_measures", pd.DataFrame(columns=["participant", "session", "block", self.name]))
         return rows.rename(columns={self.name: "value"})[["participant", "session", "block", "value"]]
 
 
 def load_trial_measures() -> dict[str, str]:
-    """Load the measures of trials that kinds of activity have, by name, with what they are called."""
+    """Return the labels of the trial measures that activity kinds define, by name."""
     labels: dict[str, str] = {}
     for kind in list_kinds(lambda kind: bool(kind.measures)):
         module, _, name = find_kind(kind).measures.partition(":")
@@ -172,10 +173,10 @@ _BUILT_IN: Mapping[str, type[StudyMeasure]] = {
 
 
 def find_measure(name: str) -> StudyMeasure:
-    """Find the measure of that name, ``KIND:ARGUMENT``.
+    """Return the measure with the name ``KIND:ARGUMENT``.
 
     Raises:
-        ReportError: if there is no such kind, or it refuses the argument.
+        ReportError: if there is no such kind, or its argument is not valid.
     """
     kind, _, argument = name.partition(":")
     if kind in _BUILT_IN:
@@ -184,17 +185,17 @@ def find_measure(name: str) -> StudyMeasure:
 
 
 def _keep_included(table: pd.DataFrame) -> pd.DataFrame:
-    """Leave out the rows that have a reason for exclusion."""
+    """Return the rows that have no reason for exclusion."""
     if "exclusion_reason" not in table:
         return table
     return table[table["exclusion_reason"].isna()]
 
 
 def add_measures(rows: pd.DataFrame, tables: Tables, names: Iterable[str]) -> pd.DataFrame:
-    """Add a column for each of these measures to the rows of the table of blocks; NaN where one has no value.
+    """Add a column for each of the measures to rows of the table of blocks; NaN where a measure has no value.
 
     Raises:
-        ReportError: if a measure is unknown, or gives other columns than it should.
+        ReportError: if a measure is unknown, or returns other columns than it should.
     """
     included = {name: _keep_included(table) for name, table in tables.items()}
     for name in names:

@@ -1,5 +1,6 @@
-"""The report's template: what it shows (tables and figures as values, how numbers are written), and how the package's
-or a lab's own is rendered.
+"""The report's template: the tables and figures it shows, the format of numbers, and the rendering.
+
+The template is the package's or a lab's own.
 """
 
 import base64
@@ -31,7 +32,7 @@ _MOST_SHOWN = 2_000  # that are on it at all; browsers take seconds for more, an
 
 
 class AnswerCounts(NamedTuple):
-    """A table's cell: the commonest answers, each with its count, and how many other ones there are."""
+    """A table cell with the most frequent answers, each with its count, and the number of other distinct answers."""
 
     most: tuple[tuple[str, int], ...]
     others: int = 0
@@ -42,29 +43,29 @@ Cell = str | AnswerCounts
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table whose first ``words`` columns hold words, the others numbers."""
+    """A table whose first ``words`` columns hold text and whose other columns hold numbers."""
 
     heads: Sequence[str]
     rows: Sequence[Sequence[Cell]]
     words: int = 1
 
     def __add__(self, other: "Table") -> "Table":
-        """Append the other's rows, of the same heads."""
+        """Append the rows of another table with the same headings."""
         return replace(self, rows=(*self.rows, *other.rows))
 
     @property
     def shown(self) -> Sequence[Sequence[Cell]]:
-        """Return the rows that are on the page."""
+        """Return the rows that are shown on the page."""
         return self.rows[:_MOST_SHOWN]
 
     @property
     def is_long(self) -> bool:
-        """Say whether it has more rows than anyone reads through, so that the page folds it up."""
+        """Tell whether the table is so long that the page collapses it."""
         return len(self.rows) > _MOST_ROWS
 
 
 class ReportFigure(NamedTuple):
-    """A PNG with its caption; ``block`` is "" where it is of all blocks."""
+    """A PNG file with its caption; ``block`` is "" if the figure covers all blocks."""
 
     block: str
     path: Path
@@ -72,19 +73,22 @@ class ReportFigure(NamedTuple):
 
 
 def to_records(frame: "pd.DataFrame") -> list[dict[str, Any]]:
-    """Return a table's rows, each a dict by name of column."""
+    """Return the rows of a data frame, each as a dict by column name."""
     return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]
 
 
 def format_mean_sd(mean: float, sd: float) -> str:
-    """Format a mean, with the standard deviation where there is one."""
+    """Format a mean, followed by the standard deviation if it is known."""
     if math.isnan(sd):
         return format_number(mean)
     return f"{format_number(mean)} ({format_number(sd)})"
 
 
 def format_number(value: float, digits: int = 3, *, sign: str = "-") -> str:
-    """Format a number with three decimals, fewer after digits before the point; ``sign`` "+" shows a plus, too."""
+    """Format a number with ``digits`` decimals, less one for each digit before the point unless that is a 0.
+
+    ``sign`` is "-" to show only minus signs, or "+" to show a plus, too.
+    """
     if math.isnan(value):
         return "n/a"
     before = 0
@@ -94,7 +98,7 @@ def format_number(value: float, digits: int = 3, *, sign: str = "-") -> str:
 
 
 def format_interval(bounds: tuple[float, float], digits: int = 3, *, sign: str = "-") -> str:
-    """Format an interval, from one bound to the other."""
+    """Format an interval as "low to high"."""
     low, high = (format_number(bound, digits, sign=sign) for bound in bounds)
     if math.isnan(bounds[0]):
         return "n/a"
@@ -102,7 +106,7 @@ def format_interval(bounds: tuple[float, float], digits: int = 3, *, sign: str =
 
 
 def format_with_interval(value: float, bounds: tuple[float, float], digits: int = 3, *, sign: str = "-") -> str:
-    """Format a number, with its interval in brackets where it has one."""
+    """Format a number, followed by its interval in parentheses if it has one."""
     number = format_number(value, digits, sign=sign)
     if math.isnan(bounds[0]):
         return number
@@ -112,7 +116,7 @@ def format_with_interval(value: float, bounds: tuple[float, float], digits: int 
 def format_difference(
     value: float, bounds: tuple[float, float], *, is_log: bool, sign: str = "-", digits: int = 3
 ) -> str:
-    """Format a difference with its interval; one of logarithms as the ratio that it is."""
+    """Format a difference with its interval; a difference of logarithms is shown as a ratio."""
     if not is_log:
         return format_with_interval(value, bounds, digits, sign=sign)
     ratio = format_with_interval(math.exp(value), (math.exp(bounds[0]), math.exp(bounds[1])), digits)
@@ -120,7 +124,7 @@ def format_difference(
 
 
 def format_p_value(value: float) -> str:
-    """Format a p value with three decimals, or as less than 0.001."""
+    """Format a p value with three decimals, or as "< 0.001"."""
     if math.isnan(value):
         return "n/a"
     if value < 0.001:
@@ -129,7 +133,7 @@ def format_p_value(value: float) -> str:
 
 
 def format_pair(first: str, second: str) -> str:
-    """Write a difference of two groups."""
+    """Format a difference of two groups."""
     return f"{first} \N{MINUS SIGN} {second}"
 
 
@@ -140,12 +144,12 @@ PARTICIPANTS = "participants.html.j2"
 
 
 def render_template(name: str, context: Mapping[str, Any], templates: Path | None = None) -> str:
-    """Render a template, all that it shows escaped, in Jinja's sandbox: no template reaches the inside of Python.
+    """Render a template in Jinja's sandbox, with all values escaped; a template cannot reach Python's internals.
 
     Args:
-        name: of the template.
-        context: what it shows, by name.
-        templates: a folder with a ``report.html.j2`` or a ``report.css`` that is taken instead of the package's.
+        name: the template's file name.
+        context: the template's variables, by name.
+        templates: a folder with a ``report.html.j2`` or a ``report.css`` that replaces the package's own.
 
     Raises:
         ReportError: if the folder has neither file, or a template cannot be rendered.

@@ -1,4 +1,4 @@
-"""The methods' words on blocks of trials: what was shown from which table, in which order, and by which clock."""
+"""Sentences for the methods section on blocks of trials: stimuli, order and timing."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from minihuman.worlds.catalogue import TRIAL_WORLDS
 
 
 def is_of_trials(plan: EpisodePlan, spec: BlockSpec | None) -> bool:
-    """Say whether a block is one of trials: by its kind, or its world."""
+    """Tell whether a block consists of trials, according to its kind or its world."""
     if plan.world in TRIAL_WORLDS:
         return True
     kind = find_installed_kind(spec.kind) if spec is not None else None
@@ -17,7 +17,7 @@ def is_of_trials(plan: EpisodePlan, spec: BlockSpec | None) -> bool:
 
 
 def describe_stimuli(spec: BlockSpec | None) -> str:
-    """Describe where a block's options come from that differ by trial; "" without a table."""
+    """Describe the source of a block's options that differ by trial; "" if there is no table of stimuli."""
     if spec is None or spec.stimuli is None:
         return ""
     stimuli = spec.stimuli
@@ -35,7 +35,7 @@ def describe_stimuli(spec: BlockSpec | None) -> str:
 
 
 def list_shared_options(plan: EpisodePlan, spec: BlockSpec | None) -> dict[str, object]:
-    """List the options that all episodes of a block have; of a trial without its protocol, the responses."""
+    """Return the options common to all episodes of a block; for a trial without its protocol, only the responses."""
     if spec is not None and spec.stimuli is not None:
         return {name: plan.options[name] for name in spec.options if name in plan.options}
     if spec is None and plan.world in TRIAL_WORLDS:
@@ -44,14 +44,13 @@ def list_shared_options(plan: EpisodePlan, spec: BlockSpec | None) -> dict[str, 
 
 
 def describe_trials(plan: EpisodePlan, spec: BlockSpec | None) -> str:
-    """Describe a block of trials: what was shown and when, up to its keys."""
+    """Describe a block of trials except for its keys: what was shown, and when."""
     options = "".join(f", {name} = {option!r}" for name, option in sorted(list_shared_options(plan, spec).items()))
+    parts = [f"{_count_trials(plan, spec)} of {plan.world}{options}"]
     stimuli = describe_stimuli(spec)
-    parts = [
-        f"{_count_trials(plan, spec)} of {plan.world}{options}",
-        *([f"stimuli from {stimuli}"] if stimuli else []),
-        *_describe_clock(plan, spec),
-    ]
+    if stimuli:
+        parts.append(f"stimuli from {stimuli}")
+    parts += _describe_clock(plan, spec)
     return "; ".join(parts)
 
 
@@ -64,7 +63,7 @@ def _count_trials(plan: EpisodePlan, spec: BlockSpec | None) -> str:
 
 
 def _describe_clock(plan: EpisodePlan, spec: BlockSpec | None) -> Iterator[str]:
-    """Yield what came before and after the stimulus, and for how long."""
+    """Yield what was shown before and after the stimulus, and for how long."""
     before = list(_describe_waits(spec)) if spec is not None else []
     if before:
         yield f"before each {' and '.join(before)}"

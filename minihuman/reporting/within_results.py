@@ -24,7 +24,7 @@ from minihuman.statistics.units import find_units, name_units
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WithinResults:
-    """Blocks compared with each other within participants, a value per participant and block."""
+    """The results of comparing conditions within participants, with one value per participant and condition."""
 
     conditions: tuple[str, ...]
     comparisons: tuple[PairedComparison, ...]
@@ -34,7 +34,7 @@ class WithinResults:
 
 
 def unite_teams(rows: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
-    """Put the team in the place of its members, in the rows of blocks that people played together."""
+    """Replace the members of a team by the team, in the rows of blocks that people played together."""
     if teams is None or teams.empty:
         return rows
     parts = [
@@ -47,7 +47,7 @@ def unite_teams(rows: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
 def name_conditions(
     rows: pd.DataFrame, analysis: AnalysisSpec, design: ExperimentDesign
 ) -> tuple[pd.DataFrame, AnalysisSpec]:
-    """Put each block's condition in the place of the block, in the rows and in the analysis."""
+    """Replace each block by its condition, in the rows and in the analysis."""
     if not design.conditions:
         return rows, analysis
     named = rows.assign(block=rows["block"].replace(dict(design.condition_of_block)))
@@ -55,11 +55,11 @@ def name_conditions(
 
 
 def compare_within(rows: pd.DataFrame, analysis: AnalysisSpec) -> WithinResults | None:
-    """Compare the protocol's conditions within participants; None where it names none.
+    """Compare the protocol's conditions within participants; None if it names none.
 
-    Measures are the primary and the secondary ones, each role corrected by itself (Holm), or else all that have values.
-    A participant's value of a condition is the mean over sessions. Effects of position and carry-over are tested in the
-    order of the first session.
+    The measures are the primary and the secondary ones, corrected within each role (Holm), or else all that have
+    values. A participant's value in a condition is the mean over sessions. Effects of position and carry-over are
+    tested in the order of the first session.
     """
     if not analysis.conditions:
         return None
@@ -83,7 +83,7 @@ def compare_within(rows: pd.DataFrame, analysis: AnalysisSpec) -> WithinResults 
 
 
 def _test_order_effects(scaled: pd.DataFrame, measures: Sequence[str]) -> tuple[CrossoverTerm, ...]:
-    """Test position and carry-over, of the first session of each condition; none where all had the same order."""
+    """Test position and carry-over in the first session of each condition; no test if the order is always the same."""
     first = scaled.sort_values(["session", "place"]).drop_duplicates(["participant", "block"]).sort_values("place")
     order = first.groupby("participant", sort=False)
     first = first.assign(position=order.cumcount() + 1, before=order["block"].shift().fillna(""))
@@ -98,15 +98,15 @@ def _test_order_effects(scaled: pd.DataFrame, measures: Sequence[str]) -> tuple[
 def compare_labels(
     episodes: pd.DataFrame, analysis: AnalysisSpec, trial_levels: pd.DataFrame | None = None
 ) -> WithinResults | None:
-    """Compare the levels of a label of trials within participants, over the included trials that have it.
+    """Compare the levels of a trial label within participants, over the included trials that have the label.
 
-    A participant's value of a level is the mean over its trials; of response times the median over trials; of a
-    measure of trials what the section on trials has, the mean over blocks.
+    A participant's value at a level is the mean over trials, or the median over trials for response times. For a
+    measure of trials it is the value from the section on trials, averaged over blocks.
 
     Args:
-        episodes: the included ones.
-        analysis: names the label, and the measures.
-        trial_levels: a row per participant, session, block, label and level, with the measures of trials.
+        episodes: the included episodes.
+        analysis: the planned analysis, which names the label and the measures.
+        trial_levels: the measures of trials, with a row per participant, session, block, label and level.
     """
     label = analysis.condition_label
     levels = read_label(episodes, label)
@@ -132,7 +132,7 @@ def compare_labels(
 
 
 def _measure_levels(rows: pd.DataFrame, label: str, trial_levels: pd.DataFrame | None) -> pd.DataFrame:
-    """Compute each participant's measures of each level of a label, in the column ``block``."""
+    """Compute each participant's measures at each level of a label; the level is in the column ``block``."""
     keys = ["participant", "session", "block"]
     rows = rows.assign(success=pd.to_numeric(rows["success"]))
     values = rows.groupby(keys, sort=False).agg(
@@ -148,5 +148,5 @@ def _measure_levels(rows: pd.DataFrame, label: str, trial_levels: pd.DataFrame |
 
 
 def read_label(episodes: pd.DataFrame, label: str) -> "pd.Series[str]":
-    """Read the level of a label that each episode has, as a text; "" where it has none."""
+    """Return each episode's level of a label as text; "" if it has none."""
     return episodes["labels"].map(lambda text: str(json.loads(text or "{}").get(label, "")), na_action=None)

@@ -74,6 +74,7 @@ class Connection(PageSession):
         self.changed = asyncio.Event()  # there is something to send
         self.network = ""  # from which it was made, in memory only
         self.over: messages.SessionOver | None = None  # the last message to the page
+        self.transport: messages.TransportName = "websocket"  # of the newest page
         self._inbox = inbox
         self._streams = StreamNames()
         self._is_blind = False  # what keys lead to cannot be found out
@@ -161,13 +162,20 @@ class Connection(PageSession):
 
     # The page
 
-    def greet(self, hello: messages.Hello) -> tuple[messages.Welcome, int, int]:
-        """Welcome a page on a new socket.
+    def greet(
+        self, hello: messages.Hello, transport: messages.TransportName = "websocket"
+    ) -> tuple[messages.Welcome, int, int]:
+        """Welcome a page on a new socket, or another transport.
 
         Returns:
             the answer, the socket's number, and the last of our messages that the page has.
         """
         socket_number = self.presence.open_socket(monotonic_s())
+        if transport != self.transport:  # the log's fact is of the segment's start
+            self.transport = transport
+            self.host.note(f"the page speaks by {transport} from here on")
+        if transport == "http":
+            self.host.link.rtt_ns = None  # of another line, maybe through another network
         if self._streams.receive_stream(hello.stream, hello.first):
             self.host.begin_stream(hello.first - 1)
         if hello.segment == self.hosted.segment:
@@ -202,6 +210,23 @@ class Connection(PageSession):
             token=self.admission.token,
             words=get_page_texts(plan.language) | quit_text,
             taken=self.host.last_at_ns,
+        )
+
+    def is_too_slow(self) -> bool:
+        """Tell whether a round trip over HTTP takes longer than the step period of the real-time episode being played.
+
+        An episode that the page computes waits for no round trip. A page with a socket is never too slow: the
+        protocol admitted its latency.
+        """
+        rtt_ns = self.host.link.rtt_ns
+        if self.transport != "http" or rtt_ns is None or self.host.over:
+            return False
+        play = self.host.session.play
+        return (
+            play is not None
+            and play.real_time
+            and not self.host.outbox.is_computed
+            and rtt_ns / 1e6 > play.plan.step_period_ms
         )
 
     def hear(self) -> None:

@@ -35,7 +35,7 @@ from minihuman.web.eligibility import (
     requires_gamepad,
 )
 from minihuman.web.hosted_session import HostedSession, HostStorage, name_segment, resume_host, start_host
-from minihuman.web.messages import MESSAGE_VERSION, Hello, Refusal
+from minihuman.web.messages import MESSAGE_VERSION, Hello, Refusal, TransportName
 from minihuman.web.outbox import PageSettings
 from minihuman.web.refusals import WAIT, RefusalTexts
 from minihuman.web.traffic_limits import find_network
@@ -90,8 +90,10 @@ class ConnectionFactory:
             return None
         return ThreadPoolExecutor(protocol.web.max_concurrent_sessions, "minihuman-session")
 
-    async def connect(self, hello: Hello, address: str = "") -> Connection | Refusal:
-        """Find or make the connection for a hello from a network address."""
+    async def connect(
+        self, hello: Hello, address: str = "", *, transport: TransportName = "websocket"
+    ) -> Connection | Refusal:
+        """Find or make the connection for a hello from a network address, and by what its page speaks."""
         if hello.version != MESSAGE_VERSION:
             return self._refusals.ask_to_reload()
         if (refusal := self._refuse_browser(hello)) is not None:
@@ -115,7 +117,7 @@ class ConnectionFactory:
                 or (not is_invited and self._is_crowded(network) and not await self._is_issued(hello.token))
             ):
                 return self._refusals.turn_away("busy")
-            connection = await self._admit_page(hello)
+            connection = await self._admit_page(hello, transport)
             if isinstance(connection, Connection):
                 connection.network = network
                 if connection.admission.is_invited:
@@ -137,6 +139,10 @@ class ConnectionFactory:
         if platform_visitor is None:
             return self._refusals.turn_away(reason)
         return self._refusals.turn_away(reason, person=platform_visitor.id)
+
+    def refuse_slow_page(self) -> Refusal:
+        """Refuse a page whose network cannot carry a part in real time, and say how to return."""
+        return self._refusals.turn_away("too_slow")
 
     def _is_full(self) -> bool:
         return len(self._connections) >= self._web.max_concurrent_sessions
@@ -177,7 +183,7 @@ class ConnectionFactory:
         connection.key = own_key
         self._connections[own_key] = connection
 
-    async def _admit_page(self, hello: Hello) -> Connection | Refusal:
+    async def _admit_page(self, hello: Hello, transport: TransportName) -> Connection | Refusal:
         try:
             arrival = Arrival(hello.token, hello.platform, find_utc_offset_min(hello.facts))
             admission = await asyncio.to_thread(self._arrivals.arrive, arrival)
@@ -199,7 +205,8 @@ class ConnectionFactory:
                 connection.loop.call_soon_threadsafe(connection.poll_soon)
 
         try:
-            hosted = await asyncio.to_thread(self._host_session, admission, self._collect_facts(hello), wake, ask_team)
+            facts = self._collect_facts(hello) | {"transport": transport}
+            hosted = await asyncio.to_thread(self._host_session, admission, facts, wake, ask_team)
         except (MinihumanError, OSError) as error:
             await asyncio.to_thread(self._arrivals.settle, admission)
             LOG.warning("a session was not started: %s", error)
@@ -208,6 +215,7 @@ class ConnectionFactory:
                 return WAIT
             return self._refusals.turn_away("broken")
         connection = self._make_connection(admission, hosted)
+        connection.transport = transport
         opened.append(connection)
         wake()
         return connection

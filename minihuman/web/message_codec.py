@@ -120,5 +120,13 @@ def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
 
 def encode_text(message: _NumberedServerMessage | ServerAck | Pong) -> bytes:
     """Encode a message as the bytes of a text, to be sent together with others."""
-    text = _ENCODER.encode(message)
+    return _frame(_ENCODER.encode(message))
+
+
+def encode_part(text: str) -> bytes:
+    """Encode a message beside the stream as a part of a batch, where nothing but batches can be sent."""
+    return _frame(text.encode())
+
+
+def _frame(text: bytes) -> bytes:
     return _PART.pack(0, len(text)) + text

@@ -145,6 +145,9 @@ PageMessage = (
 )
 
 
+TransportName = Literal["websocket", "http"]  # by what a page speaks
+
+
 class Hello(msgspec.Struct, tag="hello", tag_field="t", forbid_unknown_fields=True):
     """The first message on every socket."""
 

@@ -47,7 +47,12 @@ class RefusalTexts:
             person: the participant's id on the platform that sent them.
         """
         width, height = self._web.min_window_size_px
-        fields = {"browsers": ", ".join(self._web.allowed_browsers), "width": width, "height": height}
+        fields = {
+            "browsers": ", ".join(self._web.allowed_browsers),
+            "width": width,
+            "height": height,
+            "minutes": max(1, int(self._web.reconnect_timeout_s // 60)),
+        }
         words = self._texts[reason].format(**fields)
         if reason not in _FOR_GOOD:
             return Refusal(reason, words)

@@ -106,8 +106,13 @@ def test_everybody_who_was_given_a_group_is_somewhere(tmp_path: Path) -> None:
     withdraw_participant(study, "sub-02", seal=None)
     found = count_participant_flow(study)
     assert (found.came, found.withdrew, found.replaced) == (6, Counter(all=1), Counter(all=1))
-    assert (found.allocated, found.without_data) == (Counter(all=6), Counter(all=1))
-    assert [found.courses[day].complete for day in (1, 2)] == [Counter(all=4)] * 2
+    assert (found.allocated, (found.without_data, found.courses[1].not_returned)) == (
+        Counter(all=6),
+        (Counter(), Counter(all=1)),
+    )
+    first, second = found.courses.values()
+    assert (first.began, first.complete) == (Counter(all=5), Counter(all=5))  # sub-02's second log is on record
+    assert (second.began, second.withdrew, second.complete) == (Counter(all=5), Counter(all=1), Counter(all=4))
     participants = pd.DataFrame(
         {"participant": ["sub-01", "sub-03"], "group": "all", "exclusion_reason": [None, "asleep"]}
     )
@@ -115,7 +120,17 @@ def test_everybody_who_was_given_a_group_is_somewhere(tmp_path: Path) -> None:
     assert section is not None
     assert section.table is not None
     rows = {row[0]: row[1:] for row in section.table.rows}
-    for stage, count in (("came", 6), ("withdrew afterwards", 1), ("session 2: finished", 4)):
+    for stage, count in (
+        ("came", 6),
+        ("nothing recorded, slot reallocated", 1),
+        ("session 1: finished", 5),
+        ("session 2: withdrew during or after it", 1),
+        ("session 2: finished and did not withdraw", 4),
+        ("for the analysis: began a session", 5),
+        ("withdrew, data erased or sealed", 1),
+        ("not in this report's selection", 2),
+        ("excluded: asleep", 1),
+    ):
         assert rows[stage][0] == str(count)
     assert rows["included in this report"] == ("1", "1")
     assert "sub-" not in str(section)

@@ -111,13 +111,17 @@ def test_the_status_of_a_study_says_who_came_and_how_far(tmp_path):
     play(plan_next_session(PROTOCOL, tmp_path), tmp_path, episodes=3)
     play(plan_next_session(PROTOCOL, tmp_path), tmp_path, episodes=1)
     plan_next_session(PROTOCOL, tmp_path)
-    _, first, second, third = format_status(tmp_path / "corridor")
+    _, first, second, third, flow = format_status(tmp_path / "corridor")
     assert "sub-01" in first
     assert "3/3" in first
     assert "complete" in first
     assert "1/3" in second
     assert "unfinished: window_closed" in second
     assert third.startswith("sub-03")
+    assert flow == (
+        "flow: came 3; allocated to a group 3 (then no data recorded so far 1); "
+        "began 2 (then not finished 1); finished 1"
+    )
     assert "nothing recorded" in third
 
 

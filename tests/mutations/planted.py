@@ -20,8 +20,8 @@ PLANTED = (
     Mutant(
         "an exclusion rule leaves out who is exactly at its bound",
         "dataset/selection.py",
-        "value < rule.below",
-        "value <= rule.below",
+        "number < rule.below",
+        "number <= rule.below",
         ("tests/data/test_tables.py", "tests/data"),
     ),
     Mutant(

@@ -110,7 +110,7 @@ def test_a_player_that_fails_ends_its_session_as_failed_and_its_slot_is_free(
     assert [good for _, good in verify_session(path)] == [True]
     lines = list(format_status(study))
     assert "the simulated participant failed" in lines[1]
-    flow = flow_table(count_participant_flow(study), {})
+    flow = flow_table(count_participant_flow(study))
     assert ("simulated participant failed", "1", "1") in flow.rows
     assert not any(row[0] == "not finished" for row in flow.rows)
     [next_one] = simulate(protocol, tmp_path, participants=1, seed=1, player="random")
@@ -130,4 +130,5 @@ def test_a_player_that_fails_before_anything_is_recorded_leaves_its_slot_and_its
     with pytest.raises(PlayerFailedError, match="nothing was recorded, and the slot is free again"):
         list(simulate(protocol, tmp_path, participants=1, seed=1, player="lab:crash"))
     lines = list(format_status(tmp_path / "fails"))
-    assert lines[1:] == ["1 simulated participants that failed before anything was recorded"]
+    failed = "simulated participants that failed before anything was recorded"
+    assert lines[1:] == [f"1 {failed}", f"flow: came 1 (then {failed} 1); allocated to a group 0; began 0; finished 0"]

@@ -20,6 +20,14 @@ PEOPLE = re.compile(
     r"(?P<people>\d+) participants took part(?: in (?P<sessions>\d+) sessions(?: \((?P<each>[^()]+)\))?)? "
     r"\((?P<groups>[^();]+)(?:; (?P<simulated>[^()]+))?\)"
 )
+LOSSES = re.compile(
+    r"(?:Of (?P<came>\d+) people who came to the study, (?P<allocated>\d+) were allocated to a group "
+    r"\((?P<before>[^()]+)\)\. )?"
+    r"(?:Of these participants, (?P<withdrew>\d+ \([^()]+\)) withdrew after they had begun: no result "
+    r"contains their data\. )?"
+    r"(?:Withdrawn with no session on record: (?P<unbegun>\d+)\. )?"
+    r"(?:Slots offered again, the data of their participants kept: (?P<replaced>\d+ \([^()]+\))\. )?"
+)
 ALLOCATION = re.compile(
     r"Groups(?P<keys> and keys)? came from an allocation list drawn before the first session from the study's seed, "
     r"(?P<seed>\d+)(?P<later>; keys that later sessions drew anew came from that seed alone)?"
@@ -102,35 +110,42 @@ def list_blocks(sessions: Sequence[Session]) -> Iterator[Had]:
             earlier.append((plan.block_name, keys))
 
 
-def check_methods(paragraphs: Sequence[str], sessions: Sequence[Session]) -> Tally:
+def check_methods(paragraphs: Sequence[str], sessions: Sequence[Session], register: Sequence[Any] = ()) -> Tally:
     """Check every sentence; the tally counts facts compared with a participant's plan or play."""
     tally = Tally()
     people, *others = paragraphs
     *blocks, measures, software, report = others
-    check_people(people, sessions, tally)
+    check_people(people, sessions, register, tally)
     check_blocks(" ".join(blocks), sessions, tally)
     check_measures(measures, sessions, tally)
     check_software(software, report, sessions, tally)
     return tally
 
 
-def check_people(text: str, sessions: Sequence[Session], tally: Tally) -> None:
-    pattern = f"{PEOPLE.pattern}\\. {ALLOCATION.pattern}\\.(?: {STRATA.pattern}\\.)?"
+def check_people(text: str, sessions: Sequence[Session], register: Sequence[Any], tally: Tally) -> None:
+    pattern = f"{PEOPLE.pattern}\\. {LOSSES.pattern}{ALLOCATION.pattern}\\.(?: {STRATA.pattern}\\.)?"
     its = re.fullmatch(pattern, text)
     if its is None:
         tally.wrong.append(f"no checker for {text!r}")
         return
-    groups = {session.who["participant"]: session.who["group"] for session in sessions}
+    people = read_people(register) | {session.who["participant"]: session.who["group"] for session in sessions}
+    gone = {line["withdrawn"] for line in register if "withdrawn" in line}
+    erased = {line["sealed"].removesuffix(".mcap") for line in register if "sealed" in line}
+    began = {(code, int(number)) for code, _, number in (name.partition("_ses-") for name in erased) if code in gone}
+    began |= {(session.who["participant"], session.plan.session) for session in sessions}
+    groups = {code: people[code] for code, _ in began}
     tally.same("methods, people", its["people"], str(len(groups)))
     many = Counter(groups.values())
     tally.same("methods, groups", its["groups"], ", ".join(f"{many[group]} in group {group}" for group in sorted(many)))
-    each = Counter(session.plan.session for session in sessions)
+    each = Counter(number for _, number in began)
     tally.same("methods, sessions", its["sessions"], str(len(each)) if len(each) > 1 else None)
     told = ", ".join(f"{each[number]} in session {number}" for number in sorted(each))
     tally.same("methods, each session", its["each"], told if len(set(each.values())) > 1 else None)
+    check_losses(its, register, {code for code, _ in began}, tally)
     simulated = sum(session.facts("facts")[0].get("player") != "human" for session in sessions)
+    every = "all sessions on record simulated" if gone & groups.keys() else "all simulated"
     some = None if not simulated else f"{simulated} of the sessions simulated"
-    tally.same("methods, simulated", its["simulated"], "all simulated" if simulated == len(sessions) else some)
+    tally.same("methods, simulated", its["simulated"], every if simulated == len(sessions) else some)
     tally.same("methods, seed", its["seed"], str(sessions[0].plan.study_seed))
     by_hand = sum(session.plan.overridden for session in sessions)
     tally.same("methods, by hand", its["by_hand"], str(by_hand) if by_hand else None)
@@ -144,6 +159,43 @@ def check_people(text: str, sessions: Sequence[Session], tally: Tally) -> None:
     tally.same("methods, keys of the list", its["keys"] is not None, drawn)
     tally.same("methods, keys of later sessions", its["later"] is not None, bool(policies[True] & {*DRAWN_ANEW}))
     check_strata(its["asked"], its["strata"], sessions, tally)
+
+
+def read_people(register: Sequence[Any]) -> dict[str, str]:
+    """The groups of those who have a slot, "" where none is drawn."""
+    people: dict[str, str] = {}
+    for line in register:
+        if "participant" in line:
+            people[line["participant"]] = line["group"]
+        elif "drawn" in line:
+            people[line["drawn"]] = line["group"]
+        elif "freed" in line:
+            people.pop(line["freed"], None)
+    return people
+
+
+def check_losses(its: re.Match[str], register: Sequence[Any], began: set[str], tally: Tally) -> None:
+    """Check the sentences about who was lost: those there must be, and no others."""
+    people = read_people(register)
+    gone = {line["withdrawn"] for line in register if "withdrawn" in line} & people.keys()
+    replaced = ({line["replaced"] for line in register if "replaced" in line} & people.keys()) - gone
+
+    def tell(codes: set[str]) -> str | None:
+        many = Counter(people[code] for code in codes)
+        return (
+            f"{len(codes)} ({', '.join(f'{many[group]} in group {group}' for group in sorted(many))})" if many else None
+        )
+
+    freed = sum("freed" in line for line in register)
+    undrawn = sum(not group for group in people.values())
+    came = len(people) + freed
+    tally.same("methods, came", its["came"], str(came) if freed + undrawn else None)
+    if its["came"]:
+        before = sum(int(number) for number in re.findall(r"(?:^|, )(\d+) ", its["before"]))
+        tally.same("methods, allocated", (int(its["allocated"]), before), (came - freed - undrawn, freed + undrawn))
+    tally.same("methods, withdrew", its["withdrew"], tell(gone & began))
+    tally.same("methods, unbegun", its["unbegun"], str(len(gone - began)) if gone - began else None)
+    tally.same("methods, replaced", its["replaced"], tell(replaced))
 
 
 def check_strata(asked: str | None, told: str | None, sessions: Sequence[Session], tally: Tally) -> None:

@@ -557,7 +557,6 @@ def expected_flow(study: Study) -> Iterator[tuple[str, Any]]:
         for line in lines
         if "freed" in line
     )
-    there = {session.who["participant"] for session in study.sessions}
     counting = {row["participant"]: row["group"] for row in study.participants if row["exclusion_reason"] is None}
     groups = sorted({*filter(None, taken.values())})
 
@@ -565,36 +564,58 @@ def expected_flow(study: Study) -> Iterator[tuple[str, Any]]:
         counts = Counter(taken[code] for code in codes)
         return [what, str(sum(counts.values())), *(str(counts[group]) for group in groups)]
 
+    begun = begun_sessions(study, lines)
     table = [["participants", "all", *groups]]
     table.append(["came", str(sum("participant" in line for line in lines)), *(NOTHING for _ in groups)])
     for what in ("did not agree", "screened out before a group was drawn", "left before anything was recorded"):
         if left[what]:
             table.append([what, str(left[what]), *(NOTHING for _ in groups)])
     table.append(row("allocated to a group", taken))
-    for what, codes in (
-        ("withdrew afterwards", gone),
-        ("did not return, slot reallocated", replaced.keys() - gone),
-        ("no data recorded so far", taken.keys() - gone - there),
-    ):
-        if codes:
-            table.append(row(what, codes))
-    numbers = sorted({session.plan.session for session in study.sessions})
-    for session in numbers:
+    absent = [code for code in taken if not begun.get(code)]
+    losses = [
+        ("withdrew, no session on record", [code for code in absent if code in gone]),
+        ("nothing recorded, slot reallocated", [code for code in absent if code in replaced.keys() - gone]),
+        ("no data recorded so far", [code for code in absent if code not in {*gone, *replaced}]),
+    ]
+    finished: list[str] = []
+    started = [code for code in taken if begun.get(code)]
+    last = max(max(numbers) for numbers in begun.values())
+    for session in range(1, last + 1):
+        label = f"session {session}: " if last > 1 else ""
+        came = [code for code in taken if session in begun.get(code, ())]
+        if session > 1:
+            away = [code for code in finished if code not in came]
+            losses = [
+                (f"{label}did not return, slot reallocated", [code for code in away if code in replaced]),
+                (f"{label}not begun so far", [code for code in away if code not in replaced]),
+            ]
+        table += [row(what, codes) for what, codes in losses if codes]
+        table.append(row(f"{label}began", came))
         ends = {one.who["participant"]: one for one in study.sessions if one.plan.session == session}
-        label = f"session {session}: " if len(numbers) > 1 else ""
-        table.append(row(f"{label}began", ends))
         out = [code for code, one in ends.items() if one.end_reason == "screened_out"]
-        finished = [code for code, one in ends.items() if is_finished(one)]
-        unfinished = [code for code in ends if code not in {*out, *finished}]
-        if out:
-            table.append(row(f"{label}screened out", out))
-        if unfinished:
-            table.append(row(f"{label}not finished", unfinished))
-        table.append(row(f"{label}finished", finished))
+        stopped = [code for code, one in ends.items() if not is_finished(one) and code not in out]
+        withdrew = [code for code in came if code in gone and max(begun[code]) == session]
+        missing = [code for code in came if code not in ends and code not in gone]
+        for what, codes in (
+            ("screened out", out),
+            ("not finished, slot reallocated", [code for code in stopped if code in replaced]),
+            ("not finished", [code for code in stopped if code not in replaced]),
+            ("log missing or unreadable", missing),
+            ("withdrew during or after it", withdrew),
+        ):
+            if codes:
+                table.append(row(f"{label}{what}", codes))
+        finished = [code for code in came if code not in {*out, *stopped, *withdrew, *missing}]
+        table.append(row(f"{label}finished{' and did not withdraw' if withdrew else ''}", finished))
+    if row("", finished) != row("", started):
+        table.append(row("for the analysis: began a session", started))
     against: dict[str, str] = {}
     for one in study.participants:
         if one["participant"] not in counting:
             against.setdefault(one["participant"], one["exclusion_reason"])
+    erased = [code for code in started if code in gone]
+    if erased:
+        table.append(row("withdrew, data erased or sealed", erased))
     for reason in sorted(set(against.values())):
         table.append(row(f"excluded: {reason}", [code for code, why in against.items() if why == reason]))
     table.append(row("included in this report", counting))
@@ -619,6 +640,18 @@ def expected_flow(study: Study) -> Iterator[tuple[str, Any]]:
     told = ", ".join(f"{many} {what}" for many, what in counts if many)
     if told:
         yield "p", f"Audit trail: {told}."
+
+
+def begun_sessions(study: Study, lines: Sequence[dict[str, Any]]) -> dict[str, set[int]]:
+    """The sessions that each participant began: by their logs, and by the heads of logs that are gone."""
+    begun: dict[str, set[int]] = defaultdict(set)
+    for session in study.sessions:
+        begun[session.who["participant"]].add(session.plan.session)
+    for line in lines:
+        if "sealed" in line:
+            code, _, rest = line["sealed"].partition("_ses-")
+            begun[code].add(int(rest[:2]))
+    return begun
 
 
 def is_finished(session: Session) -> bool:

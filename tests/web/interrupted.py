@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import KeyPressed, Stepped
@@ -46,6 +47,7 @@ def interrupt(
     world=GRID,
     computed: str = "page",
     kinds: tuple[str, ...] = KINDS,
+    upgrades: Literal["passed", "closed", "swallowed"] = "passed",
 ) -> Interrupted:
     """Play through as many interruptions of these kinds, then to the session's end."""
     chance = random.Random(seed)
@@ -59,6 +61,7 @@ def interrupt(
         line(served.port, rtt_ms=rtt_ms) as wire,
         browsing() as sit_down,
     ):
+        wire.upgrades = upgrades
         somebody = sit_down(f"http://127.0.0.1:{wire.port}/#t={served.tokens[0]}")
         somebody.to_play()
         for _ in range(times):

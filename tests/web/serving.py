@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Literal
 
 from tests.counts import PATIENCE_S
 from tests.warm_start import start_program
@@ -104,6 +105,7 @@ class Line:
 
     ``loss`` is the share of TCP segments that get lost: what such a segment carries, and all behind it, comes a round
     trip and the shortest retransmission timeout later, as TCP hands nothing on out of order.
+    ``upgrades`` says what becomes of web sockets, as at a middlebox that knows HTTP alone.
     Each direction of a connection has two threads, one that reads and one that writes when it is time.
     """
 
@@ -113,6 +115,7 @@ class Line:
         self.bytes_down = self.bytes_up = 0
         self.deaf = False  # nothing comes down; what goes up arrives
         self.stalled = False  # nothing arrives on either side, until it is again
+        self.upgrades: Literal["passed", "closed", "swallowed"] = "passed"
         self._to = port
         self._open: set[socket.socket] = set()
         self._lock = threading.Lock()
@@ -166,6 +169,10 @@ class Line:
                 try:
                     data = source.recv(65536)
                 except OSError:
+                    data = b""
+                if not down and self.upgrades != "passed" and b"upgrade: websocket" in data.lower():
+                    if self.upgrades == "swallowed":
+                        continue
                     data = b""
                 due_s, segments = time.monotonic() + self.one_way_s, -(-len(data) // SEGMENT_BYTES)
                 if self._chance.random() < 1 - (1 - self.loss) ** segments:

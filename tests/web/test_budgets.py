@@ -105,5 +105,5 @@ def test_a_study_for_which_the_system_allows_too_few_files_is_refused_with_the_w
 ) -> None:
     process._require_handles(1)
     monkeypatch.setattr(process, "raise_file_limit", lambda needed: 1_024)
-    with pytest.raises(ServeError, match="max_concurrent_sessions is 10000, for which a server needs 20528 open files"):
+    with pytest.raises(ServeError, match="max_concurrent_sessions is 10000, for which a server needs 30528 open files"):
         process._require_handles(10_000)

@@ -18,8 +18,9 @@ from minihuman.runtime.http_guard import is_own_request, read_length
 from minihuman.runtime.watch.dashboard import DashboardServer
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.server import request_timeout
-from minihuman.web.server.app import METRICS_TOKEN_VARIABLE, WebServer
+from minihuman.web.server.app import WebServer
 from minihuman.web.server.desk import StartPage
+from minihuman.web.server.metrics import METRICS_TOKEN_VARIABLE
 from minihuman.web.server.request_timeout import TimedHttpProtocol
 from tests.counts import PATIENCE_S
 from tests.study.sessions import corridor_plan

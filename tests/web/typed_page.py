@@ -10,6 +10,7 @@ import random
 import struct
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -106,12 +107,7 @@ class TypedPage:
 
     async def take_part(self) -> Counts:
         """Take part, to the end of the session or of the presses."""
-        address, origin = f"ws://{self._host}/socket", f"http://{self._host}"
-        quiet = {
-            "compression": None,
-            "ping_interval": None,
-        }  # a ping draws from `random`, which Hypothesis watches over
-        async with connect(address, origin=origin, max_size=None, open_timeout=PATIENCE_S, **quiet) as socket:
+        async with self.open_socket() as socket:
             hello = {"t": "hello", "version": MESSAGE_VERSION, "token": self._token, "platform": self._platform}
             hello |= {"kernels": kernels_digest() if self._computes else ""}
             await socket.send(json.dumps({**hello, "stream": f"{id(self):x}", "facts": FACTS}))
@@ -127,6 +123,15 @@ class TypedPage:
             if broke and not self._done.is_set():
                 raise broke[0]
         return self.counts
+
+    def open_socket(self) -> AbstractAsyncContextManager[Any]:
+        """Open what the page speaks by."""
+        address, origin = f"ws://{self._host}/socket", f"http://{self._host}"
+        quiet = {
+            "compression": None,
+            "ping_interval": None,
+        }  # a ping draws from `random`, which Hypothesis watches over
+        return connect(address, origin=origin, max_size=None, open_timeout=PATIENCE_S, **quiet)
 
     # What is said
 

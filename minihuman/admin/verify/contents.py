@@ -1,6 +1,6 @@
-"""Read all that a log holds, record by record, and note what is wrong with single records.
+"""Read everything in a log, record by record, and note what is wrong with single records.
 
-What follows from what in a log is compared elsewhere: here a record is only read, chained and decoded.
+Here each record is only read, chained and decoded; other modules compare the records with each other.
 """
 
 from contextlib import suppress
@@ -43,26 +43,26 @@ class LogSegment:
 
     @property
     def number(self) -> str:
-        """Return the segment's number; "?" where its metadata lack it."""
+        """Return the segment's number; "?" if its metadata lack it."""
         return self.facts.get("segment", "?")
 
     @property
     def started(self) -> SessionStarted | None:
-        """Return its plan and facts; None where they are missing."""
+        """Return the event with the segment's plan and facts; None if it is missing."""
         if not self.events or not isinstance(self.events[0], SessionStarted):
             return None
         return self.events[0]
 
     @property
     def ended(self) -> SessionEnded | None:
-        """Return its end by its last message; None where it was cut off."""
+        """Return the event that ends the segment; None if the segment was cut off."""
         if not self.events or not isinstance(self.events[-1], SessionEnded):
             return None
         return self.events[-1]
 
     @property
     def provable(self) -> bool:
-        """Tell whether the session machine's present rules recorded it, and so all that is checked holds of it."""
+        """Tell whether the session machine's current rules recorded the segment, so that all checks apply to it."""
         return self.facts.get("session_rules") == str(MACHINE_VERSION)
 
 
@@ -103,7 +103,7 @@ class _ContentsReader:
         self._verifier: MessageVerifier | None = None  # of the same, from its first message on
 
     def read(self) -> LogContents:
-        """Read the log to its end."""
+        """Read the log to its end and return its contents."""
         contents = self._contents
         for record in self._scan:
             match record:
@@ -154,12 +154,12 @@ class _ContentsReader:
                 )
 
     def _require_first(self, name: str, earlier: dict[str, str] | None) -> None:
-        """Note a segment's metadata that are there already."""
+        """Note a difference if a segment has the same metadata twice."""
         if earlier is not None:
             self._contents.differences.append(f"metadata {name} is there twice")
 
     def _take_copy(self, record: Attachment) -> None:
-        """Take the plan from the second copy of a segment's start."""
+        """Record the plan in the second copy of a segment's start."""
         with suppress(ValueError):
             messages = ChunkMessages(SegmentHead.of(record.data).records, self._scan.channels)
             self._contents.plan_copies += (message.data for message in messages)
@@ -187,7 +187,7 @@ class _ContentsReader:
             segment.last_sequence = record.sequence
 
     def _verify_in(self, segment: LogSegment) -> MessageVerifier:
-        """Return what verifies the segment's messages, from its first one on."""
+        """Return the segment's message verifier, created at its first message."""
         if self._verifier is None:
             assert self._decode is not None  # its segment's metadata came first
             is_unfinished = self._path.name.endswith(PART_SUFFIX)

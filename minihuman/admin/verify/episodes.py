@@ -1,6 +1,6 @@
 """Verify a log's episodes: replay them from world id, options, seed and actions, and compare every number.
 
-The logs of a team's members are compared with each other too; a member who withdrew is only named.
+The logs of a team's members are also compared with each other; a member who withdrew is only mentioned.
 """
 
 from collections.abc import Iterator, Mapping
@@ -27,7 +27,7 @@ from minihuman.worlds.source_digest import rules_digest
 
 @dataclass(frozen=True, slots=True)
 class EpisodeVerification:
-    """The outcome of replaying a log's episodes."""
+    """The result of replaying a log's episodes."""
 
     episodes: int
     steps: int
@@ -36,9 +36,9 @@ class EpisodeVerification:
 
 
 def describe_other_rules(log: SessionLog) -> str:
-    """Say that other sources of worlds than ours made a log, to be known before it is compared; "" if ours did.
+    """Describe how the rules that recorded a log differ from the current sources of worlds; "" if they do not.
 
-    Also "" for logs of before there were digests, and for a world of somebody else's: its sources are not ours.
+    Also "" for logs that record no digest of the rules. The rules of third-party worlds are not considered.
     """
     recorded = dict.fromkeys(segment.facts["rules"] for segment in log.segments if "rules" in segment.facts)
     recorded.pop(rules_digest(), None)
@@ -48,12 +48,12 @@ def describe_other_rules(log: SessionLog) -> str:
 
 
 def verify_episodes(log: SessionLog, make_world: WorldFactory = World) -> EpisodeVerification:
-    """Play every episode of a log again, up to the first number that differs.
+    """Replay every episode of a log, up to the first number that differs.
 
-    Pictures in first person that an earlier renderer drew are not compared; states, rewards and ends are all the same.
+    First-person pictures that an earlier renderer drew are not compared; states, rewards and ends still are.
 
     Raises:
-        WorldError: if a world of the log cannot be made here.
+        WorldError: if a world in the log cannot be created here.
     """
     episodes = steps = n_other_renderer = 0
     same = all(renders_same_images(segment.facts) for segment in log.segments)
@@ -142,7 +142,7 @@ def _at_step(episode: EpisodeLog, index: int, again: Stepped, place: str) -> Ite
 
 
 def _logged_success(episode: EpisodeLog, index: int) -> bool | None:
-    """Return whether a step was a success by the log; None where it says nothing of that."""
+    """Return whether a step was a success according to the log; None if the log does not record it."""
     if episode.successes is None or np.isnan(episode.successes[index]):
         return None
     return bool(episode.successes[index])
@@ -158,7 +158,7 @@ _Played = dict[tuple[int, int], tuple[EpisodeLog, TeamRecord]]  # by episode and
 
 
 def verify_teams(study: Path) -> Iterator[tuple[str, bool]]:
-    """Compare the joint actions in the logs of each team's members; yield lines, each with whether it is good news.
+    """Compare the joint actions in the logs of each team's members; yield lines, each with whether it reports success.
 
     A log that was cut off is compared as far as it goes.
 
@@ -187,7 +187,7 @@ def verify_teams(study: Path) -> Iterator[tuple[str, bool]]:
 
 
 def _read_member(study: Path, entry: TeamRecorded, seat: str) -> SessionLog | None:
-    """Read a member's log; None of one who withdrew or has none."""
+    """Read a member's log; return None for a member who withdrew or has no log."""
     code = entry.members.get(seat)
     if code is None:
         folder = None
@@ -209,10 +209,11 @@ def _find_episodes(log: SessionLog | None, entry: TeamRecorded) -> _Played:
 
 
 def _compare_members(played_by_seat: dict[int, _Played]) -> Iterator[str]:
-    """Yield where the logs of two seats differ: of each pair, as a member may have left, withdrawn, or come back.
+    """Yield the differences between the logs of each pair of seats.
 
-    The same joint steps can be the first attempt at an episode in one log and the second in another. So an attempt is
-    compared with that of the other seat which agrees longest, and with none where the other seat did not act in it.
+    A member may have left, withdrawn or come back, so the same joint steps can be the first attempt at an episode in
+    one log and the second in another. Each attempt is therefore compared with the other seat's attempt that agrees
+    longest, and not at all if the other seat did not act in it.
     """
     lines = dict[str, None]()  # in order, each once
     for (seat, played), (other_seat, other_played) in permutations(played_by_seat.items(), 2):
@@ -232,7 +233,7 @@ def _compare_members(played_by_seat: dict[int, _Played]) -> Iterator[str]:
 
 
 def _find_record_difference(records: Mapping[int, tuple[EpisodeLog, TeamRecord]], n_same: int) -> str:
-    """Say where two seats' records of an episode differ, whose first joint steps are the same; "" if nowhere."""
+    """Describe where two seats' records of an episode differ after ``n_same`` equal joint steps; "" if they do not."""
     (episode, team), (other, other_team) = records.values()
     seats = " and ".join(map(str, records))
     n = min(len(team.actions), len(other_team.actions))
@@ -248,7 +249,7 @@ def _find_record_difference(records: Mapping[int, tuple[EpisodeLog, TeamRecord]]
 
 
 def _compare_messages(logs: dict[int, SessionLog | None], played_by_seat: dict[int, _Played]) -> Iterator[str]:
-    """Name the messages that a seat was shown, but that their author's log, if here and whole, does not have."""
+    """Yield the messages that were shown to a seat but are missing from their author's log, if that log is complete."""
     shown_messages = {
         seat: _list_shown_messages(log, played_by_seat[seat]) for seat, log in logs.items() if log is not None
     }
@@ -266,12 +267,12 @@ def _compare_messages(logs: dict[int, SessionLog | None], played_by_seat: dict[i
 
 
 def _list_shown_messages(log: SessionLog, played: _Played) -> list[MessageShown]:
-    """List the messages that a seat was shown in the team's episodes."""
+    """Return the messages that were shown to a seat in the team's episodes."""
     episodes = {episode.plan.episode for episode, _ in played.values()}
     return [event for event in log.part_events if isinstance(event, MessageShown) and event.episode in episodes]
 
 
 def _count_same(record: TeamRecord, other: TeamRecord) -> int:
-    """Count the joint steps of two records that agree before the first that differs."""
+    """Count the joint steps on which two records agree before the first difference."""
     n = min(len(record.actions), len(other.actions))
     return int((record.actions[:n] == other.actions[:n]).all(axis=1).cumprod().sum())

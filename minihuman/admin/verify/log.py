@@ -1,8 +1,8 @@
-"""Verify a whole log: not only its worlds and steps, but every message in it and that nothing was changed.
+"""Verify a whole log: its worlds and steps, and also every message, so that no change goes unnoticed.
 
-The session is replayed; each message is compared with its event (bytes, times and the previews for viewers), the plan
-with the protocol's bytes, metadata and attachments with the plan, and the hash chain with all of it. The report puts
-the replay of the episodes first.
+The session is replayed. Each message is compared with its event (bytes, times and the previews for viewers), the plan
+with the protocol's bytes, metadata and attachments with the plan, and the hash chain with all of it. The report begins
+with the replay of the episodes.
 """
 
 from collections import Counter
@@ -42,11 +42,11 @@ MAX_DIFFERENCES = 20  # that are named, of a log
 def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
     """Yield everything in a log that does not follow from the rest of it; nothing for a log that is proven.
 
-    Segments of before there were session rules and a chain are left to ``verify``.
+    Segments recorded before session rules and hash chains existed are left to ``verify``.
 
     Raises:
         LogError: if the log cannot be read.
-        WorldError: if a world of its plan cannot be made here.
+        WorldError: if a world in its plan cannot be created here.
     """
     contents = read_log_contents(path)
     yield from contents.differences
@@ -75,9 +75,11 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
 
 
 def _replay(segment: LogSegment, make_world: WorldFactory) -> Iterator[str]:
-    """Compare with a replay; where a model took part, also every prompt, its picture and how each answer was read.
+    """Compare a segment with its replay.
 
-    A world that failed may end its process, or run without end: it is replayed in a process of its own.
+    If a model took part, also every prompt, its picture and how answers were read.
+
+    A world that failed may end its process or run forever, so it is replayed in a separate process.
     """
     if segment.ended is not None and segment.ended.reason == "world_error":
         worlds = IsolatedWorlds(make_world)
@@ -100,7 +102,7 @@ def _compare_segment(segment: LogSegment, make_world: WorldFactory) -> Iterator[
 
 
 def _attachments(contents: LogContents) -> Iterator[str]:
-    """Compare the attachments with the plans: each that a plan has is there once, and no other of ours."""
+    """Yield the differences between the attachments and the plans, each of whose attachments must be present once."""
     plans = [segment.started.plan for segment in contents.segments if segment.started]
     expected = {
         (name, content) for plan in plans for name, _, content in build_attachments(plan) if name != "packages.txt"
@@ -137,7 +139,7 @@ def _metadata(segment: LogSegment, number: int) -> Iterator[str]:
 
 
 def _end(segment: LogSegment, so_far: Sequence[LogSegment], *, finished: bool) -> Iterator[str]:
-    """Compare what a segment's end says with what is in the segment."""
+    """Compare the metadata at a segment's end with the contents of the segment; yield the differences."""
     end = segment.end
     if end is None:
         if finished:
@@ -159,7 +161,7 @@ def _end(segment: LogSegment, so_far: Sequence[LogSegment], *, finished: bool) -
 
 
 def _expect_end(segment: LogSegment, so_far: Sequence[LogSegment]) -> dict[str, str]:
-    """Return what a segment's end should say, by the messages up to it."""
+    """Return the metadata that a segment's end should have according to the messages up to it."""
     reason = "cut_off"
     if segment.ended is not None:
         reason = segment.ended.reason
@@ -187,14 +189,16 @@ def _expect_end(segment: LogSegment, so_far: Sequence[LogSegment]) -> dict[str, 
 
 
 def verify_session(log: Path, *, trust: bool = False, policies: bool = False) -> Iterator[tuple[str, bool]]:
-    """Yield lines on a session, each with whether it is good news; with ``policies`` on what its agents thought, too.
+    """Yield lines about a session, each with whether it reports success.
 
-    ``log`` is a log, or the folder of the one session that is in it, in as many files as it may be. With ``trust`` the
-    modules of its worlds are trusted from now on.
+    Args:
+        log: a log, or the folder of a single session, which can be in several files.
+        trust: whether to trust the modules of the session's worlds from now on.
+        policies: whether to verify the advice of its agents' policies, too.
 
     Raises:
-        LogError: if the log cannot be read, or the file of a policy.
-        WorldError: if a world of it cannot be made here, or is in a module that is not trusted.
+        LogError: if the log or the file of a policy cannot be read.
+        WorldError: if a world in the log cannot be created here, or is in a module that is not trusted.
     """
     session = read_log(log)
     if trust:
@@ -224,7 +228,7 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
 
 
 def _describe_replay(session: SessionLog, steps: EpisodeVerification) -> Iterator[tuple[str, bool]]:
-    """Yield what the replay of the episodes gave, and what to know of it."""
+    """Yield the result of replaying the episodes, with the warnings that belong to it."""
     for module in find_changed_sources(session.facts):
         yield f"recorded with another file of the module {module}", True
     if steps.difference:
@@ -236,7 +240,7 @@ def _describe_replay(session: SessionLog, steps: EpisodeVerification) -> Iterato
 
 
 def _find_session_differences(log: Path) -> list[str]:
-    """Find the differences in every file of a session."""
+    """Return the differences in all files of a session."""
     differences: list[str] = []
     for file in list_session_files(log):
         with raise_as_log_error(file, "proven"):

@@ -1,4 +1,4 @@
-"""Verify a segment's messages: each is as its event is written, and is repeated for viewers as it should be."""
+"""Verify a segment's messages: each has the bytes that its event is written with, and the right preview messages."""
 
 import io
 
@@ -24,9 +24,9 @@ class MessageVerifier:
     """Verifies a segment's messages in order.
 
     Args:
-        started_ns: the wall clock at the segment's time 0.
-        decode: reads its messages.
-        live: it is of a live file, in which nothing is repeated for viewers yet.
+        started_ns: the wall-clock time of the segment's time 0, in nanoseconds.
+        decode: the function that decodes the segment's messages.
+        live: whether the messages are from a live file, which has no previews for viewers yet.
     """
 
     def __init__(self, started_ns: int, decode: EventDecoder, *, live: bool) -> None:
@@ -38,7 +38,10 @@ class MessageVerifier:
         self._last: LogMessage | None = None  # of those that are
 
     def check(self, message: LogMessage, schema: str) -> tuple[Event | None, list[str]]:
-        """Return the event in a message, None of one for viewers; and what of it is not as minihuman writes it."""
+        """Return the event in a message, and a line for each way in which the message differs from the expected one.
+
+        The event is None for a preview message, or for a message that cannot be read.
+        """
         topic = message.channel.topic
         if topic in _FOR_VIEWERS:
             self._waiting.append(message)
@@ -67,7 +70,7 @@ class MessageVerifier:
         return event, differences + self._compare(expected, message, previews, place)
 
     def finish(self) -> list[str]:
-        """Compare what is for viewers at the segment's end: the poses of an episode that was cut off, nothing else."""
+        """Compare the preview messages at the segment's end; only the poses of an interrupted episode may remain."""
         if self._last is None:
             return [f"a message on {message.channel.topic} repeats nothing" for message in self._waiting]
         return self._compare(list(self._previews.finish()), self._last, self._waiting, "the segment's end")
@@ -92,7 +95,7 @@ class MessageVerifier:
 
 
 def _is_as_written(again: Message, logged: bytes) -> bool:
-    """Tell whether a message is as minihuman writes it, or wrote it: a plan may lack fields that parts got since."""
+    """Tell whether a message is as minihuman writes it, or wrote it before parts of a plan had their latest fields."""
     if again.SerializeToString(deterministic=True) == logged:
         return True
     if not isinstance(again, v1.SessionPlan):
@@ -103,7 +106,7 @@ def _is_as_written(again: Message, logged: bytes) -> bool:
 
 
 def _without_later_defaults(plan_json: str, logged_json: str) -> str:
-    """Return a part's plan, as read from the logged one, without the fields that reading added with their defaults."""
+    """Return a part's plan without the default values of fields that are missing from the logged plan."""
     plan = msgspec.json.decode(plan_json)
     logged = msgspec.json.decode(logged_json)
     if not isinstance(plan, dict) or not isinstance(logged, dict):
@@ -112,7 +115,7 @@ def _without_later_defaults(plan_json: str, logged_json: str) -> str:
 
 
 def _bytes_match(topic: str, again: bytes, logged_bytes: bytes) -> bool:
-    """Tell whether two messages show the same; another version of a library may compress a picture differently."""
+    """Tell whether two messages show the same; other versions of a library may compress a picture differently."""
     if again == logged_bytes or topic not in (topics.MAP_IMAGE, topics.OBSERVATION_IMAGE):
         return again == logged_bytes
     try:
@@ -128,12 +131,12 @@ def _bytes_match(topic: str, again: bytes, logged_bytes: bytes) -> bool:
 
 
 def _differ_by_a_pixel(drawing: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
-    """Tell whether two drawings [H, W, 3] are the same but for edges that lie up to one pixel apart."""
+    """Tell whether two drawings [H, W, 3] are the same except for edges that lie up to one pixel apart."""
     return drawing.shape == other.shape and _lies_within(drawing, other) and _lies_within(other, drawing)
 
 
 def _lies_within(drawing: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
-    """Tell whether each pixel of a drawing has a colour between those of the other within one pixel of it."""
+    """Tell whether each pixel of a drawing has a colour within the range of the other drawing's adjacent pixels."""
     image = Image.fromarray(other)
     low = np.asarray(image.filter(ImageFilter.MinFilter(3)))
     high = np.asarray(image.filter(ImageFilter.MaxFilter(3)))

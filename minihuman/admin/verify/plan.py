@@ -1,6 +1,6 @@
-"""Verify a logged plan: it is the one that the protocol's bytes give for this participant, and so is their slot.
+"""Verify a logged plan: it and the participant's slot are those that the protocol's bytes produce.
 
-A plan of an earlier version lacks what was added since, and may be divided into other pages: both are allowed for.
+A plan from an earlier version can lack later fields and be divided into other pages; both are allowed for.
 """
 
 import hashlib
@@ -28,7 +28,7 @@ _ONCE_PER_PLAN = ("first_episode", "segment", "standing")  # what a resumed sess
 
 
 def compare_plan(segment: LogSegment) -> Iterator[str]:
-    """Compare a segment's plan with the one that its protocol gives; yield the differences."""
+    """Compare a segment's plan with the one that its protocol produces; yield the differences."""
     if segment.started is None:
         return
     plan = segment.started.plan
@@ -64,7 +64,7 @@ def compare_plan(segment: LogSegment) -> Iterator[str]:
 
 
 def _page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, bytes]:
-    """Return the pictures of pages by the names that the protocol has for them; the log holds them page by page."""
+    """Return the pictures of pages under the protocol's names for them; the log holds them page by page."""
     named = [(part.plan, protocol.page_for(part.name, plan.participant.group)) for part in plan.parts]
     logo = protocol.study.logo
     return {
@@ -78,16 +78,17 @@ def _page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, bytes]:
 def _as_part_before(
     protocol: Protocol, plan: SessionPlan, part: PlannedPart | None, logged: PlannedPart | None
 ) -> PlannedPart | None:
-    """Return a planned part as it was planned when the logged one was: divided into those pages, with those fields."""
+    """Return a planned part in the form of the logged part's version: with the same pages and fields."""
     if part is None or logged is None or part.name != logged.name:
         return part
     return _without_later_fields(_divided_as_before(protocol, plan, part, logged), logged)
 
 
 def _divided_as_before(protocol: Protocol, plan: SessionPlan, part: PlannedPart, logged: PlannedPart) -> PlannedPart:
-    """Take over the logged pages of a plan from before there were rules of pagination, if they are the whole text.
+    """Adopt the logged pages of a plan that has no pagination rules, if they contain the whole text.
 
-    Pages were measured by the fonts and the libraries of the machine then, so no other machine can find them again.
+    Such pages were measured with the fonts and libraries of the recording machine, so they cannot be reproduced
+    elsewhere.
     """
     match part.plan, logged.plan:
         case PagePlan(), PagePlan(pages=pages, pagination=msgspec.UNSET) as page:
@@ -105,7 +106,7 @@ def _divided_as_before(protocol: Protocol, plan: SessionPlan, part: PlannedPart,
 
 
 def _without_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart:
-    """Return a planned part without what plans did not say yet when the logged one was made."""
+    """Return a planned part without the fields that plans did not have when the logged part was made."""
     if not isinstance(part.plan, PlayPlan) or not isinstance(logged.plan, PlayPlan):
         return part
     if logged.plan.computed == "page":
@@ -115,9 +116,10 @@ def _without_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart
 
 
 def _as_planned_before(episode: EpisodePlan | None, logged: EpisodePlan | None) -> EpisodePlan | None:
-    """Return a planned episode as plans were when the logged one was made.
+    """Return a planned episode in the form of the logged episode's version.
 
-    They had images and labels in an episode's options, and first-person worlds by the host's sine alone.
+    Earlier versions had images and labels among an episode's options, and computed first-person worlds only with the
+    host's sine.
     """
     if episode is None or logged is None:
         return episode

@@ -1,7 +1,7 @@
-"""Verify the pictures that a log says were shown: draw them again at the same steps, and compare their hashes.
+"""Verify the pictures that were shown according to a log: draw them again at the same steps, and compare their hashes.
 
-Hashes are taken of worlds that are not ours, where nothing else says what was seen. Pictures have a verdict of their
-own: equal, different, not comparable (what draws them is of another version, or another system), or not recorded.
+Only pictures of third-party worlds are hashed, because nothing else records what was seen. Pictures have a verdict of
+their own: equal, different, not comparable (drawn by another version or on another system), or not recorded.
 """
 
 import platform
@@ -28,12 +28,12 @@ _NOT_COMPARED = ("version_minihuman", "version_mcap")  # which draw nothing of w
 
 @dataclass(frozen=True, slots=True)
 class PictureVerification:
-    """The outcome of drawing the shown pictures again.
+    """The result of drawing the shown pictures again.
 
     Attributes:
-        verdict: of them all.
-        pictures: how many were drawn again and are equal.
-        detail: the first that differs, and why some are not comparable.
+        verdict: the verdict on all pictures together.
+        pictures: the number of pictures that were drawn again and are equal.
+        detail: the first picture that differs, or why pictures are not comparable.
     """
 
     verdict: PictureVerdict
@@ -50,12 +50,12 @@ class PictureVerification:
 
 
 def verify_pictures(log: SessionLog, make_world: WorldFactory = World) -> PictureVerification | None:
-    """Draw the pictures again that were shown of worlds that are not ours; None where nobody saw such an episode.
+    """Draw the shown pictures of third-party worlds again; return None if no participant saw such an episode.
 
     The verdict covers the episodes up to the first that differs.
 
     Raises:
-        WorldError: if a world of the log cannot be made here.
+        WorldError: if a world in the log cannot be created here.
     """
     if log.facts.get("window") == "simulated":
         return None
@@ -85,20 +85,20 @@ def verify_pictures(log: SessionLog, make_world: WorldFactory = World) -> Pictur
 
 
 def find_shown_pictures(episode: EpisodeLog) -> dict[int, int]:
-    """Find the hashes of an episode's shown pictures, by step; none where they were not recorded."""
+    """Return the hashes of an episode's shown pictures, by step; empty if they were not recorded."""
     steps = np.asarray(episode.frames.column("step"))
     hashes = np.asarray(episode.frames.column("picture_hash"))
     return {int(step): int(picture) for step, picture in zip(steps, hashes, strict=True) if picture}
 
 
 def _find_picture_size(recorded: Mapping[str, str]) -> tuple[int, int]:
-    """Return the largest picture that a segment asked for, width and height."""
+    """Return the width and height of the largest picture that a segment requested."""
     width, _, height = recorded.get("picture_px", "640 x 480").partition(" x ")
     return int(width), int(height)
 
 
 def _find_difference(episode: EpisodeLog, hashes: Mapping[int, int], world: World, size_px: tuple[int, int]) -> str:
-    """Play an episode again, and return the first picture that differs; "" if none does."""
+    """Replay an episode and describe the first picture that differs; "" if none does."""
     try:
         return next(_differences(episode, hashes, world, size_px), "")
     except WorldError as error:
@@ -131,12 +131,12 @@ def _judge_difference(
 
 
 def _draws(fact: str) -> bool:
-    """Tell whether what a fact says may change pictures."""
+    """Tell whether pictures may depend on a recorded fact about the station."""
     return fact in _STATION_FACTS or (fact.startswith(_VERSION) and fact not in _NOT_COMPARED)
 
 
 def _find_fact(name: str) -> str:
-    """Return a fact of this machine, but for the release of the system."""
+    """Return this machine's value of a station fact, without the release of the operating system."""
     if name in _STATION_FACTS:
         return _STATION_FACTS[name]()
     try:

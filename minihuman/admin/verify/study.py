@@ -28,7 +28,7 @@ from minihuman.log.salvage.summary_section import read_summary
 
 
 def find_studies(folder: Path) -> list[Path]:
-    """Find the folders with an enrolment log: this one, or those in it."""
+    """Return the folders with an enrolment log: the given folder, or the folders directly inside it."""
     if not folder.is_dir():
         return []
     if open_enrolment_log(folder).begun:
@@ -37,7 +37,7 @@ def find_studies(folder: Path) -> list[Path]:
 
 
 def find_sessions(path: Path, *, required: bool = True) -> list[Path]:
-    """Find the sessions of a folder, or of all folders in it: log by log; a folder where one is in several files.
+    """Return the path of every session below a folder: a log, or a folder that holds one session in several files.
 
     Raises:
         LogError: if there is none, although one is required.
@@ -59,10 +59,10 @@ def find_sessions(path: Path, *, required: bool = True) -> list[Path]:
 
 
 def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
-    """Compare a study's enrolment log with its session logs; yield lines, each with whether it is good news.
+    """Compare a study's enrolment log with its session logs; yield lines, each with whether it reports success.
 
-    Each chain head has its log, each segment of a finished log its chain head, and each slot that was taken a log. No
-    session was completed twice.
+    Each chain head must have its log, each segment of a finished log its chain head, and each taken slot a log. No
+    session may be completed twice.
 
     Raises:
         LogError: if a line of the enrolment log is damaged.
@@ -87,7 +87,7 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
 
 
 def _read_protocol(sessions: Iterable[Path]) -> Protocol | None:
-    """Read the protocol of a study's first log, where it has designs of the study; None if there is none."""
+    """Read the protocol of a study's first log if it has adaptive designs of the study; otherwise return None."""
     for log in sessions:
         protocol = decode_logged_protocol(read_log(log).plan.protocol_toml)
         if protocol.allocation.design or protocol.allocation.stopping:
@@ -97,7 +97,7 @@ def _read_protocol(sessions: Iterable[Path]) -> Protocol | None:
 
 
 def _read_ends(log: Path) -> tuple[str, ...]:
-    """Read which segments of a log have a chain head; none of a log that cannot be read."""
+    """Return the numbers of a log's segments that have a chain head; none for a log that cannot be read."""
     summary = read_summary(log)
     if summary is None:
         return ()
@@ -105,10 +105,10 @@ def _read_ends(log: Path) -> tuple[str, ...]:
 
 
 def verify_manifest(study: Path, seal: str) -> Iterator[tuple[str, bool]]:
-    """Yield lines on a sealed study, each with whether it is good news.
+    """Yield lines about a study compared with its manifest, each with whether it reports success.
 
     Raises:
-        LogError: if the seal is none.
+        LogError: if ``seal`` is neither a manifest file nor a digest.
     """
     withdrawn = read_withdrawn_codes(study)
     by_code: Counter[str] = Counter()

@@ -135,16 +135,26 @@ class ExclusionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     reason: str
     level: Literal["episode", "participant"]
-    measure: str  # a column of the report's episode or participant table, or "label:NAME" of a trial
+    measure: str  # a column of the report's episode or participant table, "label:NAME", or "answer:QUESTIONS.ITEM"
     below: float | None = None  # leaves out values less than this
     above: float | None = None  # leaves out values greater than this
     where: dict[str, str | int | float | bool] = {}  # only trials whose labels have these levels
+    is_one_of: tuple[str | int | float, ...] = ()  # leaves out who gave one of these answers
+    is_none_of: tuple[str | int | float, ...] = ()  # leaves out who gave none of these answers, but another
+    is_missing: bool = False  # leaves out who was asked and gave no answer
 
     @property
     def measured_label(self) -> str:
         """The label of a trial that is measured; "" for another measure."""
         if self.measure.startswith("label:"):
             return self.measure.removeprefix("label:")
+        return ""
+
+    @property
+    def question(self) -> str:
+        """The question whose answer is compared, as QUESTIONS.ITEM; "" for another measure."""
+        if self.measure.startswith("answer:"):
+            return self.measure.removeprefix("answer:")
         return ""
 
 

@@ -18,6 +18,7 @@ from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import BUTTON_NAMES, KEY_NAMES_TEXT, RESERVED_KEYS
 from minihuman.experiment.protocol import specs, strata
 from minihuman.experiment.protocol.aliases import use_current_names
+from minihuman.experiment.protocol.answer_exclusions import check_answer_exclusions
 from minihuman.experiment.protocol.block_rules import check_block, check_useless_fields
 from minihuman.experiment.protocol.carried_key_maps import check_carried_key_maps
 from minihuman.experiment.protocol.consistency import check_design, check_newer_design_rules
@@ -120,7 +121,7 @@ def _check_values(protocol: Protocol) -> list[FieldError]:
         *(
             (f"$.exclusions[{number}]", "has neither below nor above; give one of them")
             for number, rule in enumerate(protocol.exclusions)
-            if rule.below is None and rule.above is None
+            if rule.below is None and rule.above is None and not (rule.is_one_of or rule.is_none_of or rule.is_missing)
         ),
     ]
 
@@ -132,6 +133,7 @@ def _check_newer_rules(protocol: Protocol) -> list[FieldError]:
         *check_carried_key_maps(protocol),
         *_check_allocation_size(protocol),
         *check_newer_design_rules(protocol),
+        *check_answer_exclusions(protocol),
     ]
 
 

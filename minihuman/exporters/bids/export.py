@@ -1,5 +1,7 @@
-"""Export a BIDS dataset: its description, participants, the runs of every session, the source logs, and derivative
-tables and figures.
+"""Export a study as a BIDS dataset.
+
+The dataset has a description, the participants, the runs of every session, the source logs, and derived tables and
+figures.
 """
 
 import shutil
@@ -43,10 +45,10 @@ GENERATED_BY = {"Name": "minihuman", "Version": __version__}
 
 
 def write_participants(out: Path, source: Path, study_facts: AboutSpec, people: Sequence[Mapping[str, Any]]) -> Path:
-    """Write ``participants.tsv`` and what its columns mean; the laboratory's own columns behind ours.
+    """Write ``participants.tsv`` and the meaning of its columns; the laboratory's own columns follow the built-in ones.
 
     Raises:
-        ExportError: as ``read_participants``.
+        ExportError: as for ``read_participants``.
     """
     known = read_participants(source, study_facts)
     own = [column.name for column in study_facts.participant_columns]
@@ -69,11 +71,11 @@ _DERIVATIVES = Path("derivatives/minihuman")
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every session that is asked for, a run for each of its segments.
+    """Write every selected session, with a run for each of its segments.
 
     Raises:
-        ExportError: if two studies, or two participants of one label, would lie in one dataset, or what the laboratory
-            says of its participants is not what the protocol asks for.
+        ExportError: if the dataset would mix two studies, if two participants would have the same label, or if the
+            laboratory's table of participants does not match the protocol.
     """
     dataset: _Dataset | None = None
     for session in chosen.counted():
@@ -94,12 +96,12 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def _holds_messages(log: SessionLog) -> bool:
-    """Say whether a log holds what its participant wrote to others."""
+    """Tell whether a log holds messages that its participant wrote to others."""
     return any(isinstance(event, ActivityEvent) and event.words_to_others for event in log.part_events)
 
 
 class _Dataset:
-    """A dataset while it is written."""
+    """A BIDS dataset that is being written."""
 
     def __init__(self, out: Path, first: SelectedSession, *, with_messages: bool) -> None:
         plan = first.log.plan
@@ -170,7 +172,7 @@ class _Dataset:
         self._count(selected.episodes)
 
     def describe_excluded_logs(self) -> tuple[str, ...]:
-        """Say how many logs are not in the dataset, and why."""
+        """Return a line with the number of logs missing from the dataset and the reason; none if no log is missing."""
         if not self._excluded_logs:
             return ()
         line = (
@@ -180,7 +182,7 @@ class _Dataset:
         return (line,)
 
     def finish(self, source: Path) -> tuple[Path, ...]:
-        """Write what describes them all."""
+        """Write the files that describe the whole dataset; return the paths of what was written."""
         out = self._out
         stimuli = {
             "SoftwareName": "minihuman",
@@ -213,7 +215,7 @@ class _Dataset:
         return (described, people, *answered, *(out / subject for subject in self._people), out / "sourcedata")
 
     def _describe(self) -> dict[str, Any]:
-        """Describe the dataset by what the protocol says of the study."""
+        """Return the contents of ``dataset_description.json``, taken from the protocol's facts about the study."""
         facts = self._study_facts
         return {
             "Name": facts.title or self._study,
@@ -232,7 +234,7 @@ class _Dataset:
         }
 
     def _keep_log(self, session: SelectedSession, folder: Path) -> None:
-        """Copy the log and the annotations beside it as they are; a log with words to others only where asked."""
+        """Copy the log and its annotations unchanged; a log with messages to others is copied only on request."""
         target = self._out / folder
         target.mkdir(parents=True, exist_ok=True)
         path = session.log.path

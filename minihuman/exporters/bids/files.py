@@ -1,10 +1,9 @@
-"""The files of a BIDS dataset for one session: events, motion, physio and phenotype, each a TSV table with a JSON
-sidecar.
+"""The files of a BIDS dataset for one session: events, motion, physio and phenotype.
 
-Event onsets and durations are in seconds from the start of the run; `trial_type` is `episode`, `step`, `key`,
-`flip` or `pause`, the words that also go out as LSL markers. Motion is one recording per unit of length. A
-phenotype row is known by participant and session alone, so an item asked twice in a session has a column for each
-time: `mental` and `mental_2`.
+Each file is a TSV table with a JSON sidecar. Event onsets and durations are in seconds from the start of the run;
+`trial_type` is `episode`, `step`, `key`, `flip` or `pause`, the words that are also sent as LSL markers. Motion is one
+recording per unit of length. A phenotype row is identified only by participant and session, so an item asked twice in a
+session has a column for each time: `mental` and `mental_2`.
 """
 
 import gzip
@@ -32,15 +31,15 @@ MISSING = "n/a"
 
 
 def make_label(text: str) -> str:
-    """Make a label of a text: letters and digits only, as BIDS has them."""
+    """Turn a text into a BIDS label, which has only letters and digits."""
     return re.sub(r"[^A-Za-z0-9]", "", text)
 
 
 def make_subject_label(participant: str, known: dict[str, str]) -> str:
-    """Make a participant's label, "sub-07"; ``known`` keeps the participant of each label.
+    """Return a participant's label, e.g. "sub-07", and record it in ``known``, which maps labels to participants.
 
     Raises:
-        ExportError: if another participant's code makes the same label.
+        ExportError: if another participant's code has the same label.
     """
     name = "sub-" + make_label(participant.removeprefix("sub-"))
     if known.setdefault(name, participant) != participant:
@@ -51,7 +50,7 @@ def make_subject_label(participant: str, known: dict[str, str]) -> str:
 
 
 def write_tsv(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]], *, header: bool = True) -> Path:
-    """Write a table; what is missing is "n/a"."""
+    """Write a table and return its path; a missing value is written as "n/a"."""
     path.parent.mkdir(parents=True, exist_ok=True)
     lines: list[str] = []
     if header:
@@ -62,7 +61,7 @@ def write_tsv(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, An
 
 
 def write_json(path: Path, value: Mapping[str, Any]) -> Path:
-    """Write what has a value; None, "" and empty lists are excluded."""
+    """Write a JSON object without the fields that are None, "" or empty, and return its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     present = {name: part for name, part in value.items() if part not in (None, "", [], {})}
     path.write_text(json.dumps(present, indent=2, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
@@ -114,7 +113,7 @@ _Row = dict[str, Any]
 
 
 def describe_event_columns() -> dict[str, Any]:
-    """Describe what every column of the events means."""
+    """Return the sidecar's description of every event column."""
     described: dict[str, Any] = {
         name: {"Description": meaning} | ({"Units": unit} if unit else {})
         for name, (unit, meaning) in EVENT_COLUMNS.items()
@@ -127,18 +126,18 @@ def describe_event_columns() -> dict[str, Any]:
 
 
 def list_labels(episode: EpisodeLog) -> dict[str, Any]:
-    """List the labels of an episode's stimulus, by the columns that they have in the events."""
+    """Return the labels of an episode's stimulus, by their column names in the events."""
     return {name_label_column(key): label for key, label in episode.plan.labels.items()}
 
 
 def describe_label_columns(episodes: Sequence[EpisodeLog]) -> dict[str, Any]:
-    """Describe what the columns of labels mean."""
+    """Return the sidecar's description of the columns of labels."""
     keys = dict.fromkeys(key for episode in episodes for key in episode.plan.labels)
     return {name_label_column(key): {"Description": LABELS.meaning.format(key)} for key in keys}
 
 
 def build_events(segment: Segment, episodes: Sequence[EpisodeLog], counting: frozenset[tuple[int, int]]) -> list[_Row]:
-    """Build a segment's rows in order of time; ``counting`` are the (number, attempt) of the included episodes."""
+    """Build a segment's event rows in order of time; ``counting`` is the (number, attempt) of each included episode."""
     rows = [
         *_pauses(segment),
         *(row for episode in episodes for row in _episode(episode, segment, counting)),
@@ -194,7 +193,7 @@ def _episode(episode: EpisodeLog, segment: Segment, counting: frozenset[tuple[in
 
 
 def _keys(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
-    """Yield every press of the segment, with how long it was held and the episode that it came in."""
+    """Yield a row for every key press of the segment, with its duration and the episode in which it happened."""
     begins = np.array([episode.t_ns[0] for episode in episodes], np.int64)
     pressed: dict[str, _Row] = {}
     for press in segment.keys:
@@ -253,7 +252,10 @@ _FRAME = {
 def write_motion(
     stem: str, folder: Path, run: int, task: dict[str, Any], segment: Segment, episodes: Sequence[EpisodeLog]
 ) -> list[Path]:
-    """Write a segment's paths; ``stem`` is subject, session and task. Gives its recordings."""
+    """Write a segment's paths and return the recordings.
+
+    ``stem`` is the subject, session and task of the file names.
+    """
     recordings = []
     for unit, system in _SYSTEMS.items():
         unit_episodes = [episode for episode in episodes if episode.start.map and episode.start.map.unit == unit]
@@ -282,7 +284,7 @@ _CHANNEL_COLUMNS = ("name", "component", "type", "tracked_point", "units", "refe
 
 
 def _describe_channels(unit: str) -> list[dict[str, str]]:
-    """Describe the channels of a motion recording whose positions have this unit."""
+    """Describe the channels of a motion recording whose positions have the given unit."""
     units = {"POS": unit, "ORNT": "rad", "LATENCY": "s"}
     return [
         {
@@ -299,7 +301,7 @@ def _describe_channels(unit: str) -> list[dict[str, str]]:
 
 
 def _mean_rate_hz(n_samples: int, lasted_s: float) -> float:
-    """Return the mean rate of samples, first and last included; 1 where no time passed."""
+    """Return the mean rate of samples in hertz, between the first and the last sample; 1 if no time passed."""
     if lasted_s <= 0:
         return 1.0
     return (n_samples - 1) / lasted_s
@@ -328,7 +330,10 @@ _SAID = "said"
 def write_physio(
     stem: str, folder: Path, run: int, task: Mapping[str, Any], segment: Segment, devices: Mapping[str, DeviceSpec]
 ) -> list[Path]:
-    """Write a segment's samples; ``stem`` is subject, session and task. Gives its recordings."""
+    """Write a segment's samples and return the recordings.
+
+    ``stem`` is the subject, session and task of the file names.
+    """
     of_device: defaultdict[str, list[Sampled]] = defaultdict(list)
     for sampled in segment.samples:
         of_device[sampled.device].append(sampled)
@@ -379,7 +384,7 @@ def _write(
 
 
 def _channels(samples: Sequence[Sampled], device: DeviceSpec | None) -> list[str]:
-    """Name each of a sample's numbers; one that the protocol does not name is called by its place."""
+    """Return a name for each number of a sample; a number that the protocol does not name is called by its position."""
     most = max(len(sampled.values) for sampled in samples)
     named: Sequence[str] = ()
     if device is not None:
@@ -391,7 +396,7 @@ _IDS = ("participant_id", "session_id")
 
 
 class Phenotype:
-    """The answers of a dataset's sessions, by questionnaire; the same name in several parts is one questionnaire."""
+    """The answers of a dataset's sessions by questionnaire; parts with the same name belong to one questionnaire."""
 
     def __init__(self) -> None:
         self._rows: dict[str, list[dict[str, Any]]] = {}
@@ -399,7 +404,7 @@ class Phenotype:
         self._names: dict[str, str] = {}  # what each label stands for
 
     def add(self, log: SessionLog, subject: str, session: str) -> None:
-        """Take a session's answers: of what was asked again, the last."""
+        """Add a session's answers; of an item that was asked again, only the last answer is kept."""
         last_answers = {
             (event.part, event.item): event
             for segment in log.segments
@@ -421,7 +426,7 @@ class Phenotype:
             self._rows.setdefault(name, []).append(row)
 
     def write(self, out: Path) -> tuple[Path, ...]:
-        """Write every questionnaire that somebody answered, and what its columns mean."""
+        """Write every questionnaire that has an answer, with the meaning of its columns; return the folders written."""
         folder = out / "phenotype"
         for name, rows in self._rows.items():
             meaning = self._meaning[name]
@@ -433,7 +438,7 @@ class Phenotype:
         return (folder,)
 
     def _describe(self, name: str, plan: QuestionsPlan, time: int) -> None:
-        """Say what a questionnaire's columns mean; of groups that are asked in other words, the first's words.
+        """Record the meaning of a questionnaire's columns; if groups see different wordings, the first group's is used.
 
         Raises:
             ExportError: if another questionnaire's name makes the same label.
@@ -456,7 +461,7 @@ class Phenotype:
 
 
 def _column(item: str, time: int) -> str:
-    """Name an item's column: none that BIDS needs for its own."""
+    """Return the name of an item's column, which differs from the columns that BIDS requires."""
     name = item
     if item in _IDS:
         name = f"item_{item}"
@@ -466,7 +471,7 @@ def _column(item: str, time: int) -> str:
 
 
 def _value(event: Answered) -> Any:
-    """Return the option's code, the number or the text; several codes as a JSON list."""
+    """Return an answer as the option's code, the number or the text; several codes are a JSON list."""
     value: Any = json.loads(event.value)
     if isinstance(value, list | Mapping):
         return json.dumps(value, ensure_ascii=False)

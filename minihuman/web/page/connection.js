@@ -1,13 +1,16 @@
-// The network connection to the server: a socket that is opened again whenever it breaks, and its latency.
+// The network connection to the server: a socket that is opened again whenever it breaks, polling over HTTP where no
+// socket gets through, and the latency.
 // It knows how messages are framed and acknowledged, and nothing of what they mean to the screen.
 
 import { collectBrowserFacts } from "./browser.js";
+import { isServerReachable, PollingSocket } from "./polling.js";
 import { IncomingStream } from "./stream.js";
 
 /** @import { Pong, Refusal, ServerMessage, Texts, UnnumberedMessage, Welcome } from "./messages" */
 /** @import { Outbox } from "./stream.js" */
 /** @import { Picture } from "./pictures.js" */
 /** @typedef {{ token: string, platform: Texts, made: boolean }} Link */
+/** @typedef {WebSocket | PollingSocket} Transport */
 /**
  * What the page does when something comes.
  * @typedef {object} Listener
@@ -24,13 +27,17 @@ import { IncomingStream } from "./stream.js";
 const VERSION = 7;
 const MIN_RETRY_MS = 200;
 const MAX_RETRY_MS = 3000;
+const HTTP_AFTER_MS = 3000; // without a welcome
 const SILENCE_MS = 20_000; // of a socket that has brought nothing: the line may be dead since the laptop slept
 const LATE_MS = 120_000; // what was sent on a socket that was given up may come so much later
 const RESIZE_PAUSE_MS = 500; // after the last change of size
 const utf8 = new TextDecoder();
 
 export class Connection {
-  /** @type {WebSocket | null} */ #socket = null;
+  /** @type {Transport | null} the one that counts */ #socket = null;
+  /** @type {PollingSocket | null} tried beside a socket that brings no welcome */ #beside = null;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */ #httpTimer;
+  #isReachable = true; // over HTTP, when that was tried last: the page itself came so
   #life = ""; // the server's numbering
   #gaveUpMs = -Infinity; // a socket that stayed silent
   #retryMs = MIN_RETRY_MS;
@@ -63,11 +70,39 @@ export class Connection {
   #send(message) { this.#socket?.send(JSON.stringify(message)); }
 
   open() {
-    if (this.finished) return;
-    const { state } = this.outbox;
+    if (this.finished || this.welcomed) return; // over HTTP, meanwhile
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const mine = new WebSocket(`${scheme}://${location.host}/socket?seat=${this.seat}`);
-    this.#socket = mine;
+    this.#socket = new WebSocket(`${scheme}://${location.host}/socket?seat=${this.seat}`);
+    this.#greetOn(this.#socket);
+    this.#httpTimer ??= setTimeout(() => this.#considerHttp(), HTTP_AFTER_MS);
+  }
+
+  // Not while the server is away, nor at once when it is back: then a socket most likely gets through.
+  async #considerHttp() {
+    this.#httpTimer = undefined;
+    if (this.welcomed || this.finished) return;
+    this.#httpTimer = setTimeout(() => this.#considerHttp(), HTTP_AFTER_MS);
+    if (this.#beside) return;
+    const wasReachable = this.#isReachable;
+    this.#isReachable = await isServerReachable();
+    if (!wasReachable || !this.#isReachable || this.#beside || this.welcomed || this.finished) return;
+    this.#beside = new PollingSocket(this.seat);
+    this.#greetOn(this.#beside);
+  }
+
+  // The first that brings something counts; the other is given up, though a hello that it sent may come late.
+  /** @param {Transport} transport */
+  #prefer(transport) {
+    const other = transport === this.#beside ? this.#socket : this.#beside;
+    this.#socket = transport;
+    this.#beside = null;
+    if (other?.readyState === WebSocket.OPEN) this.#gaveUpMs = performance.now();
+    other?.close();
+  }
+
+  /** @param {Transport} mine */
+  #greetOn(mine) {
+    const { state } = this.outbox;
     mine.binaryType = "arraybuffer";
     mine.onopen = () => {
       mine.send(JSON.stringify({
@@ -77,12 +112,21 @@ export class Connection {
       }));
     };
     let isSilent = true;
-    mine.onmessage = (event) => {
+    mine.onmessage = (/** @type {{ data: string | ArrayBuffer }} */ event) => {
       isSilent = false;
-      if (mine === this.#socket) this.#receive(event.data);
+      if (mine !== this.#socket && mine !== this.#beside) return;
+      if (this.#beside) this.#prefer(mine);
+      this.#receive(event.data);
     };
-    mine.onclose = (event) => { if (mine === this.#socket) this.#retry(event.code, event.reason); };
+    mine.onclose = (/** @type {{ code: number, reason: string }} */ event) => {
+      if (mine === this.#beside) this.#beside = null;
+      else if (mine === this.#socket) this.#retry(event.code, event.reason);
+    };
     setTimeout(() => {
+      if (mine === this.#beside && isSilent) {
+        this.#beside = null;
+        mine.close();
+      }
       if (mine !== this.#socket || !isSilent || this.finished) return;
       this.#socket = null;
       this.#gaveUpMs = performance.now();
@@ -160,6 +204,7 @@ export class Connection {
     this.finished = true;
     this.welcomed = false;
     this.#socket?.close();
+    this.#beside?.close();
   }
 
   /** @param {string | ArrayBuffer} data */
@@ -212,6 +257,8 @@ export class Connection {
     }
     for (const text of this.outbox.takeUnacknowledged(m.heard)) this.#socket?.send(text);
     this.welcomed = true;
+    clearTimeout(this.#httpTimer);
+    this.#httpTimer = undefined;
     this.#retryMs = MIN_RETRY_MS;
     this.listener.status("");
     this.listener.resume(fresh);
@@ -249,6 +296,7 @@ class Latency {
     clearTimeout(this.#timer);
     this.#samples = [];
     this.least = Infinity;
+    this.#reportedMs = -Infinity; // the new line may be quicker or slower
     this.#pings = this.#pingedMs = 0;
     this.#ping();
   }

@@ -1,4 +1,4 @@
-"""The web application: one page, one socket per browser, one task each; the sessions' own work is the session hosts'.
+"""The web application: one page, one socket or line per browser, one task each; sessions are the hosts' work.
 
 What waits for the disk (connecting, finishing a log) runs in threads. Looking ahead runs between messages, for one host
 after the other, so that a key never waits longer than two milliseconds or one scene.
@@ -6,10 +6,8 @@ after the other, so that a key never waits longer than two milliseconds or one s
 
 import asyncio
 import contextlib
-import hmac
 import json
 import logging
-import os
 from collections import deque
 from collections.abc import AsyncIterator, Coroutine, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -44,8 +42,11 @@ from minihuman.web.eligibility import (
 from minihuman.web.http_security import is_same_origin
 from minihuman.web.message_codec import decode_page_message, encode_unnumbered
 from minihuman.web.page_protocol import PageProtocol
+from minihuman.web.server.metrics import PageCounts, answer_metrics
 from minihuman.web.server.page_routes import PAGE_FOLDER, HeaderMiddleware, build_page_routes
-from minihuman.web.server.page_socket import PageSocket, SocketClosedError
+from minihuman.web.server.page_socket import PageSocket
+from minihuman.web.server.page_transport import PageTransport, SocketClosedError
+from minihuman.web.server.polling import PollingEntrance
 from minihuman.web.traffic_limits import HELLO_TIMEOUT_S, MAX_WAITING
 from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 from minihuman.worlds.source_digest import kernels_digest
@@ -63,7 +64,6 @@ REFUSED = 4003
 FOREIGN = 4004
 _VANISHED = ("connection_lost", "timed_out")
 CLOSE_BUSY = 4100  # the page tries again in a while
-METRICS_TOKEN_VARIABLE = "MINIHUMAN_METRICS_TOKEN"
 CLOSE_OLD = 4002  # and after this it is loaded anew: it is of another release than the server
 
 
@@ -118,8 +118,10 @@ class WebServer:
         self._factory = ConnectionFactory(arrivals, data, self.connections, worlds=worlds)
         self._tasks: set[asyncio.Task[None]] = set()  # of sessions whose worlds may keep them waiting
         self._routes = routes
-        self._silent: dict[PageSocket, None] = {}  # without a hello, the oldest first
+        self._silent: dict[PageTransport, None] = {}  # without a hello, the oldest first
         self._connecting = 0  # sockets with a hello, without an answer
+        self._counts = PageCounts()
+        self._polling = PollingEntrance(self._converse, self._is_busy, max_lines=self._web.max_concurrent_sessions)
         self._growing: deque[Connection] = deque()
         self._to_grow = asyncio.Event()
 
@@ -131,6 +133,7 @@ class WebServer:
             Route("/healthz", self._health),
             Route("/metrics", self._metrics),
             WebSocketRoute("/socket", self._socket),
+            Route("/socket", self._polling.answer, methods=["POST"]),  # a proxy sends both to the same worker
             *self._routes,
         ]
         return HeaderMiddleware(Starlette(routes=routes, lifespan=self._lifespan))
@@ -149,7 +152,7 @@ class WebServer:
         finally:
             for task in (*tasks, *self._tasks):
                 task.cancel()
-            await asyncio.gather(*tasks, *self._tasks, return_exceptions=True)
+            await asyncio.gather(*tasks, *self._tasks, self._polling.close(), return_exceptions=True)
             await asyncio.gather(*(asyncio.to_thread(connection.leave) for connection in self.connections.values()))
 
     async def _health(self, _: Request) -> Response:
@@ -157,16 +160,7 @@ class WebServer:
         return Response("ok\n", media_type="text/plain")
 
     async def _metrics(self, request: Request) -> Response:
-        """Answer Prometheus, without anything that identifies participants; refuse requests through a proxy."""
-        if not _may_read_metrics(request):
-            return Response(status_code=404)
-        gauges = {
-            "sessions": sum(not connection.host.over for connection in self.connections.values()),
-            "pages_connected": sum(connection.presence.is_here for connection in self.connections.values()),
-            "sockets_without_hello": len(self._silent),
-        }
-        lines = (f"# TYPE minihuman_{name} gauge\nminihuman_{name} {count}\n" for name, count in gauges.items())
-        return Response("".join(lines), media_type="text/plain; version=0.0.4")
+        return answer_metrics(request, self.connections.values(), self._counts, n_silent=len(self._silent))
 
     # A socket
 
@@ -175,18 +169,26 @@ class WebServer:
         if not is_same_origin(socket.headers.get("origin"), socket.headers.get("host")):
             await page.close(FOREIGN)
             return
-        if self._connecting >= MAX_WAITING:
+        if self._is_busy():
             await page.close(CLOSE_BUSY)
             return
-        try:
+        address = ""
+        if socket.client is not None:
+            address = socket.client.host
+        with contextlib.suppress(SocketClosedError):
             await page.accept()
+            await self._converse(page, address)
+
+    def _is_busy(self) -> bool:
+        return self._connecting >= MAX_WAITING
+
+    async def _converse(self, page: PageTransport, address: str) -> None:
+        """Speak with a page from its hello to its end, whatever carries it."""
+        try:
             if len(self._silent) >= MAX_WAITING:  # a page says hello at once: the oldest is the least likely to be one
                 oldest = next(iter(self._silent))
                 del self._silent[oldest]
                 await oldest.close(CLOSE_BUSY)
-            address = ""
-            if socket.client is not None:
-                address = socket.client.host
             hello, connection = await self._receive_hello(page, address)
             if isinstance(connection, messages.Refusal):
                 await _refuse(page, connection)
@@ -200,7 +202,7 @@ class WebServer:
             await page.close(REFUSED, str(error))
 
     async def _receive_hello(
-        self, page: PageSocket, address: str
+        self, page: PageTransport, address: str
     ) -> tuple[messages.Hello, Connection | messages.Refusal]:
         """Wait for the hello, and connect its page."""
         self._silent[page] = None
@@ -212,12 +214,14 @@ class WebServer:
             raise messages.MessageError("the page's first message must be a hello; reload the page")
         self._connecting += 1
         try:
-            return hello, await self._factory.connect(hello, address)
+            return hello, await self._factory.connect(hello, address, transport=page.name)
         finally:
             self._connecting -= 1
 
-    async def _serve(self, page: PageSocket, connection: Connection, hello: messages.Hello) -> None:
-        welcome, number, after = await connection.run(connection.greet, hello)
+    async def _serve(self, page: PageTransport, connection: Connection, hello: messages.Hello) -> None:
+        welcome, number, after = await connection.run(connection.greet, hello, page.name)
+        if page.name == "http":
+            self._counts.http_pages += 1
         protocol = PageProtocol(connection, welcome, after, monotonic_s())
         connection.changed.set()
         self._want_more(connection)
@@ -234,7 +238,7 @@ class WebServer:
             connection.presence.close_socket(number, monotonic_s(), code)
             await asyncio.gather(writing, return_exceptions=True)
 
-    async def _receive(self, page: PageSocket, connection: Connection, protocol: PageProtocol, text: str) -> None:
+    async def _receive(self, page: PageTransport, connection: Connection, protocol: PageProtocol, text: str) -> None:
         """Hand on the messages of a text, and see to what they led to."""
         lines = text.split("\n")
         now_s = monotonic_s()
@@ -253,8 +257,13 @@ class WebServer:
             await asyncio.sleep(0)  # the page hears of this before the next message is taken
         if effect.wants_more:
             self._want_more(connection)
+        if page.name == "http" and await connection.run(connection.is_too_slow):
+            self._counts.too_slow_pages += 1
+            await page.send(encode_unnumbered(self._factory.refuse_slow_page()))
+            await page.close(REFUSED)
+            raise SocketClosedError
 
-    async def _write(self, page: PageSocket, connection: Connection, number: int, protocol: PageProtocol) -> None:
+    async def _write(self, page: PageTransport, connection: Connection, number: int, protocol: PageProtocol) -> None:
         """Send what there is to send, as long as this is the newest socket of its connection."""
         await page.send(protocol.encode_welcome())
         while True:
@@ -466,7 +475,7 @@ class WebServer:
         await asyncio.sleep(0)
 
 
-async def _refuse(page: PageSocket, refusal: messages.Refusal) -> None:
+async def _refuse(page: PageTransport, refusal: messages.Refusal) -> None:
     """Tell a page why it is refused, and close its socket; one that has to wait comes again by itself."""
     if refusal.reason == "wait":
         await page.close(CLOSE_BUSY)
@@ -480,15 +489,6 @@ async def _refuse(page: PageSocket, refusal: messages.Refusal) -> None:
 
 def _has_lease(connection: Connection) -> bool:
     return connection.lease is not None and not connection.lease.lost and not connection.recording.is_finished
-
-
-def _may_read_metrics(request: Request) -> bool:
-    """Whether a request has the token for metrics, or comes from this machine and through no proxy."""
-    token = os.environ.get(METRICS_TOKEN_VARIABLE, "")
-    if token:
-        return hmac.compare_digest(request.headers.get("authorization", "").encode(), f"Bearer {token}".encode())
-    is_forwarded = "x-forwarded-for" in request.headers or "forwarded" in request.headers
-    return not is_forwarded and request.client is not None and request.client.host in ("127.0.0.1", "::1")
 
 
 async def _no_icon(_: Request) -> Response:

@@ -1,32 +1,23 @@
-"""A socket to a page, with one exception for all the ways in which it ends."""
+"""A web socket to a page, with one exception for all the ways in which it ends."""
 
 import contextlib
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from minihuman.web.messages import MessageError
+from minihuman.web.messages import MessageError, TransportName
+from minihuman.web.server.page_transport import PageTransport, SocketClosedError
 
 _ENDS = (WebSocketDisconnect, RuntimeError)  # RuntimeError: something was sent after the end
 
 
-class SocketClosedError(Exception):
-    """The socket has ended, from either side.
+class PageSocket(PageTransport):
+    """A web socket to a page.
 
     Args:
-        code: that the page closed it with; 0: none is known.
+        socket: the web socket.
     """
 
-    def __init__(self, code: int = 0) -> None:
-        super().__init__(code)
-        self.code = code
-
-
-class PageSocket:
-    """A socket to a page.
-
-    Raises:
-        SocketClosedError: from any method but `close`, once the socket has ended.
-    """
+    name: TransportName = "websocket"
 
     def __init__(self, socket: WebSocket) -> None:
         self._socket = socket

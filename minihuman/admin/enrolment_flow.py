@@ -1,0 +1,373 @@
+"""The flow of participants through a study (CONSORT, JARS-Quant), by enrolment entries and sessions.
+
+Pure: ``count_flow`` takes what the enrolment log and the session index say, and returns counts that name nobody. Each
+stage is the one above minus named losses. Participants whose data were erased are counted by the heads of their logs'
+hash chains, which stay in the enrolment log.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+from minihuman.admin.enrolment_entries import (
+    ChainHeadRecorded,
+    EnrolmentEntry,
+    GroupDrawn,
+    ParticipantReplaced,
+    ParticipantWithdrawn,
+    SlotFreed,
+    SlotTaken,
+    TeamRecorded,
+)
+from minihuman.admin.session_summary import SessionSummary
+
+GroupCounts = Mapping[str, int]  # by group; those who have none yet are under ""
+SessionState = Literal["complete", "screened_out", "failed", "unfinished", "unreadable"]
+_LOG_NAME = re.compile(r"(?P<participant>.+)_ses-(?P<session>\d+)(_seg-\d+)?\.mcap(\.part)?$")
+_DEPARTURES = {
+    "declined": "did not agree",
+    "screened_out": "screened out before a group was drawn",
+    "player_failed": "simulated participants that failed before anything was recorded",
+}
+_DEPARTED = "left before anything was recorded"
+_UNDRAWN = {
+    "withdrawn": "withdrew before a group was drawn",
+    "replaced": "replaced before a group was drawn",
+    "waiting": "no group drawn so far",
+}
+
+
+class SessionRecord(NamedTuple):
+    """What became of one participant's session, by its log."""
+
+    participant: str
+    session: int
+    group: str
+    state: SessionState
+
+
+class FlowStage(NamedTuple):
+    """A line of the flow, and the losses between it and the next one."""
+
+    label: str
+    counts: GroupCounts
+    losses: Mapping[str, GroupCounts]
+
+
+@dataclass(frozen=True, slots=True)
+class SessionFlow:
+    """The flow of participants through one session; counts by group."""
+
+    not_begun: GroupCounts  # came so far, and have not begun this session
+    not_returned: GroupCounts  # the same, and their slot was offered again
+    withdrew_before: GroupCounts  # of the first session: withdrew, and no session of theirs is on record
+    began: GroupCounts
+    screened_out: GroupCounts
+    failed: GroupCounts  # simulated participants that crashed or gave no answer
+    unfinished: GroupCounts
+    unfinished_replaced: GroupCounts  # not finished, and their slot was offered again
+    unreadable: GroupCounts  # the log is gone or cannot be read
+    withdrew: GroupCounts  # this is the last session that they began
+    complete: GroupCounts
+    went_on: GroupCounts  # of ``complete``: only a later session says so
+
+
+@dataclass(frozen=True, slots=True)
+class AnalysisFlow:
+    """From those who began a session to those whom a report includes; counts by group."""
+
+    began: GroupCounts
+    withdrew: GroupCounts
+    unreadable: GroupCounts  # no log that can be read
+    not_selected: GroupCounts  # the report is of other sessions
+    excluded: Mapping[str, GroupCounts]  # by reason
+    included: GroupCounts
+    unregistered: int  # included besides these, and not in the enrolment log
+
+
+@dataclass(frozen=True, slots=True)
+class ParticipantFlow:
+    """Counts of participants. Those who declined and came again count twice: no record could tell."""
+
+    came: int
+    before: Mapping[str, int]  # who got no group or left no data, by what they did
+    allocated: GroupCounts
+    withdrew: GroupCounts  # of those allocated
+    replaced: GroupCounts  # of those allocated; withdrew not as well
+    without_data: GroupCounts  # of those allocated: neither withdrew nor were replaced, and recorded nothing
+    courses: Mapping[int, SessionFlow]  # by session, from 1
+    teams: GroupCounts = field(default_factory=dict)  # of several people, by the group of the first
+    analysis: AnalysisFlow | None = None  # of a report
+
+
+@dataclass(slots=True)
+class _Person:
+    """A holder of a slot, by the entries of the enrolment log and the logs."""
+
+    group: str
+    is_withdrawn: bool = False
+    is_replaced: bool = False
+    begun: set[int] = field(default_factory=set)  # sessions
+    states: dict[int, SessionState] = field(default_factory=dict)  # by session
+
+    @property
+    def last_session(self) -> int:
+        """The last session that they began; 0 where none is on record."""
+        return max(self.begun, default=0)
+
+
+def parse_log_name(name: str) -> tuple[str, int] | None:
+    """Return the participant and the session that a log's name tells; None for another file's name."""
+    match = _LOG_NAME.match(name)
+    if match is None:
+        return None
+    return match["participant"], int(match["session"])
+
+
+def classify_session(summary: SessionSummary) -> SessionState:
+    """Say what became of a session."""
+    if summary.end_reason == "screened_out":
+        return "screened_out"
+    if summary.end_reason == "player_failed":
+        return "failed"
+    if summary.complete:
+        return "complete"
+    return "unfinished"
+
+
+def count_unrecorded_departures(entries: Iterable[EnrolmentEntry]) -> dict[str, int]:
+    """Count those who left no data, by what they did."""
+    left = Counter(_DEPARTURES.get(line.why, _DEPARTED) for line in entries if isinstance(line, SlotFreed))
+    return {label: left[label] for label in (*_DEPARTURES.values(), _DEPARTED) if left[label]}
+
+
+def count_flow(
+    entries: Iterable[EnrolmentEntry],
+    sessions: Iterable[SessionRecord],
+    exclusion_reasons: Mapping[str, str] | None = None,
+) -> ParticipantFlow:
+    """Count the participants by what became of them.
+
+    Args:
+        entries: of the enrolment log, in order.
+        sessions: one record per participant and session that has a log.
+        exclusion_reasons: of a report's participants, by code; "" for those who are included. None: of no report.
+    """
+    entries = tuple(entries)
+    people = _list_people(entries)
+    for record in sessions:
+        if record.participant in people:
+            person = people[record.participant]
+            person.group = person.group or record.group
+            person.begun.add(record.session)
+            person.states[record.session] = record.state
+    departures = count_unrecorded_departures(entries)
+    allocated = [person for person in people.values() if person.group]
+    n_sessions = max((person.last_session for person in allocated), default=0)
+    analysis = None
+    if exclusion_reasons is not None:
+        analysis = _count_analysis(people, exclusion_reasons)
+    return ParticipantFlow(
+        came=len(people) + sum(departures.values()),
+        before=departures | _count_undrawn(people.values()),
+        allocated=_by_group(allocated),
+        withdrew=_by_group(person for person in allocated if person.is_withdrawn),
+        replaced=_by_group(person for person in allocated if person.is_replaced and not person.is_withdrawn),
+        without_data=_by_group(
+            person for person in allocated if not (person.last_session or person.is_withdrawn or person.is_replaced)
+        ),
+        courses={number: _count_session(number, allocated) for number in range(1, max(n_sessions, 1) + 1)},
+        teams=_count_teams(entries, people),
+        analysis=analysis,
+    )
+
+
+def list_stages(flow: ParticipantFlow) -> Iterator[FlowStage]:
+    """Yield the stages up to the last session; each one's counts are the one before's minus its losses.
+
+    The first stage is of people who have no group yet: all of its counts are under "".
+    """
+    yield FlowStage("came", {"": flow.came}, {label: {"": count} for label, count in flow.before.items()})
+    label = "allocated to a group"
+    counts = flow.allocated
+    for number, course in flow.courses.items():
+        session = f"session {number}: " if len(flow.courses) > 1 else ""
+        yield FlowStage(label, counts, _label_losses_before(session, number, course))
+        yield FlowStage(f"{session}began", course.began, _label_losses_during(session, course))
+        label = f"{session}{_label_finished(course)}"
+        counts = course.complete
+    yield FlowStage(label, counts, {})
+
+
+def list_analysis_stages(analysis: AnalysisFlow) -> Iterator[FlowStage]:
+    """Yield the stages from those who began a session to those whom a report includes."""
+    losses = {
+        "withdrew, data erased or sealed": analysis.withdrew,
+        "no log that can be read": analysis.unreadable,
+        "not in this report's selection": analysis.not_selected,
+        **{f"excluded: {reason}": counts for reason, counts in sorted(analysis.excluded.items())},
+    }
+    yield FlowStage("for the analysis: began a session", analysis.began, _drop_empty(losses))
+    yield FlowStage("included in this report", analysis.included, {})
+
+
+def _list_people(entries: Iterable[EnrolmentEntry]) -> dict[str, _Person]:
+    """List the holders of slots that were not freed, by code."""
+    people: dict[str, _Person] = {}
+    for line in entries:
+        match line:
+            case SlotTaken():
+                people.setdefault(line.participant, _Person(line.group)).group = line.group
+            case GroupDrawn() if line.drawn in people:
+                people[line.drawn].group = line.group
+            case SlotFreed():
+                people.pop(line.freed, None)
+            case ParticipantWithdrawn() if line.withdrawn in people:
+                people[line.withdrawn].is_withdrawn = True
+            case ParticipantReplaced() if line.replaced in people:
+                people[line.replaced].is_replaced = True
+            case ChainHeadRecorded():
+                code, session = parse_log_name(line.sealed) or ("", 0)
+                if code in people:
+                    people[code].begun.add(session)
+    return people
+
+
+def _count_undrawn(people: Iterable[_Person]) -> dict[str, int]:
+    """Count those who hold or held a slot and have no group, by what became of them."""
+    counts = Counter[str]()
+    for person in people:
+        if person.group:
+            continue
+        if person.is_withdrawn:
+            counts[_UNDRAWN["withdrawn"]] += 1
+        elif person.is_replaced:
+            counts[_UNDRAWN["replaced"]] += 1
+        else:
+            counts[_UNDRAWN["waiting"]] += 1
+    return {label: counts[label] for label in _UNDRAWN.values() if counts[label]}
+
+
+def _by_group(people: Iterable[_Person]) -> GroupCounts:
+    return Counter(person.group for person in people)
+
+
+def _count_session(number: int, people: Iterable[_Person]) -> SessionFlow:
+    """Count the flow through one session, from those who finished the session before."""
+    counts = {name: Counter[str]() for name in SessionFlow.__dataclass_fields__}
+    for person in people:
+        for name in _trace_session(number, person):
+            counts[name][person.group] += 1
+    return SessionFlow(**counts)
+
+
+def _trace_session(number: int, person: _Person) -> Iterator[str]:
+    """Yield the counts of a session in which a participant is: fields of ``SessionFlow``."""
+    last = person.last_session
+    if number > last:
+        if number == last + 1 and _went_through(last, person):
+            yield _name_absence(person)
+        return
+    yield "began"
+    if number < last or _went_through(number, person):
+        yield "complete"
+        if not person.is_withdrawn and person.states.get(number) != "complete":
+            yield "went_on"
+    elif person.is_withdrawn:
+        yield "withdrew"
+    else:
+        state = person.states.get(number, "unreadable")
+        yield "unfinished_replaced" if state == "unfinished" and person.is_replaced else state
+
+
+def _went_through(session: int, person: _Person) -> bool:
+    """Tell whether nothing stops a participant at a session that is their last one so far."""
+    if session == 0:
+        return True
+    return not person.is_withdrawn and person.states.get(session) == "complete"
+
+
+def _name_absence(person: _Person) -> str:
+    """Say why a participant has not begun a session: the field of ``SessionFlow`` that counts it."""
+    if person.is_withdrawn:
+        return "withdrew_before"
+    if person.is_replaced:
+        return "not_returned"
+    return "not_begun"
+
+
+def _count_teams(entries: Iterable[EnrolmentEntry], people: Mapping[str, _Person]) -> GroupCounts:
+    """Count the teams of several people, each once in however many blocks it played."""
+    teams = {
+        frozenset(line.members.values()): next(iter(line.members.values()))
+        for line in entries
+        if isinstance(line, TeamRecorded) and not line.solo and len(set(line.members.values())) > 1
+    }
+    return Counter(people[first].group for first in teams.values() if first in people)
+
+
+def _count_analysis(people: Mapping[str, _Person], exclusion_reasons: Mapping[str, str]) -> AnalysisFlow:
+    """Count those whom a report includes, out of those who began a session."""
+    counts = {name: Counter[str]() for name in ("began", "withdrew", "unreadable", "not_selected", "included")}
+    excluded: dict[str, Counter[str]] = {}
+    began = {code: person for code, person in people.items() if person.group and person.last_session}
+    for code, person in began.items():
+        counts["began"][person.group] += 1
+        if person.is_withdrawn:
+            counts["withdrew"][person.group] += 1
+        elif code not in exclusion_reasons:
+            is_readable = any(state != "unreadable" for state in person.states.values())
+            counts["not_selected" if is_readable else "unreadable"][person.group] += 1
+        elif exclusion_reasons[code]:
+            excluded.setdefault(exclusion_reasons[code], Counter())[person.group] += 1
+        else:
+            counts["included"][person.group] += 1
+    unregistered = sum(not reason and code not in began for code, reason in exclusion_reasons.items())
+    return AnalysisFlow(**counts, excluded=excluded, unregistered=unregistered)
+
+
+def _label_losses_before(session: str, number: int, course: SessionFlow) -> dict[str, GroupCounts]:
+    """Label the losses between the stage before a session and its begin."""
+    if number == 1:
+        return _drop_empty(
+            {
+                "withdrew, no session on record": course.withdrew_before,
+                "nothing recorded, slot reallocated": course.not_returned,
+                "no data recorded so far": course.not_begun,
+            }
+        )
+    return _drop_empty(
+        {
+            f"{session}did not return, slot reallocated": course.not_returned,
+            f"{session}not begun so far": course.not_begun,
+        }
+    )
+
+
+def _label_losses_during(session: str, course: SessionFlow) -> dict[str, GroupCounts]:
+    """Label the losses between the begin of a session and its end."""
+    losses = {
+        "screened out": course.screened_out,
+        "simulated participant failed": course.failed,
+        "not finished, slot reallocated": course.unfinished_replaced,
+        "not finished": course.unfinished,
+        "log missing or unreadable": course.unreadable,
+        "withdrew during or after it": course.withdrew,
+    }
+    return _drop_empty({f"{session}{label}": counts for label, counts in losses.items()})
+
+
+def _label_finished(course: SessionFlow) -> str:
+    """Label those who finished a session, with what is less than sure about it."""
+    label = "finished"
+    if course.withdrew:
+        label = "finished and did not withdraw"
+    if course.went_on:
+        label += f" ({sum(course.went_on.values())} of them by a later session alone)"
+    return label
+
+
+def _drop_empty(losses: Mapping[str, GroupCounts]) -> dict[str, GroupCounts]:
+    return {label: counts for label, counts in losses.items() if sum(counts.values())}

@@ -1,0 +1,115 @@
+"""Exclusion rules on answers: which question a rule is about, and whether its kind can answer the comparison."""
+
+from collections.abc import Iterator
+
+import msgspec
+
+from minihuman.activities.questions.question import QuestionItemSpec, find_question_kind
+from minihuman.errors import ProtocolError
+from minihuman.experiment.protocol.model import ExclusionSpec, Protocol
+from minihuman.experiment.protocol.specs import SHIPPED_FORMS, QuestionnaireSpec, apply_overrides, load_form
+from minihuman.experiment.protocol.validation_errors import FieldError
+
+_ORDERED = ("rating", "number")  # types of answers that lie above or below others
+_CODED = ("code", "codes", "rating")  # types of answers that are an option's codes
+_ANSWER_FIELDS = ("is_one_of", "is_none_of", "is_missing")
+
+
+def check_answer_exclusions(protocol: Protocol) -> Iterator[FieldError]:
+    """Yield what is wrong with the rules on answers, and which other rules compare as only an answer can be."""
+    for number, rule in enumerate(protocol.exclusions):
+        path = f"$.exclusions[{number}]"
+        if rule.question:
+            yield from _check_rule(protocol, rule, path)
+            continue
+        for field in _ANSWER_FIELDS:
+            if getattr(rule, field):
+                yield f"{path}.{field}", "compares an answer; use it with measure = 'answer:QUESTIONS.ITEM'"
+
+
+def describe_answer_exclusion(rule: ExclusionSpec) -> str:
+    """Describe whom a rule excludes: "whose answer to attention.colour is none of 'blue'"."""
+    comparisons = []
+    if rule.is_one_of:
+        comparisons.append(f"is one of {', '.join(map(repr, rule.is_one_of))}")
+    if rule.is_none_of:
+        comparisons.append(f"is none of {', '.join(map(repr, rule.is_none_of))}")
+    if rule.below is not None:
+        comparisons.append(f"is below {rule.below:g}")
+    if rule.above is not None:
+        comparisons.append(f"is above {rule.above:g}")
+    if rule.is_missing:
+        comparisons.append("is missing")
+    return f"whose answer to {rule.question} {' or '.join(comparisons)}"
+
+
+def _check_rule(protocol: Protocol, rule: ExclusionSpec, path: str) -> Iterator[FieldError]:
+    if rule.level != "participant":
+        yield f"{path}.level", f"is {rule.level!r}, but an answer excludes a participant; use level = 'participant'"
+    if rule.where:
+        yield f"{path}.where", "is of trials, which an answer has none of; remove it"
+    questions = _list_questions(protocol)
+    question = questions.get(rule.question)
+    if question is None:
+        known = ", ".join(f"answer:{name}" for name in questions) or "no questions"
+        yield f"{path}.measure", f"is {rule.measure!r}, which is not a question; there are {known}"
+        return
+    yield from _check_comparison(rule, question, path)
+
+
+def _check_comparison(rule: ExclusionSpec, question: QuestionItemSpec, path: str) -> Iterator[FieldError]:
+    """Yield the comparisons that a question's kind cannot answer."""
+    try:
+        answer_type = find_question_kind(question.kind).answer_type
+    except ProtocolError:  # the question's own check names it
+        return
+    place = f"{rule.measure!r} is a {question.kind}"
+    for field in ("below", "above"):
+        if getattr(rule, field) is not None and answer_type not in _ORDERED:
+            yield f"{path}.{field}", f"compares numbers, but {place}; {_name_way_out(answer_type)}"
+    for field in ("is_one_of", "is_none_of"):
+        codes = getattr(rule, field)
+        if codes and answer_type == "text":
+            yield f"{path}.{field}", f"compares codes, but {place}; use is_missing, or ask a choice"
+        unknown = [code for code in codes if code not in question.all_codes]
+        if unknown and answer_type in _CODED:
+            known_codes = ", ".join(map(repr, question.all_codes))
+            yield f"{path}.{field}", f"has {unknown[0]!r}, which is not an option's code; codes: {known_codes}"
+        texts = [code for code in codes if isinstance(code, str)]
+        if texts and answer_type == "number":
+            yield f"{path}.{field}", f"has {texts[0]!r}, but {place}; give numbers"
+    if rule.is_missing and question.required:
+        yield f"{path}.is_missing", f"is true, but {rule.question} is required; set required = false in the question"
+
+
+def _name_way_out(answer_type: str) -> str:
+    """Name the comparisons that an answer without an order can be put to."""
+    if answer_type == "text":
+        return "use is_missing, or ask a number"
+    return "use is_one_of or is_none_of"
+
+
+def _list_questions(protocol: Protocol) -> dict[str, QuestionItemSpec]:
+    """List the questions of all groups by what their answers are called: QUESTIONS.ITEM."""
+    questions: dict[str, QuestionItemSpec] = {}
+    for questionnaire in protocol.questions:
+        for group in ("", *questionnaire.group_overrides):
+            try:
+                questionnaire_of_group = apply_overrides(questionnaire, group)
+            except msgspec.ValidationError:  # the override's own check names it
+                continue
+            for item in _list_items(questionnaire_of_group, protocol.study.language):
+                questions |= {f"{questionnaire.name}.{name}": item for name in item.asked}
+    return questions
+
+
+def _list_items(questionnaire: QuestionnaireSpec, language: str) -> tuple[QuestionItemSpec, ...]:
+    """List a questionnaire's items, a shipped form's among them; none of a form that does not exist."""
+    if not questionnaire.form:
+        return questionnaire.items
+    if questionnaire.form not in SHIPPED_FORMS:
+        return ()
+    try:
+        return load_form(questionnaire.form, language).items
+    except ProtocolError:  # not in this language: the form's own check says so
+        return ()

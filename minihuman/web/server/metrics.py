@@ -1,0 +1,60 @@
+"""The server's numbers for Prometheus, and who may read them. Nothing in them identifies a participant."""
+
+import hmac
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from starlette.requests import Request
+from starlette.responses import Response
+
+from minihuman.web.connection import Connection
+
+METRICS_TOKEN_VARIABLE = "MINIHUMAN_METRICS_TOKEN"
+
+
+@dataclass
+class PageCounts:
+    """Counts of pages since the server started."""
+
+    http_pages: int = 0  # welcomed over HTTP, as no web socket got through
+    too_slow_pages: int = 0  # sent away from a part in real time
+
+
+def answer_metrics(
+    request: Request, connections: Iterable[Connection], counts: PageCounts, *, n_silent: int
+) -> Response:
+    """Answer Prometheus; refuse requests through a proxy, or without the token where there is one.
+
+    Args:
+        request: the request.
+        connections: those that are open.
+        counts: since the server started.
+        n_silent: how many sockets and lines have said no hello.
+    """
+    if not _may_read_metrics(request):
+        return Response(status_code=404)
+    open_connections = tuple(connections)
+    connected = [connection for connection in open_connections if connection.presence.is_here]
+    gauges = {
+        "sessions": sum(not connection.host.over for connection in open_connections),
+        "pages_connected": len(connected),
+        "pages_connected_over_http": sum(connection.transport == "http" for connection in connected),
+        "sockets_without_hello": n_silent,
+    }
+    counters = {"http_pages_total": counts.http_pages, "too_slow_pages_total": counts.too_slow_pages}
+    text = f"{_format_numbers('gauge', gauges)}{_format_numbers('counter', counters)}"
+    return Response(text, media_type="text/plain; version=0.0.4")
+
+
+def _format_numbers(kind: str, numbers: Mapping[str, int]) -> str:
+    return "".join(f"# TYPE minihuman_{name} {kind}\nminihuman_{name} {number}\n" for name, number in numbers.items())
+
+
+def _may_read_metrics(request: Request) -> bool:
+    """Whether a request has the token for metrics, or comes from this machine and through no proxy."""
+    token = os.environ.get(METRICS_TOKEN_VARIABLE, "")
+    if token:
+        return hmac.compare_digest(request.headers.get("authorization", "").encode(), f"Bearer {token}".encode())
+    is_forwarded = "x-forwarded-for" in request.headers or "forwarded" in request.headers
+    return not is_forwarded and request.client is not None and request.client.host in ("127.0.0.1", "::1")

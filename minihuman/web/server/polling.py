@@ -1,0 +1,323 @@
+"""A way in for pages whose network lets no web socket through: long polling over HTTP, by POST both ways.
+
+One request brings the page's texts, another waits for what the server sends: a browser tells the origin of a POST, and
+a proxy that buffers an answer passes it on when it is complete. Both kinds are numbered, so that a request that a
+proxy repeats brings nothing twice, and an answer that was lost is given again.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import Response
+
+from minihuman.web.http_security import is_same_origin
+from minihuman.web.message_codec import MAX_MESSAGE_BYTES, encode_part
+from minihuman.web.messages import TransportName
+from minihuman.web.server.page_transport import PageTransport, SocketClosedError
+from minihuman.web.traffic_limits import MAX_WAITING
+
+HOLD_S = 20.0  # a request waits at most so long for something to send: proxies give up after 30 s and more
+MAX_GAP_S = 10.0  # without a request that waits, the page is gone
+LINGER_S = 30.0  # an ended line is remembered, for its page to learn why and for requests that come late
+MAX_BODY_BYTES = 8 * MAX_MESSAGE_BYTES
+MAX_TEXTS = 500  # of a request
+MAX_BUFFER_BYTES = 1 << 20  # sent, and not fetched; more waits, as it does in a socket
+_MAX_PARALLEL = 4  # requests of one kind on one line: one, and its repetitions
+_BROKEN = 1006  # as a browser says of a socket that ended without a code
+
+
+class PollRequest(msgspec.Struct, forbid_unknown_fields=True):
+    """The body of a page's request."""
+
+    line: Annotated[str, Meta(pattern="^[0-9a-f]{32}$")]  # the page draws it, and nobody else knows it
+    n: Annotated[int, Meta(ge=1, le=2**31)]  # of the line's requests of this kind, consecutively
+    texts: (
+        Annotated[list[Annotated[str, Meta(max_length=MAX_MESSAGE_BYTES)]], Meta(min_length=1, max_length=MAX_TEXTS)]
+        | None
+    ) = None  # None: the request waits for what the server sends
+
+
+class LineEnd(msgspec.Struct, frozen=True):
+    """How a line ended: what the close of a socket says."""
+
+    code: int
+    reason: str = ""
+
+
+class LineEndedError(Exception):
+    """A request came for a line that has ended.
+
+    Args:
+        end: how.
+    """
+
+    def __init__(self, end: LineEnd) -> None:
+        super().__init__(end)
+        self.end = end
+
+
+_REQUEST = msgspec.json.Decoder(PollRequest)
+
+
+class PollingLine(PageTransport):
+    """A line to a page, made of the page's requests. It is to be made in a running loop."""
+
+    name: TransportName = "http"
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._changed = asyncio.Event()
+        self._end: LineEnd | None = None
+        self._texts: deque[str] = deque()  # brought, and not received
+        self._n_brought = 0  # the latest request that brought texts
+        self._n_bringing = 0  # requests that bring texts and are not answered
+        self._batches: list[bytes] = []  # sent, and not fetched
+        self._buffer_bytes = 0
+        self._n_fetched = 0  # the latest request that fetches
+        self._n_fetching = 0  # requests that wait
+        self._answer: bytes | None = None  # to the latest request that fetches, for when it is repeated
+        self._gap = self._loop.call_later(MAX_GAP_S, self._vanish)
+
+    # The server's side
+
+    async def receive(self) -> str:
+        """Receive the next text."""
+        while not self._texts:
+            if self._end is not None:
+                raise SocketClosedError
+            await self._next_change()
+        text = self._texts.popleft()
+        self._say_changed()
+        return text
+
+    async def send(self, message: str | bytes) -> None:
+        """Send a message; waits while the page has too much to fetch."""
+        batch = message
+        if isinstance(batch, str):
+            batch = encode_part(batch)
+        while self._buffer_bytes > MAX_BUFFER_BYTES and self._end is None:
+            await self._next_change()
+        if self._end is not None:
+            raise SocketClosedError
+        self._batches.append(batch)
+        self._buffer_bytes += len(batch)
+        self._say_changed()
+
+    async def close(self, code: int, reason: str = "") -> None:
+        """End the line; the page still fetches what was sent."""
+        self.end(LineEnd(code, reason[:100]))
+
+    def end(self, end: LineEnd) -> None:
+        """End the line, unless it has ended."""
+        if self._end is None:
+            self._end = end
+            self._gap.cancel()
+            self._say_changed()
+
+    # The page's side
+
+    async def bring(self, number: int, texts: list[str]) -> None:
+        """Take a request's texts, and return once the server has received them; nothing if the request came before.
+
+        Raises:
+            LineEndedError: if the line has ended, as it does with a request out of turn.
+        """
+        self._require_line()
+        if number <= self._n_brought:
+            return
+        if number > self._n_brought + 1 or self._n_bringing >= _MAX_PARALLEL:
+            self._refuse_request()
+        self._n_brought = number
+        self._n_bringing += 1
+        try:
+            await self._until_received()  # what a request brought whose repetition was answered
+            self._texts.extend(texts)
+            self._say_changed()
+            await self._until_received()
+        finally:
+            self._n_bringing -= 1
+
+    async def fetch(self, number: int) -> bytes:
+        """Wait for what the server sends; nothing if that takes long. A repeated request gets the same.
+
+        Raises:
+            LineEndedError: if the line has ended and all was fetched, or by a request out of turn.
+        """
+        if number == self._n_fetched + 1:  # the answer before arrived
+            self._n_fetched = number
+            self._answer = None
+        elif number != self._n_fetched or self._n_fetching >= _MAX_PARALLEL:
+            self._refuse_request()
+        self._gap.cancel()
+        self._n_fetching += 1
+        try:
+            if self._answer is None:
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(self._until_sent(), HOLD_S)
+            if self._answer is None:
+                self._answer = self._take_batches()
+            return self._answer
+        finally:
+            self._n_fetching -= 1
+            if not self._n_fetching and self._end is None:
+                self._gap = self._loop.call_later(MAX_GAP_S, self._vanish)
+
+    def _require_line(self) -> None:
+        if self._end is not None:
+            raise LineEndedError(self._end)
+
+    def _refuse_request(self) -> None:
+        end = LineEnd(_BROKEN)
+        self.end(end)
+        raise LineEndedError(end)
+
+    def _vanish(self) -> None:
+        self.end(LineEnd(_BROKEN))
+
+    def _take_batches(self) -> bytes:
+        if not self._batches:
+            self._require_line()
+        answer = b"".join(self._batches)
+        self._batches.clear()
+        self._buffer_bytes = 0
+        self._say_changed()
+        return answer
+
+    async def _until_received(self) -> None:
+        while self._texts and self._end is None:
+            await self._next_change()
+
+    async def _until_sent(self) -> None:
+        while not self._batches and self._answer is None and self._end is None:
+            await self._next_change()
+
+    # Everyone who waits looks again
+
+    def _say_changed(self) -> None:
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+    async def _next_change(self) -> None:
+        await self._changed.wait()
+
+
+class PollingEntrance:
+    """Answers the requests of pages that come over HTTP.
+
+    Args:
+        converse: speaks with a page to its end, given its transport and address.
+        is_busy: tells whether another page has to come later.
+        max_lines: how many lines are kept, ended ones included.
+    """
+
+    def __init__(
+        self, converse: Callable[[PageTransport, str], Awaitable[None]], is_busy: Callable[[], bool], *, max_lines: int
+    ) -> None:
+        self._converse = converse
+        self._is_busy = is_busy
+        self._max_lines = max_lines + MAX_WAITING
+        self._lines: dict[str, PollingLine] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def answer(self, request: Request) -> Response:
+        """Answer a request, or refuse what no page of this server sends."""
+        if not is_same_origin(request.headers.get("origin"), request.headers.get("host")):
+            return Response(status_code=403)
+        if request.headers.get("content-type") != "application/json":
+            return Response(status_code=415)
+        try:
+            body = await _read_body(request)
+        except ClientDisconnect:
+            return Response(status_code=400)
+        if body is None:
+            return Response(status_code=413)
+        try:
+            poll = _REQUEST.decode(body)
+        except (msgspec.DecodeError, RecursionError):
+            return Response(status_code=400)
+        line = self._lines.get(poll.line)
+        if line is None:
+            if poll.texts is None or poll.n != 1:
+                return _answer_end(LineEnd(_BROKEN))  # a line of a server that was here before
+            if self._is_busy() or len(self._lines) >= self._max_lines:
+                return Response(status_code=503)
+            line = self._open(poll.line, request)
+        return await self._answer_on(line, poll, request)
+
+    async def _answer_on(self, line: PollingLine, poll: PollRequest, request: Request) -> Response:
+        try:
+            if poll.texts is not None:
+                await line.bring(poll.n, poll.texts)
+                return Response(status_code=204)
+            batches = await _fetch_while_connected(line, poll.n, request)
+        except LineEndedError as error:
+            return _answer_end(error.end)
+        return Response(batches, media_type="application/octet-stream")
+
+    def _open(self, name: str, request: Request) -> PollingLine:
+        """Open a line, and speak with its page."""
+        line = PollingLine()
+        self._lines[name] = line
+        address = ""
+        if request.client is not None:
+            address = request.client.host
+        loop = asyncio.get_running_loop()
+
+        def forget(task: asyncio.Task[None]) -> None:
+            line.end(LineEnd(_BROKEN))
+            self._tasks.discard(task)
+            loop.call_later(LINGER_S, self._lines.pop, name, None)
+
+        async def converse() -> None:
+            await self._converse(line, address)
+
+        task = loop.create_task(converse())
+        self._tasks.add(task)
+        task.add_done_callback(forget)
+        return line
+
+    async def close(self) -> None:
+        """End all lines: the server stops."""
+        for task in tuple(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+
+async def _read_body(request: Request) -> bytes | None:
+    """Read a request's body; None if it is too long."""
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > MAX_BODY_BYTES:
+            return None
+    return bytes(body)
+
+
+async def _fetch_while_connected(line: PollingLine, number: int, request: Request) -> bytes:
+    """Wait for what there is to send as long as the one who asked is there."""
+
+    async def wait_for_disconnect() -> None:
+        while (await request.receive())["type"] != "http.disconnect":
+            pass
+
+    fetching = asyncio.ensure_future(line.fetch(number))
+    leaving = asyncio.ensure_future(wait_for_disconnect())
+    try:
+        await asyncio.wait((fetching, leaving), return_when=asyncio.FIRST_COMPLETED)
+        if fetching.done():
+            return fetching.result()
+        return b""  # nobody reads it
+    finally:
+        for task in (fetching, leaving):
+            task.cancel()
+        await asyncio.gather(fetching, leaving, return_exceptions=True)
+
+
+def _answer_end(end: LineEnd) -> Response:
+    return Response(msgspec.json.encode(end), status_code=410, media_type="application/json")

@@ -1,0 +1,63 @@
+"""A browser behind a network that lets no web socket through plays a whole session over HTTP."""
+
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.machine.events import KeyPressed, Noted, Stepped
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.worlds.adapters.world import World
+from tests.counts import count
+from tests.machine import needs
+from tests.web.browser import browsing
+from tests.web.interrupted import interrupt
+from tests.web.protocols import study
+from tests.web.serving import line, serving
+
+pytestmark = [needs("chromium"), pytest.mark.program]
+N_KEYS = 6
+CODES = {"Digit1": "1", "Digit2": "2", "Digit3": "3", "Enter": "enter"}
+
+
+@pytest.mark.nightly(by_day=["closed"])
+@pytest.mark.parametrize("upgrades", ["closed", "swallowed"])
+def test_a_whole_session_is_played_on_key_where_sockets_are_blocked(
+    tmp_path: Path, upgrades: Literal["closed", "swallowed"]
+) -> None:
+    with (
+        serving(study(tmp_path, episodes=2, max_steps=N_KEYS), tmp_path) as served,
+        line(served.port) as wire,
+        browsing() as sit_down,
+    ):
+        wire.upgrades = upgrades
+        somebody = sit_down(f"http://127.0.0.1:{wire.port}/#t={served.tokens[0]}")
+        for _ in range(2):
+            somebody.to_play()
+            for number in range(N_KEYS):
+                somebody.press("123"[number % 3])
+                somebody.page.wait_for_timeout(100)
+            somebody.until("!s.playing")
+        somebody.to_end()
+        assert somebody.errors == []
+    [log] = tmp_path.rglob("*.mcap")
+    events = list(read_events(log))
+    assert read_log(log).facts["transport"] == "http"
+    pressed = [event.key for event in events if isinstance(event, KeyPressed) and event.down and event.key in "123"]
+    assert pressed == [*"123123"] * 2
+    assert sum(isinstance(event, Stepped) for event in events) == 2 * N_KEYS
+    assert [event.text for event in events if isinstance(event, Noted) and event.kind == "page"] == []
+    assert list(find_log_differences(log, World)) == []
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("upgrades", ["closed", "swallowed"])
+def test_cuts_kills_and_reloads_lose_nothing_over_http(
+    tmp_path: Path, upgrades: Literal["closed", "swallowed"]
+) -> None:
+    kinds = ("cut", "kill", "reload")
+    found = interrupt(tmp_path, times=count(3, 60), seed=5, kinds=kinds, upgrades=upgrades)
+    assert found.logged == [CODES[code] for code in found.heard]
+    assert found.steps == found.accepted
+    assert found.complaints == []
