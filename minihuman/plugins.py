@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, wraps
 from importlib.metadata import EntryPoint, EntryPoints, distributions, entry_points
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,6 +22,7 @@ from minihuman.operating_system import interrupt_after
 Port = TypeVar("Port")
 DISTRIBUTION = "minihuman-lab"  # this package, as pip knows it: the name in pyproject.toml
 GROUP_PREFIX = "minihuman."
+QUESTION_GROUP = f"{GROUP_PREFIX}questions"  # kinds of question, whose words are loaded beneath the kinds
 EXTRA_OF_PACKAGE = {
     "torch": "learn",
     "stable_baselines3": "learn",
@@ -108,6 +110,27 @@ def load_plugin(group: str, name: str, error: Callable[[str], MinihumanError], *
         raise error(
             f"{noun} {name!r}: {candidates[0].value} does not exist; repair {_package(candidates[0])}"
         ) from failed
+
+
+def read_plugin_file(group: str, name: str, file: str) -> str | None:
+    """Read a text file that lies beside the module of a plug-in, without loading the module.
+
+    Returns:
+        The text; None where there is no such file, or no one such plug-in: `load_plugin` says what is wrong then.
+    """
+    candidates = set(_find_entry_points(group, name=name))
+    if len(candidates) != 1:
+        return None
+    package, _, _ = candidates.pop().module.rpartition(".")
+    if not package:  # a module that is in no package has no folder of its own
+        return None
+    try:
+        path = files(package) / file
+    except ImportError:
+        return None
+    if not path.is_file():
+        return None
+    return path.read_text(encoding="utf-8")
 
 
 def remember_by_name(find: Callable[[str], Port]) -> Callable[[str], Port]:

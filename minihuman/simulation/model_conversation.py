@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.activities.questions.activity import QuestionsActivity
+from minihuman.activities.questions.question import find_question_kind
 from minihuman.display.drawing.screen import picture_size_px, repaint_screen
 from minihuman.experiment.machine.events import Event, KeyPressed, ModelCall, PointerUsed, TextTyped
 from minihuman.experiment.machine.inputs import (
@@ -28,6 +29,7 @@ from minihuman.experiment.machine.inputs import (
     TextInput,
 )
 from minihuman.experiment.machine.screens import (
+    CanvasShape,
     OptionList,
     PageScreen,
     PlayScreen,
@@ -73,6 +75,7 @@ class AnswerRule:
     buttons: tuple[str, ...] = ()
     targets: tuple[str, ...] = ()  # of options, in the order numbered
     many: bool = False
+    ordered: bool = False  # the order of the answer's numbers counts
     chosen: tuple[int, ...] = ()  # options that are chosen already
     typed: int = 0  # characters that are in the field already
     number: bool = False  # 0 to 100
@@ -161,6 +164,9 @@ def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | No
                 return AnswerRule("page", f"Answer with {request}.", buttons=tuple(labels))
         case QuestionScreen(item=item) if isinstance(part := session.part, QuestionsActivity):
             rule = _find_question_rule(item)
+            if find_question_kind(part.draft.question.kind).answer_type == "order":
+                request = "Answer with the numbers of all, in your order, the first first."
+                rule = replace(rule, request=request, many=True, ordered=True)
             if _read_answer_rules(session) >= 2 and part.draft.question.required:
                 return rule
             return replace(rule, request=f"{rule.request} '{SKIP}' leaves it out.", may_skip=True)
@@ -193,8 +199,10 @@ def _find_question_rule(item: Any) -> AnswerRule:
                 many=True,
             )
         case ShapeCanvas(shapes=shapes):
-            targets = tuple(shape.target for shape in shapes if shape.target)
-            return AnswerRule("question", "Answer with one shape's number.", targets=targets)
+            answers = [shape for shape in shapes if shape.target]
+            targets = tuple(shape.target for shape in answers)
+            chosen = tuple(number for number, shape in enumerate(answers) if shape.chosen)
+            return AnswerRule("question", "Answer with one shape's number.", targets=targets, chosen=chosen)
         case Slider():
             return AnswerRule("question", "Answer with a number from 0 (left end) to 100 (right end).", number=True)
     typed = 0
@@ -212,11 +220,13 @@ def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
         case "button":
             return _click(t_ns, argument)
         case "choose":
-            indices = {int(number) - 1 for number in argument.split()}
-            if rule.many:
-                numbers = sorted(indices ^ set(rule.chosen))
+            indices = [int(number) - 1 for number in argument.split()]
+            if rule.ordered:  # what was chosen before is taken back, the last one first
+                numbers = [*reversed(rule.chosen), *indices]
+            elif rule.many:
+                numbers = sorted({*indices} ^ {*rule.chosen})
             else:
-                numbers = sorted(indices)
+                numbers = sorted({*indices})
             clicks = [(rule.targets[number], 0.5) for number in numbers]
         case "slide":
             clicks = [("slider", float(argument) / 100)]
@@ -381,12 +391,17 @@ def _describe_item(item: Any) -> str:
             return _join("\n".join(f"{n}. {row}: {point}" for n, (row, point) in cells), f"{low} ... {high}")
         case ShapeCanvas(shapes=shapes):
             answers = [shape for shape in shapes if shape.target]
-            return "\n".join(f"{number}. {shape.label}" for number, shape in enumerate(answers, 1))
+            return "\n".join(f"{number}. {_describe_shape(shape)}" for number, shape in enumerate(answers, 1))
         case Slider(low=low, high=high):
             return f"{low} ... {high}"
         case TextField(unit=unit):
             return unit
     return ""
+
+
+def _describe_shape(shape: CanvasShape) -> str:
+    """Describe a shape by its label and its colour; a label alone where the colour is the theme's."""
+    return " ".join(filter(None, [shape.label, shape.fill]))
 
 
 def _list_observation(session: SessionMachine) -> Any:

@@ -16,7 +16,7 @@ import numpy as np
 
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.questions.activity import QuestionsActivity
-from minihuman.activities.questions.question import AnswerDraft, Click, build_draft, find_question_kind
+from minihuman.activities.questions.question import AnswerDraft, Click, build_draft, find_question_kind, list_codes
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.display.drawing.questions import draw_question
 from minihuman.display.drawing.screen import compose_screen
@@ -68,8 +68,8 @@ def check_question(kind: str, **fields: Any) -> None:
 
     Args:
         kind: the name of its entry point in the group ``minihuman.questions``.
-        fields: the fields of ``[[questions.items]]`` that the kind needs, such as ``options=["a", "b"]`` or
-            ``settings={"size": 5}``.
+        fields: the fields of ``[[questions.items]]`` that the kind needs, such as ``settings={"size": 5}``; by default
+            those of its ``example``.
 
     Raises:
         ContractError: if a guarantee is broken; the message says which.
@@ -77,7 +77,7 @@ def check_question(kind: str, **fields: Any) -> None:
     """
     question_kind = find_question_kind(kind)
     require(question_kind.name == kind, f"the entry point {kind!r} is a kind that calls itself {question_kind.name!r}")
-    items = [{"name": name, "kind": kind, "ask": "What?", **fields} for name in "ab"]
+    items = [{"name": name, "kind": kind, "ask": "What?", **(fields or question_kind.example)} for name in "ab"]
     protocol = build_study({**_STUDY, "questions": [{"name": "part", "items": items}]})
     _check_copies(protocol)
     for event in _check_part(protocol):
@@ -200,15 +200,20 @@ def _check_copies(protocol: Protocol) -> None:
 def _check_value(kind: str, event: Answered, draft: AnswerDraft) -> None:
     value = msgspec.json.decode(event.value)
     answer_type = find_question_kind(kind).answer_type
-    codes = draft.question.all_codes
+    codes = list_codes(draft.question)
     fits = {
         "code": value in codes,
         "rating": value in codes,
         "codes": isinstance(value, list),
+        "order": isinstance(value, list) and len({*value}) == len(value) and {*value} <= {*codes},
         "number": isinstance(value, int | float),
         "text": isinstance(value, str),
     }[answer_type]
-    require(fits, f"the answer {value!r} is not a {answer_type}")
+    if answer_type in ("code", "rating", "order"):
+        known = f"; its codes are {', '.join(map(str, codes))}: a kind of its own gives them as QuestionKind.codes"
+    else:
+        known = ""
+    require(fits, f"the answer {value!r} is not a {answer_type}{known}")
     require(bool(event.words), f"the answer {value!r} has no display_text")
 
 

@@ -1,5 +1,6 @@
 """A laboratory adds an activity, a question kind, an exporter and a column: one folder, no edit elsewhere."""
 
+import json
 import os
 import shutil
 import sys
@@ -16,13 +17,20 @@ from minihuman.admin.protocol_file import read_protocol
 from minihuman.dataset.activity_tables import list_activity_tables
 from minihuman.dataset.table_catalogue import TABLES
 from minihuman.display.drawing.screen import compose_screen
+from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import find_kind
+from minihuman.experiment.machine.events import Answered
 from minihuman.experiment.machine.screens import TextLocale
+from minihuman.experiment.plan.dry_run import describe_language
+from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.codec import find_topic, list_activity_topics
 from minihuman.log.read.session_reader import read_log
+from minihuman.simulation.model_conversation import find_answer_rule, list_inputs
 from minihuman.testing import check_activity, check_exporter, check_question
 from minihuman.web.screen_values import convert_screen
 from minihuman.web.server.page_routes import build_page_routes
+from tests.study.sessions import Desk
+from tests.study.studies import plan_of
 
 pytestmark = pytest.mark.program  # a study is simulated
 
@@ -32,6 +40,7 @@ ENTRY_POINTS = """
 tapping = dummy_lab.activity:TAPPING
 [minihuman.questions]
 mood = dummy_lab.mood:MOOD
+wishes = dummy_lab.wishes:WISHES
 [minihuman.exporters]
 lengths = dummy_lab.lengths:export_lengths
 [minihuman.columns]
@@ -58,6 +67,11 @@ name = "feelings"
 name = "feeling"
 kind = "mood"
 ask = "How do you feel now?"
+[[questions.items]]
+name = "wishes"
+kind = "wishes"
+ask = "What do you want, first things first?"
+options = ["rest", "food", "drink"]
 [[blocks]]
 name = "played"
 world = "minihuman/MiniGrid-Empty-5x5-v0"
@@ -98,6 +112,10 @@ def study(lab, tmp_path_factory):
 def test_the_kinds_keep_their_contracts(lab):
     check_activity("tapping", taps=3)
     check_question("mood")
+    check_question(
+        "mood", settings={"colours": {"low": "#000000", "middle": "#808080", "high": "#ffffff"}}, right="low"
+    )
+    check_question("wishes")
     check_exporter("lengths")
 
 
@@ -115,7 +133,9 @@ def test_its_events_and_answers_are_rows_of_tables(study):
     taps = tables.table("taps")
     assert list(taps["tap"]) == [1, 2, 3, 4] * 2
     assert list(taps["part"]) == [1] * 8
-    assert set(tables.table("answers")["answer"]) <= {"sad", "glad"}
+    answers = tables.table("answers")
+    assert set(answers["answer"][answers["item"] == "feeling"]) <= {"sad", "glad"}
+    assert all(sorted(json.loads(order)) == [1, 2, 3] for order in answers["answer"][answers["item"] == "wishes"])
     assert "taps" in {table.name for table in list_activity_tables()}
 
 
@@ -156,6 +176,93 @@ def test_the_page_finds_its_module(lab):
     assert answer.text == (FOLDER / "page.js").read_text()
 
 
+def ask_mood(language: str, words: str = "") -> Desk:
+    item = '[[questions]]\nname = "q"\n[[questions.items]]\nname = "a"\nkind = "mood"\nask = "?"\n'
+    return Desk(plan_of(f"{words}{item}", ["q"], language=language))
+
+
+@pytest.mark.parametrize(
+    ("language", "prompt", "note"),
+    [
+        ("en", "Click on a colour, then press Enter", "Please choose one of 2 colours."),
+        ("de", "Eine Farbe anklicken, dann Eingabetaste", "Bitte eine von 2 Farben wählen."),
+        ("ar", "انقر على لون، ثم اضغط على مفتاح الإدخال", "Please choose one of 2 colours."),  # it lacks the note
+        ("fr", "Click on a colour, then press Enter", "Please choose one of 2 colours."),  # it lacks both
+    ],
+)
+def test_its_words_are_those_of_the_studys_language_and_english_where_it_lacks_them(lab, language, prompt, note):
+    desk = ask_mood(language)
+    assert desk.session.screen.prompt == prompt
+    desk.press("enter")
+    assert desk.session.screen.note == note
+    if language != "en":  # the log holds every word of such a study
+        assert desk.session.plan.words["prompt.mood"] == prompt
+
+
+def test_a_study_may_replace_its_words(lab):
+    desk = ask_mood("de", '[words.prompt]\nmood = "Farbe!"\n[words.note]\nmood = "Eine!"\n')
+    assert desk.session.screen.prompt == "Farbe!"
+    desk.press("enter")
+    assert desk.session.screen.note == "Eine!"
+
+
+def test_check_names_the_words_that_its_language_lacks(lab):
+    protocol = decode_protocol(STUDY.replace("seed = 3", 'seed = 3\nlanguage = "ar"').encode())
+    assert list(describe_language(protocol)) == [
+        "language 'ar' has no word for prompt.wishes, so English stands in; add wishes to [words.prompt]",
+        "language 'ar' has no word for note.mood, so English stands in; add mood to [words.note]",
+    ]
+
+
+def test_its_colours_are_drawn_and_kept_when_chosen(lab):
+    desk = ask_mood("en")
+    for key in ("", "1"):
+        if key:
+            desk.press(key)
+        picture = compose_screen(desk.session.screen, (640, 360)).reshape(-1, 3)
+        colours = {"#" + bytes(colour).hex() for colour in np.unique(picture, axis=0).astype(np.uint8)}
+        assert {"#2266cc", "#ffee55"} <= colours
+
+
+def test_a_mistake_in_its_words_is_named(lab, monkeypatch):
+    monkeypatch.syspath_prepend("beside")  # so that nothing is remembered
+    path = lab / "dummy_lab" / "words.toml"
+    sound = path.read_text()
+    try:
+        path.write_text("[en.prompt]\nmood = 3\n")
+        with pytest.raises(
+            ProtocolError, match=r"words.toml of question kind 'mood': en.prompt.mood is 3; write a text"
+        ):
+            ask_mood("en")
+    finally:
+        path.write_text(sound)
+
+
+def test_a_right_code_is_one_of_its_own(lab):
+    with pytest.raises(ProtocolError, match=r"right.* is 'blue', which is not an option's code; codes: sad, glad"):
+        decode_protocol(STUDY.replace('kind = "mood"', 'kind = "mood"\nright = "blue"').encode())
+    with pytest.raises(ProtocolError, match=r"options.* is given, but a mood has its own; give them in settings"):
+        decode_protocol(STUDY.replace('kind = "mood"', 'kind = "mood"\noptions = ["a", "b"]').encode())
+
+
+@pytest.mark.parametrize(("keys", "right"), [("213", True), ("123", False)])
+def test_an_order_is_right_in_its_order_alone(lab, keys, right):
+    items = 'name = "a"\nkind = "wishes"\nask = "?"\noptions = ["x", "y", "z"]\nright = [2, 1, 3]\n'
+    desk = Desk(plan_of(f'[[questions]]\nname = "q"\n[[questions.items]]\n{items}', ["q"]))
+    desk.press(*keys, "enter")
+    [given] = desk.of(Answered)
+    assert (given.value, given.right) == (f"[{','.join(keys)}]", right)
+
+
+def test_a_language_model_gives_an_order_in_its_order(lab):
+    items = 'name = "a"\nkind = "wishes"\nask = "?"\noptions = ["x", "y", "z"]\n'
+    desk = Desk(plan_of(f'[[questions]]\nname = "q"\n[[questions.items]]\n{items}', ["q"]))
+    rule = find_answer_rule(desk.session.screen, desk.session)
+    for happened in list_inputs(rule.read("3, 1, 2"), rule, 1_000):
+        desk.give(happened)
+    assert desk.of(Answered)[0].value == "[3,1,2]"
+
+
 def test_a_protocol_may_name_them(lab, tmp_path):
     path = tmp_path / "dummy.toml"
     path.write_text(STUDY)
@@ -165,4 +272,5 @@ def test_a_protocol_may_name_them(lab, tmp_path):
 def test_nothing_of_the_package_knows_them():
     package = Path(minihuman.__file__).parent
     sources = [path for path in package.rglob("*") if path.suffix in (".py", ".js", ".toml")]
-    assert [path for path in sources if "dummy_lab" in path.read_text(encoding="utf-8")] == []
+    for name in ("dummy_lab", "prompt.mood", "prompt.wishes"):
+        assert [path for path in sources if name in path.read_text(encoding="utf-8")] == []

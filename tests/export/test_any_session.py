@@ -22,6 +22,7 @@ pytestmark = pytest.mark.program
 GOLDEN = Path(__file__).parents[1] / "golden/v1"
 CASES = ["no-episode", "no-step", "resumed", "real-time", "cut-off", "recovered", "foreign"]
 REPRESENTATIVE_CASES = {"no-episode", "resumed", "foreign"}  # no session, a common one, and a world of others
+# formats that refuse a study without steps; every other one, a new one too, writes an empty export
 NEED_STEPS = ("minari", "lerobot", "imitation", "robomimic", "rlds")
 HIGHEST = """
 import sys

@@ -31,7 +31,7 @@ def main(study: Path, out: Path, names: list[str]) -> bool:
 
     def report(folder: Path, tally: Tally) -> None:
         for name in (name for name in TABLES if (folder / "tables" / f"{name}.csv").exists()):
-            tally.rows(f"report {name}", read_csv(folder / "tables" / f"{name}.csv"), tables[name])
+            tally.rows(f"report {name}", read_csv(folder / "tables" / f"{name}.csv"), tables[name], is_whole=True)
         methods = compare_page(Study(study, sessions, tables), folder / "report.html", tally)
         lines = [json.loads(line) for line in (study / "register.jsonl").read_text().splitlines()]
         counts = check_methods(methods, sessions, [line for line in lines if "format" not in line])

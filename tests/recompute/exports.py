@@ -98,7 +98,7 @@ def compare_tables(logs: Logs, folder: Path, tally: Tally) -> None:
     for name in TABLES:
         path, other = folder / f"{name}.csv", folder / f"{name}.parquet"  # no file where there is no row
         rows = read_csv(path) if path.exists() else pq.read_table(other).to_pylist() if other.exists() else []
-        tally.rows(f"{folder.name} {name}", rows, logs.tables[name], without=NEEDING_WORLD)
+        tally.rows(f"{folder.name} {name}", rows, logs.tables[name], without=NEEDING_WORLD, is_whole=True)
 
 
 def account(logs: Logs) -> Iterator[str]:

@@ -260,7 +260,8 @@ def recompute_outputs(study: Path, out: Path, names: Collection[str] = OUTPUTS) 
     """Compare the outputs by a program in which minihuman cannot be imported.
 
     Returns:
-        Of each output how many numbers and words were compared and how many differ; and what it printed.
+        Of each output how many numbers and words were compared and how many differ; and what it printed, its
+        traceback first.
     """
     root = Path(__file__).parents[2]
     blocked = (
@@ -269,6 +270,6 @@ def recompute_outputs(study: Path, out: Path, names: Collection[str] = OUTPUTS) 
     )
     command = [sys.executable, "-I", "-W", "ignore", "-c", blocked, str(study), str(out), *names]
     found = subprocess.run(command, capture_output=True, text=True, check=False)
-    told = f"{found.stdout[-12_000:]}{found.stderr[-4_000:]}"
+    told = f"{found.stderr[-4_000:]}{found.stdout[-12_000:]}"
     counts: dict[str, list[int]] = json.loads(found.stdout.splitlines()[-1]) if found.stdout else {}
     return counts, told

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.recompute.play import OUTPUTS, PROTOCOLS, play_study, recompute_outputs, write_outputs
+from tests.recompute.tables import Tally
 
 pytestmark = pytest.mark.program  # whole studies are simulated
 
@@ -48,6 +49,13 @@ def test_one_number_that_is_changed_in_an_output_is_found(small: tuple[Path, Pat
     counts, told = recompute_outputs(study, outputs, [Path(name).parts[0] for name in EDITS])
     assert all(wrong for name, (_, wrong) in counts.items() if name != "methods"), told
     assert len(counts) == len(EDITS) + 1
+
+
+def test_a_column_that_is_not_computed_a_second_time_is_found() -> None:
+    tally = Tally()
+    tally.rows("csv episodes", [{"steps": "3", "first_action": "left"}], [{"steps": 3}], is_whole=True)
+    [line] = tally.wrong
+    assert line.startswith("csv episodes has columns ['first_action'], which tests/recompute/tables.py")
 
 
 @pytest.mark.nightly

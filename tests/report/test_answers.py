@@ -2,6 +2,7 @@
 
 import json
 import re
+import tomllib
 from collections import Counter
 from html import unescape
 from pathlib import Path
@@ -9,15 +10,17 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from minihuman.activities.questions.question import find_question_kind
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
 from minihuman.dataset.tables import select
 from minihuman.experiment.machine.events import Answered
-from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
+from minihuman.plugins import QUESTION_GROUP, list_plugin_names
 from minihuman.reporting.sections import answers_table
 from minihuman.reporting.template import format_number
 from minihuman.runtime.simulated_session import simulate
+from minihuman.testing.checks import build_study
 from tests.report.pages import page
 from tests.report.reports import write_report
 
@@ -50,16 +53,22 @@ name = "quiz"
 max_attempts = 3
 items = [ { name = "goal", kind = "choice", ask = "Where to?", options = ["A", "B", "C"], right = 2 } ]
 """
-MEASURED = ("pace", "mood", "load", "age")
+NEWER_KINDS = [kind for kind in list_plugin_names(QUESTION_GROUP, built_in=True) if f'kind = "{kind}"' not in STUDY]
+MEASURED = (
+    *("pace", "mood", "load", "age"),
+    *(kind for kind in NEWER_KINDS if find_question_kind(kind).answer_type in ("rating", "number")),
+)
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = tmp_path_factory.mktemp("data")
-    assert (
-        len(list(simulate(decode_protocol(STUDY.encode()), data, participants=PEOPLE, seed=3, player="random")))
-        == PEOPLE
-    )
+    tree = tomllib.loads(STUDY)
+    for kind in NEWER_KINDS:
+        example = {"name": kind, "kind": kind, "ask": "What?", **find_question_kind(kind).example}
+        tree["questions"][0]["items"].append(example)
+    protocol = build_study(tree)
+    assert len(list(simulate(protocol, data, participants=PEOPLE, seed=3, player="random"))) == PEOPLE
     return data / "kinds"
 
 
@@ -78,7 +87,7 @@ def on_page(study: Path, out: Path) -> dict[str, tuple[str, int]]:
 @pytest.mark.program
 def test_log_table_and_page_agree_in_every_kind_of_question(study: Path, tmp_path: Path) -> None:
     given = logged(study)
-    assert {event.kind for event in given} == {"likert", "slider", "choice", "choices", "number", "text", "long_text"}
+    assert {event.kind for event in given} == {*list_plugin_names(QUESTION_GROUP, built_in=True)}
     with StudyStore(StudySessions(study, processes=1), with_shortest=False) as store:
         rows = store.tables.table("answers").to_pylist()
     assert [(row["questions"], row["item"], row["attempt"], row["said"]) for row in rows] == [

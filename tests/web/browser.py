@@ -2,8 +2,10 @@
 
 import asyncio
 import atexit
+import math
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -16,7 +18,8 @@ from tests import processes
 from tests.counts import PATIENCE_S
 from tests.machine import need
 
-PATIENCE_MS = PATIENCE_S * 1_000
+PATIENCE_MS = int(os.environ.get("MINIHUMAN_BROWSER_PATIENCE_S", PATIENCE_S)) * 1_000
+_QUIET_S = 20  # that a condition may stay away before standard error has it, and what is on the screen instead
 _ARGUMENTS = ("--no-sandbox", "--force-color-profile=srgb", "--disable-background-networking")
 _LOOK_FOR = """() => new Promise((resolve) => {
   let looks = 40;
@@ -57,7 +60,8 @@ def browsing(*, size: tuple[int, int] | None = (1366, 768)) -> Iterator[Any]:
             yield sit_down
         finally:
             for context in contexts:
-                context.close()
+                with suppress(pytest.importorskip("playwright.sync_api").Error):  # else it hides why the test failed
+                    context.close()
 
 
 @contextmanager
@@ -199,9 +203,18 @@ class Somebody:
         return self.page.evaluate("minihuman.state")
 
     def until(self, condition: str, *, patience_s: float = PATIENCE_MS / 1000) -> None:
-        """Wait until a condition of ``s``, the page's state, holds."""
+        """Wait until a condition of ``s``, the page's state, holds.
+
+        It presses nothing: `to_play` goes on to the next episode, and `to_end` to the session's end. After 20 s,
+        standard error has what it waits for and what is on the screen instead (``pytest -s``, or the failure's report);
+        ``MINIHUMAN_BROWSER_PATIENCE_S=30`` has every wait fail after 30 s.
+        """
         until_s = time.monotonic() + patience_s
+        report_s = time.monotonic() + _QUIET_S
         while not self._holds(condition):
+            if time.monotonic() > report_s:
+                print(f"still waiting for {condition}; on the screen:\n{self.screen()}", file=sys.stderr)
+                report_s = math.inf
             assert time.monotonic() < until_s, f"never {condition}: {self.state}\n{self.screen()}\n{self.errors}"
 
     def _holds(self, condition: str) -> bool:

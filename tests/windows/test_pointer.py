@@ -12,10 +12,12 @@ from minihuman.display.drawing.screen import find_spot
 from minihuman.display.windows.blocking_window import TITLE
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerMoved, PointerPressed, PointerReleased, TextInput
 from minihuman.experiment.machine.screens import (
+    CanvasShape,
     OptionList,
     PlayScreen,
     QuestionScreen,
     Screen,
+    ShapeCanvas,
     Slider,
     TextField,
     TextScreen,
@@ -28,6 +30,10 @@ pytestmark = pytest.mark.program
 SIZE_PX = (640, 360)
 MS = 1_000_000
 CHOICE = QuestionScreen("", "Which one?", OptionList(("this", "that"), (), 0), "")
+COLOURS = tuple(
+    CanvasShape(n / 2, 0, 0.4, 1, str(n + 1), f"option:{n}", fill=fill) for n, fill in enumerate(("#aa3311", "#2266cc"))
+)
+SWATCH = QuestionScreen("", "Which colour?", ShapeCanvas(COLOURS), "")
 SLIDER = QuestionScreen("", "How much?", Slider("little", "much", None, "", 10), "")
 ENTRY = QuestionScreen("", "What?", TextField("", 0, False), "")
 PLAIN = TextScreen("Words", "to read", "Press Enter")
@@ -60,10 +66,11 @@ def middle_of(screen: Screen, name: str) -> tuple[float, float]:
     return float(x), float(y)
 
 
-def test_a_click_says_on_what(desk: tuple[HostedWindow, Typist]) -> None:
+@pytest.mark.parametrize("screen", [CHOICE, SWATCH])
+def test_a_click_says_on_what(desk: tuple[HostedWindow, Typist], screen: Screen) -> None:
     window, typist = desk
-    window.show(CHOICE)
-    typist.point(TITLE, *middle_of(CHOICE, "option:1"))
+    window.show(screen)
+    typist.point(TITLE, *middle_of(screen, "option:1"))
     hear(window)
     typist.button(True)
     typist.button(False)

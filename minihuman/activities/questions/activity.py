@@ -115,7 +115,7 @@ class QuestionsActivity(Activity):
         now_ns = self.context.now_ns
         if draft.error is not None:
             key, fields = draft.error
-            self._note = self.context.words.fill(key, **fields)
+            self._note = self.context.words.with_kind(draft.question.kind).fill(key, **fields)
             return
         right = is_correct(draft.question, draft.value)
         self._right[self._number] = right

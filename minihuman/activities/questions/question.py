@@ -1,12 +1,13 @@
 """Question kinds: the specification of a question, the draft of its answer, and the registration of a kind.
 
-A kind is one file with one `QuestionKind`, registered in the entry-point group ``minihuman.questions``. Its answer is
+A kind is one folder with a module that defines its `QuestionKind`, registered in the entry-point group
+``minihuman.questions``, and a ``words.toml`` that says in each language how the question is answered. Its answer is
 displayed by a widget (`minihuman.experiment.machine.screens`), a value that windows and the page know how to draw.
 """
 
 import abc
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import msgspec
@@ -14,10 +15,9 @@ import msgspec
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.screens import AnswerWidget
-from minihuman.plugins import load_plugin, remember_by_name
+from minihuman.plugins import QUESTION_GROUP, load_plugin, remember_by_name
 
-QUESTION_GROUP = "minihuman.questions"
-AnswerType = Literal["code", "codes", "rating", "number", "text"]
+AnswerType = Literal["code", "codes", "order", "rating", "number", "text"]
 AnswerValue = str | int | float | list[str | int] | None
 
 
@@ -41,7 +41,7 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     longest: int = 2000  # text: characters
     required: bool = True
     right: str | int | float | tuple[str | int, ...] | None = None  # the right answer's code or value
-    settings: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET  # a plug-in's fields; not in plans without any
+    settings: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET  # a kind's own fields; not in plans without any
     statements: dict[str, str] | msgspec.UnsetType = msgspec.UNSET  # likert: a matrix, a row for each
     only_if: dict[str, tuple[str | int | float, ...]] | msgspec.UnsetType = msgspec.UNSET  # earlier item -> answers
 
@@ -54,7 +54,7 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def all_codes(self) -> tuple[str | int, ...]:
-        """The code of each option or point."""
+        """The code of each option or point, for kinds without codes of their own (see `list_codes`)."""
         return self.codes or tuple(range(1, (len(self.options) or self.points) + 1))
 
     @property
@@ -154,11 +154,15 @@ class QuestionKind:
     Attributes:
         name: the kind's name in protocols.
         draft: builds the draft of an answer.
-        answer_type: the type of answers: an option's code, several codes, a code that has a mean, a number, or text.
+        answer_type: the type of answers: an option's code, several codes, several codes in a meaningful order, a code
+            that has a mean, a number, or text.
         check: yields the errors of a question in a protocol.
         settings: the type of a question's ``settings``; None if the kind has none.
-        prompt: the text that says how to answer, for a kind without ``prompt.NAME`` among the interface texts.
+        prompt: the text that says how to answer, for a kind without ``prompt.NAME`` in the ``words.toml`` of its folder
+            or among the interface texts.
         takes_text: whether keys that the draft does not handle are typed text.
+        codes: returns the codes of an answer from a question's ``settings``; None if they are those of its ``options``.
+        example: the fields that a question needs besides ``name``, ``kind`` and ``ask``; contract tests use them.
     """
 
     name: str
@@ -168,6 +172,8 @@ class QuestionKind:
     settings: type[msgspec.Struct] | None = None
     prompt: str = ""
     takes_text: bool = False
+    codes: Callable[[Any], tuple[str | int, ...]] | None = None
+    example: Mapping[str, Any] = field(default_factory=dict)
 
 
 @remember_by_name
@@ -189,11 +195,21 @@ def find_question_kind(name: str) -> QuestionKind:
 def build_draft(question: QuestionItemSpec, *, rtl: bool, language: str | None = None) -> AnswerDraft:
     """Build an empty answer to a question; ``language`` is defined as in `AnswerDraft`."""
     kind = find_question_kind(question.kind)
+    return kind.draft(question, _read_settings(kind, question), rtl=rtl, language=language)
+
+
+def _read_settings(kind: QuestionKind, question: QuestionItemSpec) -> Any:
     if kind.settings is None:
-        settings = None
-    else:
-        settings = msgspec.convert(question.settings or {}, kind.settings)
-    return kind.draft(question, settings, rtl=rtl, language=language)
+        return None
+    return msgspec.convert(question.settings or {}, kind.settings)
+
+
+def list_codes(question: QuestionItemSpec) -> tuple[str | int, ...]:
+    """List the codes that an answer to a question can have: the kind's own, or one for each option or point."""
+    kind = find_question_kind(question.kind)
+    if kind.codes is None:
+        return question.all_codes
+    return kind.codes(_read_settings(kind, question))
 
 
 def check_item(item: QuestionItemSpec) -> ItemErrors:
@@ -213,18 +229,23 @@ def check_item(item: QuestionItemSpec) -> ItemErrors:
         yield "settings", f"is given, but a {item.kind} has none"
     if item.statements is not msgspec.UNSET and item.kind != "likert":
         yield "statements", f"is given, but a {item.kind} has none; use kind = 'likert'"
-    has_codes = kind.answer_type in ("code", "codes", "rating")
+    has_codes = kind.answer_type in ("code", "codes", "order", "rating")
     if item.options and not has_codes:
         yield "options", f"is given, but a {item.kind} has none"
-    n_options = len(item.options) or item.points
-    if item.codes and len(item.codes) != n_options:
+    if kind.codes is not None:
+        for field in ("options", "codes"):
+            if getattr(item, field):
+                yield field, f"is given, but a {item.kind} has its own; give them in settings"
+    elif item.codes and len(item.codes) != (n_options := len(item.options) or item.points):
         yield "codes", f"has {len(item.codes)} for {n_options} options; give one an option"
-    yield from kind.check(item)
-    if has_codes:
-        known_codes = ", ".join(map(str, item.all_codes))
-        for right in item.right_answers:
-            if right not in item.all_codes:
-                yield "right", f"is {right!r}, which is not an option's code; codes: {known_codes}"
+    errors = list(kind.check(item))
+    yield from errors
+    if not has_codes or (errors and kind.codes is not None):  # codes of wrong settings mean nothing
+        return
+    codes = list_codes(item)
+    for right in item.right_answers:
+        if right not in codes:
+            yield "right", f"is {right!r}, which is not an option's code; codes: {', '.join(map(str, codes))}"
 
 
 def check_range(item: QuestionItemSpec) -> ItemErrors:
@@ -238,6 +259,8 @@ def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
     if question.right is None:
         return None
     if isinstance(value, list):
+        if find_question_kind(question.kind).answer_type == "order":
+            return value == list(question.right_answers)
         return set(value) == set(question.right_answers)
     if isinstance(question.right, tuple):
         return value in question.right
@@ -247,7 +270,10 @@ def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
 
 
 def parse_digit(key: str) -> int:
-    """Return the number on a digit key, including the keypad's; 0 for any other key."""
+    """Return the number on a digit key, including the keypad's; 0 for any other key, and for the key "0".
+
+    Options are numbered from 1, so that ``if digit := parse_digit(key)`` tests whether a key can select one.
+    """
     plain = key.removeprefix("kp_")
     if plain.isdecimal() and len(plain) == 1:
         return int(plain)

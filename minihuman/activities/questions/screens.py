@@ -22,7 +22,8 @@ def build_question_screen(
     else:
         progress = ""
     question = draft.question
-    prompt = words.find(f"prompt.{question.kind}", find_question_kind(question.kind).prompt)
+    kind_words = words.with_kind(question.kind)
+    prompt = kind_words.find(f"prompt.{question.kind}", find_question_kind(question.kind).prompt)
     return QuestionScreen(title, question.ask, draft.widget(), prompt, buttons, progress, note, words.locale)
 
 

@@ -1,5 +1,7 @@
 """Drawings of questions: the text, the answer controls, and the spots that a pointer can press."""
 
+from PIL import ImageColor
+
 from minihuman.display.drawing import sheet as theme
 from minihuman.display.drawing.sheet import LINE_HEIGHT, MIN_TYPE_SIZE, Sheet, Size, Spot
 from minihuman.display.text import style_lines
@@ -326,13 +328,34 @@ def _shapes(sheet: Sheet, item: ShapeCanvas, box: tuple[float, float, float, flo
             draw = sheet.draw.ellipse
         else:
             draw = sheet.draw.rectangle
-        draw(corners, fill=_choice_fill(shape.chosen), outline=theme.EDGE, width=stroke)
+        if shape.fill and shape.chosen:  # it keeps its colour; a frame shows that it is chosen
+            reach = stroke * 4
+            frame = (corners[0] - reach, corners[1] - reach, corners[2] + reach, corners[3] + reach)
+            draw(frame, outline=theme.HIGHLIGHT, width=stroke * 2)
+        draw(corners, fill=shape.fill or _choice_fill(shape.chosen), outline=theme.EDGE, width=stroke)
         if shape.label:
             middle = ((corners[0] + corners[2]) / 2, (corners[1] + corners[3]) / 2)
-            ink = _choice_ink(shape.chosen)
+            if shape.fill:
+                ink = _choose_ink(shape.fill)
+            else:
+                ink = _choice_ink(shape.chosen)
             sheet.put_line(middle, shape.label, round(sheet.high / 36), shape.width * wide, ink)
         if shape.target:
             sheet.spots.append(Spot(shape.target, *corners))
+
+
+def _choose_ink(fill: str) -> theme.Colour:
+    """Choose black or white, whichever has the higher contrast on a colour (WCAG 2.2, relative luminance)."""
+    luminance = 0.0
+    for channel, weight in zip(ImageColor.getrgb(fill), (0.2126, 0.7152, 0.0722), strict=False):
+        share = channel / 255
+        if share <= 0.04045:
+            luminance += weight * share / 12.92
+        else:
+            luminance += weight * ((share + 0.055) / 1.055) ** 2.4
+    if luminance > 0.179:  # where both contrasts are the same
+        return (0, 0, 0)
+    return (255, 255, 255)
 
 
 def _entry(sheet: Sheet, item: TextField, box: tuple[float, float, float, float]) -> None:

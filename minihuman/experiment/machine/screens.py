@@ -1,6 +1,7 @@
 """Screens: what a participant should see now, as values that windows and pages draw."""
 
 import abc
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
@@ -9,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.moved import forward_names
+
+_HEX_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 
 OutcomeMark = Literal["", "good", "bad", "neutral"]
 
@@ -182,6 +185,11 @@ class CanvasShape:
     target: str = ""  # "": it cannot be clicked
     chosen: bool = False
     is_round: bool = False
+    fill: str = ""  # a colour, "#rrggbb", which it keeps when chosen; "": the theme's
+
+    def __post_init__(self) -> None:
+        if self.fill and not _HEX_COLOUR.fullmatch(self.fill):
+            raise ValueError(f"fill is {self.fill!r}; write a colour as '#aa3311'")
 
 
 @dataclass(frozen=True, slots=True)

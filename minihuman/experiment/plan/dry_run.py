@@ -23,9 +23,10 @@ from minihuman.experiment.plan.part_plans import list_world_options
 from minihuman.experiment.plan.session_plan import BonusSpec, EpisodePlan, PlannedPart, SessionPlan
 from minihuman.experiment.plan.stimulus_check import check_stimuli
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+from minihuman.experiment.protocol.specs import list_question_kinds
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.protocol.validation_errors import build_protocol_error
-from minihuman.experiment.words import LANGUAGES, LATER_WORDS, flatten_words
+from minihuman.experiment.words import LANGUAGES, LATER_WORDS, flatten_words, list_missing_kind_words
 from minihuman.worlds.adapters.spaces import VectorActions
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
@@ -79,12 +80,18 @@ def _describe_pay(plan: SessionPlan, bonus: BonusSpec) -> Iterator[str]:
 
 
 def describe_language(protocol: Protocol) -> Iterator[str]:
-    """Yield a line for each newer interface text that the study's own language lacks."""
+    """Yield a line for each interface text that the study's language lacks and English replaces.
+
+    Such a text is newer than the study's own language, or belongs to a kind of question without texts in the language.
+    """
     language = protocol.study.language
-    if language in LANGUAGES:
-        return
     words_given = flatten_words(protocol.words)
-    for word in LATER_WORDS:
+    missing_words: list[str] = []
+    if language not in LANGUAGES:
+        missing_words += LATER_WORDS
+    for kind in list_question_kinds(protocol.questions, [group.name for group in protocol.groups]):
+        missing_words += list_missing_kind_words(kind, language)
+    for word in dict.fromkeys(missing_words):
         if word not in words_given:
             table, _, name = word.rpartition(".")
             yield f"language {language!r} has no word for {word}, so English stands in; add {name} to [words.{table}]"

@@ -20,8 +20,14 @@ from minihuman.experiment.plan.part_names import CLOSING, CONSENT, DEBRIEF, KEYB
 from minihuman.experiment.plan.random_streams import draw_permutation
 from minihuman.experiment.plan.session_plan import EpisodePlan, Participant, PlannedPart
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
-from minihuman.experiment.protocol.specs import PageSpec, QuestionnaireSpec, apply_overrides, load_form
-from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, flatten_words, load_words
+from minihuman.experiment.protocol.specs import (
+    PageSpec,
+    QuestionnaireSpec,
+    apply_overrides,
+    list_question_kinds,
+    load_form,
+)
+from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, flatten_words, load_kind_words, load_words
 from minihuman.worlds.catalogue import is_compiled_grid, is_first_person
 
 OUTCOMES = ("goal", "timeout", "failure", "abandoned", "ended")
@@ -35,7 +41,10 @@ def list_changed_words(protocol: Protocol) -> dict[str, str]:
         instead["theme"] = protocol.study.theme  # so that it is in the log, with how else words are shown
     if language == ENGLISH or language not in LANGUAGES:
         return instead
-    return {**load_words(language), **instead}
+    kind_words: dict[str, str] = {}
+    for kind in list_question_kinds(protocol.questions, [group.name for group in protocol.groups]):
+        kind_words |= load_kind_words(kind, language)
+    return {**kind_words, **load_words(language), **instead}
 
 
 def load_study_words(protocol: Protocol) -> InterfaceWords:

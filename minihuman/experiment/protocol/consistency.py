@@ -19,9 +19,11 @@ from minihuman.experiment.protocol.specs import (
     check_each,
     check_each_override,
     is_completion_code,
+    list_question_kinds,
 )
 from minihuman.experiment.protocol.validation_errors import FieldError
-from minihuman.experiment.words import LANGUAGES, LATER_WORDS, flatten_words, load_words
+from minihuman.experiment.words import LANGUAGES, LATER_WORDS, flatten_words, load_kind_words, load_words
+from minihuman.plugins import QUESTION_GROUP, list_plugin_names
 
 _PARTS = ("blocks", "pages", "questions", "activities")
 _NAMED = (*_PARTS, "orders")
@@ -62,7 +64,9 @@ def check_newer_design_rules(protocol: Protocol) -> list[FieldError]:
 
 def _check_words(protocol: Protocol) -> Iterator[FieldError]:
     own = flatten_words(protocol.words)
-    known = load_words("en")
+    known = {**load_words("en")}
+    for kind in list_question_kinds(protocol.questions, [group.name for group in protocol.groups]):
+        known |= load_kind_words(kind, "en")
     for key, value in own.items():
         if key not in known and not key.startswith(("action.", "mission.", "prompt.")):
             yield f"$.words.{key}", "is not a word of the interface; minihuman/experiment/words/en.toml has them all"
@@ -79,13 +83,19 @@ def _check_missing_words(protocol: Protocol) -> Iterator[FieldError]:
     own = flatten_words(protocol.words)
     if language in LANGUAGES:
         return
-    unused: tuple[str, ...] = ("action.", "mission.", "key.", *LATER_WORDS)
+    unused: tuple[str, ...] = ("action.", "mission.", "key.", *LATER_WORDS, *_list_built_in_kind_words())
     if all(block.team is None for block in protocol.blocks):
         unused += ("team.",)
     missing = [key for key in load_words("en") if key not in own and not key.startswith(unused)]
     if missing:
         message = f"is {language!r}, which is none of {', '.join(LANGUAGES)}; give its words under [words], "
         yield "$.study.language", f"{message}{len(missing)} are missing, the first is {missing[0]}"
+
+
+def _list_built_in_kind_words() -> Iterator[str]:
+    """List the words of our kinds of question: kinds come after a study, so English stands in, and `check` names it."""
+    for kind in list_plugin_names(QUESTION_GROUP, built_in=True):
+        yield from load_kind_words(kind, "en")
 
 
 def _check_names(protocol: Protocol) -> Iterator[FieldError]:

@@ -43,6 +43,7 @@ from minihuman.experiment.protocol.validation_errors import (
     find_structural_errors,
     format_field_errors,
 )
+from minihuman.plugins import QUESTION_GROUP, list_plugin_names
 
 MAX_ALLOCATED_BLOCKS = 1_000_000  # of all participants: the allocation list draws keys for each
 
@@ -276,7 +277,9 @@ def list_protocol_tables() -> dict[str, tuple[str, list[ProtocolField]]]:
 
 @cache
 def _read_fields() -> dict[str, dict[str, tuple[str, str]]]:
-    return tomllib.loads((files(__package__) / "fields.toml").read_text(encoding="utf-8"))
+    text = (files(__package__) / "fields.toml").read_text(encoding="utf-8")
+    kinds = ", ".join(f"`{kind}`" for kind in list_plugin_names(QUESTION_GROUP, built_in=True))
+    return tomllib.loads(text.replace("{question_kinds}", kinds))
 
 
 def _walk_tables(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], bool]]:

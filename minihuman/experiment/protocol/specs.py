@@ -231,6 +231,21 @@ class ShippedForm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     items: tuple[QuestionItemSpec, ...]
 
 
+def list_question_kinds(questionnaires: Sequence[QuestionnaireSpec], groups: Sequence[str]) -> tuple[str, ...]:
+    """List the kinds of question that a study asks in any of its groups, in the order in which they are named."""
+    kinds: dict[str, None] = {}
+    for questionnaire in questionnaires:
+        for group in ("", *groups):
+            try:
+                asked = apply_overrides(questionnaire, group)
+            except msgspec.ValidationError:
+                continue  # an error of its own
+            kinds.update((item.kind, None) for item in asked.items)
+            if asked.form in SHIPPED_FORMS:
+                kinds.update((item["kind"], None) for item in _read_form(asked.form)["items"])
+    return tuple(kinds)
+
+
 def load_form(name: str, language: str) -> ShippedForm:
     """Load a shipped form in a language.
 

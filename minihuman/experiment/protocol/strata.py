@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from minihuman.activities.questions.question import QuestionItemSpec, find_question_kind
+from minihuman.activities.questions.question import QuestionItemSpec, find_question_kind, list_codes
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.events import Answered, Event, PartEnded
 from minihuman.experiment.plan.designs import make_enrolment_design
@@ -86,7 +86,7 @@ def build_strata(protocol: Protocol) -> Strata | None:
     item = next((item for item in _find_items(protocol, part) if item.name == name), None)
     codes = {code: stratum for stratum, stratum_codes in allocation.strata.items() for code in stratum_codes}
     if not codes and item is not None and find_question_kind(item.kind).answer_type in _CODED:
-        codes = {code: str(code) for code in item.all_codes}
+        codes = {code: str(code) for code in list_codes(item)}
     names = tuple(dict.fromkeys(codes.values()))
     if cuts := allocation.cut_points:
         between = (f"{low:g} to below {high:g}" for low, high in pairwise(cuts))
@@ -189,13 +189,14 @@ def _check_codes(allocation: AllocationSpec, item: QuestionItemSpec) -> Iterator
     if not allocation.strata:
         return
     listed_codes = [code for codes in allocation.strata.values() for code in codes]
-    known = ", ".join(map(str, item.all_codes))
+    known_codes = list_codes(item)
+    known = ", ".join(map(str, known_codes))
     for code in dict.fromkeys(listed_codes):
-        if code not in item.all_codes:
+        if code not in known_codes:
             yield "strata", f"has the code {code!r}, which is not an option's; codes: {known}"
         elif listed_codes.count(code) > 1:
             yield "strata", f"has the code {code!r} twice; put each into one stratum"
-    if missing := [str(code) for code in item.all_codes if code not in listed_codes]:
+    if missing := [str(code) for code in known_codes if code not in listed_codes]:
         yield "strata", f"leaves out {', '.join(missing)}; put every option into a stratum"
     if NO_ANSWER in allocation.strata:
         yield "strata", f"has one called {NO_ANSWER!r}, which is for those who give none; call it otherwise"

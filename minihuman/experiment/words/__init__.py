@@ -1,4 +1,7 @@
-"""Interface texts: one TOML file per language. A protocol's `[words]` table can replace any of them."""
+"""Interface texts: one TOML file per language, and a ``words.toml`` in the folder of each kind of question.
+
+A protocol's `[words]` table can replace any of them.
+"""
 
 import tomllib
 from collections.abc import Mapping
@@ -6,8 +9,10 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
+from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import key_caption, key_label
 from minihuman.experiment.machine.screens import TextLocale
+from minihuman.plugins import QUESTION_GROUP, list_plugin_names, read_plugin_file, remember_by_name
 
 ENGLISH = "en"
 LANGUAGES = ("en", "de", "fr", "es", "zh", "ja", "ar", "he")
@@ -17,7 +22,7 @@ LATER_WORDS = ("outcome.ended", "over.kept_in_part")
 
 @cache
 def load_words(language: str) -> Mapping[str, str]:
-    """Load every interface text of a language, by key ("go_on", "outcome.goal").
+    """Load every interface text of a language, by key ("go_on", "outcome.goal"), including those of question kinds.
 
     Raises:
         KeyError: if the language is not included.
@@ -25,7 +30,50 @@ def load_words(language: str) -> Mapping[str, str]:
     if language not in LANGUAGES:
         raise KeyError(language)
     tree = tomllib.loads(files(__package__).joinpath(f"{language}.toml").read_text(encoding="utf-8"))
-    return flatten_words(tree)
+    words = flatten_words(tree)
+    for kind in list_plugin_names(QUESTION_GROUP, built_in=True):
+        words = {**_read_kind_words(kind).get(language, {}), **words}
+    return words
+
+
+def load_kind_words(kind: str, language: str) -> Mapping[str, str]:
+    """Load the words of a kind of question in a language; English stands in for those that it lacks."""
+    words_by_language = _read_kind_words(kind)
+    return {**words_by_language.get(ENGLISH, {}), **words_by_language.get(language, {})}
+
+
+def list_missing_kind_words(kind: str, language: str) -> tuple[str, ...]:
+    """List the words that a kind of question has in English but not in a language."""
+    words_by_language = _read_kind_words(kind)
+    return tuple(key for key in words_by_language.get(ENGLISH, {}) if key not in words_by_language.get(language, {}))
+
+
+@remember_by_name
+def _read_kind_words(kind: str) -> Mapping[str, Mapping[str, str]]:
+    """Read the words of a kind of question, by language; none where its folder has no ``words.toml``.
+
+    Raises:
+        ProtocolError: if the file is not a table of texts for each language.
+    """
+    text = read_plugin_file(QUESTION_GROUP, kind, "words.toml")
+    if text is None:
+        return {}
+    try:
+        tree = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ProtocolError(f"words.toml of question kind {kind!r} is not valid TOML: {error}") from None
+    words_by_language = {}
+    for language, tables in tree.items():
+        words = flatten_words(tables) if isinstance(tables, dict) else {"": tables}
+        for key, word in words.items():
+            if not key or not isinstance(word, str):
+                place = f"{language}.{key}".removesuffix(".")
+                raise ProtocolError(
+                    f"words.toml of question kind {kind!r}: {place} is {word!r}; write a text in quotes, in a table "
+                    f"of its language, as [{ENGLISH}.prompt]"
+                )
+        words_by_language[language] = words
+    return words_by_language
 
 
 def flatten_words(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
@@ -63,6 +111,13 @@ class InterfaceWords:
     def find(self, key: str, default: str) -> str:
         """Return the text of a key that a plug-in may have added; ``default`` if there is none."""
         return self._words.get(key, default)
+
+    def with_kind(self, kind: str) -> "InterfaceWords":
+        """Return these words, and beneath them those of a kind of question that they lack."""
+        kind_words = load_kind_words(kind, self.language)
+        if kind_words.keys() <= self._words.keys():
+            return self
+        return InterfaceWords(self.language, {**kind_words, **self._words}, self._fonts)
 
     def fill(self, key: str, **fields: Any) -> str:
         """Return the text of a key with its fields filled in."""

@@ -529,4 +529,5 @@ export interface CanvasShape {
   target: string;
   chosen: boolean;
   is_round: boolean;
+  fill: string;
 }

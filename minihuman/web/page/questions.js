@@ -19,11 +19,20 @@ const optionOf = (label, index, { chosen, at, many }, extra) => el("div", {
 const endsOf = ({ low, high }) => el("div", { class: "ends" }, el("span", { text: low }), el("span", { text: high }));
 
 const percent = (/** @type {number} */ share) => `${100 * share}%`;
+/** Black or white, whichever has the higher contrast on a colour (WCAG). @param {string} fill "#rrggbb" */
+const inkOn = (fill) => {
+  const [red, green, blue] = [1, 3, 5].map((from) => parseInt(fill.slice(from, from + 2), 16) / 255)
+    .map((channel) => (channel <= 0.04045 ? channel / 12.92 : ((channel + 0.055) / 1.055) ** 2.4));
+  return 0.2126 * red + 0.7152 * green + 0.0722 * blue > 0.179 ? "#000" : "#fff";
+};
 /** @param {CanvasShape} shape */
-const shapeOf = ({ x, y, width, height, label, target, chosen, is_round: isRound }) => el("div", {
-  class: `shape${chosen ? " chosen" : ""}${isRound ? " round" : ""}`, tabindex: target ? "-1" : null, "data-target": target || null,
+const shapeOf = ({ x, y, width, height, label, target, chosen, is_round: isRound, fill }) => el("div", {
+  class: `shape${chosen ? " chosen" : ""}${isRound ? " round" : ""}${fill ? " filled" : ""}`, tabindex: target ? "-1" : null, "data-target": target || null,
   role: target ? "radio" : null, "aria-checked": target ? String(chosen) : null, "aria-label": label || target || null, text: label,
-  style: { left: percent(x), top: percent(y), width: percent(width), height: percent(height) },
+  style: {
+    left: percent(x), top: percent(y), width: percent(width), height: percent(height),
+    ...(fill ? { background: fill, color: inkOn(fill) } : {}),
+  },
 });
 
 /** One function per form. */

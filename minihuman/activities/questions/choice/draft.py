@@ -107,5 +107,7 @@ def _check(item: QuestionItemSpec) -> ItemErrors:
         yield "options", f"has {len(item.options)}; a choice is of two or more"
 
 
-CHOICE = QuestionKind("choice", ChoiceDraft, "code", _check)
-CHOICES = QuestionKind("choices", ChoicesDraft, "codes", _check)
+CHOICE = QuestionKind("choice", ChoiceDraft, "code", _check, example={"options": ("left", "right")})
+CHOICES = QuestionKind(
+    "choices", ChoicesDraft, "codes", _check, example={"options": ("cat", "dog", "none"), "codes": ("C", "D", "N")}
+)
