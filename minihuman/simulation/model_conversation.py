@@ -9,7 +9,6 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,7 +28,6 @@ from minihuman.experiment.machine.inputs import (
     TextInput,
 )
 from minihuman.experiment.machine.screens import (
-    CanvasShape,
     OptionList,
     PageScreen,
     PlayScreen,
@@ -45,6 +43,7 @@ from minihuman.experiment.machine.screens import (
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.protocol.specs import ModelSpec
 from minihuman.log.observations import encode_png
+from minihuman.simulation.screen_text import describe_screen, join_texts, list_observation
 
 NS_PER_MS = 1_000_000
 HOLD_MS = 90.0
@@ -220,13 +219,7 @@ def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
         case "button":
             return _click(t_ns, argument)
         case "choose":
-            indices = [int(number) - 1 for number in argument.split()]
-            if rule.ordered:  # what was chosen before is taken back, the last one first
-                numbers = [*reversed(rule.chosen), *indices]
-            elif rule.many:
-                numbers = sorted({*indices} ^ {*rule.chosen})
-            else:
-                numbers = sorted({*indices})
+            numbers = _list_chosen(argument, rule)
             clicks = [(rule.targets[number], 0.5) for number in numbers]
         case "slide":
             clicks = [("slider", float(argument) / 100)]
@@ -243,6 +236,16 @@ def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
     for number, (target, along) in enumerate(clicks):
         inputs += _click(t_ns + number * step_ns, target, along)
     return inputs + _click(t_ns + max(1, len(clicks)) * step_ns, "go_on")
+
+
+def _list_chosen(argument: str, rule: AnswerRule) -> list[int]:
+    """Return the indices of the options to click on for the answer's option numbers."""
+    indices = [int(number) - 1 for number in argument.split()]
+    if rule.ordered:  # earlier choices are undone first, the last one first
+        return [*reversed(rule.chosen), *indices]
+    if rule.many:
+        return sorted({*indices} ^ {*rule.chosen})
+    return sorted({*indices})
 
 
 def _click(t_ns: int, target: str, along: float = 0.5) -> list[Input]:
@@ -291,14 +294,14 @@ class Conversation:
         self._last = screen
         match screen:
             case PageScreen():
-                text = _join(screen.title, screen.body)
+                text = join_texts(screen.title, screen.body)
                 if text not in self._read:
                     self._read.append(text)
             case TextScreen(keys=()):
-                self._note(_join(screen.title, screen.body))
+                self._note(join_texts(screen.title, screen.body))
             case PlayScreen() if screen.mark:
                 outcome = {"good": "success", "bad": "failure", "neutral": "no success"}[screen.mark]
-                self._note(_join(f"The episode ended: {outcome}.", screen.score_text))
+                self._note(join_texts(f"The episode ended: {outcome}.", screen.score_text))
 
     def _note(self, text: str) -> None:
         if text and self._since[-1:] != [text]:
@@ -306,10 +309,10 @@ class Conversation:
 
     def build_prompt(self, screen: Screen, rule: AnswerRule, session: SessionMachine) -> Prompt:
         """Build the prompt for a screen that needs an answer."""
-        description = "\n\n".join(_describe_screen(screen, session, self._spec))
+        description = "\n\n".join(describe_screen(screen, session, self._spec))
         self._question = "\n\n".join(filter(None, [*self._since, description]))
         text = f"{self._question}\n\n{rule.request}"
-        messages: list[dict[str, Any]] = [{"role": "system", "content": _join(RULES, *self._read)}]
+        messages: list[dict[str, Any]] = [{"role": "system", "content": join_texts(RULES, *self._read)}]
         for earlier_text, answer in self._list_history(_read_answer_rules(session)):
             messages += [{"role": "user", "content": earlier_text}, {"role": "assistant", "content": answer}]
         picture = self._draw(screen)
@@ -328,10 +331,10 @@ class Conversation:
             tokens += TOKENS_PER_PICTURE
         sent = [*messages, {"role": "user", "content": content}]
         if self._spec.modality != "picture":
-            observation = _list_observation(session)
+            observation = list_observation(session)
         else:
             observation = None
-        return Prompt(sent, sha256, digest, tokens, text, _join(*self._read), rule, png, observation)
+        return Prompt(sent, sha256, digest, tokens, text, join_texts(*self._read), rule, png, observation)
 
     def _list_history(self, answer_rules: int) -> list[tuple[str, str]]:
         """Return the earlier screens and answers that a prompt repeats, the last ``history`` of them."""
@@ -358,61 +361,6 @@ class Conversation:
 
 def _make_image_part(png: bytes) -> dict[str, Any]:
     return {"type": "image_url", "image_url": {"url": f"data:image/png;base64,{base64.b64encode(png).decode()}"}}
-
-
-def _join(*texts: str) -> str:
-    return "\n\n".join(text.strip() for text in texts if text.strip())
-
-
-def _describe_screen(screen: Screen, session: SessionMachine, spec: ModelSpec) -> Iterator[str]:
-    """Yield the screen's texts, in reading order."""
-    match screen:
-        case PlayScreen():
-            yield from filter(None, [screen.progress, screen.mission[:1].upper() + screen.mission[1:]])
-            if screen.legend:
-                yield ", ".join(f"{key} = {action}" for key, action in screen.legend)
-            if spec.modality != "picture" and session.play is not None:
-                yield session.play.world.text()
-        case PageScreen():
-            yield screen.prompt
-        case QuestionScreen():
-            yield from filter(None, [screen.progress, screen.title, screen.question, _describe_item(screen.item)])
-            yield screen.note
-
-
-def _describe_item(item: Any) -> str:
-    match item:
-        case OptionList(options=options):
-            return "\n".join(f"{number}. {option}" for number, option in enumerate(options, 1))
-        case RatingScale(points=points, low=low, high=high):
-            return _join("\n".join(f"{number}. {point}" for number, point in enumerate(points, 1)), f"{low} ... {high}")
-        case RatingMatrix(rows=rows, points=points, low=low, high=high):
-            cells = enumerate(((row, point) for row in rows for point in points), 1)
-            return _join("\n".join(f"{n}. {row}: {point}" for n, (row, point) in cells), f"{low} ... {high}")
-        case ShapeCanvas(shapes=shapes):
-            answers = [shape for shape in shapes if shape.target]
-            return "\n".join(f"{number}. {_describe_shape(shape)}" for number, shape in enumerate(answers, 1))
-        case Slider(low=low, high=high):
-            return f"{low} ... {high}"
-        case TextField(unit=unit):
-            return unit
-    return ""
-
-
-def _describe_shape(shape: CanvasShape) -> str:
-    """Describe a shape by its label and its colour; a label alone where the colour is the theme's."""
-    return " ".join(filter(None, [shape.label, shape.fill]))
-
-
-def _list_observation(session: SessionMachine) -> Any:
-    if session.play is None:
-        return None
-    observation = session.play.world.observation
-    if not isinstance(observation, dict):
-        return None
-    return {
-        name: part.tolist() if isinstance(part, np.ndarray | np.generic) else part for name, part in observation.items()
-    }
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ PLANTED = (
     ),
     Mutant(
         "an exclusion rule leaves out who is exactly at its bound",
-        "dataset/selection.py",
+        "dataset/answer_rules.py",
         "number < rule.below",
         "number <= rule.below",
         ("tests/data/test_tables.py", "tests/data"),

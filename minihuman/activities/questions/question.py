@@ -147,6 +147,9 @@ def _no_errors(item: QuestionItemSpec) -> ItemErrors:
     yield from ()
 
 
+ANSWER_TYPES_WITH_CODES = ("code", "codes", "order", "rating")
+
+
 @dataclass(frozen=True, slots=True)
 class QuestionKind:
     """A kind of question, as it is registered.
@@ -219,29 +222,44 @@ def check_item(item: QuestionItemSpec) -> ItemErrors:
     except ProtocolError as error:
         yield "kind", f"is {item.kind!r}: {error}"
         return
-    if kind.settings is not None:
-        try:
-            msgspec.convert(item.settings or {}, kind.settings)
-        except msgspec.ValidationError as error:
-            yield "settings", f"of kind {item.kind!r}: {error}"
-            return
-    elif item.settings:
-        yield "settings", f"is given, but a {item.kind} has none"
+    settings_errors = list(_check_settings(kind, item))
+    yield from settings_errors
+    if settings_errors and kind.settings is not None:  # the kind cannot judge an item whose settings it cannot read
+        return
     if item.statements is not msgspec.UNSET and item.kind != "likert":
         yield "statements", f"is given, but a {item.kind} has none; use kind = 'likert'"
-    has_codes = kind.answer_type in ("code", "codes", "order", "rating")
-    if item.options and not has_codes:
+    yield from _check_options(kind, item)
+    errors = list(kind.check(item))
+    yield from errors
+    if kind.answer_type in ANSWER_TYPES_WITH_CODES and not (errors and kind.codes is not None):
+        yield from _check_right_answers(item)  # codes of wrong settings mean nothing
+
+
+def _check_settings(kind: QuestionKind, item: QuestionItemSpec) -> ItemErrors:
+    if kind.settings is None:
+        if item.settings:
+            yield "settings", f"is given, but a {item.kind} has none"
+        return
+    try:
+        msgspec.convert(item.settings or {}, kind.settings)
+    except msgspec.ValidationError as error:
+        yield "settings", f"of kind {item.kind!r}: {error}"
+
+
+def _check_options(kind: QuestionKind, item: QuestionItemSpec) -> ItemErrors:
+    if item.options and kind.answer_type not in ANSWER_TYPES_WITH_CODES:
         yield "options", f"is given, but a {item.kind} has none"
     if kind.codes is not None:
         for field in ("options", "codes"):
             if getattr(item, field):
                 yield field, f"is given, but a {item.kind} has its own; give them in settings"
-    elif item.codes and len(item.codes) != (n_options := len(item.options) or item.points):
-        yield "codes", f"has {len(item.codes)} for {n_options} options; give one an option"
-    errors = list(kind.check(item))
-    yield from errors
-    if not has_codes or (errors and kind.codes is not None):  # codes of wrong settings mean nothing
         return
+    n_options = len(item.options) or item.points
+    if item.codes and len(item.codes) != n_options:
+        yield "codes", f"has {len(item.codes)} for {n_options} options; give one an option"
+
+
+def _check_right_answers(item: QuestionItemSpec) -> ItemErrors:
     codes = list_codes(item)
     for right in item.right_answers:
         if right not in codes:
