@@ -132,7 +132,7 @@ def test_the_reference_of_plug_ins_is_written_without_pytorch(monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "torch", None)  # whatever imports it fails
     written = runpy.run_path(str(DOCS / "_hooks.py"))["list_ports"]("")
-    assert "| `learn()` | yes | Learn until done or out of time. |" in written
+    assert "| `learn()` | yes | Learn a policy until learning is complete or the time is up. |" in written
 
 
 def test_the_reference_has_every_kind_of_plug_in():

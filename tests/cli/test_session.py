@@ -128,8 +128,8 @@ def test_simulate_prints_each_log_and_status_lists_them(tmp_path, grid_only):
     assert [path.name for path in paths] == ["sub-01_ses-01.mcap", "sub-02_ses-01.mcap"]
     assert all(path.exists() for path in paths)
     listed = typed("status", tmp_path / "fourrooms-transfer").stdout.splitlines()
-    assert [line.split()[0] for line in listed[1:]] == ["sub-01", "sub-02"]
-    assert all("10/10" in line and "complete, optimal" in line for line in listed[1:])
+    assert [line.split()[0] for line in listed[1:]] == ["sub-01", "sub-02", "flow:"]
+    assert all("10/10" in line and "complete, optimal" in line for line in listed[1:3])
 
 
 def test_the_status_of_no_study_is_an_error(tmp_path):

@@ -716,6 +716,7 @@ NOT_RECOMPUTED = frozenset(  # columns that are not computed here
         "action_vector",  # of worlds whose actions are vectors, which no study here has
         "info",  # what a world says beside its observations, as text: no study here records it
         "labels",  # text of the protocol, copied
+        "shortest_steps",  # the fewest steps to the goal, which only the world itself can tell: taken as given
         "evidence",  # a word about how the session was recorded, no number
         "clock_notes",  # a count of notes whose texts are the recorder's
     }

@@ -4,14 +4,18 @@ from collections.abc import Iterator
 
 import msgspec
 
-from minihuman.activities.questions.question import QuestionItemSpec, find_question_kind
+from minihuman.activities.questions.question import (
+    ANSWER_TYPES_WITH_CODES,
+    QuestionItemSpec,
+    find_question_kind,
+    list_codes,
+)
 from minihuman.errors import ProtocolError
 from minihuman.experiment.protocol.model import ExclusionSpec, Protocol
 from minihuman.experiment.protocol.specs import SHIPPED_FORMS, QuestionnaireSpec, apply_overrides, load_form
 from minihuman.experiment.protocol.validation_errors import FieldError
 
 _ORDERED = ("rating", "number")  # types of answers that lie above or below others
-_CODED = ("code", "codes", "rating")  # types of answers that are an option's codes
 _ANSWER_FIELDS = ("is_one_of", "is_none_of", "is_missing")
 
 
@@ -71,9 +75,10 @@ def _check_comparison(rule: ExclusionSpec, question: QuestionItemSpec, path: str
         codes = getattr(rule, field)
         if codes and answer_type == "text":
             yield f"{path}.{field}", f"compares codes, but {place}; use is_missing, or ask a choice"
-        unknown = [code for code in codes if code not in question.all_codes]
-        if unknown and answer_type in _CODED:
-            known_codes = ", ".join(map(repr, question.all_codes))
+        known = list_codes(question) if answer_type in ANSWER_TYPES_WITH_CODES else ()
+        unknown = [code for code in codes if code not in known]
+        if unknown and answer_type in ANSWER_TYPES_WITH_CODES:
+            known_codes = ", ".join(map(repr, known))
             yield f"{path}.{field}", f"has {unknown[0]!r}, which is not an option's code; codes: {known_codes}"
         texts = [code for code in codes if isinstance(code, str)]
         if texts and answer_type == "number":
