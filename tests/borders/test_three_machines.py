@@ -69,7 +69,7 @@ def read_all_text(path: Path) -> str:
             messages = [record for record in LogScanner(path) if isinstance(record, LogMessage)]
             text += b"".join(message.data for message in messages).decode("latin-1")
     elif path.suffix == ".parquet":
-        text += str(pyarrow.parquet.read_table(path).to_pylist())
+        text += str(pyarrow.parquet.read_table(path, partitioning=None).to_pylist())
     elif path.suffix == ".duckdb":
         with duckdb.connect(str(path), read_only=True) as connection:
             for schema, table in connection.execute("SELECT schema_name, table_name FROM duckdb_tables()").fetchall():

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import duckdb
+import pandas as pd
 import pyarrow as pa
 import pyarrow.dataset
 import pyarrow.parquet
@@ -452,7 +453,7 @@ def test_long_sessions_are_handed_out_in_pieces_that_depend_on_them_alone(
         assert len(batches) > 1
 
 
-def test_duckdb_polars_and_arrow_answer_as_query_does(two_people: Path, tmp_path: Path) -> None:
+def test_duckdb_polars_arrow_and_pandas_answer_as_query_does(two_people: Path, tmp_path: Path) -> None:
     import polars as pl
 
     tables = new_folder(tmp_path / "tables")
@@ -478,3 +479,6 @@ def test_duckdb_polars_and_arrow_answer_as_query_does(two_people: Path, tmp_path
     times = {code: [row["t_s"] for row in rows if row["participant"] == code] for code, *_ in expected}
     assert [(code, len(its), statistics.median(its)) for code, its in times.items()] == expected
     assert {row["study"] for row in rows} == {STUDY}
+    as_documented = pd.read_parquet(tables / "steps", partitioning=None)
+    medians = as_documented.groupby("participant")["t_s"].agg(["size", "median"])
+    assert [tuple(row) for row in medians.itertuples()] == expected
