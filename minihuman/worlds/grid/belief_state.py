@@ -426,7 +426,7 @@ class ExploredGrid:
         if not np.isfinite(worth[best]):
             return None
         pose = (int(best[0]), int(best[1]), int(best[2]))
-        actions, way = _path(known, steps, pose, passing)
+        actions, way = _path(known, steps, pose)
         if opening[pose]:
             actions.append(TOGGLE)
         return actions, way, float(steps[pose])
@@ -443,9 +443,7 @@ def _faces_closed(state: State) -> NDArray[np.bool_]:
     return faces
 
 
-def _path(
-    known: Row, steps: NDArray[np.int32], pose: tuple[int, int, int], passing: int
-) -> tuple[list[int], list[int]]:
+def _path(known: Row, steps: NDArray[np.int32], pose: tuple[int, int, int]) -> tuple[list[int], list[int]]:
     """Return the actions to a pose and the cells that they enter, traced back from the pose."""
     state = State(known)
     actions: list[int] = []

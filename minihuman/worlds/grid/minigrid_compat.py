@@ -381,8 +381,6 @@ class MinigridCompat(abc.ABC):
         rng = self.np_random
         if kind is None:
             kind = ("key", "ball", "box")[int(rng.integers(0, 3))]
-        else:
-            kind = kind
         number = KINDS.index(check_one_of("kind", kind, ("key", "ball", "box")))
         if color is None:
             colour = SORTED_COLOURS[int(rng.integers(0, 6))]

@@ -466,14 +466,11 @@ class GridView:
     __hash__ = None  # type: ignore[assignment]  # it changes
 
     def __getattr__(self, name: str) -> Any:
+        advice = ""
         if name in ("render", "render_tile", "tile_cache"):
             advice = "; draw with env.unwrapped.get_frame()"
-        else:
-            advice = ""
-        if name == "process_vis":
+        elif name == "process_vis":
             advice = "; gen_obs_grid() says what is seen"
-        else:
-            advice = advice
         raise WorldAttributeError(f"a grid has no attribute {name!r}{advice}")
 
     def _lay(self, x: int, y: int, obj_type: Callable[[], Any] | None) -> None:

@@ -345,7 +345,7 @@ class FixedSeeds(gymnasium.Wrapper[Any, int, Any, int]):
         mine = self.seeds[self._next]
         if seed is not None and seed != mine:
             raise WorldError(
-                f"reset() was called with seed {seed}, but Seeds uses {mine} next; call reset() without a seed"
+                f"reset() was called with seed {seed}, but FixedSeeds uses {mine} next; call reset() without a seed"
             )
         self._next = (self._next + 1) % len(self.seeds)
         return self.env.reset(seed=mine, options=options)
