@@ -1,8 +1,8 @@
-"""The flow of participants through a study (CONSORT, JARS-Quant), by enrolment entries and sessions.
+"""The flow of participants through a study (CONSORT, JARS-Quant), counted from enrolment entries and sessions.
 
-Pure: ``count_flow`` takes what the enrolment log and the session index say, and returns counts that name nobody. Each
-stage is the one above minus named losses. Participants whose data were erased are counted by the heads of their logs'
-hash chains, which stay in the enrolment log.
+``count_flow`` is pure: it takes the contents of the enrolment log and the session index and returns counts without
+names. Each stage equals the stage before it minus named losses. Participants whose data were erased are counted by the
+heads of their logs' hash chains, which remain in the enrolment log.
 """
 
 import re
@@ -40,7 +40,7 @@ _UNDRAWN = {
 
 
 class SessionRecord(NamedTuple):
-    """What became of one participant's session, by its log."""
+    """The outcome of one participant's session, according to its log."""
 
     participant: str
     session: int
@@ -49,7 +49,7 @@ class SessionRecord(NamedTuple):
 
 
 class FlowStage(NamedTuple):
-    """A line of the flow, and the losses between it and the next one."""
+    """A stage of the flow, with the losses between it and the next stage."""
 
     label: str
     counts: GroupCounts
@@ -58,7 +58,7 @@ class FlowStage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SessionFlow:
-    """The flow of participants through one session; counts by group."""
+    """The flow of participants through one session, as counts by group."""
 
     not_begun: GroupCounts  # came so far, and have not begun this session
     not_returned: GroupCounts  # the same, and their slot was offered again
@@ -76,7 +76,7 @@ class SessionFlow:
 
 @dataclass(frozen=True, slots=True)
 class AnalysisFlow:
-    """From those who began a session to those whom a report includes; counts by group."""
+    """The flow from the participants who began a session to those whom a report includes, as counts by group."""
 
     began: GroupCounts
     withdrew: GroupCounts
@@ -84,12 +84,12 @@ class AnalysisFlow:
     not_selected: GroupCounts  # the report is of other sessions
     excluded: Mapping[str, GroupCounts]  # by reason
     included: GroupCounts
-    unregistered: int  # included besides these, and not in the enrolment log
+    unregistered: int  # included participants who are not in the enrolment log
 
 
 @dataclass(frozen=True, slots=True)
 class ParticipantFlow:
-    """Counts of participants. Those who declined and came again count twice: no record could tell."""
+    """The flow of a study's participants. Someone who declined and came again counts twice: no record connects them."""
 
     came: int
     before: Mapping[str, int]  # who got no group or left no data, by what they did
@@ -104,7 +104,7 @@ class ParticipantFlow:
 
 @dataclass(slots=True)
 class _Person:
-    """A holder of a slot, by the entries of the enrolment log and the logs."""
+    """A holder of a slot, as the enrolment log and the session logs describe them."""
 
     group: str
     is_withdrawn: bool = False
@@ -114,12 +114,12 @@ class _Person:
 
     @property
     def last_session(self) -> int:
-        """The last session that they began; 0 where none is on record."""
+        """The number of the last session that the person began; 0 if none is on record."""
         return max(self.begun, default=0)
 
 
 def parse_log_name(name: str) -> tuple[str, int] | None:
-    """Return the participant and the session that a log's name tells; None for another file's name."""
+    """Return the participant and the session that the name of a log contains; None for the name of another file."""
     match = _LOG_NAME.match(name)
     if match is None:
         return None
@@ -127,7 +127,7 @@ def parse_log_name(name: str) -> tuple[str, int] | None:
 
 
 def classify_session(summary: SessionSummary) -> SessionState:
-    """Say what became of a session."""
+    """Return the state of a session: whether and how it ended."""
     if summary.end_reason == "screened_out":
         return "screened_out"
     if summary.end_reason == "player_failed":
@@ -138,7 +138,7 @@ def classify_session(summary: SessionSummary) -> SessionState:
 
 
 def count_unrecorded_departures(entries: Iterable[EnrolmentEntry]) -> dict[str, int]:
-    """Count those who left no data, by what they did."""
+    """Count the people who left before anything was recorded, by the reason for which they left."""
     left = Counter(_DEPARTURES.get(line.why, _DEPARTED) for line in entries if isinstance(line, SlotFreed))
     return {label: left[label] for label in (*_DEPARTURES.values(), _DEPARTED) if left[label]}
 
@@ -148,12 +148,12 @@ def count_flow(
     sessions: Iterable[SessionRecord],
     exclusion_reasons: Mapping[str, str] | None = None,
 ) -> ParticipantFlow:
-    """Count the participants by what became of them.
+    """Count a study's participants by outcome.
 
     Args:
-        entries: of the enrolment log, in order.
+        entries: the entries of the enrolment log, in order.
         sessions: one record per participant and session that has a log.
-        exclusion_reasons: of a report's participants, by code; "" for those who are included. None: of no report.
+        exclusion_reasons: by participant of a report, the reason for exclusion, "" if included; None without a report.
     """
     entries = tuple(entries)
     people = _list_people(entries)
@@ -185,9 +185,9 @@ def count_flow(
 
 
 def list_stages(flow: ParticipantFlow) -> Iterator[FlowStage]:
-    """Yield the stages up to the last session; each one's counts are the one before's minus its losses.
+    """Yield the stages up to the last session. The counts of each are those of the stage before minus its losses.
 
-    The first stage is of people who have no group yet: all of its counts are under "".
+    People in the first stage have no group yet, so all of its counts are under "".
     """
     yield FlowStage("came", {"": flow.came}, {label: {"": count} for label, count in flow.before.items()})
     label = "allocated to a group"
@@ -202,7 +202,7 @@ def list_stages(flow: ParticipantFlow) -> Iterator[FlowStage]:
 
 
 def list_analysis_stages(analysis: AnalysisFlow) -> Iterator[FlowStage]:
-    """Yield the stages from those who began a session to those whom a report includes."""
+    """Yield the stages from the participants who began a session to those whom a report includes."""
     losses = {
         "withdrew, data erased or sealed": analysis.withdrew,
         "no log that can be read": analysis.unreadable,
@@ -214,7 +214,7 @@ def list_analysis_stages(analysis: AnalysisFlow) -> Iterator[FlowStage]:
 
 
 def _list_people(entries: Iterable[EnrolmentEntry]) -> dict[str, _Person]:
-    """List the holders of slots that were not freed, by code."""
+    """Return the holders of slots that were not freed, by participant code."""
     people: dict[str, _Person] = {}
     for line in entries:
         match line:
@@ -236,7 +236,7 @@ def _list_people(entries: Iterable[EnrolmentEntry]) -> dict[str, _Person]:
 
 
 def _count_undrawn(people: Iterable[_Person]) -> dict[str, int]:
-    """Count those who hold or held a slot and have no group, by what became of them."""
+    """Count the past and present slot holders without a group, by outcome."""
     counts = Counter[str]()
     for person in people:
         if person.group:
@@ -255,7 +255,7 @@ def _by_group(people: Iterable[_Person]) -> GroupCounts:
 
 
 def _count_session(number: int, people: Iterable[_Person]) -> SessionFlow:
-    """Count the flow through one session, from those who finished the session before."""
+    """Count the flow through one session, starting with the participants who finished the session before."""
     counts = {name: Counter[str]() for name in SessionFlow.__dataclass_fields__}
     for person in people:
         for name in _trace_session(number, person):
@@ -264,7 +264,7 @@ def _count_session(number: int, people: Iterable[_Person]) -> SessionFlow:
 
 
 def _trace_session(number: int, person: _Person) -> Iterator[str]:
-    """Yield the counts of a session in which a participant is: fields of ``SessionFlow``."""
+    """Yield the names of the fields of ``SessionFlow`` that count a participant in a session."""
     last = person.last_session
     if number > last:
         if number == last + 1 and _went_through(last, person):
@@ -283,14 +283,14 @@ def _trace_session(number: int, person: _Person) -> Iterator[str]:
 
 
 def _went_through(session: int, person: _Person) -> bool:
-    """Tell whether nothing stops a participant at a session that is their last one so far."""
+    """Tell whether a participant, whose last session so far this is, finished it and can go on."""
     if session == 0:
         return True
     return not person.is_withdrawn and person.states.get(session) == "complete"
 
 
 def _name_absence(person: _Person) -> str:
-    """Say why a participant has not begun a session: the field of ``SessionFlow`` that counts it."""
+    """Return the name of the field of ``SessionFlow`` that counts a participant who has not begun a session."""
     if person.is_withdrawn:
         return "withdrew_before"
     if person.is_replaced:
@@ -299,7 +299,7 @@ def _name_absence(person: _Person) -> str:
 
 
 def _count_teams(entries: Iterable[EnrolmentEntry], people: Mapping[str, _Person]) -> GroupCounts:
-    """Count the teams of several people, each once in however many blocks it played."""
+    """Count the teams of several people; a team that played several blocks counts once."""
     teams = {
         frozenset(line.members.values()): next(iter(line.members.values()))
         for line in entries
@@ -309,7 +309,7 @@ def _count_teams(entries: Iterable[EnrolmentEntry], people: Mapping[str, _Person
 
 
 def _count_analysis(people: Mapping[str, _Person], exclusion_reasons: Mapping[str, str]) -> AnalysisFlow:
-    """Count those whom a report includes, out of those who began a session."""
+    """Count the participants who began a session by whether a report includes them."""
     counts = {name: Counter[str]() for name in ("began", "withdrew", "unreadable", "not_selected", "included")}
     excluded: dict[str, Counter[str]] = {}
     began = {code: person for code, person in people.items() if person.group and person.last_session}
@@ -329,7 +329,7 @@ def _count_analysis(people: Mapping[str, _Person], exclusion_reasons: Mapping[st
 
 
 def _label_losses_before(session: str, number: int, course: SessionFlow) -> dict[str, GroupCounts]:
-    """Label the losses between the stage before a session and its begin."""
+    """Return the losses between the stage before a session and the start of the session, by label."""
     if number == 1:
         return _drop_empty(
             {
@@ -347,7 +347,7 @@ def _label_losses_before(session: str, number: int, course: SessionFlow) -> dict
 
 
 def _label_losses_during(session: str, course: SessionFlow) -> dict[str, GroupCounts]:
-    """Label the losses between the begin of a session and its end."""
+    """Return the losses between the start and the end of a session, by label."""
     losses = {
         "screened out": course.screened_out,
         "simulated participant failed": course.failed,
@@ -360,7 +360,7 @@ def _label_losses_during(session: str, course: SessionFlow) -> dict[str, GroupCo
 
 
 def _label_finished(course: SessionFlow) -> str:
-    """Label those who finished a session, with what is less than sure about it."""
+    """Return the label for the participants who finished a session, including what is uncertain about them."""
     label = "finished"
     if course.withdrew:
         label = "finished and did not withdraw"

@@ -59,16 +59,16 @@ _COUNTED = {  # how a session's state is called in a line of its own
 def count_participant_flow(
     study_dir: Path, exclusion_reasons: Mapping[str, str] | None = None, rows: Iterable[SessionRow] | None = None
 ) -> ParticipantFlow:
-    """Count the participants of a study's folder by what became of them.
+    """Count the participants of a study's folder by outcome.
 
     Args:
         study_dir: the study's folder.
-        exclusion_reasons: of a report's participants, by code; "" for those who are included. None: of no report.
-        rows: its session index, if it was read already.
+        exclusion_reasons: by participant of a report, the reason for exclusion, "" if included; None without a report.
+        rows: the study's session index, if it has been read already.
 
     Raises:
         LogError: if there is no such folder.
-        AllocationError: if the register cannot be read.
+        AllocationError: if the enrolment log cannot be read.
     """
     if rows is None:
         rows = read_session_index(study_dir)
@@ -76,7 +76,7 @@ def count_participant_flow(
 
 
 def _list_session_records(rows: Iterable[SessionRow]) -> Iterator[SessionRecord]:
-    """Yield a record per participant and session: of several logs the one under its own name, not a copy beside it."""
+    """Yield one record per participant and session. If there are several logs, the one under its own name counts."""
     records: dict[tuple[str, int], SessionRecord] = {}
     for row in rows:
         named = parse_log_name(row.path.name)
@@ -131,7 +131,7 @@ def format_status(study_dir: Path, status: "StudyStatus | None" = None) -> Itera
 
 
 def _format_flow(flow: ParticipantFlow) -> str:
-    """Write the stages of the flow in a line, each with the losses before the next one."""
+    """Return the stages of the flow as one line, each followed by the losses before the next stage."""
     parts = []
     for stage in list_stages(flow):
         losses = ", ".join(f"{label} {sum(counts.values())}" for label, counts in stage.losses.items())

@@ -111,7 +111,7 @@ def film(
 
     Example: minihuman film sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap --episode 3 --out episode-3.mp4
     """
-    from minihuman.admin.verify.shown_pictures import verify_pictures
+    from minihuman.admin.verify.picture_verification import verify_pictures
     from minihuman.log.read.session_reader import read_log
     from minihuman.replay.film import write_film
 

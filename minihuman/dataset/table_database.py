@@ -64,9 +64,8 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
         """Open a file, and create the tables if the file is new."""
         self.path = path
-        self.order: tuple[int, ...] | None = (
-            None  # session numbers in the order of reading; None: in the order of insertion
-        )
+        # The session numbers in the order of reading; None for the order of insertion.
+        self.order: tuple[int, ...] | None = None
         self._is_placed = False  # whether the connection has the order as a table
         self.checked: frozenset[str] = frozenset(TABLES)  # tables that may be read: their digests were compared
         self.read_only = read_only

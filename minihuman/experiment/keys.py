@@ -74,9 +74,8 @@ PAD_LEVELS = 128  # steps in which an axis is logged, each way
 _PRESS_THRESHOLD = 0.5  # of an axis's value, beyond which its button goes down
 _RELEASE_THRESHOLD = 0.4  # below it, so that the button does not flutter
 BUTTON_NAMES = KEY_NAMES.union(PAD_BUTTONS)
-RESERVED_KEYS = frozenset(
-    {"escape", "enter", "f8", "f9", "f12"}
-)  # the session's own: quit question, go on, pause, and the abort chord f9+f12
+# The session's own keys: the quit question, going on, the pause, and the abort chord f9+f12.
+RESERVED_KEYS = frozenset({"escape", "enter", "f8", "f9", "f12"})
 
 _LABELS: Mapping[str, str] = {
     "up": "↑",

@@ -1,4 +1,4 @@
-"""Who took part and who was lost, in the sentences of the methods; counted by the participant flow."""
+"""The sentences of the methods section on who took part and who was lost, from the participant flow."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,7 +10,7 @@ from minihuman.dataset.recording_quality import PlanOutline
 
 @dataclass(frozen=True, slots=True)
 class Attrition:
-    """The participants who took part, with those whose data are gone, and the losses."""
+    """The participants who took part, including those whose data were erased, and the losses."""
 
     groups: GroupCounts  # who took part
     sessions: Mapping[int, int]  # how many took part in each session
@@ -20,10 +20,10 @@ class Attrition:
 
     @classmethod
     def of(cls, plans: Sequence[PlanOutline], flow: ParticipantFlow | None) -> "Attrition":
-        """Count by the sessions' plans and the flow.
+        """Count participants and losses from the sessions' plans and the flow.
 
-        Who withdrew has no plan. A report of some of a study's sessions does not count them as its own: which versions
-        of the protocol they played is not known.
+        A participant who withdrew has no plan. A report on some of a study's sessions does not count such participants,
+        because it is not known which versions of the protocol they played.
         """
         groups = Counter({plan.participant: plan.group for plan in plans}.values())
         sessions = Counter(plan.session for plan in plans)
@@ -41,7 +41,7 @@ class Attrition:
         return cls(groups, counted_sessions, withdrew, flow, is_whole)
 
     def describe(self) -> str:
-        """Write a sentence for each kind of loss that occurred, each followed by a space; "" where none did."""
+        """Return a sentence for each kind of loss that occurred, each followed by a space; "" if there was none."""
         if self.flow is None:
             return ""
         return "".join(f"{sentence} " for sentence in self._list_sentences(self.flow))
@@ -65,6 +65,6 @@ class Attrition:
 
 
 def _count_by_group(counts: GroupCounts) -> str:
-    """Write how many there are, and of which groups."""
+    """Return the total count and the count of each group as text."""
     groups = ", ".join(f"{count} in group {group}" for group, count in sorted(counts.items()))
     return f"{sum(counts.values())} ({groups})"

@@ -76,10 +76,10 @@ def _find_group_statistics(look: LookTaken) -> dict[str, Sequence[float]]:
 
 
 def flow_table(flow: ParticipantFlow) -> Table:
-    """Tabulate the flow: a row per stage and per loss before the next one, a column per group.
+    """Tabulate the flow: a row per stage and per loss before the next stage, and a column per group.
 
-    The analysis of a report goes on from the last stage, or where somebody was lost after the first session's begin,
-    from those who began.
+    The stages of a report's analysis follow the last stage. If participants were lost after they had begun the first
+    session, the analysis starts again from those who began.
     """
     stages = list(list_stages(flow))
     n_included_besides = 0
@@ -96,14 +96,14 @@ def flow_table(flow: ParticipantFlow) -> Table:
         for label, counts in ((stage.label, stage.counts), *stage.losses.items()):
             rows.append((label, str(sum(counts.values())), *_list_group_cells(counts, groups)))
     if n_included_besides:
-        rows.append(("included besides, not in the enrolment log", str(n_included_besides), *_no_cells(groups)))
+        rows.append(("included, but not in the enrolment log", str(n_included_besides), *_no_cells(groups)))
     if flow.teams:
         rows.append(("teams of people", str(sum(flow.teams.values())), *_list_group_cells(flow.teams, groups)))
     return Table(("participants", "all", *groups), rows)
 
 
 def _list_group_cells(counts: GroupCounts, groups: Sequence[str]) -> tuple[str, ...]:
-    """List the cells of a row's groups: dashes of those who have no group yet."""
+    """Return the cells of a row, one per group; dashes for a stage whose people have no group yet."""
     if "" in counts:
         return _no_cells(groups)
     return tuple(str(counts.get(group, 0)) for group in groups)

@@ -1,4 +1,4 @@
-"""The question that a study asks, in the words of its report, and why there may be nothing to compare."""
+"""The question that a study asks, worded for its report, and the reason if nothing can be compared."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ def ask_question(
     design: ExperimentDesign | None = None,
     interaction: InteractionResults | None = None,
 ) -> str:
-    """State what the study compares, in one sentence, after the protocol's own question."""
+    """State in one sentence what the study compares, after the protocol's own question if it has one."""
     stated = ""
     if design and design.question:
         stated = f"{design.question} "
@@ -47,7 +47,7 @@ def ask_question(
 
 
 def _explain_no_comparison(results: Results, design: ExperimentDesign | None) -> str:
-    """Say why nothing is compared: by the plan, or since too few are included."""
+    """Explain why nothing is compared: the plan has one group, or too few participants are included."""
     if not results.included[0]:
         return "Nobody is included: nothing is compared."
     planned_groups: Sequence[str] = results.order  # those who were excluded too
@@ -63,7 +63,7 @@ def _explain_no_comparison(results: Results, design: ExperimentDesign | None) ->
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Join names as a sentence lists them."""
+    """Join names into a list for a sentence, with "and" before the last."""
     if len(names) > 1:
         return f"{', '.join(names[:-1])} and {names[-1]}"
     return names[0]

@@ -147,7 +147,7 @@ class ModelWindow(Window):
         self._record.add([KeyDown(down_ns, key, key), KeyUp(down_ns + round(HOLD_MS * NS_PER_MS), key, key)])
 
     def _decide(self, rule: AnswerRule) -> None:
-        if reason := self._find_end(rule):
+        if reason := self._find_end():
             self._stop(reason)
             return
         call = self._ask(rule)
@@ -162,7 +162,7 @@ class ModelWindow(Window):
         elif self._spec.invalid == "no_op" and rule.may_wait:
             self._waiting_screen = self._screen
 
-    def _find_end(self, rule: AnswerRule) -> str:
+    def _find_end(self) -> str:
         """Return the reason for ending the session instead of asking again; "" if there is none."""
         spec = self._spec
         spent = self._record.spent

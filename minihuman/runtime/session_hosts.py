@@ -1,4 +1,4 @@
-"""Handlers of a session's requests to agents and other participants, as the plans of its parts name them."""
+"""The handlers of a session's requests to agents and other participants; the plans of the session's parts name them."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field

@@ -282,9 +282,8 @@ class Conversation:
         self._past: list[tuple[str, str]] = []  # screen in words, and the answer to it
         self._question = ""
         self._last: Screen | None = None
-        self._canvas = np.zeros(
-            (*spec.size_px[::-1], 3), np.uint8
-        )  # what was drawn last, so that only changes are drawn
+        # The last drawing; only changes are drawn.
+        self._canvas = np.zeros((*spec.size_px[::-1], 3), np.uint8)
         self._drawn_screen: Screen | None = None
 
     def see(self, screen: Screen) -> None:

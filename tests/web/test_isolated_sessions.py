@@ -13,7 +13,7 @@ import pytest
 
 from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.verify.log import find_log_differences, verify_session
-from minihuman.admin.verify.shown_pictures import PictureVerification, verify_pictures
+from minihuman.admin.verify.picture_verification import PictureVerification, verify_pictures
 from minihuman.experiment.machine.events import FrameShown, Stepped
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.model.event_columns import EventColumns

@@ -14,8 +14,8 @@ from minihuman.admin.enrolment_entries import read_chain_heads
 from minihuman.admin.policies import verify_advice
 from minihuman.admin.verify.contents import LogContents, LogSegment, read_log_contents
 from minihuman.admin.verify.episodes import EpisodeVerification, describe_other_rules, verify_episodes
+from minihuman.admin.verify.picture_verification import verify_pictures
 from minihuman.admin.verify.plan import compare_plan
-from minihuman.admin.verify.shown_pictures import verify_pictures
 from minihuman.dataset.annotations import describe_useless_annotation, read_annotations, split_annotations
 from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.experiment.machine.event_rules import find_violations

@@ -76,7 +76,7 @@ def verify_pictures(log: SessionLog, make_world: WorldFactory = World) -> Pictur
                 recorded = facts[episode.segment]
                 difference = _find_difference(episode, hashes, world, _find_picture_size(recorded))
                 if difference:
-                    return _judge_difference(recorded, episode, difference, pictures)
+                    return _judge_difference(recorded, difference, pictures)
                 pictures += len(hashes)
                 verdict = "equal"
     if verdict is None:
@@ -117,9 +117,7 @@ def _differences(
             yield f"{episode.name} step {step}: the picture that was shown is not the one that is drawn now"
 
 
-def _judge_difference(
-    recorded: Mapping[str, str], episode: EpisodeLog, difference: str, pictures: int
-) -> PictureVerification:
+def _judge_difference(recorded: Mapping[str, str], difference: str, pictures: int) -> PictureVerification:
     changed = [
         f"{name.removeprefix(_VERSION)} {recorded[name]}, here {_find_fact(name)}"
         for name in recorded

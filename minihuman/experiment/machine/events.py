@@ -3,6 +3,7 @@
 Times are integer nanoseconds on the monotonic clock since the session's segment started.
 """
 
+import abc
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -60,12 +61,10 @@ EndReason = Literal[
     "internal_error",
 ]
 
-CLOCK_NOTE = (
-    "the page's time"  # with this begins a note of kind "page" that says that a page's clock is not to be believed
-)
-FINAL_END_REASONS: frozenset[str] = frozenset(
-    {"complete", "screened_out", "declined"}
-)  # ends after which nothing is left to do
+# The beginning of a note of kind "page" on a page whose clock cannot be trusted.
+CLOCK_NOTE = "the page's time"
+# The reasons after which a session has nothing left to do.
+FINAL_END_REASONS: frozenset[str] = frozenset({"complete", "screened_out", "declined"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,15 +74,15 @@ class TimedEvent:
     t_ns: int
 
 
-class EpisodeBeginning:
+class EpisodeBeginning(abc.ABC):
     """An event at which an episode begins: a reset, or a return to a state that an earlier episode was in."""
 
     __slots__ = ()
 
     @property
+    @abc.abstractmethod
     def begins_at(self) -> tuple[int, int]:
         """The episode's index, and the step after which it begins."""
-        raise NotImplementedError
 
 
 class EpisodeStep:

@@ -1,4 +1,4 @@
-"""Exclusion rules on answers: which question a rule is about, and whether its kind can answer the comparison."""
+"""Checks exclusion rules on answers: whether the question exists, and whether its kind allows the comparison."""
 
 from collections.abc import Iterator
 
@@ -20,7 +20,7 @@ _ANSWER_FIELDS = ("is_one_of", "is_none_of", "is_missing")
 
 
 def check_answer_exclusions(protocol: Protocol) -> Iterator[FieldError]:
-    """Yield what is wrong with the rules on answers, and which other rules compare as only an answer can be."""
+    """Yield the errors of exclusion rules on answers, and of other rules that use a comparison meant for answers."""
     for number, rule in enumerate(protocol.exclusions):
         path = f"$.exclusions[{number}]"
         if rule.question:
@@ -32,7 +32,7 @@ def check_answer_exclusions(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def describe_answer_exclusion(rule: ExclusionSpec) -> str:
-    """Describe whom a rule excludes: "whose answer to attention.colour is none of 'blue'"."""
+    """Describe the participants that a rule excludes: "whose answer to attention.colour is none of 'blue'"."""
     comparisons = []
     if rule.is_one_of:
         comparisons.append(f"is one of {', '.join(map(repr, rule.is_one_of))}")
@@ -62,7 +62,7 @@ def _check_rule(protocol: Protocol, rule: ExclusionSpec, path: str) -> Iterator[
 
 
 def _check_comparison(rule: ExclusionSpec, question: QuestionItemSpec, path: str) -> Iterator[FieldError]:
-    """Yield the comparisons that a question's kind cannot answer."""
+    """Yield an error for each comparison of a rule that the question's kind does not allow."""
     try:
         answer_type = find_question_kind(question.kind).answer_type
     except ProtocolError:  # the question's own check names it
@@ -88,14 +88,14 @@ def _check_comparison(rule: ExclusionSpec, question: QuestionItemSpec, path: str
 
 
 def _name_way_out(answer_type: str) -> str:
-    """Name the comparisons that an answer without an order can be put to."""
+    """Return the advice for a rule that compares an answer without an order."""
     if answer_type == "text":
         return "use is_missing, or ask a number"
     return "use is_one_of or is_none_of"
 
 
 def _list_questions(protocol: Protocol) -> dict[str, QuestionItemSpec]:
-    """List the questions of all groups by what their answers are called: QUESTIONS.ITEM."""
+    """Return the questions of all groups by the name of their answers, QUESTIONS.ITEM."""
     questions: dict[str, QuestionItemSpec] = {}
     for questionnaire in protocol.questions:
         for group in ("", *questionnaire.group_overrides):
@@ -109,7 +109,7 @@ def _list_questions(protocol: Protocol) -> dict[str, QuestionItemSpec]:
 
 
 def _list_items(questionnaire: QuestionnaireSpec, language: str) -> tuple[QuestionItemSpec, ...]:
-    """List a questionnaire's items, a shipped form's among them; none of a form that does not exist."""
+    """Return a questionnaire's items, including those of a shipped form; () if the form does not exist."""
     if not questionnaire.form:
         return questionnaire.items
     if questionnaire.form not in SHIPPED_FORMS:

@@ -1,4 +1,4 @@
-"""The server's numbers for Prometheus, and who may read them. Nothing in them identifies a participant."""
+"""The server's metrics for Prometheus, and the check of who may read them. They identify no participant."""
 
 import hmac
 import os
@@ -24,13 +24,13 @@ class PageCounts:
 def answer_metrics(
     request: Request, connections: Iterable[Connection], counts: PageCounts, *, n_silent: int
 ) -> Response:
-    """Answer Prometheus; refuse requests through a proxy, or without the token where there is one.
+    """Answer Prometheus; refuse a request that came through a proxy, or lacks the token if one is configured.
 
     Args:
-        request: the request.
-        connections: those that are open.
-        counts: since the server started.
-        n_silent: how many sockets and lines have said no hello.
+        request: the request for the metrics.
+        connections: the open connections.
+        counts: the counts of pages since the server started.
+        n_silent: the number of sockets and lines that have not sent a hello.
     """
     if not _may_read_metrics(request):
         return Response(status_code=404)
@@ -52,7 +52,7 @@ def _format_numbers(kind: str, numbers: Mapping[str, int]) -> str:
 
 
 def _may_read_metrics(request: Request) -> bool:
-    """Whether a request has the token for metrics, or comes from this machine and through no proxy."""
+    """Tell whether a request has the metrics token, or comes directly from this machine and not through a proxy."""
     token = os.environ.get(METRICS_TOKEN_VARIABLE, "")
     if token:
         return hmac.compare_digest(request.headers.get("authorization", "").encode(), f"Bearer {token}".encode())

@@ -1,4 +1,4 @@
-"""The port by which the server speaks with a page, whatever carries it, and the one exception for its end."""
+"""The port through which the server talks to a page over a web socket or HTTP, and the exception for its end."""
 
 import abc
 
@@ -6,10 +6,10 @@ from minihuman.web.messages import TransportName
 
 
 class SocketClosedError(Exception):
-    """The transport has ended, from either side.
+    """The transport was ended by either side.
 
     Args:
-        code: that the page closed it with; 0: none is known.
+        code: the code with which the page closed it; 0 if none is known.
     """
 
     def __init__(self, code: int = 0) -> None:
@@ -31,7 +31,7 @@ class PageTransport(abc.ABC):
         """Receive the next text.
 
         Raises:
-            MessageError: if it is none.
+            MessageError: if the page sent something other than a text.
         """
 
     @abc.abstractmethod
@@ -40,4 +40,4 @@ class PageTransport(abc.ABC):
 
     @abc.abstractmethod
     async def close(self, code: int, reason: str = "") -> None:
-        """End the transport, which may have ended already."""
+        """End the transport; it may have ended already."""

@@ -1,8 +1,8 @@
-"""A way in for pages whose network lets no web socket through: long polling over HTTP, by POST both ways.
+"""Long polling over HTTP, for pages whose network blocks web sockets.
 
-One request brings the page's texts, another waits for what the server sends: a browser tells the origin of a POST, and
-a proxy that buffers an answer passes it on when it is complete. Both kinds are numbered, so that a request that a
-proxy repeats brings nothing twice, and an answer that was lost is given again.
+A page sends its texts with one kind of request, and waits for the server's messages with another. Both are POSTs: a
+browser states the origin of a POST, and a proxy that buffers a response passes it on once it is complete. Requests are
+numbered, so that a request that a proxy repeats has no second effect, and a response that was lost is sent again.
 """
 
 import asyncio
@@ -44,17 +44,17 @@ class PollRequest(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class LineEnd(msgspec.Struct, frozen=True):
-    """How a line ended: what the close of a socket says."""
+    """The code and reason with which a line ended, as for the close of a web socket."""
 
     code: int
     reason: str = ""
 
 
 class LineEndedError(Exception):
-    """A request came for a line that has ended.
+    """A request arrived for a line that has ended.
 
     Args:
-        end: how.
+        end: the code and reason of the end.
     """
 
     def __init__(self, end: LineEnd) -> None:
@@ -66,7 +66,7 @@ _REQUEST = msgspec.json.Decoder(PollRequest)
 
 
 class PollingLine(PageTransport):
-    """A line to a page, made of the page's requests. It is to be made in a running loop."""
+    """A line to a page that consists of the page's requests. Create it inside a running event loop."""
 
     name: TransportName = "http"
 
@@ -97,7 +97,7 @@ class PollingLine(PageTransport):
         return text
 
     async def send(self, message: str | bytes) -> None:
-        """Send a message; waits while the page has too much to fetch."""
+        """Send a message, after waiting for the page to fetch earlier ones if too many are queued."""
         batch = message
         if isinstance(batch, str):
             batch = encode_part(batch)
@@ -110,11 +110,11 @@ class PollingLine(PageTransport):
         self._say_changed()
 
     async def close(self, code: int, reason: str = "") -> None:
-        """End the line; the page still fetches what was sent."""
+        """End the line. The page can still fetch what was sent before."""
         self.end(LineEnd(code, reason[:100]))
 
     def end(self, end: LineEnd) -> None:
-        """End the line, unless it has ended."""
+        """End the line with a code and reason, unless it has ended already."""
         if self._end is None:
             self._end = end
             self._gap.cancel()
@@ -123,10 +123,10 @@ class PollingLine(PageTransport):
     # The page's side
 
     async def bring(self, number: int, texts: list[str]) -> None:
-        """Take a request's texts, and return once the server has received them; nothing if the request came before.
+        """Accept the texts of a request, and return once the server has received them. A repeated request is ignored.
 
         Raises:
-            LineEndedError: if the line has ended, as it does with a request out of turn.
+            LineEndedError: if the line has ended. A request out of turn ends it.
         """
         self._require_line()
         if number <= self._n_brought:
@@ -144,10 +144,12 @@ class PollingLine(PageTransport):
             self._n_bringing -= 1
 
     async def fetch(self, number: int) -> bytes:
-        """Wait for what the server sends; nothing if that takes long. A repeated request gets the same.
+        """Return what the server has sent, after waiting for it; b"" if the wait becomes too long.
+
+        A repeated request gets the same response.
 
         Raises:
-            LineEndedError: if the line has ended and all was fetched, or by a request out of turn.
+            LineEndedError: if the line has ended and everything was fetched. A request out of turn ends it.
         """
         if number == self._n_fetched + 1:  # the answer before arrived
             self._n_fetched = number
@@ -208,12 +210,12 @@ class PollingLine(PageTransport):
 
 
 class PollingEntrance:
-    """Answers the requests of pages that come over HTTP.
+    """Answers the requests of pages that are connected over HTTP.
 
     Args:
-        converse: speaks with a page to its end, given its transport and address.
-        is_busy: tells whether another page has to come later.
-        max_lines: how many lines are kept, ended ones included.
+        converse: serves a page until its line ends, given its transport and address.
+        is_busy: tells whether further pages must come back later.
+        max_lines: the largest number of lines that are kept, including ended ones.
     """
 
     def __init__(
@@ -226,7 +228,7 @@ class PollingEntrance:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def answer(self, request: Request) -> Response:
-        """Answer a request, or refuse what no page of this server sends."""
+        """Answer a request; refuse a request that no page of this server would send."""
         if not is_same_origin(request.headers.get("origin"), request.headers.get("host")):
             return Response(status_code=403)
         if request.headers.get("content-type") != "application/json":
@@ -261,7 +263,7 @@ class PollingEntrance:
         return Response(batches, media_type="application/octet-stream")
 
     def _open(self, name: str, request: Request) -> PollingLine:
-        """Open a line, and speak with its page."""
+        """Open a line and start serving its page."""
         line = PollingLine()
         self._lines[name] = line
         address = ""
@@ -283,7 +285,7 @@ class PollingEntrance:
         return line
 
     async def close(self) -> None:
-        """End all lines: the server stops."""
+        """End all lines, because the server stops."""
         for task in tuple(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -300,7 +302,7 @@ async def _read_body(request: Request) -> bytes | None:
 
 
 async def _fetch_while_connected(line: PollingLine, number: int, request: Request) -> bytes:
-    """Wait for what there is to send as long as the one who asked is there."""
+    """Fetch what the server has sent, or stop waiting when the client of the request disconnects."""
 
     async def wait_for_disconnect() -> None:
         while (await request.receive())["type"] != "http.disconnect":

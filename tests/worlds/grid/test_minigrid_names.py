@@ -273,7 +273,7 @@ def test_seeds_give_the_same_layouts_over_and_over():
     theirs = ReseedWrapper(gymnasium.make("MiniGrid-FourRooms-v0"), seeds=(3, 5))
     for _ in range(4):
         np.testing.assert_array_equal(ours.reset()[0]["image"], theirs.reset()[0]["image"])
-    with pytest.raises(WorldError, match="Seeds uses 3"):
+    with pytest.raises(WorldError, match="FixedSeeds uses 3"):
         ours.reset(seed=4)
     with pytest.raises(WorldError, match="one or more whole numbers"):
         FixedSeeds(gymnasium.make("minihuman/MiniGrid-FourRooms-v0"), ())
