@@ -31,6 +31,7 @@ else:
     import resource
 
 MAX_PROCESSES = 61  # that one Windows process can wait for
+LOWER_PRIORITY = 10  # what is added to the niceness of work that participants do not wait for
 REPLACE_ATTEMPTS = 50  # a virus scanner or an indexer has let go of a file by then
 REPLACE_INTERVAL_S = 0.1
 _SHARING_VIOLATIONS = frozenset({5, 32, 33})  # Windows: access denied, open elsewhere, locked elsewhere
@@ -319,13 +320,15 @@ def lower_process_priority() -> None:
         kernel.SetPriorityClass.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
         kernel.SetPriorityClass(_winapi.GetCurrentProcess(), below_normal)
     else:
-        os.nice(10)
+        os.nice(LOWER_PRIORITY)
 
 
-def make_thread_idle() -> None:
-    """Make this thread run only when no other thread needs a core; only Linux supports this for a thread."""
+def lower_thread_priority() -> None:
+    """Lower this thread's priority below the user's other threads; only Linux has priorities of threads."""
     if sys.platform == "linux":
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+        thread = threading.get_native_id()
+        niceness = os.getpriority(os.PRIO_PROCESS, thread)
+        os.setpriority(os.PRIO_PROCESS, thread, niceness + LOWER_PRIORITY)
 
 
 @contextlib.contextmanager

@@ -12,6 +12,7 @@ from collections.abc import Collection, Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import urlsplit
 
+Request = socket.socket | tuple[bytes, socket.socket]  # as the standard library has it
 LOCAL_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 _PORT = re.compile(r":\d*$")
 _MAX_LENGTH_DIGITS = 9
@@ -42,16 +43,10 @@ def read_length(length: str, max_bytes: int) -> int | None:
 
 
 class GuardedHandler(BaseHTTPRequestHandler):
-    """Handles one connection, with limits on the number of connections and on the duration of each request."""
+    """Handles one connection, with a limit on the duration of each request."""
 
     request_s = 10.0  # from one answer to the next request, and for a client to take one
-    max_threads = 128  # of this process
     timeout = request_s
-
-    def handle(self) -> None:
-        """Serve a connection, unless there are too many."""
-        if threading.active_count() < self.max_threads:
-            super().handle()
 
     def handle_one_request(self) -> None:
         """Handle one request within its time limit."""
@@ -74,9 +69,40 @@ class GuardedHandler(BaseHTTPRequestHandler):
 
 
 class GuardedServer(ThreadingHTTPServer):
-    """An HTTP server whose clients may disconnect before they are answered."""
+    """An HTTP server with a limit on its connections, whose clients may disconnect before they are answered.
+
+    The server's own connections are counted, not the threads of the process: whatever else runs in the process, a page
+    that reloads is served.
+
+    Args:
+        address: host and port.
+        handler: the class that handles a connection.
+        max_connections: the number of connections at a time; a further one is closed without an answer.
+    """
 
     daemon_threads = True
+
+    def __init__(self, address: tuple[str, int], handler: type[GuardedHandler], *, max_connections: int = 64) -> None:
+        self._free_connections = threading.BoundedSemaphore(max_connections)
+        super().__init__(address, handler)
+
+    def process_request(self, request: Request, client_address: object) -> None:
+        """Handle a connection in a thread of its own, or close it if there are too many."""
+        if not self._free_connections.acquire(blocking=False):
+            self.shutdown_request(request)
+            return
+        try:
+            super().process_request(request, client_address)
+        except RuntimeError:  # the system has no thread left
+            self._free_connections.release()
+            raise
+
+    def process_request_thread(self, request: Request, client_address: object) -> None:
+        """Handle a connection, and count it as free afterwards."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free_connections.release()
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Ignore errors of clients that have disconnected; print all others."""

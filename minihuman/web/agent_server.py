@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 MAX_BODY_BYTES = 65_536
 MAX_NAME = 40
 MAX_SESSIONS = 64  # at a time, and ended ones that are remembered
-MAX_THREADS = 512  # of sessions, and two of each connection
+MAX_CONNECTIONS = 224  # each has two threads
 ANSWER_WAIT_S = 60.0  # for the screen after an answer
 REQUEST_S = 120.0  # from one answer to the next, and for a client to take one
 
@@ -198,7 +198,6 @@ class AgentRequestHandler(GuardedHandler):
     protocol_version = "HTTP/1.1"
     request_s = REQUEST_S
     timeout = REQUEST_S
-    max_threads = MAX_THREADS
 
     def do_GET(self) -> None:  # noqa: N802 - the library's name
         """Reply with the screen that is waiting for an answer."""
@@ -296,7 +295,7 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
     screen.
     """
     handler = type("BoundHandler", (AgentRequestHandler,), {"programs": programs, "host": host})
-    return GuardedServer((host, port), handler)
+    return GuardedServer((host, port), handler, max_connections=MAX_CONNECTIONS)
 
 
 _INSTRUCTIONS = (

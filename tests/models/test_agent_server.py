@@ -65,15 +65,24 @@ def programs(tmp_path: Path, stays_away: threading.Event) -> ProgramSessions:
     return ProgramSessions(read_protocol(tmp_path / "study.toml"), tmp_path / "data")
 
 
-@pytest.fixture
-def url(programs: ProgramSessions, stays_away: threading.Event) -> Iterator[str]:
+@contextlib.contextmanager
+def serve_programs(programs: ProgramSessions) -> Iterator[str]:
+    """A server of these sessions; yields its address."""
     server = make_agent_server(programs, port=0)
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
-    yield f"http://127.0.0.1:{server.server_port}"
-    server.shutdown()
-    server.server_close()
-    thread.join()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}"
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+@pytest.fixture
+def url(programs: ProgramSessions, stays_away: threading.Event) -> Iterator[str]:
+    with serve_programs(programs) as address:
+        yield address
     stays_away.set()
     for one in programs.threads:
         one.join(PATIENCE_S)
@@ -251,25 +260,51 @@ def test_a_client_that_sends_a_byte_now_and_then_comes_to_an_end(url: str, monke
     assert call(f"{url}/sessions", {"name": "walker"})[0] == 201
 
 
-def test_connections_are_bounded_and_free_ones_are_served_again(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    max_threads = threading.active_count() + 6
-    monkeypatch.setattr(agent_server.AgentRequestHandler, "max_threads", max_threads)
-    held = [connect(url) for _ in range(40)]
-    until_s = time.monotonic() + PATIENCE_S
-    closed = set[socket.socket]()
-    while len(closed) < 30:
-        assert time.monotonic() < until_s, f"{len(closed)} of {len(held)} were refused"
-        closed |= {connection for connection in held if is_closed(connection)}
-    assert threading.active_count() <= max_threads + 6
-    for connection in held:
-        connection.close()
-    until_s = time.monotonic() + PATIENCE_S
-    while True:
-        try:
-            assert call(f"{url}/sessions", {"name": "walker"})[0] == 201
-            break
-        except OSError:
-            assert time.monotonic() < until_s
+@contextlib.contextmanager
+def many_threads(count: int) -> Iterator[None]:
+    """Threads of this process that are nothing of the server's."""
+    over = threading.Event()
+    threads = [threading.Thread(target=over.wait) for _ in range(count)]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        for thread in threads:
+            thread.join()
+
+
+def test_connections_are_bounded_and_free_ones_are_served_again(
+    programs: ProgramSessions, stays_away: threading.Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(agent_server, "MAX_CONNECTIONS", 10)
+    with serve_programs(programs) as url:
+        threads = threading.active_count()
+        connections = [connect(url) for _ in range(40)]
+        until_s = time.monotonic() + PATIENCE_S
+        closed = set[socket.socket]()
+        while len(closed) < 30:
+            assert time.monotonic() < until_s, f"{len(closed)} of {len(connections)} were refused"
+            closed |= {connection for connection in connections if is_closed(connection)}
+        assert threading.active_count() <= threads + 20
+        for connection in connections:
+            connection.close()
+        until_s = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                assert call(f"{url}/sessions", {"name": "walker"})[0] == 201
+                break
+            except OSError:
+                assert time.monotonic() < until_s
+    stays_away.set()
+    for session in programs.threads:
+        session.join(PATIENCE_S)
+
+
+def test_threads_that_are_not_the_servers_take_no_connection_from_it(url: str) -> None:
+    with many_threads(600):
+        assert call(f"{url}/sessions", {"name": "walker"})[0] == 201
 
 
 def test_ended_sessions_are_remembered_up_to_a_number(

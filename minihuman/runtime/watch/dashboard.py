@@ -25,7 +25,7 @@ from minihuman.runtime.http_guard import (
     read_length,
 )
 from minihuman.runtime.session_loop import CommandRequest, send_command
-from minihuman.runtime.watch.running_sessions import IdleWorker, RunningSessions, ThrottledCall
+from minihuman.runtime.watch.running_sessions import LowPriorityWorker, RunningSessions, ThrottledCall
 from minihuman.storage.system import now_text
 
 ADDRESS = "127.0.0.1"
@@ -60,7 +60,7 @@ class DashboardServer:
         self._recruits = Recruitment(study_dir)
         self._status = ThrottledCall(self._lines)
         self._one_at_a_time = Lock()
-        self._aside = IdleWorker()  # the participants come first
+        self._low_priority = LowPriorityWorker()  # the participants come first
         word = secrets.token_urlsafe(16)
         try:
             self._server = GuardedServer((ADDRESS, port), _handler(f"/{word}/", self._answer))
@@ -86,9 +86,9 @@ class DashboardServer:
                     kind = _KINDS[file_name.rpartition(".")[2]]
                     return f"{kind}; charset=utf-8", (files(__package__) / (file_name or "page.html")).read_bytes()
                 case "state", None:
-                    return "application/json", self._aside(lambda: json.dumps(self._state()).encode())
+                    return "application/json", self._low_priority(lambda: json.dumps(self._state()).encode())
                 case "picture", None:
-                    return "image/png", self._aside(lambda: self._sessions.picture(name))
+                    return "image/png", self._low_priority(lambda: self._sessions.picture(name))
                 case "ask", bytes():
                     log = self._sessions.log_of(name)
                     if log is None:

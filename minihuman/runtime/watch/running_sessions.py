@@ -1,7 +1,7 @@
 """The running sessions of a study, read from their live logs at each request: facts, and a preview of the screen.
 
 The preview is drawn again from the world, its seed and the logged actions. All work is throttled: expensive results are
-cached so that they take only a share of the time, and are computed in a thread of the idle class, so that a session on
+cached so that they take only a share of the time, and are computed in a thread of low priority, so that a session on
 the same machine is not slowed down.
 """
 
@@ -22,41 +22,26 @@ from minihuman.log.observations import encode_png
 from minihuman.log.paths import PART_SUFFIX, SegmentPath, require_folder
 from minihuman.log.read.session_reader import read_events
 from minihuman.log.record.file_lock import is_being_recorded
-from minihuman.operating_system import make_thread_idle
+from minihuman.operating_system import lower_thread_priority
 from minihuman.worlds.adapters.world import World
 
 T = TypeVar("T")
 LOG = logging.getLogger("minihuman")
-_LATE_S = 0.5  # work that takes so long had to wait for others
-_BUSY_S = 30.0  # for so long afterwards the machine is taken to be busy
 
 
-class IdleWorker:
-    """Runs functions in a thread of the idle class (Linux), which yields within microseconds when a key arrives.
+class LowPriorityWorker:
+    """Runs functions, one after the other, in a thread of low priority (Linux): a session that has a key gets the core.
 
-    A thread of that class does not run at all while two programs are busy. After a call that took too long, further
-    calls therefore run in the caller's own thread for a while.
-
-    Args:
-        clock: returns the time in seconds.
+    The thread keeps a share of a busy machine. A thread of the idle class would have none while two programs run, and
+    while it waits for a core inside Python code it holds the interpreter, so that the whole process would stand still.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
-        self._idle = ThreadPoolExecutor(1, "aside", initializer=make_thread_idle)
-        self._busy_until_s = 0.0
+    def __init__(self) -> None:
+        self._threads = ThreadPoolExecutor(1, "low-priority", initializer=lower_thread_priority)
 
     def __call__(self, work: Callable[[], T]) -> T:
-        """Call ``work`` and return its result or raise its error; calls run one after the other."""
-        began_s = self._clock()
-        if began_s < self._busy_until_s:
-            return work()
-        try:
-            return self._idle.submit(work).result()
-        finally:
-            ended_s = self._clock()
-            if ended_s - began_s > _LATE_S:
-                self._busy_until_s = ended_s + _BUSY_S
+        """Call ``work`` and return its result or raise its error."""
+        return self._threads.submit(work).result()
 
 
 class ThrottledCall(Generic[T]):
