@@ -5,7 +5,6 @@ import secrets
 from collections.abc import Callable
 from contextlib import suppress
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler
 from importlib.resources import files
 from pathlib import Path
 from threading import Lock
@@ -128,7 +127,7 @@ class DashboardServer:
 AnswerRequest = Callable[[str, dict[str, list[str]], bytes | None], tuple[str, bytes] | None]
 
 
-def _handler(prefix: str, answer: AnswerRequest) -> type[BaseHTTPRequestHandler]:
+def _handler(prefix: str, answer: AnswerRequest) -> type[GuardedHandler]:
     class Handler(GuardedHandler):
         """Passes on requests below the secret prefix, and answers all others with 404."""
 
