@@ -211,7 +211,8 @@ class TeamPlayActivity(PlayActivity):
         self._messages.seat = team.seat
         self._messages.salt = salt
         self._count_waiting()
-        self._holders = tuple("person" if kind == PERSON else "agent" for kind in team.seats)
+        holders: dict[bool, SeatHolder] = {True: "person", False: "agent"}
+        self._holders = tuple(holders[kind == PERSON] for kind in team.seats)
         self._states = tuple[SeatState, ...]("here" for _ in team.seats)
         roles = self.plan.team.roles
         context = self.context
@@ -270,15 +271,18 @@ class TeamPlayActivity(PlayActivity):
         )
         if mine is not None and mine.key and joint.sources[seat] != "person":
             self.context.emit(InputLate(now_ns, joint.episode, joint.step, mine.action, mine.key, mine.key_t_ns))
-        holders = tuple(
-            before if source == "late" else source for source, before in zip(joint.sources, self._holders, strict=True)
-        )
-        for other, (before, after) in enumerate(zip(self._holders, holders, strict=True)):
-            if before != after:
-                self.context.emit(SeatTaken(now_ns, joint.episode, joint.step, other, after))
-        self._holders = holders
+        self._note_holders(joint)
         self._note_partners()
         self._stepped(stepped)
+
+    def _note_holders(self, joint: JointTaken) -> None:
+        """Note who acts for each seat, and emit an event for each change; who is late still holds their seat."""
+        holders = list(self._holders)
+        for seat, source in enumerate(joint.sources):
+            if source != "late" and source != holders[seat]:
+                holders[seat] = source
+                self.context.emit(SeatTaken(self.context.now_ns, joint.episode, joint.step, seat, source))
+        self._holders = tuple(holders)
 
     def _note_sighting(self, sighted: SeatSighted) -> None:
         self._states = (*self._states[: sighted.seat], sighted.state, *self._states[sighted.seat + 1 :])
@@ -309,9 +313,14 @@ class TeamPlayActivity(PlayActivity):
         """The next tick of any block, the next repetition of a request, or the end of a mark, whichever comes first."""
         due = super().next_tick_ns
         waits = self.phase in (Phase.LOBBY, Phase.WAITING) or (self.playing and self.team_episode.submitted is not None)
-        gone = [mark.t_ns + INTERVAL_NS for mark in self._messages.marks if self.playing]
-        asks = self.context.now_ns + POLL_NS if waits else None
-        return min((t for t in (due, asks, *gone) if t is not None), default=None)
+        times_ns = []
+        if due is not None:
+            times_ns.append(due)
+        if waits:
+            times_ns.append(self.context.now_ns + POLL_NS)
+        if self.playing:
+            times_ns += [mark.t_ns + INTERVAL_NS for mark in self._messages.marks]
+        return min(times_ns, default=None)
 
     # What is seen
 
