@@ -97,18 +97,19 @@ class TeamPlayActivity(PlayActivity):
         key_map = plan.key_map
         if keys:
             key_map = msgspec.structs.replace(key_map, keys=keys[self.formed.seat], spare_keys=())
-        return msgspec.structs.replace(plan, options=options, seed=self._seed(plan), key_map=key_map)
+        return msgspec.structs.replace(plan, options=options, seed=self._find_layout_seed(plan), key_map=key_map)
 
-    def _seed(self, plan: EpisodePlan) -> int:
+    def _find_layout_seed(self, plan: EpisodePlan) -> int:
+        """Return the seed of an episode's layout, which is the same for all members of the team."""
         assert self.formed is not None
         if self.plan.seeds == "listed":
             return plan.seed
-        plan_of_session = self.context.plan
+        session_plan = self.context.plan
         number = 0 if self.plan.seeds == "same" else plan.episode_in_block
-        purpose = (
-            f"team-layouts-{plan.block_name}-session-{plan_of_session.session}-{len(set(self.formed.seats) - {PERSON})}"
-        )
-        return draw_seeds(number + 1, seed=plan_of_session.study_seed, purpose=purpose, index=self.formed.index)[-1]
+        n_kinds_of_agents = len(set(self.formed.seats) - {PERSON})
+        purpose = f"team-layouts-{plan.block_name}-session-{session_plan.session}-{n_kinds_of_agents}"
+        seeds = draw_seeds(number + 1, seed=session_plan.study_seed, purpose=purpose, index=self.formed.index)
+        return seeds[-1]
 
     def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:
         assert self.formed is not None

@@ -8,6 +8,7 @@ import asyncio
 import json
 import random
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
