@@ -96,20 +96,22 @@ def load_plugin(group: str, name: str, error: Callable[[str], MinihumanError], *
     if len(candidates) > 1:
         owners = " and ".join(f"{entry.value} ({_package(entry)})" for entry in candidates)
         raise error(f"{noun} {name!r} is registered twice, by {owners}; uninstall or rename one")
+    (entry,) = candidates
     try:
-        return candidates[0].load()
+        return entry.load()
     except ImportError as failed:
-        missing = failed.name if isinstance(failed, ModuleNotFoundError) else None
-        extra = EXTRA_OF_PACKAGE.get((missing or "").partition(".")[0])
-        if extra:
-            cure = f"install minihuman with its extra {extra!r}"
-        else:
-            cure = f"repair {_package(candidates[0])}"
-        raise error(f"{noun} {name!r} ({candidates[0].value}) cannot be imported: {failed}; {cure}") from failed
+        remedy = _find_remedy(failed) or f"repair {_package(entry)}"
+        raise error(f"{noun} {name!r} ({entry.value}) cannot be imported: {failed}; {remedy}") from failed
     except AttributeError as failed:
-        raise error(
-            f"{noun} {name!r}: {candidates[0].value} does not exist; repair {_package(candidates[0])}"
-        ) from failed
+        raise error(f"{noun} {name!r}: {entry.value} does not exist; repair {_package(entry)}") from failed
+
+
+def _find_remedy(error: ImportError) -> str:
+    """Return which extra of minihuman to install for a missing package; "" if none has it."""
+    if not isinstance(error, ModuleNotFoundError) or error.name is None:
+        return ""
+    extra = EXTRA_OF_PACKAGE.get(error.name.partition(".")[0])
+    return f"install minihuman with its extra {extra!r}" if extra else ""
 
 
 def read_plugin_file(group: str, name: str, file: str) -> str | None:
@@ -257,6 +259,8 @@ _PATHS = re.compile(r"\S*[/\\](.*[/\\])?\S*")
 
 def describe_failure(error: BaseException) -> str:
     """Describe an error for a log: its type and, for the package's own errors, the message with paths removed."""
+    kind = type(error).__name__
     if not isinstance(error, MinihumanError):
-        return type(error).__name__
-    return f"{type(error).__name__}: {_PATHS.sub('...', str(error).partition(chr(10))[0])}"
+        return kind
+    first_line = str(error).partition("\n")[0]
+    return f"{kind}: {_PATHS.sub('...', first_line)}"

@@ -118,7 +118,10 @@ def _obey_withdrawals(paths: Iterable[Path | str]) -> Iterator[VerificationLine]
     from minihuman.admin.local_copies import obey_withdrawals
     from minihuman.admin.verify.study import find_studies
 
-    for study in dict.fromkeys(study for path in paths for study in find_studies(Path(path))):
+    studies: dict[Path, None] = {}  # each once, in order
+    for path in paths:
+        studies |= dict.fromkeys(find_studies(Path(path)))
+    for study in studies:
         lines: list[str] = []
         obey_withdrawals(study, say=lines.append)
         yield from (VerificationLine(study, line, ok=True) for line in lines)

@@ -68,7 +68,7 @@ def decide_again(protocol: Protocol, assigned: GroupAssignment, index: int, stra
 
 
 def take_look(protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Path, at: str) -> LookTaken | None:
-    """Return the interim look that is due in a sequential study; None if none is.
+    """Return the interim look that is due in a sequential study; None if none is due.
 
     Raises:
         AllocationError: if the study has stopped.
@@ -78,10 +78,11 @@ def take_look(protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Pa
         return None
     looks = [line for line in lines if isinstance(line, LookTaken)]
     require_not_stopped(looks)
+    latest_look = looks[-1].look if looks else 0
     design = make_enrolment_design(spec)
-    statistics = _compute_statistics(protocol, design, lines, study_dir)[0]
+    statistics, _ = _compute_statistics(protocol, design, lines, study_dir)
     look = int(statistics["look"])
-    if not look or (looks and looks[-1].look >= look):
+    if look <= latest_look:
         return None
     decision = design.decide(statistics, "", make_draw(protocol.study.seed, "look", look))
     estimates = dict(decision.estimates)
@@ -105,43 +106,54 @@ def _compute_statistics(
     protocol: Protocol, design: EnrolmentDesign, lines: Sequence[EnrolmentEntry], study_dir: Path
 ) -> tuple[dict[str, Any], int]:
     """Compute a design's statistics from these lines of the enrolment log, and count the logs that are missing."""
+    withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+    slots = {line.participant: line for line in list_taken_slots(lines) if line.participant not in withdrawn}
+    outcomes: dict[str, float | None] = {}  # by participant, in the order in which their sessions ended
+    n_missing = 0
+    for name, segment in _list_ended_sessions(lines, design).items():
+        code = name.partition("_")[0]
+        log = session_folder(study_dir.parent, study_dir.name, code, 1) / name
+        if log.is_file():
+            outcomes[code] = _compute_mean_outcome(log, log.stat().st_size, segment, design.outcome, design.block)
+        elif code in slots:
+            n_missing += 1
+    enrolled = []
+    for code in (*outcomes, *(code for code in slots if code not in outcomes)):
+        slot = slots.get(code)
+        if slot is not None and slot.group:
+            enrolled.append(EnrolledParticipant(slot.group, slot.stratum, outcomes.get(code)))
     ratios = {group.name: group.allocation_ratio for group in protocol.groups}
-    gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
-    slots = {line.participant: line for line in list_taken_slots(lines) if line.participant not in gone}
-    heads: dict[str, str] = {}  # the last segment of each first session's log, in order of its end
+    return design.compute_statistics(enrolled, ratios), n_missing
+
+
+def _list_ended_sessions(lines: Sequence[EnrolmentEntry], design: EnrolmentDesign) -> dict[str, str]:
+    """Return the last segment of each first session's log, by the log's name in order of its end.
+
+    A design without an outcome needs no logs.
+    """
+    segments: dict[str, str] = {}
+    if not design.outcome:
+        return segments
     for line in lines:
-        if isinstance(line, ChainHeadRecorded) and line.sealed.endswith(f"_ses-01{LOG_SUFFIX}") and design.outcome:
-            heads.pop(line.sealed, None)
-            heads[line.sealed] = line.segment
-    codes = {name: name.partition("_")[0] for name in heads}
-    logs = {name: session_folder(study_dir.parent, study_dir.name, code, 1) / name for name, code in codes.items()}
-    missing = sum(codes[name] in slots for name, log in logs.items() if not log.is_file())
-    values = {
-        codes[name]: _measure(log, log.stat().st_size, heads[name], design.outcome, design.block)
-        for name, log in logs.items()
-        if log.is_file()
-    }
-    enrolled = [
-        EnrolledParticipant(slots[code].group, slots[code].stratum, values.get(code))
-        for code in (*values, *(code for code in slots if code not in values))
-        if code in slots and slots[code].group
-    ]
-    return design.compute_statistics(enrolled, ratios), missing
+        if isinstance(line, ChainHeadRecorded) and line.sealed.endswith(f"_ses-01{LOG_SUFFIX}"):
+            segments.pop(line.sealed, None)
+            segments[line.sealed] = line.segment
+    return segments
 
 
 @lru_cache(maxsize=4096)
-def _measure(path: Path, size: int, segment: str, outcome: str, block: str) -> float | None:
+def _compute_mean_outcome(path: Path, size: int, segment: str, outcome: str, block: str) -> float | None:
     """Return the mean outcome of a block's episodes in a log; None if the log did not finally end with that segment."""
     log = read_log(path)
     if log.end_reason not in FINAL_END_REASONS or str(log.segments[-1].number) != segment:
         return None
-    included: list[EpisodeLog] = [
-        episode
-        for episode in log.episodes
-        if episode.outcome not in (None, "abandoned")
-        and block in ("", episode.plan.block_name)
-        and not (outcome == "success" and episode.success is None)
-    ]
+    included: list[EpisodeLog] = []
+    for episode in log.episodes:
+        is_finished = episode.outcome not in (None, "abandoned")
+        is_in_block = block in ("", episode.plan.block_name)
+        is_unknown = outcome == "success" and episode.success is None
+        if is_finished and is_in_block and not is_unknown:
+            included.append(episode)
     if included:
         return float(np.mean([_OUTCOMES[outcome](episode) for episode in included]))
     return None

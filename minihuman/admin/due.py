@@ -12,7 +12,7 @@ from typing import Literal
 
 import msgspec
 
-from minihuman.admin.enrolment_entries import list_replaced, read_enrolled, read_enrolment_log
+from minihuman.admin.enrolment_entries import SlotTaken, list_replaced, read_enrolled, read_enrolment_log
 from minihuman.admin.next_session import find_local_date, find_start_date
 from minihuman.admin.session_index import SessionRow, read_session_index
 from minihuman.errors import LogError
@@ -83,7 +83,7 @@ def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[Due
     latest_sessions, unreadable = _latest_sessions(study_dir)
     replaced = list_replaced(read_enrolment_log(study_dir))
     protocols: dict[str, Protocol] = {}
-    due_sessions = []
+    due_sessions: list[DueSession] = []
     for slot in read_enrolled(study_dir):
         if slot.participant in replaced:
             continue
@@ -97,14 +97,20 @@ def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[Due
         elif not last.complete:
             due_sessions.append(DueSession(slot.participant, slot.group, last.session, "unfinished"))
         else:
-            try:
-                log = read_log(last.row.path)
-                protocol = _protocol(log.plan, protocols)
-            except LogError:  # damaged where a glance does not look
-                due_sessions.append(DueSession(slot.participant, slot.group, last.session, "unreadable"))
-            else:
-                due_sessions += _next(last, log, protocol, find_local_date(now or wall_time(), log))
+            due_sessions += _list_due_after(last, slot, protocols, now)
     return tuple(due_sessions)
+
+
+def _list_due_after(
+    last: _LatestSession, slot: SlotTaken, protocols: dict[str, Protocol], now: datetime | None
+) -> list[DueSession]:
+    """Return the session that follows a participant's last complete one, if any."""
+    try:
+        log = read_log(last.row.path)
+        protocol = _decode_protocol_once(log.plan, protocols)
+    except LogError:  # the damage is in a part of the log that the session index does not read
+        return [DueSession(slot.participant, slot.group, last.session, "unreadable")]
+    return _find_next_session(last, log, protocol, find_local_date(now or wall_time(), log))
 
 
 def _latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], dict[str, int]]:
@@ -117,26 +123,28 @@ def _latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], dict[s
     for row in read_session_index(study_dir):
         summary = row.summary
         if summary is None:
-            if in_place := _SESSION_FOLDER.fullmatch("/".join(row.path.parts[-3:-1])):
-                participant = in_place[1]
-                session = int(in_place[2])
+            participant_and_session_folders = row.path.parts[-3:-1]
+            match = _SESSION_FOLDER.fullmatch("/".join(participant_and_session_folders))
+            if match:
+                participant = match[1]
+                session = int(match[2])
                 unreadable[participant] = max(session, unreadable.get(participant, 0))
             continue
-        if summary.participant in latest_sessions and latest_sessions[summary.participant].session > summary.session:
-            continue
-        is_ended = summary.complete or summary.end_reason in FINAL_END_REASONS
-        latest_sessions[summary.participant] = _LatestSession(row, summary.session, is_ended)
+        latest = latest_sessions.get(summary.participant)
+        if latest is None or latest.session <= summary.session:
+            is_ended = summary.complete or summary.end_reason in FINAL_END_REASONS
+            latest_sessions[summary.participant] = _LatestSession(row, summary.session, is_ended)
     return latest_sessions, unreadable
 
 
-def _protocol(plan: SessionPlan, known: dict[str, Protocol]) -> Protocol:
+def _decode_protocol_once(plan: SessionPlan, known: dict[str, Protocol]) -> Protocol:
     """Return the protocol under which a session was played; each protocol is decoded once."""
     if plan.protocol_sha256 not in known:
         known[plan.protocol_sha256] = decode_logged_protocol(plan.protocol_toml, f"the protocol of {plan.study}")
     return known[plan.protocol_sha256]
 
 
-def _next(last: _LatestSession, log: SessionLog, protocol: Protocol, today: date) -> list[DueSession]:
+def _find_next_session(last: _LatestSession, log: SessionLog, protocol: Protocol, today: date) -> list[DueSession]:
     assert last.row.summary is not None
     if last.session >= len(protocol.sessions) or last.row.summary.end_reason == "screened_out":
         return []

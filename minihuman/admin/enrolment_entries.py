@@ -185,12 +185,13 @@ def read_enrolment_log(study_dir: Path) -> tuple[EnrolmentEntry, ...]:
 def list_team_entries(study_dir: Path) -> tuple[TeamRecorded, ...]:
     """List the study's teams in the order in which they formed, with one entry per block, without withdrawn members."""
     lines = read_enrolment_log(study_dir)
-    gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
-    return tuple(
-        msgspec.structs.replace(line, members={seat: code for seat, code in line.members.items() if code not in gone})
-        for line in lines
-        if isinstance(line, TeamRecorded)
-    )
+    withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+    teams = []
+    for line in lines:
+        if isinstance(line, TeamRecorded):
+            members = {seat: code for seat, code in line.members.items() if code not in withdrawn}
+            teams.append(msgspec.structs.replace(line, members=members))
+    return tuple(teams)
 
 
 def open_enrolment_log(study_dir: Path) -> Journal[EnrolmentEntry]:
@@ -216,17 +217,19 @@ def find_incomplete_logs(
         lines: the lines of the enrolment log.
         logs: the finished segments of each finished log, by the log's name.
     """
-    gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
-    known = {(line.sealed, line.segment) for line in lines if isinstance(line, ChainHeadRecorded)}
-    for name in dict.fromkeys(line.sealed for line in lines if isinstance(line, ChainHeadRecorded)):
-        if name not in logs and name.partition("_")[0] not in gone:
+    withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+    chain_heads = [line for line in lines if isinstance(line, ChainHeadRecorded)]
+    for name in dict.fromkeys(head.sealed for head in chain_heads):
+        if name not in logs and name.partition("_")[0] not in withdrawn:
             yield f"{name} is gone: the enrolment log holds the head of its chain", False
-    earlier = {line.participant for line in lines if isinstance(line, SlotTaken) and not line.at}
+    known = {(head.sealed, head.segment) for head in chain_heads}
+    of_earlier_version = {line.participant for line in lines if isinstance(line, SlotTaken) and not line.at}
     for name, segments in logs.items():
+        is_acceptable = name.partition("_")[0] in of_earlier_version
         for segment in segments:
             if (name, segment) not in known:
                 lacks = f"the enrolment log does not say how segment {segment} of {name} ended"
-                yield f"{lacks}; add it with `minihuman recover LOG`", name.partition("_")[0] in earlier
+                yield f"{lacks}; add it with `minihuman recover LOG`", is_acceptable
 
 
 def find_slots_without_log(

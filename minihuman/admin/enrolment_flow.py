@@ -112,6 +112,11 @@ class _Person:
     begun: set[int] = field(default_factory=set)  # sessions
     states: dict[int, SessionState] = field(default_factory=dict)  # by session
 
+    def add_session(self, record: "SessionRecord") -> None:
+        self.group = self.group or record.group
+        self.begun.add(record.session)
+        self.states[record.session] = record.state
+
     @property
     def last_session(self) -> int:
         """The number of the last session that the person began; 0 if none is on record."""
@@ -159,13 +164,11 @@ def count_flow(
     people = _list_people(entries)
     for record in sessions:
         if record.participant in people:
-            person = people[record.participant]
-            person.group = person.group or record.group
-            person.begun.add(record.session)
-            person.states[record.session] = record.state
+            people[record.participant].add_session(record)
     departures = count_unrecorded_departures(entries)
     allocated = [person for person in people.values() if person.group]
-    n_sessions = max((person.last_session for person in allocated), default=0)
+    remaining = [person for person in allocated if not person.is_withdrawn]
+    n_sessions = max((person.last_session for person in allocated), default=1)
     analysis = None
     if exclusion_reasons is not None:
         analysis = _count_analysis(people, exclusion_reasons)
@@ -174,10 +177,8 @@ def count_flow(
         before=departures | _count_undrawn(people.values()),
         allocated=_by_group(allocated),
         withdrew=_by_group(person for person in allocated if person.is_withdrawn),
-        replaced=_by_group(person for person in allocated if person.is_replaced and not person.is_withdrawn),
-        without_data=_by_group(
-            person for person in allocated if not (person.last_session or person.is_withdrawn or person.is_replaced)
-        ),
+        replaced=_by_group(person for person in remaining if person.is_replaced),
+        without_data=_by_group(person for person in remaining if not (person.is_replaced or person.last_session)),
         courses={number: _count_session(number, allocated) for number in range(1, max(n_sessions, 1) + 1)},
         teams=_count_teams(entries, people),
         analysis=analysis,
@@ -300,12 +301,14 @@ def _name_absence(person: _Person) -> str:
 
 def _count_teams(entries: Iterable[EnrolmentEntry], people: Mapping[str, _Person]) -> GroupCounts:
     """Count the teams of several people; a team that played several blocks counts once."""
-    teams = {
-        frozenset(line.members.values()): next(iter(line.members.values()))
-        for line in entries
-        if isinstance(line, TeamRecorded) and not line.solo and len(set(line.members.values())) > 1
-    }
-    return Counter(people[first].group for first in teams.values() if first in people)
+    first_members: dict[frozenset[str], str] = {}
+    for line in entries:
+        if not isinstance(line, TeamRecorded) or line.solo:
+            continue
+        members = list(line.members.values())
+        if len(set(members)) > 1:
+            first_members[frozenset(members)] = members[0]
+    return Counter(people[first].group for first in first_members.values() if first in people)
 
 
 def _count_analysis(people: Mapping[str, _Person], exclusion_reasons: Mapping[str, str]) -> AnalysisFlow:
@@ -318,8 +321,9 @@ def _count_analysis(people: Mapping[str, _Person], exclusion_reasons: Mapping[st
         if person.is_withdrawn:
             counts["withdrew"][person.group] += 1
         elif code not in exclusion_reasons:
-            is_readable = any(state != "unreadable" for state in person.states.values())
-            counts["not_selected" if is_readable else "unreadable"][person.group] += 1
+            is_unreadable = all(state == "unreadable" for state in person.states.values())
+            name = "unreadable" if is_unreadable else "not_selected"
+            counts[name][person.group] += 1
         elif exclusion_reasons[code]:
             excluded.setdefault(exclusion_reasons[code], Counter())[person.group] += 1
         else:

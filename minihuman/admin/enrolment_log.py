@@ -193,8 +193,10 @@ def record_chain_heads(study_dir: Path, heads: Sequence[ChainHeadRecorded], *, o
         recorded = [line for line in register.lines if isinstance(line, ChainHeadRecorded)]
         known = {(line.sealed, line.segment) for line in recorded}
         added = [head for head in heads if (head.sealed, head.segment) not in known]
-        if not only_missing and heads and heads[-1] not in (*recorded, *added):
-            added.append(heads[-1])
+        if heads and not only_missing:
+            last = heads[-1]
+            if last not in recorded and last not in added:
+                added.append(last)
         if added:
             register.append(*added)
     return len(added)

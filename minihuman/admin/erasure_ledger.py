@@ -126,12 +126,18 @@ def _name(entry: LedgerEntry) -> str:
 
 
 def _list_stored_entries(store: RemoteStore, study: str) -> Iterable[LedgerEntry]:
+    """Yield the ledger's entries in a store; an entry for all codes, or all machines, names none."""
     prefix = f"{study}/{STORE_FOLDER}/"
     for name in store.names(prefix):
         match = _NAME.fullmatch(name.removeprefix(prefix))
-        if match is not None:
-            code, machine = ("" if part == _ALL else part for part in match.group(2, 3))
-            yield LedgerEntry(match[1], code, machine)
+        if match is None:
+            continue
+        fact, code, machine = match.groups()
+        if code == _ALL:
+            code = ""
+        if machine == _ALL:
+            machine = ""
+        yield LedgerEntry(fact, code, machine)
 
 
 def _store_entries(store: RemoteStore, study: str, entries: Iterable[LedgerEntry]) -> None:
@@ -163,10 +169,14 @@ def find_pending_machines(study_dir: Path) -> tuple[str, ...]:
 def _list_pending(entries: frozenset[LedgerEntry], withdrawn: frozenset[str]) -> dict[str, list[str]]:
     """Return, for each machine with erasures outstanding, the codes of the participants it has not erased."""
     lost = {entry.machine for entry in entries if entry.fact == "lost"}
-    machines = sorted({entry.machine for entry in entries if entry.fact == "holds"} - lost)
+    machines = {entry.machine for entry in entries if entry.fact == "holds"} - lost
     erased = {(entry.machine, entry.code) for entry in entries if entry.fact == "erased"}
-    left = {machine: [code for code in sorted(withdrawn) if (machine, code) not in erased] for machine in machines}
-    return {machine: codes for machine, codes in left.items() if codes}
+    pending = {}
+    for machine in sorted(machines):
+        codes = [code for code in sorted(withdrawn) if (machine, code) not in erased]
+        if codes:
+            pending[machine] = codes
+    return pending
 
 
 def _describe_pending(study_dir: Path, machine: str, codes: list[str]) -> str:

@@ -16,7 +16,7 @@ from minihuman.display.shaping import measure_width_px
 from minihuman.display.typefaces import TypefaceSet, find_installed_typeface, select_typefaces, user_font_folder
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.screens import TextScreen
-from minihuman.experiment.plan.allocation import build_allocation_list
+from minihuman.experiment.plan.allocation import AllocationSlot, build_allocation_list
 from minihuman.experiment.plan.expansion import assign_slot, expand_protocol
 from minihuman.experiment.plan.participant_codes import format_participant_code
 from minihuman.experiment.plan.session_plan import Participant, PlannedPart, SessionPlan
@@ -42,10 +42,13 @@ def require_legible(protocol: Protocol, source: str) -> None:
 
 def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
     """Yield what is illegible in any session of any group."""
-    first = {slot.group: slot for slot in reversed(build_allocation_list(protocol))}
-    for slot in sorted(first.values(), key=lambda slot: slot.index):
+    first_slots: dict[str, AllocationSlot] = {}
+    for slot in build_allocation_list(protocol):
+        first_slots.setdefault(slot.group, slot)
+    n_sessions = max(1, len(protocol.sessions))
+    for slot in first_slots.values():
         participant = assign_slot(protocol, Participant(format_participant_code(slot.index), slot.index, ""), slot)
-        for session in range(1, max(1, len(protocol.sessions)) + 1):
+        for session in range(1, n_sessions + 1):
             yield from find_illegible_in_plan(expand_protocol(protocol, participant, session=session))
 
 
@@ -95,20 +98,22 @@ def _texts(plan: SessionPlan) -> Iterator[tuple[str, str]]:
     for key, word in plan.words.items():
         yield f"word {key}", word
     for part in plan.parts:
-        for field, text in _strings(msgspec.to_builtins(part.plan, builtin_types=(bytes,))):
+        for field, text in _walk_strings(msgspec.to_builtins(part.plan, builtin_types=(bytes,))):
             yield f"{part.name}, {field}", text
 
 
-def _strings(value: Any, field: str = "") -> Iterator[tuple[str, str]]:
+def _walk_strings(value: Any, field: str = "") -> Iterator[tuple[str, str]]:
+    """Yield every string inside a value of JSON's types, each with the path of its field."""
     match value:
         case str():
             yield field, value
         case dict():
             for key, inner in value.items():
-                yield from _strings(inner, f"{field}.{key}" if field else str(key))
+                path = f"{field}.{key}" if field else str(key)
+                yield from _walk_strings(inner, path)
         case list() | tuple():
             for number, inner in enumerate(value, 1):
-                yield from _strings(inner, f"{field} {number}")
+                yield from _walk_strings(inner, f"{field} {number}")
 
 
 def _too_long(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> Iterator[str]:

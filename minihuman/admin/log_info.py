@@ -20,6 +20,7 @@ from minihuman.dataset.measures import playing_s, response_ms
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.machine import events
 from minihuman.experiment.machine.part_sequence import is_only_closing_left
+from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log import topics
 from minihuman.log.model.session_log import CUT_OFF, EpisodeLog, Segment, SessionLog
 from minihuman.log.paths import (
@@ -47,14 +48,7 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
         LogError: if a file cannot be opened, is damaged, is not a session log of this schema version, or holds no plan.
     """
     readings = [LogReader(file) for file in files]
-    tally = _SessionTally()
-    for reading in readings:
-        for message in reading.messages():
-            topic = message.channel.topic
-            tally.steps += topic == topics.STEP
-            if topic in _READ:
-                tally.take(reading.event(topic, message.data), message.log_time)
-            tally.extend_segment(message.log_time)
+    tally = _tally_messages(readings)
     if tally.started is None:
         raise LogError(
             f"{files[0]} was cut off before its session started, so it has nothing to show; name another log"
@@ -62,9 +56,7 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
     starts = [facts for reading in readings for facts in reading.starts]
     ends = [facts for reading in readings for facts in reading.ends]
     plan = tally.started.plan
-    planned = len(plan.episodes) - tally.skipped
-    all_done = 0 < planned == len(tally.completed) and is_only_closing_left(plan.parts, tally.next_part)
-    is_final = tally.end_reason in events.FINAL_END_REASONS
+    duration_ns = sum(last_ns - first_ns for first_ns, last_ns in tally.spans)
     return SessionSummary(
         study=plan.study,
         participant=plan.participant.id,
@@ -75,12 +67,37 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
         segments=len(tally.spans),
         clean=all_ended_cleanly(starts, ends),
         end_reason=tally.end_reason,
-        episodes_planned=planned,
+        episodes_planned=len(plan.episodes) - tally.skipped,
         episodes_completed=len(tally.completed),
         steps=tally.steps,
-        duration_s=sum(last - first for first, last in tally.spans) / 1e9,
-        complete=tally.end_reason == "complete" or (not is_final and all_done),
+        duration_s=duration_ns / 1e9,
+        complete=_is_complete(tally, plan),
     )
+
+
+def _tally_messages(readings: Iterable[LogReader]) -> "_SessionTally":
+    """Count what the messages of a session's files say."""
+    tally = _SessionTally()
+    for reading in readings:
+        for message in reading.messages():
+            topic = message.channel.topic
+            if topic == topics.STEP:
+                tally.steps += 1
+            if topic in _READ:
+                tally.take(reading.event(topic, message.data), message.log_time)
+            tally.extend_segment(message.log_time)
+    return tally
+
+
+def _is_complete(tally: "_SessionTally", plan: SessionPlan) -> bool:
+    """Tell whether a session ended as complete, or was interrupted when only its closing pages were left."""
+    if tally.end_reason == "complete":
+        return True
+    if tally.end_reason in events.FINAL_END_REASONS:
+        return False
+    n_planned = len(plan.episodes) - tally.skipped
+    all_played = 0 < n_planned == len(tally.completed)
+    return all_played and is_only_closing_left(plan.parts, tally.next_part)
 
 
 @dataclass(slots=True)
@@ -127,22 +144,31 @@ _HEADS = (
 def format_session_lines(session: SessionLog) -> list[str]:
     """Format a readable summary: the session in a few lines, then one line for each episode."""
     plan = session.plan
+    n_steps = sum(len(episode.actions) for episode in session.episodes)
+    n_presses = sum(key.down for key in session.keys)
     lines = [
         f"{session.path}",
         f"study        {plan.study} (version {plan.study_version}, seed {plan.study_seed})",
         f"participant  {plan.participant.id}, group {plan.participant.group}, session {plan.session}",
         f"player       {session.player}",
         f"started      {session.started_at}",
-        f"ended        {session.end_reason}, {'clean' if session.clean else 'not clean'}",
+        f"ended        {_format_end(session.end_reason, clean=session.clean)}",
         f"episodes     {len(session.episodes)} played, {len(plan.episodes)} planned",
-        f"steps        {sum(len(episode.actions) for episode in session.episodes)}",
-        f"keys         {sum(key.down for key in session.keys)} presses",
-        *(_segment_line(segment) for segment in session.segments),
+        f"steps        {n_steps}",
+        f"keys         {n_presses} presses",
+    ]
+    lines += [_segment_line(segment) for segment in session.segments]
+    lines += [
         "",
         "at s: session time at the reset, since the first segment began; played: seconds to the last step, no pauses",
         _HEADS,
     ]
-    return lines + [_episode_line(episode) for episode in session.episodes]
+    lines += [_episode_line(episode) for episode in session.episodes]
+    return lines
+
+
+def _format_end(reason: str, *, clean: bool) -> str:
+    return f"{reason}, clean" if clean else f"{reason}, not clean"
 
 
 def format_session_json(session: SessionLog) -> str:
@@ -169,10 +195,11 @@ def format_session_json(session: SessionLog) -> str:
 
 
 def _segment_line(segment: Segment) -> str:
-    ended = f"{segment.end_reason}, {'clean' if segment.clean else 'not clean'}"
+    start_s = segment.start_ns / 1e9
+    end_s = segment.end_ns / 1e9
     return (
-        f"segment {segment.number:<4} {segment.started_at}, session time {segment.start_ns / 1e9:.1f} to "
-        f"{segment.end_ns / 1e9:.1f} s; {ended}; {len(segment.pauses)} pauses"
+        f"segment {segment.number:<4} {segment.started_at}, session time {start_s:.1f} to {end_s:.1f} s; "
+        f"{_format_end(segment.end_reason, clean=segment.clean)}; {len(segment.pauses)} pauses"
     )
 
 
@@ -254,7 +281,7 @@ def recover_logs(paths: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[R
 def _recover_and_record(log: Path, note: AuditNote) -> RecoveryResult:
     """Recover one log, record the recovery in the enrolment log, and return the result."""
     if log.name.endswith(PART_SUFFIX):
-        finished = _recover(log)
+        finished = _recover_live_file(log)
     else:
         added = _add_missing_heads(log)
         if added:
@@ -270,8 +297,9 @@ def _recover_and_record(log: Path, note: AuditNote) -> RecoveryResult:
     return RecoveryResult(finished.describe(), finished.damaged)
 
 
-def _recover(part: Path) -> FinalizedLog | None:
-    if table := open_lease_table(study_folder(part)):
+def _recover_live_file(part: Path) -> FinalizedLog | None:
+    table = open_lease_table(study_folder(part))
+    if table:
         return SessionLeases(table).recover(part)
     return recover_log(part)
 

@@ -66,16 +66,15 @@ def record_missing_heads(log: Path) -> int:
 
 def find_unrecorded_logs(study: Path) -> list[Path]:
     """Find the finished logs with a chain head missing from the enrolment log, as after a server was killed."""
-    known = {
-        (line.sealed, line.segment) for line in open_enrolment_log(study).read() if isinstance(line, ChainHeadRecorded)
-    }
-    logs = [
-        log
-        for folder, names in find_log_folders(study)
-        for log, files in group_sessions(folder, names).items()
-        if log in files
-    ]
-    return [log for log in logs if any((head.sealed, head.segment) not in known for head in _read_chain_heads(log))]
+    lines = open_enrolment_log(study).read()
+    known = {(line.sealed, line.segment) for line in lines if isinstance(line, ChainHeadRecorded)}
+    unrecorded = []
+    for folder, names in find_log_folders(study):
+        for log, files in group_sessions(folder, names).items():
+            is_finished = log in files
+            if is_finished and any((head.sealed, head.segment) not in known for head in _read_chain_heads(log)):
+                unrecorded.append(log)
+    return unrecorded
 
 
 def _read_chain_heads(log: Path) -> list[ChainHeadRecorded]:
@@ -93,7 +92,7 @@ def write_manifest(study: Path) -> StudyManifest:
         OSError: if a file cannot be read, or the manifest cannot be written.
     """
     require_folder(study)
-    files = _digests(study)
+    files = _digest_files(study)
     if not files:
         raise LogError(f"{study} is not a folder that contains files; name a study's folder")
     manifest = StudyManifest(_digest(files), files)
@@ -115,7 +114,7 @@ def find_changed_files(study: Path, digest_or_file: str) -> Iterator[str]:
         file = study / MANIFEST_FILE_NAME
         manifest = _read(file)
         if manifest is None or manifest.digest != digest:
-            digest_now = _digest(_digests(study))
+            digest_now = _digest(_digest_files(study))
             if digest_now != digest:
                 yield f"the study is not as it was sealed with {digest[:16]}: it is {digest_now[:16]} now"
             return
@@ -134,7 +133,7 @@ def _parse_digest(text: str) -> str:
 
 
 def _compare_files(study: Path, manifest: StudyManifest) -> Iterator[str]:
-    digests = _digests(study)
+    digests = _digest_files(study)
     sealed = {name for name in manifest.files if not is_cache(Path(name))}  # earlier versions sealed one cache, too
     for name in sorted({*sealed, *digests}):
         if name not in digests:
@@ -152,14 +151,16 @@ def _read(path: Path) -> StudyManifest | None:
         return None
 
 
-def _digests(study: Path) -> dict[str, str]:
+def _digest_files(study: Path) -> dict[str, str]:
+    """Return the digest of each file of a study, by its path in the study, without the manifest and caches."""
     digests = {}
     for folder, _, names in os.walk(study):
         for name in names:
             path = Path(folder, name)
             within = path.relative_to(study)
-            is_manifest = within.as_posix() in (MANIFEST_FILE_NAME, _UNFINISHED)
-            if path.is_file() and not is_manifest and not is_cache(within):
+            if within.as_posix() in (MANIFEST_FILE_NAME, _UNFINISHED) or is_cache(within):
+                continue
+            if path.is_file():
                 digests[within.as_posix()] = hash_file(path)
     return dict(sorted(digests.items()))
 

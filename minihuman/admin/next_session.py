@@ -131,27 +131,20 @@ def _check_came_before(
     """Check the previous session; return whether this one is on a day that the protocol does not allow."""
     if participant is None:
         raise AllocationError(f"session {session} needs a participant; name one with --participant")
-    before = session_folder(study_dir.parent, study_dir.name, participant, session - 1)
-    if not before.is_dir() or not list_sessions(before):
+    previous = session - 1
+    folder = session_folder(study_dir.parent, study_dir.name, participant, previous)
+    if not folder.is_dir() or not list_sessions(folder):
         raise AllocationError(
-            f"{participant} has not begun session {session - 1}; run it first: --participant {participant} "
-            f"--session {session - 1}"
+            f"{participant} has not begun session {previous}; run it first: --participant {participant} "
+            f"--session {previous}"
         )
-    log = read_log(before)
+    log = read_log(folder)
     if log.end_reason == "screened_out":
         raise AllocationError(
-            f"{participant} was screened out in session {session - 1} and has no session {session}; choose another "
+            f"{participant} was screened out in session {previous} and has no session {session}; choose another "
             "participant"
         )
-    left = len(find_remaining_episodes(log))
-    if not is_session_complete(log) and (left or not is_only_closing_left(log.plan.parts, _resume_state(log).part)):
-        if left:
-            unfinished = f"{left} episodes of session {session - 1} left to play"
-        else:
-            unfinished = f"not ended session {session - 1}"
-        raise AllocationError(
-            f"{participant} has {unfinished}; finish it first: --participant {participant} --session {session - 1}"
-        )
+    _require_complete(log)
     try:
         _check_day(protocol, log, session, utc_offset_min)
     except AllocationError:
@@ -159,6 +152,24 @@ def _check_came_before(
             return True
         raise
     return False
+
+
+def _require_complete(log: SessionLog) -> None:
+    """Raise AllocationError if a session is not complete and more than its closing pages are left."""
+    if is_session_complete(log):
+        return
+    participant = log.plan.participant.id
+    session = log.plan.session
+    n_left = len(find_remaining_episodes(log))
+    if n_left:
+        unfinished = f"{n_left} episodes of session {session} left to play"
+    elif not is_only_closing_left(log.plan.parts, _resume_state(log).part):
+        unfinished = f"not ended session {session}"
+    else:
+        return
+    raise AllocationError(
+        f"{participant} has {unfinished}; finish it first: --participant {participant} --session {session}"
+    )
 
 
 def find_interrupted_session(study_dir: Path) -> SessionSummary | None:
@@ -171,11 +182,17 @@ def find_interrupted_session(study_dir: Path) -> SessionSummary | None:
         return None
     for row in read_session_index(study_dir):
         summary = row.summary
-        if summary is None or summary.participant not in expected or summary.complete or summary.end_reason != CUT_OFF:
+        if summary is None or summary.participant not in expected:
             continue
-        if not any(is_being_recorded(part) for part in row.path.parent.glob(f"*{PART_SUFFIX}")):
+        is_interrupted = summary.end_reason == CUT_OFF and not summary.complete
+        if is_interrupted and not _is_running(row.path.parent):
             return summary
     return None
+
+
+def _is_running(folder: Path) -> bool:
+    """Tell whether the session of a folder is being recorded."""
+    return any(is_being_recorded(part) for part in folder.glob(f"*{PART_SUFFIX}"))
 
 
 def find_unused_slots(study_dir: Path) -> tuple[str, ...]:
@@ -239,6 +256,7 @@ def find_remaining_episodes(log: SessionLog) -> list[int]:
 
 
 def _plan_rest(log: SessionLog) -> SessionPlan:
+    """Plan what is left of a session that was interrupted."""
     participant = log.plan.participant.id
     session = log.plan.session
     if is_session_complete(log):
@@ -246,13 +264,14 @@ def _plan_rest(log: SessionLog) -> SessionPlan:
             f"{participant} has completed session {session} ({log.path}); start their next one with --session "
             f"{session + 1}"
         )
-    left = find_remaining_episodes(log)
-    segments = [int(start["segment"]) for start in log.metadata["segments"]]
+    remaining_episodes = find_remaining_episodes(log)
+    if remaining_episodes:
+        first_episode = remaining_episodes[0]
+    else:
+        first_episode = len(log.plan.episodes)
+    last_segment = max(int(start["segment"]) for start in log.metadata["segments"])
     return msgspec.structs.replace(
-        log.plan,
-        first_episode=left[0] if left else len(log.plan.episodes),
-        segment=max(segments) + 1,
-        standing=_resume_state(log),
+        log.plan, first_episode=first_episode, segment=last_segment + 1, standing=_resume_state(log)
     )
 
 
@@ -289,15 +308,14 @@ def _resume_state(log: SessionLog) -> ResumeState:
 
 def _list_history(log: SessionLog, part_plan: PlayPlan) -> tuple[PlayedEpisode, ...]:
     """List the episodes of a part that were played to an end, in the order planned."""
-    ended = {episode.plan.episode: episode for episode in log.episodes if episode.outcome not in (None, "abandoned")}
-    numbers = range(part_plan.first, part_plan.first + part_plan.count)
-    return tuple(
-        PlayedEpisode(
-            episode.plan.options,
-            episode.plan.seed,
-            str(episode.outcome),
-            len(episode.actions),
-            sum(episode.rewards.tolist()),
-        )
-        for episode in (ended[number] for number in numbers if number in ended)
-    )
+    finished = {episode.plan.episode: episode for episode in log.episodes if episode.outcome not in (None, "abandoned")}
+    history = []
+    for number in range(part_plan.first, part_plan.first + part_plan.count):
+        episode = finished.get(number)
+        if episode is not None:
+            reward = sum(episode.rewards.tolist())
+            outcome = str(episode.outcome)
+            history.append(
+                PlayedEpisode(episode.plan.options, episode.plan.seed, outcome, len(episode.actions), reward)
+            )
+    return tuple(history)

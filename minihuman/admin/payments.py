@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
@@ -41,7 +41,8 @@ def compute_payments(study_dir: Path) -> Iterator[Payment]:
     enrolled = {line.participant for line in read_enrolled(study_dir)}
     paid: dict[tuple[str, int], Path] = {}
     for row in read_session_index(study_dir):
-        if row.summary is None and row.path.relative_to(study_dir).parts[0] in enrolled:
+        folder_code = row.path.relative_to(study_dir).parts[0]
+        if row.summary is None and folder_code in enrolled:
             raise LogError(f"{row.path} cannot be read, so its payment is unknown: {row.problem}")
         if row.summary is None or row.summary.participant not in enrolled:
             continue
@@ -49,25 +50,30 @@ def compute_payments(study_dir: Path) -> Iterator[Payment]:
         other = paid.setdefault(session_key, row.path)
         if other != row.path:
             raise LogError(f"{row.path} and {other} record the same session; move one of them out of {study_dir}")
-        log = read_log(row.path.parent)  # with what was cut off behind a finished log
-        bonus = log.plan.bonus
-        if bonus is None:
-            raise AllocationError(f"{row.path}: the session's protocol has no [bonus], so there is nothing to pay")
-        code = log.plan.participant.id
-        points = next((event.total for event in reversed(log.part_events) if isinstance(event, Scored)), 0.0)
-        platform_id = ids.get(code) or PlatformId(code, platform="", id="")
-        stranded = log.stranded or log.end_reason == "screened_out"
-        yield Payment(
-            code,
-            log.plan.session,
-            platform_id.platform,
-            platform_id.id,
-            log.end_reason,
-            points,
-            round(compute_bonus(bonus, points, log.waited_ns, stranded), 2),
-            bonus.currency,
-            log.waited_ns / 60e9,
-        )
+        yield _compute_payment(row.path, ids)
+
+
+def _compute_payment(path: Path, ids: Mapping[str, PlatformId]) -> Payment:
+    """Compute the payment for the session whose log is at ``path``."""
+    log = read_log(path.parent)  # with what was cut off behind a finished log
+    bonus = log.plan.bonus
+    if bonus is None:
+        raise AllocationError(f"{path}: the session's protocol has no [bonus], so there is nothing to pay")
+    code = log.plan.participant.id
+    points = next((event.total for event in reversed(log.part_events) if isinstance(event, Scored)), 0.0)
+    platform_id = ids.get(code) or PlatformId(code, platform="", id="")
+    stranded = log.stranded or log.end_reason == "screened_out"
+    return Payment(
+        code,
+        log.plan.session,
+        platform_id.platform,
+        platform_id.id,
+        log.end_reason,
+        points,
+        round(compute_bonus(bonus, points, log.waited_ns, stranded), 2),
+        bonus.currency,
+        log.waited_ns / 60e9,
+    )
 
 
 def format_payments_csv(paid: Iterator[Payment]) -> str:

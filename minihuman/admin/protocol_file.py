@@ -96,42 +96,53 @@ class ProtocolDraft:
         """
         from jinja2 import Environment, StrictUndefined  # which a station that runs sessions does without
 
-        if wrong := [name for name in self.templates if name not in TEMPLATES]:
-            raise ProtocolError(f"template {wrong[0]!r} is unknown; templates: {', '.join(TEMPLATES)}")
-        kinds = [
-            name for name in self.templates if name in _USUAL_WORLDS or (self.has("two-groups") and name in _STAGED)
-        ]
-        if len(kinds) > 1:
-            raise ProtocolError(f"templates {kinds[0]!r} and {kinds[1]!r} are two kinds of study; choose one")
+        self._check_templates()
         jinja = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
         folder = files(__package__).joinpath("templates")
         texts_by_language = tomllib.loads(folder.joinpath("texts.toml").read_text(encoding="utf-8"))
         template = folder.joinpath("study.toml.j2").read_text(encoding="utf-8")
-        tasks = [self._task(world) for world in self.worlds]
-        numbered = {f"world-{number}": number - 1 for number in range(1, len(tasks) + 1)}
-        if self.staged:
-            places = _STAGES
-        elif len(tasks) > 1:
-            places = numbered
-        else:
-            places = {"play": 0}
+        tasks = [self._describe_task(world) for world in self.worlds]
         text = jinja.from_string(template).render(
             draft=self,
             schema=SCHEMA_FILE,
-            seed=sum(ord(letter) * 31**place for place, letter in enumerate(self.name)) % 10**6,
+            seed=self._derive_seed(),
             untranslated="" if self.language in texts_by_language else _list_english_words(),
             texts=texts_by_language.get(self.language, texts_by_language[ENGLISH]),
             pool=[*dict.fromkeys(key for task in tasks for key in task["pool"])],
-            blocks=[{"name": name, **tasks[place]} for name, place in places.items()],
+            blocks=[{"name": name, **tasks[place]} for name, place in self._place_worlds().items()],
         )
         decode_protocol(text.encode(), f"{self.name}.toml")
         return text
+
+    def _check_templates(self) -> None:
+        unknown = [name for name in self.templates if name not in TEMPLATES]
+        if unknown:
+            raise ProtocolError(f"template {unknown[0]!r} is unknown; templates: {', '.join(TEMPLATES)}")
+        may_be_staged = self.has("two-groups")  # the others that are staged go with any kind of study
+        kinds = [name for name in self.templates if name in _USUAL_WORLDS or (may_be_staged and name in _STAGED)]
+        if len(kinds) > 1:
+            raise ProtocolError(f"templates {kinds[0]!r} and {kinds[1]!r} are two kinds of study; choose one")
+
+    def _derive_seed(self) -> int:
+        """Derive the study's seed, of at most six digits, from its name."""
+        digest = 0
+        for place, letter in enumerate(self.name):
+            digest += ord(letter) * 31**place
+        return digest % 10**6
+
+    def _place_worlds(self) -> dict[str, int]:
+        """Return the name of each block with the place of its world in ``worlds``."""
+        if self.staged:
+            return _STAGES
+        if len(self.worlds) > 1:
+            return {f"world-{place + 1}": place for place in range(len(self.worlds))}
+        return {"play": 0}
 
     def describe_outcomes(self) -> list[str]:
         """Describe, for each world, the rule that decides an episode's outcome and where it comes from."""
         return [f"outcome in {world_id}: {find_world_rule(world_id).describe()}" for world_id in self.worlds]
 
-    def _task(self, world_id: str) -> dict[str, Any]:
+    def _describe_task(self, world_id: str) -> dict[str, Any]:
         """Return the template's variables for a world: its keys, pace and step limit."""
         from minihuman.experiment.plan.dry_run import find_needed_actions  # the planner, which only a new study needs
 
@@ -198,9 +209,11 @@ def _list_english_words() -> str:
         table, _, name = key.rpartition(".")
         if table != "mission":
             tables.setdefault(table, []).append(f"{name} = {json.dumps(text, ensure_ascii=False)}")
-    return "\n".join(
-        "\n".join([f"[words.{table}]" if table else "[words]", *lines, ""]) for table, lines in tables.items()
-    )
+    parts = []
+    for table, lines in tables.items():
+        head = f"[words.{table}]" if table else "[words]"
+        parts.append("\n".join([head, *lines, ""]))
+    return "\n".join(parts)
 
 
 def make_study_name(words: str) -> str:
@@ -237,7 +250,8 @@ def read_protocol(path: Path, *, trust: Permission = False) -> Protocol:
     for line in list_old_names(protocol, str(path)):
         warnings.warn(line, FutureWarning, stacklevel=2)
     folder = path.resolve().parent
-    if refused := admit_worlds(_find_worlds(msgspec.to_builtins(protocol)), folder, trust):
+    refused = admit_worlds(_find_worlds(msgspec.to_builtins(protocol)), folder, trust)
+    if refused:
         raise ProtocolError(
             f"{path} runs Python or reads files from {refused}, which you do not trust yet; read its code, then add "
             "--trust"
@@ -270,9 +284,13 @@ def _find_worlds(value: object) -> Iterator[NamedWorld]:
 
 def _find_pictures(protocol: Protocol) -> dict[str, str]:
     """Return the pictures of a protocol's pages, each with the field that names it."""
-    logo = {protocol.study.logo: "$.study.logo"} if protocol.study.logo else {}
-    pages = _in_any_group(protocol, protocol.pages)
-    return logo | {name: f"$.pages[{number}].images" for number, page in pages for name in page.images}
+    fields: dict[str, str] = {}
+    if protocol.study.logo:
+        fields[protocol.study.logo] = "$.study.logo"
+    for number, page in _in_any_group(protocol, protocol.pages):
+        for name in page.images:
+            fields[name] = f"$.pages[{number}].images"
+    return fields
 
 
 def _in_any_group(protocol: Protocol, parts: Sequence[Overridable]) -> list[tuple[int, Overridable]]:
@@ -282,16 +300,21 @@ def _in_any_group(protocol: Protocol, parts: Sequence[Overridable]) -> list[tupl
 
 def _find_policies(protocol: Protocol) -> dict[str, str]:
     """Return the policy files of the agents in any group, each with the field that names it."""
-    blocks = _in_any_group(protocol, protocol.blocks)
-    named = [
-        *((f"{number}].agent.policy", block.agent.policy) for number, block in blocks if block.agent),
-        *((f"{number}].team", name) for number, block in blocks if block.team for name in block.team.agents),
-    ]
-    return {
-        name: f"$.blocks[{field}"
-        for field, name in named
-        if name and name != LATEST_POLICY and not name.startswith(f"{SIMULATED}:") and not is_registered_agent(name)
-    }
+    agents: list[tuple[str, str | None]] = []
+    teams: list[tuple[str, str | None]] = []
+    for number, block in _in_any_group(protocol, protocol.blocks):
+        if block.agent:
+            agents.append((f"$.blocks[{number}].agent.policy", block.agent.policy))
+        if block.team:
+            teams += [(f"$.blocks[{number}].team", name) for name in block.team.agents]
+    return {name: field for field, name in (*agents, *teams) if name and _is_policy_file(name)}
+
+
+def _is_policy_file(name: str) -> bool:
+    """Tell whether an agent's name in a protocol is that of a policy file beside it."""
+    if name == LATEST_POLICY or name.startswith(f"{SIMULATED}:"):
+        return False
+    return not is_registered_agent(name)
 
 
 def _read_stimuli(protocol: Protocol, folder: Path, path: Path) -> dict[str, bytes]:

@@ -142,8 +142,13 @@ class Recruitment:
 
     def count_sources(self) -> dict[str, int]:
         """Count the arrivals by source: personal links, and each platform."""
-        sources = Counter(key.partition(":")[0] for key in self._state.after(self._journal.read()).came)
-        return {"personal link" if source == "link" else source: count for source, count in sorted(sources.items())}
+        arrivals = self._state.after(self._journal.read()).came
+        sources = Counter(key.partition(":")[0] for key in arrivals)
+        counts = {}
+        for source, count in sorted(sources.items()):
+            label = "personal link" if source == "link" else source
+            counts[label] = count
+        return counts
 
     @contextmanager
     def exclusive(self) -> Iterator["RecruitmentTransaction"]:

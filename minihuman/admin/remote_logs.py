@@ -217,9 +217,12 @@ def _continues(log: Path, other: Path) -> bool:
 
 
 def _is_same_segment(segment: tuple[str, str, str], other: tuple[str, str, str]) -> bool:
+    """Tell whether two descriptions are of the same segment; a chain head that is not known fits any other."""
     *identity, head = segment
     *other_identity, other_head = other
-    return identity == other_identity and (not head or not other_head or head == other_head)
+    if identity != other_identity:
+        return False
+    return "" in (head, other_head) or head == other_head
 
 
 def _read_segments(log: Path) -> list[tuple[str, str, str]]:

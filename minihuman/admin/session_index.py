@@ -84,17 +84,20 @@ def read_session_index(study: Path, folders: LogFolders | None = None) -> Iterat
     """
     require_folder(study, instead="a study's folder, or a session log's own")
     own = study / TABLE_CACHE
-    rows, storing, damaged = _load(own)
-    if damaged:
-        sessions = "1 session" if damaged == 1 else f"{damaged} sessions"
+    rows, storing, n_damaged = _load_rows(own)
+    if n_damaged:
+        sessions = "1 session" if n_damaged == 1 else f"{n_damaged} sessions"
         LOGGER.warning("%s was changed by another program: the rows of %s were made anew from the logs", own, sessions)
         storing = "anew"
-    fresh, gone = _refresh(rows, study, folders)
-    if damaged or fresh or gone:
-        _store(own, rows, fresh, gone, storing)
+    fresh, gone = _refresh_rows(rows, study, folders)
+    if n_damaged or fresh or gone:
+        _store_rows(own, rows, fresh, gone, storing)
     for key in sorted(rows):
-        _, path, problem, *values = msgspec.msgpack.decode(rows[key])
-        yield SessionRow(study / path, None if problem else SessionSummary(*values), problem)
+        _, path, problem, *fields = msgspec.msgpack.decode(rows[key])
+        if problem:
+            yield SessionRow(study / path, None, problem)
+        else:
+            yield SessionRow(study / path, SessionSummary(*fields), problem)
 
 
 def compare_index(study: Path) -> Iterator[str]:
@@ -104,7 +107,6 @@ def compare_index(study: Path) -> Iterator[str]:
     """
     if duckdb is None or not (study / TABLE_CACHE).is_file():
         return
-    below = len(os.fspath(study / "_")) - 1
     try:
         with closing(connect_cache(study / TABLE_CACHE, read_only=True)) as connection:
             if connection.execute(f"FROM {_MADE_BY}").fetchall() != [(_software(),)]:
@@ -113,20 +115,31 @@ def compare_index(study: Path) -> Iterator[str]:
     except duckdb.CatalogException:  # it has none yet
         return
     except duckdb.Error as error:
-        yield f"{TABLE_CACHE}: the session index cannot be read and will be made anew: {str(error).splitlines()[0]}"
+        first_line = str(error).splitlines()[0]
+        yield f"{TABLE_CACHE}: the session index cannot be read and will be made anew: {first_line}"
         return
+    prefix_length = _measure_prefix(study)
     for log, files in _sessions_below(find_log_folders(study)):
-        key = os.fspath(log)[below:]
-        cached_row = known.get(key)
-        if cached_row is None or not is_same_content(cached_row[1] or "", _describe(files, cached_row[1] or "")):
+        key = os.fspath(log)[prefix_length:]
+        if key not in known:
             continue
-        row = (*cached_row[:2], os.fspath(files[0])[below:], *_summary_or_problem(files, study))
+        cached_row = known[key]
+        cached_key, fingerprint, *_ = cached_row
+        if not is_same_content(fingerprint or "", _describe_files(files, fingerprint or "")):
+            continue
+        first_file = os.fspath(files[0])[prefix_length:]
+        row = (cached_key, fingerprint, first_file, *_summary_or_problem(files, study))
         for name, cell, expected in zip(_COLUMNS, cached_row, row, strict=True):
             if cell != expected:
                 yield f"{TABLE_CACHE}: session index, {key}, {name} is {cell!r}; the logs say {expected!r}"
 
 
-def _load(own: Path) -> tuple[_Rows, _Storing, int]:
+def _measure_prefix(study: Path) -> int:
+    """Return the length of what the paths of all files in a study's folder begin with."""
+    return len(os.fspath(study / "_")) - len("_")
+
+
+def _load_rows(own: Path) -> tuple[_Rows, _Storing, int]:
     """Load the intact rows; return them, how to store new rows, and how many rows were changed by another program."""
     rows = _Rows()
     if duckdb is None:
@@ -137,53 +150,61 @@ def _load(own: Path) -> tuple[_Rows, _Storing, int]:
         with closing(connect_cache(own, read_only=True, wait_s=LOCK_WAIT_S)) as connection:
             if connection.execute(f"FROM {_MADE_BY}").fetchall() != [(_software(),)]:
                 return rows, "anew", 0
-            ((stored,),) = connection.execute(f"SELECT count(*) FROM {_TABLE}").fetchall()
+            ((n_stored,),) = connection.execute(f"SELECT count(*) FROM {_TABLE}").fetchall()
             intact_rows = connection.execute(
                 f"SELECT {_ROW} FROM {_TABLE} WHERE digest = hash({_ROW})::TEXT "
                 "QUALIFY count(*) OVER (PARTITION BY log) = 1"
             )
             while page := intact_rows.fetchmany(_BATCH):
                 rows.update((key, msgspec.msgpack.encode(row)) for key, *row in page)
-        return rows, "added", stored - len(rows)
+        return rows, "added", n_stored - len(rows)
     except duckdb.CatalogException:  # it has no index yet
         return rows, "anew", 0
     except duckdb.BinderException:  # it has other columns
         return rows, "anew", 1
     except (duckdb.Error, UnicodeError) as error:
-        why = " ".join(str(error).split("\n")[0].split())
-        LOGGER.warning("%s cannot be used now (%s); the sessions were read from their logs for this once", own, why)
-        if not is_in_use(error) and os.access(own, os.R_OK | os.W_OK):
-            with suppress(OSError):
-                remove_cache(own)
-        return _Rows(), "never" if own.exists() else "anew", 0
+        return _Rows(), _handle_unusable_index(own, error), 0
 
 
-def _refresh(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple[list[str], list[str]]:
+def _handle_unusable_index(own: Path, error: Exception) -> _Storing:
+    """Warn that the index cannot be used, remove it if it is broken, and return how to store new rows."""
+    first_line, *_ = str(error).split("\n")
+    reason = " ".join(first_line.split())
+    LOGGER.warning("%s cannot be used now (%s); the sessions were read from their logs for this once", own, reason)
+    if not is_in_use(error) and os.access(own, os.R_OK | os.W_OK):
+        with suppress(OSError):
+            remove_cache(own)
+    return "never" if own.exists() else "anew"
+
+
+def _refresh_rows(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple[list[str], list[str]]:
     """Read sessions whose row is missing or stale, and drop those whose log is gone; return the keys of both."""
-    below = len(os.fspath(study / "_")) - 1  # what every path there begins with
+    prefix_length = _measure_prefix(study)
     fresh = list[str]()
     gone = list[str]()
-    present = 0
+    n_sessions = 0
     if folders is None:
         folders = find_log_folders(study)
     for log, files in _sessions_below(folders):
-        key = os.fspath(log)[below:]
-        present += 1
-        known = msgspec.msgpack.decode(rows[key])[0] if key in rows else ""
-        described = _describe(files, known)
-        if not is_same_content(described, known):
-            rows[key] = msgspec.msgpack.encode(
-                (described, os.fspath(files[0])[below:], *_summary_or_problem(files, study))
-            )
+        n_sessions += 1
+        key = os.fspath(log)[prefix_length:]
+        known_fingerprint = ""
+        if key in rows:
+            known_fingerprint, *_ = msgspec.msgpack.decode(rows[key])
+        fingerprint = _describe_files(files, known_fingerprint)
+        if not is_same_content(fingerprint, known_fingerprint):
+            first_file = os.fspath(files[0])[prefix_length:]
+            rows[key] = msgspec.msgpack.encode((fingerprint, first_file, *_summary_or_problem(files, study)))
             fresh.append(key)
-    if len(rows) > present:
-        gone = sorted(rows.keys() - {os.fspath(log)[below:] for log, _ in _sessions_below(find_log_folders(study))})
+    if len(rows) > n_sessions:
+        present = {os.fspath(log)[prefix_length:] for log, _ in _sessions_below(find_log_folders(study))}
+        gone = sorted(rows.keys() - present)
         for key in gone:
             del rows[key]
     return fresh, gone
 
 
-def _store(own: Path, rows: _Rows, fresh: Sequence[str], gone: Sequence[str], storing: _Storing) -> None:
+def _store_rows(own: Path, rows: _Rows, fresh: Sequence[str], gone: Sequence[str], storing: _Storing) -> None:
     """Write what changed into the study's file in one transaction, unless another process has the file open."""
     if storing == "never":
         return
@@ -204,18 +225,25 @@ def _write_rows(
 ) -> None:
     """Replace some rows, or with ``is_new`` the whole index."""
     if is_new:
-        connection.execute(f"DROP SCHEMA IF EXISTS {INDEX_SCHEMA} CASCADE")  # whatever is in it
-        connection.execute(f"CREATE SCHEMA {INDEX_SCHEMA}")
-        connection.execute(f"CREATE TABLE {_MADE_BY} AS SELECT ?::TEXT AS software", (_software(),))
-        connection.execute(f"CREATE TABLE {_TABLE} ({', '.join(map(' '.join, _COLUMNS.items()))}, digest TEXT)")
+        _create_index(connection)
         fresh = sorted(rows)
     else:
         connection.execute(f"DELETE FROM {_TABLE} WHERE log IN (SELECT unnest(?))", ([*fresh, *gone],))
-    values = ", ".join(f"unnest(?::{kind}[]) AS {name}" for name, kind in _COLUMNS.items())
+    unnested = ", ".join(f"unnest(?::{kind}[]) AS {name}" for name, kind in _COLUMNS.items())
     for first in range(0, len(fresh), _BATCH):
-        new = [(key, *msgspec.msgpack.decode(rows[key])) for key in fresh[first : first + _BATCH]]
-        columns = [list(column) for column in zip(*new, strict=True)]
-        connection.execute(f"INSERT INTO {_TABLE} SELECT *, hash({_ROW})::TEXT FROM (SELECT {values})", columns)
+        keys = fresh[first : first + _BATCH]
+        new_rows = [(key, *msgspec.msgpack.decode(rows[key])) for key in keys]
+        columns = [list(column) for column in zip(*new_rows, strict=True)]
+        connection.execute(f"INSERT INTO {_TABLE} SELECT *, hash({_ROW})::TEXT FROM (SELECT {unnested})", columns)
+
+
+def _create_index(connection: "duckdb.DuckDBPyConnection") -> None:
+    """Create an empty index in place of what was there."""
+    columns = ", ".join(f"{name} {kind}" for name, kind in _COLUMNS.items())
+    connection.execute(f"DROP SCHEMA IF EXISTS {INDEX_SCHEMA} CASCADE")
+    connection.execute(f"CREATE SCHEMA {INDEX_SCHEMA}")
+    connection.execute(f"CREATE TABLE {_MADE_BY} AS SELECT ?::TEXT AS software", (_software(),))
+    connection.execute(f"CREATE TABLE {_TABLE} ({columns}, digest TEXT)")
 
 
 def _software() -> str:
@@ -228,7 +256,7 @@ def _sessions_below(folders: LogFolders) -> Iterator[tuple[Path, list[Path]]]:
         yield from group_sessions(folder, names).items()
 
 
-def _describe(files: Sequence[Path], known: str) -> str:
+def _describe_files(files: Sequence[Path], known: str) -> str:
     return "\n".join(describe_file(file, known=known) for file in files)
 
 
@@ -271,17 +299,20 @@ def _summarize_finished(log: Path) -> SessionSummary | None:
     from minihuman.log.salvage.summary_section import all_ended_cleanly, read_summary
 
     contents = read_summary(log)
-    if contents is None or not contents.starts or not len(contents.starts) == len(contents.facts) == len(contents.ends):
+    if contents is None or not contents.starts:
         return None
-    if contents.starts[0].get("schema_version") not in _SUMMARIZED_VERSIONS or "completed" not in contents.ends[-1]:
+    if not len(contents.starts) == len(contents.facts) == len(contents.ends):
         return None
     first = contents.starts[0]
     last = contents.ends[-1]
-    reason = last["reason"]
-    planned = int(last["planned"])
-    completed = int(last["completed"])
-    if reason != "complete" and 0 < planned == completed:
+    if first.get("schema_version") not in _SUMMARIZED_VERSIONS or "completed" not in last:
         return None
+    reason = last["reason"]
+    n_planned = int(last["planned"])
+    n_completed = int(last["completed"])
+    if reason != "complete" and 0 < n_planned == n_completed:
+        return None
+    duration_ns = sum(int(end.get("lasted_ns", 0)) for end in contents.ends)
     return SessionSummary(
         study=first["study"],
         participant=first["participant"],
@@ -292,10 +323,10 @@ def _summarize_finished(log: Path) -> SessionSummary | None:
         segments=len(contents.starts),
         clean=all_ended_cleanly(contents.starts, contents.ends),
         end_reason=reason,
-        episodes_planned=planned,
-        episodes_completed=completed,
+        episodes_planned=n_planned,
+        episodes_completed=n_completed,
         steps=contents.counts[STEP],
-        duration_s=sum(int(end.get("lasted_ns", 0)) for end in contents.ends) / 1e9,
+        duration_s=duration_ns / 1e9,
         complete=reason == "complete",
     )
 

@@ -113,14 +113,7 @@ def format_status(study_dir: Path, status: "StudyStatus | None" = None) -> Itera
     for slot in read_enrolled(study_dir):
         if slot.participant in status.slots_without_data:
             yield f"{slot.participant:12} {slot.group:16} {'-':>7} {'-':>9} {'-':>7}  slot taken, nothing recorded"
-    for kind, count in status.left_without_data.items():
-        yield f"{count} {kind}"
-    for code in status.replaced:
-        yield f"{code:12} does not come back; the slot is offered again"
-    if status.sources:
-        yield "came online: " + ", ".join(f"{count} by {source}" for source, count in status.sources.items())
-    if status.withdrew:
-        yield f"{status.withdrew} withdrew and {'is' if status.withdrew == 1 else 'are'} excluded"
+    yield from _format_departures(status)
     if status.flow is not None:
         yield _format_flow(status.flow)
     if status.interventions:
@@ -130,12 +123,30 @@ def format_status(study_dir: Path, status: "StudyStatus | None" = None) -> Itera
     yield from status.problems
 
 
+def _format_departures(status: "StudyStatus") -> Iterator[str]:
+    """Yield lines on who left the study, and between them one on where participants came from online."""
+    for kind, count in status.left_without_data.items():
+        yield f"{count} {kind}"
+    for code in status.replaced:
+        yield f"{code:12} does not come back; the slot is offered again"
+    if status.sources:
+        yield "came online: " + ", ".join(f"{count} by {source}" for source, count in status.sources.items())
+    if status.withdrew == 1:
+        yield "1 withdrew and is excluded"
+    elif status.withdrew:
+        yield f"{status.withdrew} withdrew and are excluded"
+
+
 def _format_flow(flow: ParticipantFlow) -> str:
     """Return the stages of the flow as one line, each followed by the losses before the next stage."""
     parts = []
     for stage in list_stages(flow):
-        losses = ", ".join(f"{label} {sum(counts.values())}" for label, counts in stage.losses.items())
-        parts.append(f"{stage.label} {sum(stage.counts.values())}" + (f" (then {losses})" if losses else ""))
+        total = sum(stage.counts.values())
+        part = f"{stage.label} {total}"
+        losses = [f"{label} {sum(counts.values())}" for label, counts in stage.losses.items()]
+        if losses:
+            part += f" (then {', '.join(losses)})"
+        parts.append(part)
     return f"flow: {'; '.join(parts)}"
 
 
@@ -174,12 +185,10 @@ def count_all_interventions(study_dir: Path, folders: LogFolders | None = None) 
 
 
 def _read_all_annotations(folders: LogFolders) -> Iterator[tuple[Path, "Annotation"]]:
-    paths = [
-        folder / name
-        for folder, names in folders
-        for name in names
-        if name.endswith(".jsonl") and not is_system_companion(name)
-    ]
+    """Yield every annotation in the folders, with the file that holds it."""
+    paths = []
+    for folder, names in folders:
+        paths += [folder / name for name in names if name.endswith(".jsonl") and not is_system_companion(name)]
     if paths:
         from minihuman.dataset.annotations import ANNOTATIONS_SUFFIX, read_annotation_file
 
@@ -215,21 +224,29 @@ def list_problems(
     """
     if folders is None:
         folders = list(find_log_folders(study_dir))
-    double = (*find_double_sessions(folders), *find_pending_machines(study_dir))
+    problems = [*find_double_sessions(folders), *find_pending_machines(study_dir)]
     lines = read_enrolment_log(study_dir)
     if not lines:
-        return double
+        return tuple(problems)
     if rows is None:
         rows = read_session_index(study_dir, folders)
-    segments = {row.path.name: row.summary.segments if row.summary else 0 for row in rows}
-    finished = {
-        log.name: [str(number) for number in range(1, segments.get(log.name, 0) - (len(files) - 1) + 1)]
-        for folder, names in folders
-        for log, files in group_sessions(folder, names).items()
-        if log in files  # the others of a session are live segments
-    }
-    incomplete = (text for text, fine in find_incomplete_logs(lines, finished) if not fine)
-    return (*double, *incomplete, *find_unfinished_withdrawals(study_dir))
+    for problem, is_acceptable in find_incomplete_logs(lines, _list_finished_segments(rows, folders)):
+        if not is_acceptable:
+            problems.append(problem)
+    return (*problems, *find_unfinished_withdrawals(study_dir))
+
+
+def _list_finished_segments(rows: Iterable[SessionRow], folders: LogFolders) -> dict[str, list[str]]:
+    """List the numbers of the segments that each finished log holds, by the log's name."""
+    n_segments = {row.path.name: row.summary.segments for row in rows if row.summary}
+    finished = {}
+    for folder, names in folders:
+        for log, files in group_sessions(folder, names).items():
+            if log in files:
+                n_live = len(files) - 1  # the other files of a session are its live segments
+                n_finished = n_segments.get(log.name, 0) - n_live
+                finished[log.name] = [str(number) for number in range(1, n_finished + 1)]
+    return finished
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,27 +282,33 @@ def read_study_status(study_dir: Path) -> StudyStatus:
     if lines:
         flow = count_flow(lines, _list_session_records(rows))
     replaced = tuple(list_replaced(lines))
-    played = {row.summary.participant for row in rows if row.summary}
+    not_expected = {row.summary.participant for row in rows if row.summary}.union(replaced)
+    enrolled = [slot.participant for slot in read_enrolled(study_dir)]
+    withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     return StudyStatus(
         sessions=rows,
-        slots_without_data=tuple(
-            slot.participant for slot in read_enrolled(study_dir) if slot.participant not in played.union(replaced)
-        ),
+        slots_without_data=tuple(code for code in enrolled if code not in not_expected),
         replaced=replaced,
         left_without_data=count_unrecorded_departures(lines),
-        withdrew=len({line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}),
+        withdrew=len(withdrawn),
         interventions=count_all_interventions(study_dir, folders),
         problems=list_problems(study_dir, rows, folders),
-        live=frozenset(
-            folder
-            for folder, names in folders
-            if any(name.endswith(PART_SUFFIX) and is_being_recorded(folder / name) for name in names)
-        ),
+        live=_find_live_folders(folders),
         sources=Recruitment(study_dir).count_sources(),
         companions=tuple(find_system_companions(folders)),
         useless_annotations=tuple(_find_useless_annotations(folders)),
         flow=flow,
     )
+
+
+def _find_live_folders(folders: LogFolders) -> frozenset[Path]:
+    """Find the folders in which a session is being recorded."""
+    live = set()
+    for folder, names in folders:
+        parts = [folder / name for name in names if name.endswith(PART_SUFFIX)]
+        if any(map(is_being_recorded, parts)):
+            live.add(folder)
+    return frozenset(live)
 
 
 def _session(summary: SessionSummary) -> tuple[str, str, int]:
@@ -297,7 +320,7 @@ def _line(row: SessionRow, *, is_running: bool) -> str:
     if summary is None:
         return f"{row.path}  cannot be read: {row.problem}"
     episodes = f"{summary.episodes_completed}/{summary.episodes_planned}"
-    state = _state(row, summary, is_running=is_running)
+    state = _describe_state(row, summary, is_running=is_running)
     return f"{summary.participant:12} {summary.group:16} {summary.session:7} {episodes:>9} {summary.steps:7}  {state}"
 
 
@@ -305,12 +328,16 @@ def _progress(summary: SessionSummary) -> str:
     return _COUNTED.get(classify_session(summary), f"unfinished: {summary.end_reason}")
 
 
-def _state(row: SessionRow, summary: SessionSummary, *, is_running: bool) -> str:
-    parts = ["running" if is_running else _progress(summary)]
-    if not is_running and row.path.name.endswith(PART_SUFFIX):
-        parts.append("cut off: finished at its next start")
-    elif not is_running and not summary.clean:
-        parts.append("unclean: recovered after a cut")
+def _describe_state(row: SessionRow, summary: SessionSummary, *, is_running: bool) -> str:
+    """Describe how far a session is, and anything unusual about its log or its player."""
+    if is_running:
+        parts = ["running"]
+    else:
+        parts = [_progress(summary)]
+        if row.path.name.endswith(PART_SUFFIX):
+            parts.append("cut off: finished at its next start")
+        elif not summary.clean:
+            parts.append("unclean: recovered after a cut")
     if summary.segments > 1:
         parts.append(f"{summary.segments} segments")
     if summary.player != "human":

@@ -70,26 +70,40 @@ def _find_kinds(names: Iterable[str]) -> Iterator[ActivityKind]:
 
 @cache
 def _load_tables(kinds: tuple[ActivityKind, ...]) -> tuple[ActivityTable, ...]:
+    """Load the tables of the given kinds of activity; raise QueryError for a table name that cannot be used."""
     owners: dict[str, tuple[ActivityTable, str]] = {}
-    for kind in (kind for kind in kinds if kind.tables):
-        module, _, attribute = kind.tables.partition(":")
-        for table in getattr(import_module(module), attribute):
-            if table.name in SESSION_TABLES:
-                raise QueryError(f"activity {kind.name!r} has a table {table.name!r}, as every session has; rename it")
-            if not _TABLE_NAME.fullmatch(table.name):
-                raise QueryError(f"activity {kind.name!r} has a table {table.name!r}; use a to z, 0 to 9 and _")
+    for kind in kinds:
+        for table in _load_tables_of(kind):
+            _check_table_name(kind, table)
             other, owner = owners.setdefault(table.name, (table, kind.name))
             if other is not table:
                 raise QueryError(f"activities {owner!r} and {kind.name!r} both have a table {table.name!r}; rename one")
     return tuple(table for table, _ in owners.values())
 
 
+def _load_tables_of(kind: ActivityKind) -> Iterable[ActivityTable]:
+    if not kind.tables:
+        return ()
+    module, _, attribute = kind.tables.partition(":")
+    tables: Iterable[ActivityTable] = getattr(import_module(module), attribute)
+    return tables
+
+
+def _check_table_name(kind: ActivityKind, table: ActivityTable) -> None:
+    if table.name in SESSION_TABLES:
+        raise QueryError(f"activity {kind.name!r} has a table {table.name!r}, as every session has; rename it")
+    if not _TABLE_NAME.fullmatch(table.name):
+        raise QueryError(f"activity {kind.name!r} has a table {table.name!r}; use a to z, 0 to 9 and _")
+
+
 def list_table_sources() -> tuple[Path, ...]:
     """List the source files whose code builds the rows of these tables; a cache filled by other code is stale."""
     modules = {kind.tables.partition(":")[0] for kind in _find_kinds(list_plugin_names(GROUP)) if kind.tables}
-    tables = list_activity_tables()
-    makers = [maker for table in tables for maker in (*table.event_rows.values(), table.episode_row) if maker]
-    modules |= {maker.__module__ for maker in (*makers, *(column.compute for column in list_episode_columns()))}
+    for table in list_activity_tables():
+        modules |= {build_row.__module__ for build_row in table.event_rows.values()}
+        if table.episode_row:
+            modules.add(table.episode_row.__module__)
+    modules |= {column.compute.__module__ for column in list_episode_columns()}
     files = {sys.modules[name].__file__ for name in modules if name in sys.modules}
     return tuple(sorted(Path(file) for file in files if file))
 

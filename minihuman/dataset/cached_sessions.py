@@ -138,8 +138,10 @@ def _describe_files(folder: str, prefix: str, known: str) -> str:
 
     ``known`` is as in ``describe_file``.
     """
-    return "\n".join(
-        describe_file(entry.path, entry.stat(), name=f"{os.path.basename(folder)}/{entry.name}", known=known)
-        for entry in sorted(os.scandir(folder or "."), key=lambda entry: entry.name)
-        if entry.name.startswith(prefix) and entry.is_file()
-    )
+    folder_name = os.path.basename(folder)
+    lines = []
+    for entry in sorted(os.scandir(folder or "."), key=lambda entry: entry.name):
+        if entry.name.startswith(prefix) and entry.is_file():
+            name = f"{folder_name}/{entry.name}"
+            lines.append(describe_file(entry.path, entry.stat(), name=name, known=known))
+    return "\n".join(lines)

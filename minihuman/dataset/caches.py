@@ -107,7 +107,13 @@ def describe_cache(file: Path) -> str:
     No other process can write to the file while it is open.
     """
     facts = file.stat()
-    return f"{facts.st_ctime_ns} {describe_file(file, facts).rpartition(' ')[0]}"
+    content = _drop_change_time(describe_file(file, facts))
+    return f"{facts.st_ctime_ns} {content}"
+
+
+def _drop_change_time(line: str) -> str:
+    """Return a file's description without its last field, the system's change time."""
+    return line.rpartition(" ")[0]
 
 
 def read_checked(file: Path) -> frozenset[str]:
@@ -170,13 +176,15 @@ def describe_file(file: str | Path, facts: os.stat_result | None = None, *, name
 
 
 def is_same_content(description: str, other: str) -> bool:
-    """Tell whether two descriptions, with one line per file, are of the same content, whenever it was put there.
+    """Tell whether two descriptions, with one line per file, are of the same content, whenever it was written.
 
     The last field of each line, the system's change time, is ignored.
     """
-    return description == other or [line.rpartition(" ")[0] for line in description.split("\n")] == [
-        line.rpartition(" ")[0] for line in other.split("\n")
-    ]
+    if description == other:
+        return True
+    contents = [_drop_change_time(line) for line in description.split("\n")]
+    other_contents = [_drop_change_time(line) for line in other.split("\n")]
+    return contents == other_contents
 
 
 def _digest_ends(file: str | Path, size: int) -> str:

@@ -69,12 +69,19 @@ def add_info_columns(rows: pa.Table, table: str, columns: Mapping[str, TableColu
     """Return some rows of a table with the columns for JSON keys appended."""
     if not columns:
         return rows
-    texts = rows.column(_JSON_COLUMNS[table].name).to_pylist()
-    objects = [json.loads(text) if text else {} for text in texts]
+    objects = [_parse_object(text) for text in rows.column(_JSON_COLUMNS[table].name).to_pylist()]
     for (key, column), field in zip(columns.items(), build_info_schema(columns), strict=True):
         values = [_convert(content.get(key), column.kind) for content in objects]
         rows = rows.append_column(field, pa.array(values, field.type))
     return rows
+
+
+def _parse_object(text: str | None) -> dict[str, Any]:
+    """Parse the JSON object of a row; an empty cell is an empty object."""
+    if not text:
+        return {}
+    content: dict[str, Any] = json.loads(text)
+    return content
 
 
 def _convert(value: Any, kind: str) -> Any:

@@ -9,7 +9,7 @@ import gc
 import os
 import re
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -94,29 +94,33 @@ def list_readable_logs(
     """
     sessions, companions = _find_sessions(source)
     facts = {path: read_metadata(path, first) for path, first in sessions}
-    find_withdrawn = _withdrawal_finder()
-    gone = set[Path]()
-    of_session: dict[tuple[str, ...], list[Path]] = {}
-    for path, metadata in facts.items():
-        if metadata.get("participant") in find_withdrawn(path):
-            gone.add(path)
-        else:
-            of_session.setdefault(_session_of(metadata) or (str(path),), []).append(path)
+    withdrawn = _find_withdrawn_logs(facts)
     skipped = [SkippedLog(path, SYSTEM_COMPANION) for path in companions]
-    for paths in of_session.values():
-        if len(paths) > 1:
-            paths.sort(key=lambda path: (not _in_place(path, facts[path]), path))
-            skipped += [
-                SkippedLog(path, f"{_which(facts[path])}, as is {paths[0]}; move one of them away")
-                for path in paths[1:]
-            ]
+    skipped += _skip_copies({path: metadata for path, metadata in facts.items() if path not in withdrawn})
     skipped.sort(key=lambda log: log.path)
-    if gone:
-        people = len({facts[path]["participant"] for path in gone})
-        participants = "1 participant" if people == 1 else f"{people} participants"
+    if withdrawn:
+        n_withdrawn = len({facts[path]["participant"] for path in withdrawn})
+        participants = "1 participant" if n_withdrawn == 1 else f"{n_withdrawn} participants"
         skipped.append(SkippedLog(find_containing_folder(source), f"{participants} withdrew: excluded"))
-    unread = gone.union(log.path for log in skipped)
+    unread = withdrawn.union(log.path for log in skipped)
     return [path for path in facts if path not in unread], skipped
+
+
+def _find_withdrawn_logs(facts: Mapping[Path, dict[str, str]]) -> set[Path]:
+    """Find the logs of participants who withdrew; ``facts`` is each log's metadata."""
+    find_withdrawn_codes = _withdrawal_finder()
+    return {path for path, metadata in facts.items() if metadata.get("participant") in find_withdrawn_codes(path)}
+
+
+def _skip_copies(facts: Mapping[Path, dict[str, str]]) -> Iterator[SkippedLog]:
+    """Yield, for sessions that have several logs, all logs but the one in its regular place."""
+    paths_by_session: dict[tuple[str, ...], list[Path]] = {}
+    for path, metadata in facts.items():
+        paths_by_session.setdefault(_session_of(metadata) or (str(path),), []).append(path)
+    for paths in paths_by_session.values():
+        first, *copies = sorted(paths, key=lambda path: (not _in_place(path, facts[path]), path))
+        for path in copies:
+            yield SkippedLog(path, f"{_name_session(facts[path])}, as is {first}; move one of them away")
 
 
 def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
@@ -178,32 +182,37 @@ def list_other_sessions(log: SessionLog) -> list[Path]:
     root = folder.parent if in_place else folder
     if not root.is_dir():
         return []
+    sessions, _ = _find_sessions(root)
+    if not in_place:
+        prefix = f"{own['participant']}_"
+        sessions = [(path, first) for path, first in sessions if first.name.startswith(prefix)]
+    facts = {path: read_first_metadata(first) for path, first in sessions}
     path_by_session: dict[int, Path] = {}
-    named = [
-        session
-        for session in _find_sessions(root)[0]
-        if in_place or session[1].name.startswith(f"{own['participant']}_")
-    ]
-    facts = {path: read_first_metadata(first) for path, first in named}
     for path in sorted(facts, key=lambda path: (not _in_place(path, facts[path]), path)):
         study, participant, session = _session_of(facts[path]) or ("", "", "")
-        if (study, participant) == (own["study"], own["participant"]) and session not in ("", own["session"]):
+        is_of_participant = (study, participant) == (own["study"], own["participant"])
+        if is_of_participant and session not in ("", own["session"]):
             path_by_session.setdefault(int(session), path)
     return [path_by_session[session] for session in sorted(path_by_session)]
 
 
 def _find_sessions(source: Path) -> tuple[list[tuple[Path, Path]], list[Path]]:
-    """Find the paths that ``open_log`` accepts, each with the first file of its session.
+    """Find the paths that ``open_log`` accepts, and other systems' companion files.
 
-    And other systems' companion files.
+    Returns:
+        The paths, each with the first file of its session; and the companion files.
     """
     if source.is_file():
         return [(source, source)], []
     if not source.is_dir():
         raise LogError(f"{source} does not exist; name a session log or a folder of session logs")
     folders = sorted(find_log_folders(source), key=lambda folder: folder[0].parts)
-    sessions = [(folder, files) for folder, names in folders for files in group_sessions(folder, names).values()]
-    logs = [(files[0] if len(files) == 1 else folder, files[0]) for folder, files in sessions]
+    logs = []
+    for folder, names in folders:
+        for files in group_sessions(folder, names).values():
+            first = files[0]
+            path = first if len(files) == 1 else folder  # several segments are read as their folder
+            logs.append((path, first))
     return logs, find_system_companions(folders)
 
 
@@ -224,7 +233,7 @@ def _in_place(path: Path, facts: dict[str, str]) -> bool:
     return folder.parts[-2:] == (participant, session) and (path == folder or stem == f"{participant}_{session}")
 
 
-def _which(facts: dict[str, str]) -> str:
+def _name_session(facts: dict[str, str]) -> str:
     return f"session {facts['session']} of {facts['participant']}, begun {facts.get('started_at', 'some time')}"
 
 
@@ -256,25 +265,31 @@ def map_paths(
     picklable. Only a few results are held in memory at a time.
     """
     paths = list(paths)
-    work_on_batch = partial(_work_on_each, work=work)
     if engine == "ray":
-        yield from _map_with_ray(paths, work_on_batch)
+        yield from _map_with_ray(paths, partial(_work_on_each, work=work))
         return
     if engine != "local":
         raise LogError(f"no engine is called {engine!r}; there are local and ray")
-    n_workers = min(processes or count_processes(), len(paths) // per_process + 1) - 1
-    if not n_workers:
+    n_processes = min(processes or count_processes(), len(paths) // per_process + 1)
+    n_workers = n_processes - 1  # this process works, too
+    if n_workers:
+        yield from _map_with_workers(paths, work, n_workers)
+    else:
         yield from map(work, paths)
-        return
+
+
+def _map_with_workers(paths: list[Path], work: Callable[[Path], T], n_workers: int) -> Iterator[T]:
+    """Yield the result of ``work`` for each log in order, working in this process and in ``n_workers`` others."""
+    work_on_batch = partial(_work_on_each, work=work)
     with ProcessPoolExecutor(n_workers, get_context("spawn"), _settle, (work,)) as pool:
-        waiting: deque[_Batch[T]] = deque()
+        pending: deque[_Batch[T]] = deque()
         for first in range(0, len(paths), _BATCH):
             batch = paths[first : first + _BATCH]
-            waiting.append((batch, pool.submit(work_on_batch, batch)))
-            if len(waiting) >= _AHEAD + 2 * n_workers:
-                yield from _oldest(waiting, work_on_batch)
-        while waiting:
-            yield from _oldest(waiting, work_on_batch)
+            pending.append((batch, pool.submit(work_on_batch, batch)))
+            if len(pending) >= _AHEAD + 2 * n_workers:
+                yield from _take_oldest_batch(pending, work_on_batch)
+        while pending:
+            yield from _take_oldest_batch(pending, work_on_batch)
 
 
 def _map_with_ray(paths: list[Path], work_on_batch: Callable[[list[Path]], list[T]]) -> Iterator[T]:
@@ -302,20 +317,32 @@ def _call(work_on_batch: Callable[[list[Path]], list[T]], paths: list[Path], fol
         return work_on_batch(paths)
 
 
-def _oldest(waiting: "deque[_Batch[T]]", work_on_batch: Callable[[list[Path]], list[T]]) -> list[T]:
-    """Return the results of the oldest batch.
+def _take_oldest_batch(pending: "deque[_Batch[T]]", work_on_batch: Callable[[list[Path]], list[T]]) -> list[T]:
+    """Remove the oldest batch and return its results.
 
     Until it is done, work here on the newest batch that no process has begun.
     """
-    while not waiting[0][1].done():
-        free = next((place for place in reversed(range(len(waiting))) if waiting[place][1].cancel()), None)
-        if free is None:
+    _, oldest = pending[0]
+    while not oldest.done():
+        place = _cancel_newest_batch(pending)
+        if place is None:
             break
-        batch = waiting[free][0]
+        batch, _ = pending[place]
         future = Future[list[T]]()
         future.set_result(work_on_batch(batch))
-        waiting[free] = (batch, future)
-    return waiting.popleft()[1].result()
+        pending[place] = (batch, future)
+        _, oldest = pending[0]
+    pending.popleft()
+    return oldest.result()
+
+
+def _cancel_newest_batch(pending: "deque[_Batch[T]]") -> int | None:
+    """Cancel the newest batch that no process has begun; return its index, or None if all are begun or done."""
+    for place in reversed(range(len(pending))):
+        _, future = pending[place]
+        if future.cancel():
+            return place
+    return None
 
 
 @contextmanager

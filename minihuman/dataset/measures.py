@@ -29,9 +29,13 @@ if TYPE_CHECKING:
 
 def played_ns(episode: EpisodeLog, until_ns: int | None = None) -> int:
     """Return the playing time in nanoseconds, without pauses, from the reset to ``until_ns`` or to the last step."""
-    first = int(episode.t_ns[0])
-    last = int(episode.t_ns[-1]) if until_ns is None else until_ns
-    return last - first - sum(max(0, min(last, end) - max(first, begin)) for begin, end in episode.pauses)
+    first_ns = int(episode.t_ns[0])
+    last_ns = int(episode.t_ns[-1]) if until_ns is None else until_ns
+    paused_ns = 0
+    for begin_ns, end_ns in episode.pauses:
+        overlap_ns = min(last_ns, end_ns) - max(first_ns, begin_ns)
+        paused_ns += max(0, overlap_ns)
+    return last_ns - first_ns - paused_ns
 
 
 def playing_s(episode: EpisodeLog) -> float:
@@ -95,20 +99,25 @@ class PathMeasures(NamedTuple):
 
 def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
     """Measure the paths of several episodes at once, which takes hardly longer than measuring one."""
-    poses = np.concatenate([_APART, *(part for episode in episodes for part in (episode.poses, _APART))])
-    begins = np.cumsum([1, *(len(episode.poses) + 1 for episode in episodes)])
-    covered = _measure_strides(poses)
+    parts = [_APART]
+    for episode in episodes:
+        parts += [episode.poses, _APART]
+    poses = np.concatenate(parts)
+    begins = np.cumsum([1, *(len(episode.poses) + 1 for episode in episodes)])  # 1: the pose that stands apart
+    strides = _measure_strides(poses)
     _, turn_ends, _ = _find_turns(poses)
-    turns = np.bincount(np.searchsorted(begins, turn_ends, side="right") - 1, minlength=len(episodes))
-    walked = []
-    for episode, begin, number in zip(episodes, begins[:-1].tolist(), turns.tolist(), strict=True):
-        length = float(covered[begin : begin + len(episode.poses) - 1].sum())
+    turn_episodes = np.searchsorted(begins, turn_ends, side="right") - 1
+    n_turns = np.bincount(turn_episodes, minlength=len(episodes))
+    measures = []
+    for episode, begin, turns in zip(episodes, begins[:-1].tolist(), n_turns.tolist(), strict=True):
+        n_strides = len(episode.poses) - 1
+        length = float(strides[begin : begin + n_strides].sum())
         if length > _STILL:
             efficiency = net_displacement(episode) / length
         else:
             efficiency = math.nan
-        walked.append(PathMeasures(length, efficiency, number))
-    return walked
+        measures.append(PathMeasures(length, efficiency, turns))
+    return measures
 
 
 def net_displacement(episode: EpisodeLog) -> float:
@@ -295,31 +304,34 @@ def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
     """Summarize the use of every key of each key map, and of every other key that was tried."""
     rows: list[KeyUse] = []
     for key_map, group in _group_by_key_map(tallies):
-        presses, refused, steps, ineffective_steps = (
-            _total(getattr(tally, name) for tally in group)
-            for name in ("presses", "refused", "steps", "ineffective_steps")
-        )
-        discoveries = _find_discoveries(group)
-        further_keys = {*key_map.spare_keys, *+presses, *+steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
-        for key in (*sorted(key_map.keys), *sorted(further_keys)):
-            action = key_map.keys.get(key)
-            discovered_s, discovered_steps = _UNDISCOVERED
-            if action is not None:
-                discovered_s, discovered_steps = discoveries.get(key, _UNDISCOVERED)
-            rows.append(
-                KeyUse(
-                    key=key,
-                    action=action,
-                    first_episode=group[0].episode.number,
-                    presses=presses[key],
-                    steps=steps[key],
-                    ineffective_steps=ineffective_steps[key],
-                    refused=refused[key],
-                    discovered_s=discovered_s,
-                    discovered_steps=discovered_steps,
-                )
-            )
+        rows += _summarize_key_map(key_map, group)
     return tuple(rows)
+
+
+def _summarize_key_map(key_map: KeyMap, group: Sequence[KeyTally]) -> Iterator[KeyUse]:
+    """Yield the use of each key in the episodes that were played with one key map."""
+    presses = _total(tally.presses for tally in group)
+    refused = _total(tally.refused for tally in group)
+    steps = _total(tally.steps for tally in group)
+    ineffective_steps = _total(tally.ineffective_steps for tally in group)
+    discoveries = _find_discoveries(group)
+    further_keys = {*key_map.spare_keys, *+presses, *+steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
+    for key in (*sorted(key_map.keys), *sorted(further_keys)):
+        action = key_map.keys.get(key)
+        discovered_s, discovered_steps = _UNDISCOVERED
+        if action is not None:
+            discovered_s, discovered_steps = discoveries.get(key, _UNDISCOVERED)
+        yield KeyUse(
+            key=key,
+            action=action,
+            first_episode=group[0].episode.number,
+            presses=presses[key],
+            steps=steps[key],
+            ineffective_steps=ineffective_steps[key],
+            refused=refused[key],
+            discovered_s=discovered_s,
+            discovered_steps=discovered_steps,
+        )
 
 
 def key_discovery_times(tallies: Sequence[KeyTally]) -> list[float | None]:
@@ -327,7 +339,9 @@ def key_discovery_times(tallies: Sequence[KeyTally]) -> list[float | None]:
     times_s: list[float | None] = []
     for key_map, group in _group_by_key_map(tallies):
         discoveries = _find_discoveries(group)
-        times_s += [discoveries.get(key, _UNDISCOVERED)[0] for key in key_map.keys]
+        for key in key_map.keys:
+            discovered_s, _ = discoveries.get(key, _UNDISCOVERED)
+            times_s.append(discovered_s)
     return times_s
 
 

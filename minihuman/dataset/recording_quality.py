@@ -96,28 +96,22 @@ class PlanOutline(msgspec.Struct, frozen=True):
 
 def measure_recording_quality(log: SessionLog) -> RecordingQuality:
     """Measure the recording quality of one session."""
-    waited_ms = [np.asarray(segment.keys.column("waited_ns")) / _NS_PER_MS for segment in log.segments]
-    down = [np.asarray(segment.keys.column("down"), bool) for segment in log.segments]
-    pressed = _concatenate(segment_waits_ms[is_down] for segment_waits_ms, is_down in zip(waited_ms, down, strict=True))
-    to_flip = list_key_to_flip_ms(log)
-    if to_flip.size:
-        spread = tuple(float(percentile_ms) for percentile_ms in np.percentile(to_flip, (50, 95, 99)))
-    else:
-        spread = (np.nan,) * 3
+    press_waits_ms = _measure_press_waits_ms(log)
     pauses = [pause for segment in log.segments for pause in segment.pauses]
+    paused_ns = sum(end_ns - begin_ns for begin_ns, end_ns in pauses)
     periods = [_count_periods(episode, pauses) for episode in log.episodes]
     return RecordingQuality(
         participant=log.plan.participant.id,
         session=log.plan.session,
-        presses=int(pressed.size),
-        late=int((pressed > LATE_MS).sum()),
-        latest_ms=float(pressed.max()) if pressed.size else np.nan,
+        presses=int(press_waits_ms.size),
+        late=int((press_waits_ms > LATE_MS).sum()),
+        latest_ms=float(press_waits_ms.max()) if press_waits_ms.size else np.nan,
         steps=sum(len(episode.actions) for episode in log.episodes),
         pictures_missing=sum(_count_missing_pictures(episode) for episode in log.episodes),
-        key_to_flip_ms=(spread[0], spread[1], spread[2]),
-        focus_lost=sum(isinstance(note, Noted) and (note.kind, note.text) == ("focus", "lost") for note in log.notes),
+        key_to_flip_ms=_measure_flip_percentiles_ms(log),
+        focus_lost=sum(_is_focus_loss(note) for note in log.notes),
         pauses=len(pauses),
-        paused_s=sum(end_ns - begin_ns for begin_ns, end_ns in pauses) / 1e9,
+        paused_s=paused_ns / 1e9,
         segments=len(log.segments),
         clean=log.clean,
         displays=_list_station_facts(log, _DISPLAY),
@@ -128,10 +122,36 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
     )
 
 
+def _measure_press_waits_ms(log: SessionLog) -> NDArray[np.float64]:
+    """Return how long each key press of a session waited until it was read, in milliseconds."""
+    waits_ms = []
+    for segment in log.segments:
+        is_down = np.asarray(segment.keys.column("down"), bool)
+        waits_ms.append(np.asarray(segment.keys.column("waited_ns"))[is_down] / _NS_PER_MS)
+    return _concatenate(waits_ms)
+
+
+def _measure_flip_percentiles_ms(log: SessionLog) -> tuple[float, float, float]:
+    """Return the median, 95th and 99th percentile of the time from key to flip, in milliseconds; NaN if unknown."""
+    to_flip_ms = list_key_to_flip_ms(log)
+    if not to_flip_ms.size:
+        return (np.nan, np.nan, np.nan)
+    median_ms, p95_ms, p99_ms = np.percentile(to_flip_ms, (50, 95, 99)).tolist()
+    return (median_ms, p95_ms, p99_ms)
+
+
+def _is_focus_loss(note: object) -> bool:
+    return isinstance(note, Noted) and note.kind == "focus" and note.text == "lost"
+
+
 def _list_station_facts(log: SessionLog, names: Sequence[str]) -> tuple[dict[str, str], ...]:
     """List the named facts of the stations on which the session's segments were played, without duplicates."""
-    station_facts = [{name: segment.facts[name] for name in names if name in segment.facts} for segment in log.segments]
-    return tuple(facts for place, facts in enumerate(station_facts) if facts not in station_facts[:place])
+    station_facts: list[dict[str, str]] = []
+    for segment in log.segments:
+        facts = {name: segment.facts[name] for name in names if name in segment.facts}
+        if facts not in station_facts:
+            station_facts.append(facts)
+    return tuple(station_facts)
 
 
 def list_key_to_flip_ms(log: SessionLog) -> NDArray[np.float64]:

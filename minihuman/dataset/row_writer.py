@@ -83,16 +83,11 @@ class RowWriter:
     def _store_planned_digests(self, former: Mapping[int, Sequence[int]]) -> None:
         """Store new digests of the tables that changed, keeping the former digests of the others."""
         digests = {name: self._tables.digest_rows(name) for name in PLANNED_TABLES}
-        stored = [
-            {
-                "log": number,
-                "row_digests": [
-                    digests[name].get(number, 0) if name in digests else old
-                    for name, old in zip(TABLES, row_digests, strict=True)
-                ],
-            }
-            for number, row_digests in former.items()
-        ]
+        stored = []
+        for number, former_digests in former.items():
+            by_table = dict(zip(TABLES, former_digests, strict=True))
+            by_table |= {name: of_table.get(number, 0) for name, of_table in digests.items()}
+            stored.append({"log": number, "row_digests": list(by_table.values())})
         new = pa.Table.from_pylist(stored, _ROW_DIGESTS)  # noqa: F841 - SQL reads it
         self._tables.connection.execute(
             "UPDATE kept.logs SET with_shortest = true, row_digests = new.row_digests, digest = NULL "
@@ -110,9 +105,11 @@ class RowWriter:
         numbered = iter(enumerate(zip(logs.items(), sessions, strict=True), last + 1))
         for _ in range(0, len(logs), SESSIONS_PER_COMMIT):
             with transaction(self._tables.connection):
-                self._insert(islice(numbered, SESSIONS_PER_COMMIT))
+                self._insert_sessions(islice(numbered, SESSIONS_PER_COMMIT))
 
-    def _insert(self, sessions: Iterable[tuple[int, tuple[tuple[str, ListedLog], SessionRows | SkippedLog]]]) -> None:
+    def _insert_sessions(
+        self, sessions: Iterable[tuple[int, tuple[tuple[str, ListedLog], SessionRows | SkippedLog]]]
+    ) -> None:
         """Store the rows of some sessions, or why their logs cannot be read.
 
         Only few sessions are in memory at a time.
@@ -133,7 +130,12 @@ class RowWriter:
                     yield number, session.rows
 
         digests = self._tables.insert(list_rows())
-        none = [0] * len(TABLES)
+        self._insert_log_lines(lines, digests)
+        self._digest_logs()
+
+    def _insert_log_lines(self, lines: Mapping[int, _LogLine], digests: Mapping[int, list[int]]) -> None:
+        """Store what is known of each log and the digests of its rows; a log that cannot be read has no rows."""
+        no_digests = [0] * len(TABLES)
         self._tables.connection.executemany(
             "INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?, ?, ?, NULL)",
             [
@@ -142,7 +144,7 @@ class RowWriter:
                     line.key,
                     line.fingerprint,
                     self._with_shortest,
-                    digests.get(number, none),
+                    digests.get(number, no_digests),
                     line.metadata,
                     line.about,
                     line.facts,
@@ -150,7 +152,6 @@ class RowWriter:
                 for number, line in lines.items()
             ],
         )
-        self._digest_logs()
 
     def _describe(self, session: SessionRows | SkippedLog) -> tuple[CachedSession, bytes | None]:
         """Return a session's cache entry and its encoded episode facts; the facts are None for an unreadable log."""

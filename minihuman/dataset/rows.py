@@ -63,7 +63,9 @@ class RowBatch:
             return cls(0, shared)
         filled = [part for part in parts if part.count]
         counts = [part.count for part in filled]
-        columns = {name: _stack_columns([part.columns[name] for part in filled], counts) for name in parts[0].columns}
+        columns = {}
+        for name in parts[0].columns:
+            columns[name] = _stack_columns([part.columns[name] for part in filled], counts)
         return cls(sum(counts), columns | shared)
 
 
@@ -114,16 +116,17 @@ def arrow_columns(name: str, parts: Sequence[RowBatch]) -> list[pa.Array]:
 
 def _arrow_column(kind: TableColumnType, values: Any) -> pa.Array:
     if kind == "key":
-        return _texts(values, table_key_name)
+        return _encode_texts(values, table_key_name)
     if kind == "text":
-        return _texts(values, str)
-    return _numbers(values, _ARROW[kind])
+        return _encode_texts(values, str)
+    return _encode_numbers(values, _ARROW[kind])
 
 
 # from their bytes, as pa.array would import pandas, half a second, to see that it was given nothing of that
 
 
-def _texts(values: CategoricalTexts | list[str | None], name: Callable[[str], str]) -> pa.DictionaryArray:
+def _encode_texts(values: CategoricalTexts | list[str | None], name: Callable[[str], str]) -> pa.DictionaryArray:
+    """Encode a column of texts as an Arrow dictionary; ``name`` gives the text that is written for each category."""
     if isinstance(values, list):
         words = CategoricalTexts.of(value or "" for value in values)
     else:
@@ -145,18 +148,20 @@ def as_int64(numbers: NDArray[np.integer[Any]]) -> pa.Array:
     return pa.Array.from_buffers(pa.int64(), len(numbers), [None, pa.py_buffer(numbers.astype(np.int64, copy=False))])
 
 
-def _numbers(values: NDArray[Any] | list[float | None], kind: pa.DataType) -> pa.Array:
+def _encode_numbers(values: NDArray[Any] | list[float | None], kind: pa.DataType) -> pa.Array:
+    """Encode a column of numbers as an Arrow array; None and NaN are missing."""
     dtype = _NUMPY[kind]
     numbers: NDArray[Any]
     if isinstance(values, list):
         missing = np.array([value is None for value in values], np.bool_)
-        numbers = np.array([0 if value is None else value for value in values], dtype)
+        numbers = np.array([value or 0 for value in values], dtype)
     else:
         missing = np.isnan(values)
         numbers = values.astype(dtype, copy=False)
-    bits = np.packbits(numbers, bitorder="little") if dtype is np.bool_ else numbers
+    if dtype is np.bool_:
+        numbers = np.packbits(numbers, bitorder="little")
     if missing.any():
         validity = pa.py_buffer(np.packbits(~missing, bitorder="little"))
     else:
         validity = None
-    return pa.Array.from_buffers(kind, len(values), [validity, pa.py_buffer(bits)])
+    return pa.Array.from_buffers(kind, len(values), [validity, pa.py_buffer(numbers)])

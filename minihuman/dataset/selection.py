@@ -66,15 +66,16 @@ def check_exclusion_measures(exclusions: Sequence[ExclusionSpec], source: str) -
         ReportError: in one line, with the source, the path of the rule and the existing measures.
     """
     for number, rule in enumerate(exclusions):
-        known = [column.name for column in _COLUMNS[rule.level] if column.kind in ("integer", "number", "boolean")]
+        place = f"{source}: $.exclusions[{number}]"
         if rule.level != "episode" and (rule.where or rule.measured_label):
-            raise ReportError(f"{source}: $.exclusions[{number}]: a participant has no labels; use level = 'episode'")
-        if rule.question and rule.level == "participant":
+            raise ReportError(f"{place}: a participant has no labels; use level = 'episode'")
+        if rule.measured_label or (rule.question and rule.level == "participant"):
             continue
-        if rule.measure not in known and not rule.measured_label:
+        known = [column.name for column in _COLUMNS[rule.level] if column.kind in ("integer", "number", "boolean")]
+        if rule.measure not in known:
+            level = "an episode" if rule.level == "episode" else "a participant"
             raise ReportError(
-                f"{source}: $.exclusions[{number}].measure: {rule.measure!r} is not a measure of "
-                f"{'an episode' if rule.level == 'episode' else 'a participant'}; use one of {', '.join(known)}"
+                f"{place}.measure: {rule.measure!r} is not a measure of {level}; use one of {', '.join(known)}"
             )
 
 
@@ -355,13 +356,13 @@ class Selection:
         if any(rule.exclusion.level == "participant" for rule in rules):
             of_session = self._find_participant_reason(log, of_session)
         selected = [
-            self._asks_for(log, episode, tags) for episode, tags in zip(log.episodes, episode_tags, strict=True)
+            self._selects_episode(log, episode, tags) for episode, tags in zip(log.episodes, episode_tags, strict=True)
         ]
         # a session without episodes is not selected by properties of episodes
         if log.episodes:
             is_selected = any(selected)
         else:
-            is_selected = self._is_of(log) and not (self.outcome or self.block or self.only)
+            is_selected = self._selects_session(log) and not (self.outcome or self.block or self.only)
         return SelectedSession(
             log, tuple(episode_tags), tuple(selected), tuple(reasons), is_selected, marks, of_session
         )
@@ -377,7 +378,9 @@ class Selection:
 
         An empty string means that there is no reason.
         """
-        reasons = [self._reason(episode, tags) for episode, tags in zip(log.episodes, episode_tags, strict=True)]
+        reasons = [
+            self._find_episode_reason(episode, tags) for episode, tags in zip(log.episodes, episode_tags, strict=True)
+        ]
         if not rules or measured is None:
             return reasons, ""
         reasons = [
@@ -434,22 +437,25 @@ class Selection:
             return tuple(rule for rule in rules if not rule.exclusion.question)
         return rules
 
-    def _asks_for(self, log: SessionLog, episode: EpisodeLog, tags: frozenset[str]) -> bool:
-        return (
-            (not self.outcome or episode.outcome_word in self.outcome)
-            and (not self.block or episode.plan.block_name in self.block)
-            and self._is_of(log)
-            and (not self.only or bool(tags & set(self.only)))
-        )
+    def _selects_episode(self, log: SessionLog, episode: EpisodeLog, tags: frozenset[str]) -> bool:
+        if self.outcome and episode.outcome_word not in self.outcome:
+            return False
+        if self.block and episode.plan.block_name not in self.block:
+            return False
+        if self.only and tags.isdisjoint(self.only):
+            return False
+        return self._selects_session(log)
 
-    def _is_of(self, log: SessionLog) -> bool:
+    def _selects_session(self, log: SessionLog) -> bool:
         return (not self.participant or log.plan.participant.id in self.participant) and (
             not self.version or any(matches_version(log.plan, version) for version in self.version)
         )
 
-    def _reason(self, episode: EpisodeLog, tags: frozenset[str]) -> str:
-        if unwanted := tags & (({EXCLUDE} | set(self.without)) - set(self.with_)):
-            return f"tagged {' '.join(sorted(unwanted))}"
+    def _find_episode_reason(self, episode: EpisodeLog, tags: frozenset[str]) -> str:
+        """Return why an episode is excluded by its tags or its outcome; "" if it is not."""
+        unwanted_tags = tags & (({EXCLUDE} | set(self.without)) - set(self.with_))
+        if unwanted_tags:
+            return f"tagged {' '.join(sorted(unwanted_tags))}"
         if episode.outcome_word in UNFINISHED_OUTCOMES and UNFINISHED not in self.with_:
             if episode.outcome == "agent_failed":
                 return AGENT_FAILED
@@ -463,16 +469,17 @@ def summarize_session(log: SessionLog) -> MeasureRow:
     ``completed_share`` is the share of the planned episodes.
     """
     completed = {episode.number for episode in log.episodes if episode.outcome_word not in UNFINISHED_OUTCOMES}
-    skipped = sum(event.count for event in log.part_events if isinstance(event, EpisodesSkipped))
-    planned = len(log.plan.episodes) - skipped
+    n_skipped = sum(event.count for event in log.part_events if isinstance(event, EpisodesSkipped))
+    n_planned = len(log.plan.episodes) - n_skipped
+    window = log.segments[0].facts.get("window", "") if log.segments else ""
     return {
         "player": log.player,
         "evidence": find_evidence(log.facts),
-        "window": log.segments[0].facts.get("window", "") if log.segments else "",
+        "window": window,
         "started_at": log.started_at,
         "end_reason": log.end_reason,
         "clean": log.clean,
         "segments": len(log.segments),
         "clock_notes": sum(isinstance(note, Noted) and note.is_about_clock for note in log.notes),
-        "completed_share": len(completed) / planned if planned else None,
+        "completed_share": len(completed) / n_planned if n_planned else None,
     }

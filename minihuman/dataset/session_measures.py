@@ -2,13 +2,13 @@
 
 import json
 import math
-import operator
 import statistics
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minihuman.dataset.measures import (
     KeyTally,
@@ -61,7 +61,7 @@ class SessionMeasures:
         The discovery time of a key does not depend on which episodes are included: it is computed from all episodes
         that were begun in the same blocks.
         """
-        return _aggregate(
+        return _aggregate_episodes(
             [self.rows[place] for place in places],
             [self.tallies[place] for place in places],
             self.select_blocks({self.rows[place]["block"] for place in places}),
@@ -104,10 +104,12 @@ def locate_episode(episode: EpisodeLog) -> MeasureRow:
 
 
 def _measure_episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
+    """Return an episode's row of measures, from its key tally and its path."""
     episode = tally.episode
     plan = episode.plan
     mean_ms, median_ms = mean_and_median(episode.rt_ms)
     response_mean_ms, response_median_ms = mean_and_median(response_ms(episode))
+    labels = json.dumps(plan.labels, sort_keys=True, ensure_ascii=False) if plan.labels else ""
     return locate_episode(episode) | {
         "episode_in_block": plan.episode_in_block + 1,
         "world": plan.world,
@@ -129,7 +131,7 @@ def _measure_episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
         "ineffective_steps": tally.ineffective_steps.total(),
         "refused": tally.refused.total(),
         "absent_share": None if episode.team is None else episode.team.absent_share,
-        "labels": json.dumps(plan.labels, sort_keys=True, ensure_ascii=False) if plan.labels else "",
+        "labels": labels,
     }
 
 
@@ -148,21 +150,14 @@ def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) 
     }
 
 
-def _aggregate(
+def _aggregate_episodes(
     rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun_tallies: Sequence[KeyTally]
 ) -> MeasureRow:
     """Aggregate the included episodes of a block or a session; None where a measure is unknown."""
     rewards = [row["reward"] for row in rows]
     steps = [row["steps"] for row in rows]
-    times_ms, responses_ms = (
-        mean_and_median(np.concatenate([np.zeros(0), *(measure_ms(tally.episode) for tally in tallies)]))
-        for measure_ms in (operator.attrgetter("rt_ms"), response_ms)
-    )
-    to_find = key_discovery_times(begun_tallies)
-    discovered = [discovered_s for discovered_s in to_find if discovered_s is not None]
-    all_keys_discovered_s: float | None = None
-    if discovered and len(discovered) == len(to_find):
-        all_keys_discovered_s = max(discovered)
+    n_steps = sum(steps)
+    n_ineffective = sum(row["ineffective_steps"] for row in rows)
     return {
         "episodes": len(rows),
         "success": _mean([row["success"] for row in rows]),
@@ -174,13 +169,31 @@ def _aggregate(
         "steps_at_limit_mean": _mean(map(_steps_at_limit, rows)),
         **average_path_measures(rows),
         "playing_s_mean": _mean([row["playing_s"] for row in rows]),
-        "reaction_median_ms": times_ms[1],
-        "response_median_ms": responses_ms[1],
+        "reaction_median_ms": _find_median_ms(tally.episode.rt_ms for tally in tallies),
+        "response_median_ms": _find_median_ms(response_ms(tally.episode) for tally in tallies),
         "path_efficiency_mean": _mean([row["path_efficiency"] for row in rows]),
-        "ineffective_share": sum(row["ineffective_steps"] for row in rows) / sum(steps) if sum(steps) else None,
+        "ineffective_share": n_ineffective / n_steps if n_steps else None,
         "refused": sum(row["refused"] for row in rows),
-        "keys_discovered": len(discovered),
-        "keys_total": len(to_find),
+        **_aggregate_key_discoveries(begun_tallies),
+    }
+
+
+def _find_median_ms(times_ms: Iterable[NDArray[np.float64]]) -> float | None:
+    """Return the median of the times of several episodes, in milliseconds; None if there are none."""
+    _, median_ms = mean_and_median(np.concatenate([np.zeros(0), *times_ms]))
+    return median_ms
+
+
+def _aggregate_key_discoveries(begun_tallies: Sequence[KeyTally]) -> MeasureRow:
+    """Return how many keys were discovered, and how long it took to discover all of them."""
+    times_s = key_discovery_times(begun_tallies)
+    discovered_s = [time_s for time_s in times_s if time_s is not None]
+    all_keys_discovered_s: float | None = None
+    if discovered_s and len(discovered_s) == len(times_s):
+        all_keys_discovered_s = max(discovered_s)
+    return {
+        "keys_discovered": len(discovered_s),
+        "keys_total": len(times_s),
         "all_keys_discovered_s": all_keys_discovered_s,
     }
 

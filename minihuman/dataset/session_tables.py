@@ -4,6 +4,7 @@ Stored observations do not become rows; exporters read them.
 """
 
 import json
+import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
@@ -57,36 +58,28 @@ def build_context_rows(
         return dict.fromkeys(_TABLE_BUILDERS, RowBatch(0, {}))
     attempts = Counter(episode.number for episode in log.episodes)
     channels = _channels(log)
-    return {
-        "segments": RowBatch.of([{**session_key, **_segment(segment, log)} for segment in log.segments]),
-        "plan": RowBatch.of(
-            [{**session_key, **_planned(plan, attempts[plan.episode + 1])} for plan in log.plan.episodes]
-        ),
-        "starts": RowBatch.of([{**session_key, **_place(episode), **_start(episode)} for episode in episodes]),
-        "frames": RowBatch.stack([_frames(episode) for episode in episodes], **session_key),
-        "other_presses": RowBatch.stack(
-            [_other_presses(segment, log.episodes) for segment in log.segments], **session_key
-        ),
-        "notes": RowBatch.of(
-            [
-                {**session_key, "segment": segment.number, **_note(note)}
-                for segment in log.segments
-                for note in segment.notes
-            ]
-        ),
-        "samples": RowBatch.of(
-            [
-                {**session_key, "segment": segment.number, **row}
-                for segment in log.segments
-                for sampled in segment.samples
-                for row in _sample(sampled, channels)
-            ]
-        ),
-        "marks": RowBatch.of([{**session_key, **msgspec.structs.asdict(mark)} for mark in marks]),
+    rows: dict[str, list[TableRow]] = {
+        "segments": [_segment_row(segment, log) for segment in log.segments],
+        "plan": [_plan_row(plan, attempts[plan.episode + 1]) for plan in log.plan.episodes],
+        "starts": [_place(episode) | _start_row(episode) for episode in episodes],
+        "notes": [],
+        "samples": [],
+        "marks": [msgspec.structs.asdict(mark) for mark in marks],
     }
+    for segment in log.segments:
+        place = {"segment": segment.number}
+        rows["notes"] += [place | _note_row(note) for note in segment.notes]
+        for sampled in segment.samples:
+            rows["samples"] += [place | row for row in _sample_rows(sampled, channels)]
+    frames = [_frame_rows(episode) for episode in episodes]
+    other_presses = [_other_press_rows(segment, log.episodes) for segment in log.segments]
+    batches = {name: RowBatch.of([{**session_key, **row} for row in of_table]) for name, of_table in rows.items()}
+    batches["frames"] = RowBatch.stack(frames, **session_key)
+    batches["other_presses"] = RowBatch.stack(other_presses, **session_key)
+    return batches
 
 
-def _segment(segment: Segment, log: SessionLog) -> TableRow:
+def _segment_row(segment: Segment, log: SessionLog) -> TableRow:
     plan = log.plan
     return {
         "segment": segment.number,
@@ -112,7 +105,7 @@ def _segment(segment: Segment, log: SessionLog) -> TableRow:
     }
 
 
-def _planned(plan: EpisodePlan, attempts: int) -> TableRow:
+def _plan_row(plan: EpisodePlan, attempts: int) -> TableRow:
     return {
         "block": plan.block_name,
         "episode": plan.episode + 1,
@@ -145,28 +138,32 @@ def _place(episode: EpisodeLog) -> TableRow:
     }
 
 
-def _start(episode: EpisodeLog) -> TableRow:
-    x, _, z, yaw_rad = (None if np.isnan(value) else float(value) for value in episode.poses[0])
-    floor = episode.start.map
-    return {
+def _start_row(episode: EpisodeLog) -> TableRow:
+    x, _, z, yaw_rad = [None if math.isnan(number) else number for number in episode.poses[0].tolist()]
+    row = {
         "t_ns": int(episode.t_ns[0]),
         "mission": episode.start.mission,
         "x": x,
         "z": z,
         "yaw_rad": yaw_rad,
-        "unit": floor.unit if floor else "",
-        "map": msgspec.json.encode(floor).decode() if floor else "",
+        "unit": "",
+        "map": "",
         "end_ns": int(episode.t_ns[-1]),
     }
+    floor = episode.start.map
+    if floor:
+        row["unit"] = floor.unit
+        row["map"] = msgspec.json.encode(floor).decode()
+    return row
 
 
-def _frames(episode: EpisodeLog) -> RowBatch:
+def _frame_rows(episode: EpisodeLog) -> RowBatch:
     frames = episode.frames
     columns = {name: frames.column(name) for name in ("step", "submit_ns", "flip_ns")}
     return RowBatch(len(frames), _place(episode) | columns)
 
 
-def _other_presses(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch:
+def _other_press_rows(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch:
     """Return a segment's key events that happened outside its episodes."""
     keys = segment.keys
     outside = np.ones(len(keys), bool)
@@ -179,7 +176,7 @@ def _other_presses(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch
     return RowBatch(len(rows), {"segment": segment.number} | columns)
 
 
-def _note(note: SegmentNote) -> TableRow:
+def _note_row(note: SegmentNote) -> TableRow:
     match note:
         case Paused():
             return {"t_ns": note.t_ns, "kind": "pause", "note": note.reason}
@@ -188,16 +185,17 @@ def _note(note: SegmentNote) -> TableRow:
     return {"t_ns": note.t_ns, "kind": note.kind, "note": note.text}
 
 
-def _sample(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[TableRow]:
+def _sample_rows(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[TableRow]:
     """Build a row for each number of a sample; a single row without a number if the sample has none."""
     names = channels.get(sampled.device, ())
     shared = {"t_ns": sampled.t_ns, "device": sampled.device, "said": sampled.text}
     if not sampled.values:
         return [shared | {"channel": "", "value": None}]
-    return [
-        shared | {"channel": names[place] if place < len(names) else str(place + 1), "value": value}
-        for place, value in enumerate(sampled.values)
-    ]
+    rows = []
+    for place, number in enumerate(sampled.values):
+        channel = names[place] if place < len(names) else str(place + 1)
+        rows.append(shared | {"channel": channel, "value": number})
+    return rows
 
 
 def _channels(log: SessionLog) -> dict[str, tuple[str, ...]]:
@@ -338,25 +336,24 @@ def build_session_tables(session: SelectedSession, measured: SessionMeasures) ->
     places = [place for place, is_selected in enumerate(session.selected) if is_selected]
     played = [log.episodes[place] for place in places]
     blocks = dict.fromkeys(episode.plan.block_name for episode in played)
-    participants: list[MeasureRow] = []
-    if session.is_selected:
-        participants = [session_key | _participant(session, measured, places)]
-    return SessionTables(
-        {
-            "steps": RowBatch.stack([_steps(episode) for episode in played], **session_key),
-            "presses": RowBatch.stack([_presses(episode) for episode in played], **session_key),
-            "keys": RowBatch.of([session_key | row for row in _keys(measured.select_blocks(blocks.keys()))]),
-            "episodes": RowBatch.of([session_key | _episode(session, measured, place) for place in places]),
-            "blocks": RowBatch.of([session_key | _block(session, measured, places, name) for name in blocks]),
-            "participants": RowBatch.of(participants),
-        }
-        | build_context_rows(log, played, session_key, session.marks, is_selected=session.is_selected)
-        | build_activity_rows(log, session_key, is_selected=session.is_selected)
-        | build_episode_rows(played, session_key)
-    )
+    rows: dict[str, list[MeasureRow]] = {
+        "keys": _key_rows(measured.select_blocks(blocks.keys())),
+        "episodes": [_episode_row(session, measured, place) for place in places],
+        "blocks": [_block_row(session, measured, places, name) for name in blocks],
+        "participants": [_participant_row(session, measured, places)] if session.is_selected else [],
+    }
+    batches = {
+        "steps": RowBatch.stack([_step_rows(episode) for episode in played], **session_key),
+        "presses": RowBatch.stack([_press_rows(episode) for episode in played], **session_key),
+    }
+    batches |= {name: RowBatch.of([session_key | row for row in of_table]) for name, of_table in rows.items()}
+    batches |= build_context_rows(log, played, session_key, session.marks, is_selected=session.is_selected)
+    batches |= build_activity_rows(log, session_key, is_selected=session.is_selected)
+    batches |= build_episode_rows(played, session_key)
+    return SessionTables(batches)
 
 
-def _episode(session: SelectedSession, measured: SessionMeasures, place: int) -> MeasureRow:
+def _episode_row(session: SelectedSession, measured: SessionMeasures, place: int) -> MeasureRow:
     columns = {
         "tags": " ".join(sorted(session.tags[place])),
         "exclusion_reason": session.session_reason or session.reasons[place],
@@ -364,7 +361,7 @@ def _episode(session: SelectedSession, measured: SessionMeasures, place: int) ->
     return measured.rows[place] | compute_episode_columns(session.log.episodes[place]) | columns
 
 
-def _block(session: SelectedSession, measured: SessionMeasures, places: Sequence[int], name: str) -> MeasureRow:
+def _block_row(session: SelectedSession, measured: SessionMeasures, places: Sequence[int], name: str) -> MeasureRow:
     """Build a block's row from the included episodes among those at ``places``."""
     included = [place for place in places if not session.reasons[place] and measured.rows[place]["block"] == name]
     return (
@@ -374,7 +371,7 @@ def _block(session: SelectedSession, measured: SessionMeasures, places: Sequence
     )
 
 
-def _participant(session: SelectedSession, measured: SessionMeasures, places: Sequence[int]) -> MeasureRow:
+def _participant_row(session: SelectedSession, measured: SessionMeasures, places: Sequence[int]) -> MeasureRow:
     """Build the participant's row from the included episodes among those at ``places``, without practice blocks."""
     practice = find_practice_blocks(session.log.plan)
     analysed = [
@@ -395,7 +392,7 @@ def _exclusion_reason(session: SelectedSession, *, counts: bool) -> str:
     return NO_EPISODE_INCLUDED
 
 
-def _steps(episode: EpisodeLog) -> RowBatch:
+def _step_rows(episode: EpisodeLog) -> RowBatch:
     n = len(episode.actions)
     columns = {
         "step": np.arange(1, n + 1),
@@ -427,7 +424,7 @@ def _encode_steps(n: int, records: NDArray[np.float64] | Sequence[Any] | None) -
     return CategoricalTexts.of([_json(record) for record in records])
 
 
-def _presses(episode: EpisodeLog) -> RowBatch:
+def _press_rows(episode: EpisodeLog) -> RowBatch:
     keys = episode.keys
     columns = {
         "t_ns": keys.column("t_ns"),
@@ -440,7 +437,7 @@ def _presses(episode: EpisodeLog) -> RowBatch:
     return RowBatch(len(keys), locate_episode(episode) | columns)
 
 
-def _keys(tallies: Sequence[KeyTally]) -> list[MeasureRow]:
+def _key_rows(tallies: Sequence[KeyTally]) -> list[MeasureRow]:
     plans = [tally.episode.plan for tally in tallies]
     blocks = {plan.episode + 1: plan.block_name for plan in plans}
     return [

@@ -78,7 +78,7 @@ class StudySessions:
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
         """
-        return self._go_through(self.selection.judge, processes=1)
+        return self._work_on_logs(self.selection.judge, processes=1)
 
     def each(self, work: Callable[[SelectedSession], T]) -> Iterator[T]:
         """Yield the result of ``work`` for each session with an included episode, working on several in parallel.
@@ -88,7 +88,7 @@ class StudySessions:
         Raises:
             LogError: as for ``__iter__``.
         """
-        for result in self._go_through(partial(_process_session, self.selection, work), processes=self.processes):
+        for result in self._work_on_logs(partial(_process_session, self.selection, work), processes=self.processes):
             self.account.add(result.account)
             yield from result.outputs
 
@@ -100,12 +100,13 @@ class StudySessions:
             ReportError: if a protocol excludes by a measure that does not exist.
         """
         work = partial(read_session_rows, selection=self.selection, with_shortest=with_shortest)
-        for session in self._go_through(work, processes=self.processes):
+        for session in self._work_on_logs(work, processes=self.processes):
             self.account.add(session.account)
             if session.rows.count("participants"):
                 yield session
 
-    def _go_through(self, work: Callable[[SessionLog], T], *, processes: int | None) -> Iterator[T]:
+    def _work_on_logs(self, work: Callable[[SessionLog], T], *, processes: int | None) -> Iterator[T]:
+        """Yield the result of ``work`` for each readable log, noting the logs that are skipped."""
         paths, skipped = list_readable_logs(self.source)
         for log in skipped:
             self.skip(log)
@@ -115,10 +116,10 @@ class StudySessions:
                 if not self.source.is_dir():
                     raise LogError(outcome.reason)
                 self.skip(outcome)
-            else:
-                if isinstance(outcome, SelectedSession):
-                    self.account.take(outcome)
-                yield outcome
+                continue
+            if isinstance(outcome, SelectedSession):
+                self.account.take(outcome)
+            yield outcome
 
     def skip(self, log: SkippedLog) -> None:
         """Record a log that cannot be read in the account, and report it with ``say``."""

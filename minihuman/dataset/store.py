@@ -77,8 +77,8 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         self._file = StoreFile(sessions)
         self.tables = self._file.open_database(read_only=True)
         try:
-            logs = self._update()
-            self._account(logs, include_readable=with_account)
+            logs = self._list_and_refresh()
+            self._fill_account(logs, include_readable=with_account)
             self._known = {}
         except duckdb.Error as error:
             self.close()
@@ -108,7 +108,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _update(self) -> dict[str, ListedLog]:
+    def _list_and_refresh(self) -> dict[str, ListedLog]:
         """List the logs and bring the rows up to date, in a temporary file if the study's own fails."""
         self._described = describe_cache(self.tables.path)
         self._compared = read_checked(self.tables.path)
@@ -162,27 +162,32 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
 
         Return False, without any change, if a read-only file would have to be written.
         """
-        if not all(known.with_shortest >= self._with_shortest for known in self._known.values()):
+        if any(self._lacks_shortest(known) for known in self._known.values()):
             self._read_tables |= {"plan", *PLANNED_TABLES}
         damage = self._find_damage()
-        fresh, unplanned = self._match(logs, damage)
+        fresh, without_shortest = self._find_fresh_sessions(logs, damage)
         is_damaged = bool(damage.changed or damage.doubled)
         if not is_damaged:
             self._compared |= self._read_tables
-        if self.tables.read_only and (is_damaged or not fresh.keys() == logs.keys() == self._known.keys()):
+        is_complete = fresh.keys() == logs.keys() == self._known.keys()
+        if self.tables.read_only and (is_damaged or not is_complete):
             return False
         writer = RowWriter(self.tables, self._sessions, with_shortest=self._with_shortest)
-        fresh |= writer.plan_paths(unplanned)
-        ((numbers,),) = self.tables.connection.execute("SELECT coalesce(list(log), []) FROM kept.logs").fetchall()
+        fresh |= writer.plan_paths(without_shortest)
         damaged = damage.changed | {self._known[key].number for key in damage.doubled}
         if damaged:
             self._file.note_damage(len(damaged))
+        ((numbers,),) = self.tables.connection.execute("SELECT coalesce(list(log), []) FROM kept.logs").fetchall()
         writer.remove(sorted(damage.changed.union(numbers).difference(fresh.values())))
         unread = {key: log for key, log in logs.items() if key not in fresh}
         if unread:
             writer.read(unread)
         self._compared |= self._read_tables
         return True
+
+    def _lacks_shortest(self, known: KnownLog) -> bool:
+        """Tell whether the fewest possible steps are asked for and a session's rows are without them."""
+        return self._with_shortest and not known.with_shortest
 
     def _find_damage(self) -> _Damage:
         """Compare rows with their digests in the requested tables that were not compared yet."""
@@ -198,26 +203,34 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
             doubled = {key for (key,) in connection.execute(more_than_once).fetchall()}
         return _Damage(changed.union(*map(self.tables.find_changed, self._read_tables - self._compared)), doubled)
 
-    def _match(self, logs: Mapping[str, ListedLog], damage: _Damage) -> tuple[dict[str, int], dict[str, int]]:
-        """Find the sessions whose rows match their logs, and those that lack only the measures that require worlds."""
-        fresh: dict[str, int] = {}
-        unplanned: dict[str, int] = {}
-        for key, known in self._known.items():
-            is_whole = known.number not in damage.changed and key not in damage.doubled
-            if is_whole and key in logs and is_same_content(logs[key].fingerprint, known.fingerprint):
-                if known.with_shortest >= self._with_shortest:
-                    fresh[key] = known.number
-                else:
-                    unplanned[key] = known.number
-        return fresh, unplanned
+    def _find_fresh_sessions(
+        self, logs: Mapping[str, ListedLog], damage: _Damage
+    ) -> tuple[dict[str, int], dict[str, int]]:
+        """Find the sessions whose rows match their logs.
 
-    def _account(self, logs: Mapping[str, ListedLog], *, include_readable: bool) -> None:
+        Returns:
+            The numbers of the sessions that are complete, and of those that lack only the fewest possible steps.
+        """
+        fresh: dict[str, int] = {}
+        without_shortest: dict[str, int] = {}
+        for key, known in self._known.items():
+            if known.number in damage.changed or key in damage.doubled:
+                continue
+            if key not in logs or not is_same_content(logs[key].fingerprint, known.fingerprint):
+                continue
+            if self._lacks_shortest(known):
+                without_shortest[key] = known.number
+            else:
+                fresh[key] = known.number
+        return fresh, without_shortest
+
+    def _fill_account(self, logs: Mapping[str, ListedLog], *, include_readable: bool) -> None:
         """Fill in the account, the cached sessions and the order in which sessions are read.
 
         Without ``include_readable``, only the logs that cannot be read are put into the account.
         """
-        of_which = "" if include_readable else "WHERE facts IS NULL"
-        rows = self.tables.connection.execute(f"SELECT key, about FROM kept.logs {of_which}").fetchall()
+        condition = "" if include_readable else "WHERE facts IS NULL"
+        rows = self.tables.connection.execute(f"SELECT key, about FROM kept.logs {condition}").fetchall()
         sessions = {key: msgspec.msgpack.decode(cached_session, type=CachedSession) for key, cached_session in rows}
         numbers = dict(self.tables.connection.execute("SELECT key, log FROM kept.logs").fetchall())
         self.tables.put_in_order([numbers[key] for key in logs])

@@ -61,10 +61,11 @@ EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "sample
 
 def build_data_dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:
     """Build the data dictionary without some columns: table, then column, then its type, unit and meaning."""
-    return {
-        table: describe_columns(column for column in columns if column.name not in without)
-        for table, columns in TABLES.items()
-    }
+    dictionary = {}
+    for table, columns in TABLES.items():
+        described = [column for column in columns if column.name not in without]
+        dictionary[table] = describe_columns(described)
+    return dictionary
 
 
 def describe_columns(columns: Iterable[TableColumn]) -> dict[str, dict[str, str]]:
@@ -130,9 +131,12 @@ class TablePartition:
     def parse(cls, name: str) -> "TablePartition | None":
         """Parse a file name from any source; return None if it is not the name of a partition."""
         match = _PARTITION.fullmatch(name)
-        if match is None or any(explain_refused_name(part) for part in match.group(1, 2, 3)):
+        if match is None:
             return None
-        return cls(match[1], match[2], match[3], int(match[4]), match[5])
+        table, study, participant, session, digest = match.groups()
+        if any(explain_refused_name(part) for part in (table, study, participant)):
+            return None
+        return cls(table, study, participant, int(session), digest)
 
     @property
     def of_session(self) -> tuple[str, str, int]:
@@ -161,7 +165,7 @@ def find_primary_key(name: str) -> tuple[str, ...]:
 
 def build_table_schema(name: str, columns: Iterable[TableColumn]) -> dict[str, Any]:
     """Build the Frictionless schema of one table."""
-    schema: dict[str, Any] = {"fields": [_field(column) for column in columns], "missingValues": [""]}
+    schema: dict[str, Any] = {"fields": [_describe_field(column) for column in columns], "missingValues": [""]}
     if key := find_primary_key(name):
         schema["primaryKey"] = list(key)
     if name != "participants":
@@ -192,25 +196,25 @@ def build_data_package(
         "profile": "tabular-data-package",
         "name": name,
         **facts,
-        "resources": [_resource(table, path, without, infos.get(table, {})) for table, path in files],
+        "resources": [_build_resource(table, path, without, infos.get(table, {})) for table, path in files],
     }
 
 
-def _resource(table: str, path: Path, without: frozenset[str], infos: Mapping[str, TableColumn]) -> dict[str, Any]:
-    kind = path.suffix.removeprefix(".")
-    columns = [*(column for column in TABLES[table] if column.name not in without), *infos.values()]
-    return {
-        "name": table,
-        "path": path.name,
-        "profile": "tabular-data-resource",
-        "format": kind,
-        "mediatype": "text/csv" if kind == "csv" else "application/vnd.apache.parquet",
-        **({"encoding": "utf-8"} if kind == "csv" else {}),
-        "schema": build_table_schema(table, columns),
-    }
+def _build_resource(
+    table: str, path: Path, without: frozenset[str], infos: Mapping[str, TableColumn]
+) -> dict[str, Any]:
+    """Build the Frictionless resource of a table's file, without some columns and with the columns for JSON keys."""
+    columns = [column for column in TABLES[table] if column.name not in without]
+    columns += infos.values()
+    resource = {"name": table, "path": path.name, "profile": "tabular-data-resource"}
+    if path.suffix == ".csv":
+        resource |= {"format": "csv", "mediatype": "text/csv", "encoding": "utf-8"}
+    else:
+        resource |= {"format": path.suffix.removeprefix("."), "mediatype": "application/vnd.apache.parquet"}
+    return resource | {"schema": build_table_schema(table, columns)}
 
 
-def _field(column: TableColumn) -> dict[str, Any]:
+def _describe_field(column: TableColumn) -> dict[str, Any]:
     field: dict[str, Any] = {"name": column.name, "type": _TYPES[column.kind], "description": column.meaning}
     if column.unit:
         field["unit"] = column.unit

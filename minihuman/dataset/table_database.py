@@ -6,7 +6,7 @@ The module deals with rows and session numbers; it knows neither logs nor select
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from hashlib import blake2b
-from itertools import groupby, pairwise
+from itertools import chain, groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -99,22 +99,24 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
                 if rows.count(name):
                     batches[number] = rows.parts[name]
                 if sum(part.count for part in batches.values()) >= _ROWS_PER_INSERT:
-                    self._insert(name, batches, digests)
+                    self._insert_rows(name, batches, digests)
         for name, batches in waiting.items():
-            self._insert(name, batches, digests)
+            self._insert_rows(name, batches, digests)
         return digests
 
-    def _insert(self, name: str, parts: dict[int, RowBatch], digests: Mapping[int, list[int]]) -> None:
+    def _insert_rows(self, name: str, parts: dict[int, RowBatch], digests: Mapping[int, list[int]]) -> None:
         """Insert some sessions' rows of one table, record their digests in ``digests``, and clear ``parts``."""
         if not parts:
             return
         counts = [part.count for part in parts.values()]
-        numbers = np.repeat(list(parts), counts), np.concatenate([np.arange(count) for count in counts])
-        columns = [*map(as_int64, numbers), *arrow_columns(name, list(parts.values()))]
+        log_numbers = np.repeat(list(parts), counts)
+        row_numbers = np.concatenate([np.arange(count) for count in counts])
+        columns = [as_int64(log_numbers), as_int64(row_numbers), *arrow_columns(name, list(parts.values()))]
         # not a view, which would keep the rows in memory until the transaction ends
         new = self.connection.from_arrow(pa.Table.from_arrays(columns, ["log", "row", *arrow_schema(name).names]))
+        table_place = list(TABLES).index(name)
         for number, digest in new.aggregate(_row_digest(name), "log").fetchall():
-            digests[number][list(TABLES).index(name)] = digest
+            digests[number][table_place] = digest
         new.insert_into(f"kept.{name}")
         parts.clear()
 
@@ -271,12 +273,10 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         columns = ", ".join(f'"{column}"' for column in schema.names)
         logs = ", ".join(map(str, numbers))
         rows = self.connection.sql(f"SELECT log, {columns} FROM kept.{name} WHERE log IN ({logs}) ORDER BY log, row")
-        parts = (part for batch in rows.to_arrow_reader(_ROWS) for part in _split_sessions(batch))
-        for number, session_parts in groupby(parts, key=lambda part: int(part.column(0)[0].as_py())):
-            yield (
-                number,
-                (_cast(batch, schema) for batch in _split_evenly(part.select(schema.names) for part in session_parts)),
-            )
+        parts = chain.from_iterable(map(_split_sessions, rows.to_arrow_reader(_ROWS)))
+        for number, session_parts in groupby(parts, key=_read_log_number):
+            without_number = (part.select(schema.names) for part in session_parts)
+            yield number, (_cast(batch, schema) for batch in _split_evenly(without_number))
 
     def table(self, name: str, columns: Sequence[str] | None = None, *, counting: bool = False) -> pa.Table:
         """Read a table, or some of its columns; ``counting`` omits excluded rows as in ``batches``."""
@@ -400,8 +400,16 @@ def _cast(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
 
 def _split_sessions(batch: pa.RecordBatch) -> Iterator[pa.RecordBatch]:
     """Yield the same rows in one batch per session; the first column is the session's number."""
-    edges = [0, *(np.flatnonzero(np.diff(batch.column(0))) + 1).tolist(), len(batch)]
-    yield from (batch.slice(begin, end - begin) for begin, end in pairwise(edges) if begin < end)
+    changes = np.flatnonzero(np.diff(batch.column(0))) + 1
+    edges = [0, *changes.tolist(), len(batch)]
+    for begin, end in pairwise(edges):
+        if begin < end:
+            yield batch.slice(begin, end - begin)
+
+
+def _read_log_number(batch: pa.RecordBatch) -> int:
+    """Return the session's number from the first column of a batch of its rows."""
+    return int(batch.column(0)[0].as_py())
 
 
 def _combine(batches: list[pa.RecordBatch]) -> pa.RecordBatch:

@@ -33,7 +33,7 @@ from minihuman.dataset.table_catalogue import (
     build_data_package,
     describe_columns,
 )
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TableColumn
 from minihuman.dataset.table_database import StoreVersionError, TableDatabase, digest_relation
 
 TableFormat = Literal["parquet", "csv"]
@@ -89,29 +89,43 @@ def write_tables(
     """
     folder.mkdir(parents=True, exist_ok=True)
     names = [name for name in (TABLES if names is None else names) if empty or tables.count(name)]
-    files = [(name, folder / f"{name}.{kinds[0]}") for name in names]  # the same rows twice are one resource
     infos = {name: list_info_columns(tables.connection, name) for name in names}
-    explained = {
-        name: columns | describe_columns(infos[name].values())
-        for name, columns in build_data_dictionary(without=without).items()
-        if name in names
+    dictionary = {}
+    for name, columns in build_data_dictionary(without=without).items():
+        if name in names:
+            dictionary[name] = columns | describe_columns(infos[name].values())
+    resources = [(name, folder / f"{name}.{kinds[0]}") for name in names]  # the same rows twice are one resource
+    descriptions = {
+        folder / "dictionary.json": dictionary,
+        folder / "datapackage.json": build_data_package("minihuman-tables", resources, without=without, infos=infos),
     }
-    described = {
-        folder / "dictionary.json": explained,
-        folder / "datapackage.json": build_data_package("minihuman-tables", files, without=without, infos=infos),
-    }
-    for path, content in described.items():
+    for path, content in descriptions.items():
         path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8", newline="\n")
+    paths: list[Path] = []
     for name in names:
-        columns = pa.schema([*arrow_schema(name, without=without), *build_info_schema(infos[name])])
-        writers = [_WRITERS[kind](folder / f"{name}.{kind}", columns) for kind in kinds]
-        for batch in tables.batches(name, without=without):
-            rows = add_info_columns(pa.Table.from_batches([batch]), name, infos[name])
-            for writer in writers:
-                writer.write_table(rows)
+        files = {kind: folder / f"{name}.{kind}" for kind in kinds}
+        _write_table(tables, name, files, without=without, infos=infos[name])
+        paths += files.values()
+    return (*paths, *descriptions)
+
+
+def _write_table(
+    tables: TableDatabase,
+    name: str,
+    files: Mapping[TableFormat, Path],
+    *,
+    without: frozenset[str],
+    infos: Mapping[str, TableColumn],
+) -> None:
+    """Write one table into a file of each of the given formats."""
+    columns = pa.schema([*arrow_schema(name, without=without), *build_info_schema(infos)])
+    writers = [_WRITERS[kind](path, columns) for kind, path in files.items()]
+    for batch in tables.batches(name, without=without):
+        rows = add_info_columns(pa.Table.from_batches([batch]), name, infos)
         for writer in writers:
-            writer.close()
-    return (*(folder / f"{name}.{kind}" for name in names for kind in kinds), *described)
+            writer.write_table(rows)
+    for writer in writers:
+        writer.close()
 
 
 def list_partitions(store: StudyStore) -> dict[TablePartition, int]:
@@ -213,10 +227,11 @@ def compare_cache(fresh: StudyStore, study: Path) -> Iterator[str]:
         return
     try:
         TableDatabase(own, read_only=True).close()
-    except StoreVersionError:  # no command believes it
+    except StoreVersionError:  # every command ignores such a cache
         return
     except Exception as error:
-        yield f"{TABLE_CACHE} cannot be read and will be made anew: {str(error).splitlines()[0]}"
+        first_line = str(error).splitlines()[0]
+        yield f"{TABLE_CACHE} cannot be read and will be made anew: {first_line}"
         return
     connection = fresh.tables.connection
     path = str(own).replace("'", "''")
@@ -275,8 +290,11 @@ def _compare_rows_with_cache(connection: duckdb.DuckDBPyConnection, name: str, c
     ).fetchall()
     for session, number, is_added, is_missing, *cells in differing_rows:
         place = f"{TABLE_CACHE}: table {name}, {session}, row {number}"
-        if is_added or is_missing:
-            yield f"{place} {'is in no log' if is_added else 'is missing'}"
+        if is_added:
+            yield f"{place} is in no log"
+            continue
+        if is_missing:
+            yield f"{place} is missing"
             continue
         expected_cells = cells[: len(columns)]
         cached_cells = cells[len(columns) :]
@@ -295,15 +313,19 @@ def _compare_column(column: str) -> str:
 
 def compare_table_files(folder: Path, recomputed: Path) -> Iterator[str]:
     """Yield the differences of a folder's CSV and Parquet tables from the files of the same names in another folder."""
-    for path in sorted(path for path in folder.iterdir() if path.stem in TABLES and path.suffix in _READERS):
+    files = sorted(folder.iterdir())
+    for path in files:
+        if path.stem not in TABLES or path.suffix not in _READERS:
+            continue
         own = recomputed / path.name
         if not own.exists():
             yield f"{path}: there is no such table"
         elif path.read_bytes() != own.read_bytes():
             yield from islice(_compare_rows(path, own), MAX_NAMED)
-    kinds = {path.suffix for path in folder.iterdir()}
+    suffixes = {path.suffix for path in files}
     for own in sorted(recomputed.iterdir()):
-        if own.stem in TABLES and own.suffix in kinds and not (folder / own.name).exists():
+        is_expected = own.stem in TABLES and own.suffix in suffixes
+        if is_expected and not (folder / own.name).exists():
             yield f"{folder / own.name} is missing"
 
 
@@ -326,6 +348,7 @@ def _shorten(line: str) -> str:
 
 
 def _compare_rows(path: Path, own: Path) -> Iterator[str]:
+    """Yield the differences of a table's file from ``own``, which was written from the logs."""
     read = _READERS[path.suffix]
     try:
         heads, rows = read(path)
@@ -339,15 +362,23 @@ def _compare_rows(path: Path, own: Path) -> Iterator[str]:
         return
     is_equal = True
     for number, (row, expected) in enumerate(zip_longest(rows, own_rows), 1):
-        if row is None or expected is None:
-            yield f"{path}: row {number} {'is missing' if row is None else 'is in no log'}"
+        if row is None:
+            yield f"{path}: row {number} is missing"
+            return
+        if expected is None:
+            yield f"{path}: row {number} is in no log"
             return
         for head, cell, expected_cell in zip_longest(heads, row, expected):
-            if cell != expected_cell and not (cell != cell and expected_cell != expected_cell):  # NaN
+            if not _is_same_cell(cell, expected_cell):
                 is_equal = False
                 yield _describe_cell(f"{path}: row {number}", str(head), cell, expected_cell)
     if is_equal:
         yield f"{path}: the numbers are those of the logs, but the bytes are not as they are written"
+
+
+def _is_same_cell(cell: object, expected: object) -> bool:
+    are_both_nan = cell != cell and expected != expected
+    return cell == expected or are_both_nan
 
 
 def _describe_cell(place: str, column: str, actual: object, expected: object) -> str:

@@ -91,12 +91,18 @@ def format_result_lines(answer: pa.Table) -> Iterator[str]:
     """Yield the header and the first rows in aligned columns; a missing value is shown as a dot."""
     rows = [list(map(_format_cell, row.values())) for row in answer.slice(0, MAX_SHOWN_ROWS).to_pylist()]
     widths = [max(map(len, column)) for column in zip(answer.column_names, *rows, strict=True)]
-    numbers = [pa.types.is_integer(kind) or pa.types.is_floating(kind) for kind in answer.schema.types]
+    alignments = [_find_alignment(kind) for kind in answer.schema.types]
     for row in (answer.column_names, *rows):
-        cells = zip(row, widths, numbers, strict=True)
-        yield "  ".join(cell.rjust(width) if number else cell.ljust(width) for cell, width, number in cells).rstrip()
+        cells = zip(row, alignments, widths, strict=True)
+        yield "  ".join(f"{cell:{alignment}{width}}" for cell, alignment, width in cells).rstrip()
     if answer.num_rows > MAX_SHOWN_ROWS:
         yield f"({answer.num_rows} rows, {MAX_SHOWN_ROWS} of them shown; --csv prints all)"
+
+
+def _find_alignment(kind: pa.DataType) -> str:
+    """Return the alignment of a column in a format specification: numbers to the right, texts to the left."""
+    is_number = pa.types.is_integer(kind) or pa.types.is_floating(kind)
+    return ">" if is_number else "<"
 
 
 def _format_cell(cell: object) -> str:

@@ -164,7 +164,7 @@ class TypefaceSet:
         for face in self._first:
             if can_set(face, character):
                 return face
-        return next((face for face in _installed_typefaces(self.language) if can_set(face, character)), None)
+        return next((face for face in _list_installed_typefaces(self.language) if can_set(face, character)), None)
 
     def missing(self, text: str) -> str:
         """Return the first character of a text that no typeface can draw; "" if there is none."""
@@ -182,31 +182,36 @@ def select_typefaces(language: str, *, bold: bool = False, fonts: tuple[str, ...
 
 def find_installed_typeface(name: str) -> Typeface | None:
     """Return the typeface in an installed font file of a given name; None if there is no such file."""
-    path = _files().get(name)
+    path = _find_font_files().get(name)
     if path is None:
         return None
     return Typeface(path)
 
 
 @cache
-def _installed_typefaces(language: str) -> tuple[Typeface, ...]:
-    paths = _files()
+def _list_installed_typefaces(language: str) -> tuple[Typeface, ...]:
+    """List the typefaces of this computer, those for the language's script first."""
+    paths = _find_font_files()
     language = language.lower()
     indices = {_CJK_COLLECTION: _CJK_FACE.get(language, _CJK_FACE["zh"])}
     faces = [Typeface(paths[name], indices.get(name, 0)) for name in (*_NOTO, *_SYSTEM) if name in paths]
     suffix = _CJK_SUFFIX.get(language, "SC")
+
+    def is_for_other_language(name: str) -> bool:
+        stem = name.removesuffix(name[-4:]).removesuffix("-Regular")
+        return not stem.upper().endswith(suffix)
+
     other_names = sorted(name for name in paths if _OTHERS.fullmatch(name) and name not in _NOTO)
-    other_names.sort(
-        key=lambda name: not name.removesuffix(name[-4:]).removesuffix("-Regular").upper().endswith(suffix)
-    )
-    return tuple(faces + [Typeface(paths[name]) for name in other_names])
+    other_names.sort(key=is_for_other_language)
+    faces += [Typeface(paths[name]) for name in other_names]
+    return tuple(faces)
 
 
 @cache
-def _files() -> dict[str, str]:
+def _find_font_files() -> dict[str, str]:
     """Return the paths of the font files on this machine, by file name."""
     paths: dict[str, str] = {}
-    for folder in _folders():
+    for folder in _list_font_folders():
         for root, inner_folders, names in os.walk(folder):
             inner_folders.sort()  # of two files with one name the same everywhere: file systems list them as they like
             for name in names:
@@ -217,10 +222,10 @@ def _files() -> dict[str, str]:
 
 def user_font_folder() -> Path:
     """Return the folder in which a user can install font files without administrator rights."""
-    return next(_folders())
+    return next(_list_font_folders())
 
 
-def _folders() -> Iterator[Path]:
+def _list_font_folders() -> Iterator[Path]:
     home = Path.home()
     if sys.platform == "darwin":
         yield from (home / "Library/Fonts", Path("/Library/Fonts"), Path("/System/Library/Fonts"))

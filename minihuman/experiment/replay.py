@@ -116,15 +116,14 @@ def compare_replay(
     Raises:
         WorldError: if a world of the plan cannot be made here.
     """
-    logged: deque[tuple[int, Event]] = deque(
-        (number, event)
-        for number, event in enumerate(events, 1)
-        if not _is_external(event) or (follow is not None and isinstance(event, ModelCall))
-    )
-    if not logged or not isinstance(logged[0][1], SessionStarted):
+    logged: deque[tuple[int, Event]] = deque()
+    for number, event in enumerate(events, 1):
+        if _is_replayed(event, with_model_calls=follow is not None):
+            logged.append((number, event))
+    _, first = logged[0] if logged else (0, None)
+    if not isinstance(first, SessionStarted):
         yield "event 1: a segment starts with its plan"
         return
-    first = logged[0][1]
     comparison = _EventComparison(make_world, first.facts)
     try:
         session = SessionMachine(first.plan, comparison.make_world, first.facts, picture_px=picture_px)
@@ -137,6 +136,13 @@ def compare_replay(
         yield from _compare_events(session, logged, comparison, follow, look_ahead)
 
 
+def _is_replayed(event: Event, *, with_model_calls: bool) -> bool:
+    """Tell whether an event is compared with the replay; those from outside the session are not."""
+    if isinstance(event, ModelCall):
+        return with_model_calls
+    return not _is_external(event)
+
+
 def _compare_events(
     session: SessionMachine,
     logged: deque[tuple[int, Event]],
@@ -147,21 +153,24 @@ def _compare_events(
     """Feed a session the inputs behind numbered events and yield differences, stopping at the first differing event."""
     expected: deque[Event] = deque()
     while logged:
-        if follow is not None and isinstance(call := logged[0][1], ModelCall):
-            number, _ = logged.popleft()
-            if call_difference := follow(session, call):
+        number, event = logged[0]
+        if follow is not None and isinstance(event, ModelCall):
+            logged.popleft()
+            call_difference = follow(session, event)
+            if call_difference:
                 yield f"event {number}, {call_difference}"
             continue
         if not expected:
-            upcoming = [event for _, event in islice(logged, look_ahead)]
-            expected += _feed_next_input(session, [event for event in upcoming if not isinstance(event, ModelCall)])
+            upcoming = [coming for _, coming in islice(logged, look_ahead) if not isinstance(coming, ModelCall)]
+            expected += _feed_next_input(session, upcoming)
             if follow is not None:
                 follow(session, None)
-        number, event = logged.popleft()
+        logged.popleft()
         if not expected:
             yield f"event {number}, {_event_name(event)}: nothing leads to it"
             return
-        if difference := comparison.find_difference(event, comparison.take_replayed(event, expected)):
+        difference = comparison.find_difference(event, comparison.take_replayed(event, expected))
+        if difference:
             yield f"event {number}, {difference}"
             return
     if expected and isinstance(event, SessionEnded):
@@ -225,7 +234,7 @@ def resume_from_events(
         LogError: if the replay differs from the events, or the session has ended.
         WorldError: if a world of the plan cannot be made here.
     """
-    logged = deque(event for event in events if not _is_external(event) or (follow and isinstance(event, ModelCall)))
+    logged = deque(event for event in events if _is_replayed(event, with_model_calls=follow is not None))
     first = logged[0] if logged else None
     if not isinstance(first, SessionStarted):
         raise LogError(
@@ -286,14 +295,19 @@ def _feed_next_input(session: SessionMachine, coming: list[Event]) -> list[Event
         return session.receive(happened, at_ns=event.t_ns)  # the time passes behind its event, not before as a key's
     if happened is not None:
         if happened.t_ns < event.t_ns:  # it came late, behind something that left no event
-            session.receive(ScreenShown(event.t_ns, 0, 0) if session.phase in _OVER_PARTS else Tick(event.t_ns))
+            is_covered = session.phase in _OVER_PARTS
+            session.receive(ScreenShown(event.t_ns, 0, 0) if is_covered else Tick(event.t_ns))
         return session.receive(happened)
-    if (behind := _find_input_behind(coming, session)) is not None:
+    behind = _find_input_behind(coming, session)
+    if behind is not None:
         return session.receive(behind, at_ns=event.t_ns)
     stop = _find_stop(coming, session.phase)
     if stop is not None and stop.reason in _EXTERNAL_STOP_REASONS:
         return session.receive(stop)
-    return session.receive(Tick(event.t_ns)) or (session.receive(stop) if stop else [])
+    by_time = session.receive(Tick(event.t_ns))
+    if by_time or stop is None:
+        return by_time
+    return session.receive(stop)
 
 
 def _find_input_behind(coming: list[Event], session: SessionMachine) -> Input | None:
@@ -396,18 +410,18 @@ def _finds_phase(event: Event, phase: str) -> bool:
 
 def _find_stop(coming: list[Event], phase: str) -> Stop | None:
     """Return the input that ended the session from outside, if the session ends at this point."""
-    at_once = [event for event in coming[:_LAST_EVENTS] if event.t_ns == coming[0].t_ns]
-    ended = next((event for event in at_once if isinstance(event, SessionEnded)), None)
-    if ended is None:
-        last = coming[0]
-        cut_off = len(at_once) == len(coming) and isinstance(last, EpisodeEnded) and last.outcome == "abandoned"
-        if cut_off:
-            return Stop(coming[0].t_ns, "window_closed")
-        return None
-    reason: Any = ended.reason if ended.reason in _STOP_REASONS else "window_closed"
-    closed = ended.reason == "complete" and phase == Phase.CLOSING  # closed during the last page
-    if closed or ended.reason in _STOP_REASONS:
-        return Stop(ended.t_ns, reason, ended.detail)
+    first = coming[0]
+    at_once = [event for event in coming[:_LAST_EVENTS] if event.t_ns == first.t_ns]
+    end = next((event for event in at_once if isinstance(event, SessionEnded)), None)
+    if end is not None:
+        if end.reason in _STOP_REASONS:
+            reason: Any = end.reason
+            return Stop(end.t_ns, reason, end.detail)
+        is_closed_on_last_page = end.reason == "complete" and phase == Phase.CLOSING
+        return Stop(end.t_ns, "window_closed", end.detail) if is_closed_on_last_page else None
+    is_end_of_log = len(at_once) == len(coming)
+    if is_end_of_log and isinstance(first, EpisodeEnded) and first.outcome == "abandoned":
+        return Stop(first.t_ns, "window_closed")
     return None
 
 

@@ -76,13 +76,10 @@ def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
 
 def is_picture(space: gymnasium.Space[Any]) -> bool:
     """Tell whether observations are colour pictures uint8[H, W, 3], at least 32 pixels high and wide."""
-    return (
-        isinstance(space, gymnasium.spaces.Box)
-        and space.dtype == np.uint8
-        and len(space.shape) == 3
-        and space.shape[2] == 3
-        and min(space.shape[:2]) >= _MIN_PICTURE_PX
-    )
+    if not isinstance(space, gymnasium.spaces.Box) or space.dtype != np.uint8 or len(space.shape) != 3:
+        return False
+    height, width, n_channels = space.shape
+    return n_channels == 3 and min(height, width) >= _MIN_PICTURE_PX
 
 
 def flatten_observation(observation: Any, space: gymnasium.Space[Any]) -> NDArray[Any]:
@@ -90,7 +87,7 @@ def flatten_observation(observation: Any, space: gymnasium.Space[Any]) -> NDArra
 
     The dtype is the narrowest that holds every part of the space exactly, so it is the same for all observations.
     """
-    parts = _numbers(observation, space)
+    parts = _flatten_parts(observation, space)
     if parts:
         return np.concatenate(parts)
     return np.zeros(0, np.uint8)
@@ -98,39 +95,49 @@ def flatten_observation(observation: Any, space: gymnasium.Space[Any]) -> NDArra
 
 def name_flat_observation(observation: Any, name: str = "") -> list[str]:
     """Return a name for each number of a flat observation: "direction", "image_0", "image_1", ..."""
-    if isinstance(observation, dict):
-        return [
-            label for key in sorted(observation) for label in name_flat_observation(observation[key], f"{name}{key}_")
-        ]
-    if isinstance(observation, tuple):
-        return [
-            label for place, part in enumerate(observation) for label in name_flat_observation(part, f"{name}{place}_")
-        ]
     if isinstance(observation, str):
         return []
-    size = np.asarray(observation).size
-    if size == 1:
-        return [name.rstrip("_") or "value"]
-    return [f"{name}{place}" for place in range(size)]
+    parts: Iterable[tuple[Any, Any]] = ()
+    if isinstance(observation, dict):
+        parts = [(key, observation[key]) for key in sorted(observation)]
+    elif isinstance(observation, tuple):
+        parts = enumerate(observation)
+    else:
+        size = np.asarray(observation).size
+        if size == 1:
+            return [name.rstrip("_") or "value"]
+        return [f"{name}{place}" for place in range(size)]
+    names = []
+    for key, part in parts:
+        names += name_flat_observation(part, f"{name}{key}_")
+    return names
 
 
-def _numbers(observation: Any, space: gymnasium.Space[Any]) -> list[NDArray[Any]]:
+def _flatten_parts(observation: Any, space: gymnasium.Space[Any]) -> list[NDArray[Any]]:
+    """Return the numbers of each part of an observation, flat; texts have none."""
+    parts: list[NDArray[Any]] = []
     match space:
         case gymnasium.spaces.Dict():
-            return [part for key in sorted(observation) for part in _numbers(observation[key], space[key])]
+            for key in sorted(observation):
+                parts += _flatten_parts(observation[key], space[key])
+            return parts
         case gymnasium.spaces.Tuple():
-            pairs = zip(observation, space.spaces, strict=True)
-            return [part for item, inner in pairs for part in _numbers(item, inner)]
+            for part, part_space in zip(observation, space.spaces, strict=True):
+                parts += _flatten_parts(part, part_space)
+            return parts
         case gymnasium.spaces.Discrete():
-            last = int(space.start) + int(space.n) - 1
-            if space.start >= 0:
-                dtype = np.min_scalar_type(last)
-            else:
-                dtype = np.dtype(np.int64)
-            return [np.asarray([observation], dtype)]
+            return [np.asarray([observation], _choose_dtype(space))]
     if isinstance(observation, str):
         return []
     return [np.asarray(observation).reshape(-1)]
+
+
+def _choose_dtype(space: gymnasium.spaces.Discrete) -> np.dtype[Any]:
+    """Return the smallest unsigned type that holds all values of a space; int64 if some are negative."""
+    if space.start < 0:
+        return np.dtype(np.int64)
+    last = int(space.start) + int(space.n) - 1
+    return np.min_scalar_type(last)
 
 
 def build_steering_columns(episode: EpisodeLog, *, with_reset: bool = False) -> dict[str, NDArray[Any]]:

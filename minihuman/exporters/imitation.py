@@ -63,7 +63,7 @@ class FragmentWriter:
         plan = item.episode.plan
         for key in self._compared:
             if key[:2] == (plan.episode, item.episode.attempt):
-                self._fragments[key] = _fragment(trajectory, *key[2:])
+                self._fragments[key] = _cut_fragment(trajectory, *key[2:])
                 self._worlds[key] = dataset
 
     def close(self) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -94,12 +94,13 @@ def _key(side: EpisodeClip) -> _Key:
     return side.episode, side.attempt, side.first, side.last
 
 
-def _fragment(trajectory: dict[str, Any], first: int, last: int) -> dict[str, Any]:
+def _cut_fragment(trajectory: dict[str, Any], first: int, last: int) -> dict[str, Any]:
     """Cut a fragment out of a trajectory; ``last`` is the step that leads to the fragment's last observation."""
     steps = slice(first, last)
+    states = slice(first, last + 1)
     reaches_end = last == len(trajectory["acts"])
     return {
-        "obs": trajectory["obs"][first : last + 1],
+        "obs": trajectory["obs"][states],
         "acts": trajectory["acts"][steps],
         "infos": trajectory["infos"][steps],
         "terminal": trajectory["terminal"] and reaches_end,
@@ -121,8 +122,8 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     writers = _Writers(out)
     fragments = FragmentWriter()
     for name, item, demonstration in replayed:
-        trajectory = _trajectory(item, demonstration)
-        writers.write(name, _features(trajectory["obs"], trajectory["acts"]), trajectory)
+        trajectory = _build_trajectory(item, demonstration)
+        writers.write(name, _build_features(trajectory["obs"], trajectory["acts"]), trajectory)
         for world, pair in fragments.take(item, name, trajectory):
             writers.write_pair(world, pair)
     for world, pair in fragments.close():
@@ -153,22 +154,23 @@ class _Writers:
         return tuple(self._out / name for name in self._open)
 
 
-def _trajectory(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
+def _build_trajectory(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
+    """Build an episode's trajectory under the names of the imitation library."""
     episode = item.episode
     if not isinstance(demonstration.actions, np.ndarray):
         raise ExportError(
             f"{item.log.path}: {episode.name}: an action of {demonstration.action_space} is no array, which imitation "
             "needs; export as minari, lerobot, robomimic or rlds"
         )
-    infos = [
-        {**(item.facts if step == 1 else {}), "t_ns": int(episode.t_ns[step]), "key": episode.step_keys[step - 1]}
-        | get_step_steering(episode, step - 1)
-        for step in range(1, len(episode.actions) + 1)
-    ]
+    infos = []
+    for index, key in enumerate(episode.step_keys):
+        facts = item.facts if index == 0 else {}  # the episode's facts are said once
+        info = {**facts, "t_ns": int(episode.t_ns[index + 1]), "key": key}
+        infos.append(json.dumps(info | get_step_steering(episode, index)))
     return {
         "obs": _observations(demonstration),
         "acts": demonstration.actions,
-        "infos": [json.dumps(info) for info in infos],
+        "infos": infos,
         "terminal": bool(episode.terminated[-1]),
         "rews": episode.rewards,
     }
@@ -182,16 +184,18 @@ def _observations(demonstration: ReplayedEpisode) -> NDArray[Any]:
     return np.stack([flatten_observation(observation, space) for observation in demonstration.observations])
 
 
-def _features(observations: NDArray[Any], actions: NDArray[Any]) -> datasets.Features:
+def _build_features(observations: NDArray[Any], actions: NDArray[Any]) -> datasets.Features:
+    """Build the types of a data set's columns from examples of its arrays."""
     _, *shape = observations.shape
     number = str(observations.dtype)
     observation: Any = datasets.List(datasets.Value(number))
     if len(shape) == 3:
         observation = datasets.Array3D(tuple(shape), number)
+    action_type = "int64" if actions.ndim == 1 else str(actions.dtype)
     return datasets.Features(
         {
             "obs": datasets.List(observation),
-            "acts": _nest("int64" if actions.ndim == 1 else str(actions.dtype), actions.ndim),
+            "acts": _nest(action_type, actions.ndim),
             "infos": datasets.List(datasets.Value("string")),
             "terminal": datasets.Value("bool"),
             "rews": datasets.List(datasets.Value("float64")),

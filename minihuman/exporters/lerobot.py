@@ -183,13 +183,7 @@ def build_columns(
 ) -> dict[str, NDArray[Any]]:
     """Build the features that come from the episode, with ``n`` rows each."""
     episode = item.episode
-    too_large = np.flatnonzero(np.isfinite(episode.rewards) & (np.abs(episode.rewards) > LARGEST_REWARD))
-    if len(too_large):
-        step = int(too_large[0])
-        raise ExportError(
-            f"{item.log.path}: {episode.name} step {step + 1}: the reward {episode.rewards[step]:g} has no square, of "
-            "which LeRobot's statistics are made; export as minari, robomimic or imitation"
-        )
+    _require_small_rewards(item)
     columns: dict[str, NDArray[Any]] = {}
     if PICTURE in features:
         columns[PICTURE] = np.stack([pad_to_even(picture) for picture in demonstration.pictures[:-1]])
@@ -205,6 +199,18 @@ def build_columns(
         **_build_info(item, features),
         "time_s": (episode.t_ns[1:] - episode.t_ns[0]) / 1e9,
     }
+
+
+def _require_small_rewards(item: IncludedEpisode) -> None:
+    """Refuse an episode with a finite reward whose square is not finite."""
+    episode = item.episode
+    is_too_large = np.isfinite(episode.rewards) & (np.abs(episode.rewards) > LARGEST_REWARD)
+    if is_too_large.any():
+        step = int(is_too_large.argmax())
+        raise ExportError(
+            f"{item.log.path}: {episode.name} step {step + 1}: the reward {episode.rewards[step]:g} has no square, of "
+            "which LeRobot's statistics are made; export as minari, robomimic or imitation"
+        )
 
 
 def _build_success(episode: EpisodeLog, is_last: NDArray[np.bool_]) -> NDArray[Any]:
@@ -243,40 +249,17 @@ _TASKS_SHOWN = 20
 
 def build_card(study_facts: AboutSpec, world: str, info: Mapping[str, Any], tasks: Sequence[str]) -> str:
     """Return the text of the dataset card; facts missing from the protocol are omitted."""
-    front: dict[str, Any] = {
-        "license": get_licence_id(study_facts),
-        "task_categories": ["robotics"],
-        "tags": ["LeRobot", "minihuman", *study_facts.keywords],
-        "configs": [{"config_name": "default", "data_files": "data/*/*.parquet"}],
-    }
-    if study_facts.title:
-        front["pretty_name"] = study_facts.title
-    matter = (f"{name}: {msgspec.json.encode(value).decode()}" for name, value in front.items())  # JSON is YAML
-    lines = ["---", *matter, "---", "", f"# {study_facts.title or world}", ""]
+    lines = [*_build_front_matter(study_facts), "", f"# {study_facts.title or world}", ""]
     if study_facts.description:
         lines += [study_facts.description, ""]
-    action = "- `action` is the vector that the environment's step takes, flat."
-    if "discrete_action" in info["features"]:
-        action = (
-            "- `action` has a 1 at its place among the names; `discrete_action` is what the environment's step takes."
-        )
-    lines += [
-        f"{info['total_episodes']} episodes, {info['total_frames']} frames of `{world}`.",
-        f"Written by minihuman {__version__} in LeRobot's format {info['codebase_version']}.",
-        "",
-        action,
-        "- `timestamp` is frame number over a nominal frame rate; people took as long as they took, see `time_s`.",
-        "- `minihuman/...` in `meta/episodes` says who played, in which session, episode and attempt, with which keys.",
-    ]
-    if PICTURE in info["features"]:
-        lines.append("- `observation.image` is a video, so its colours differ a little from what was seen.")
-    if "x" in info["features"][STATE]["names"]:
-        lines.append("- `observation.state` is where the agent stood, which people saw only in the picture.")
+    lines += _describe_features(world, info)
     lines += ["", "Tasks:", "", *(f"- {task}" for task in tasks[:_TASKS_SHOWN])]
-    if len(tasks) > _TASKS_SHOWN:
-        lines.append(f"- and {len(tasks) - _TASKS_SHOWN} more")
+    n_more = len(tasks) - _TASKS_SHOWN
+    if n_more > 0:
+        lines.append(f"- and {n_more} more")
+    authors = [f"{author.name} {author.orcid}".strip() for author in study_facts.authors]
     sections = {
-        "Authors": "; ".join(f"{author.name} {author.orcid}".strip() for author in study_facts.authors),
+        "Authors": "; ".join(authors),
         "Funding": "; ".join(study_facts.funding),
         "Cite": get_doi_url(study_facts),
         "References": "; ".join(study_facts.references),
@@ -285,6 +268,46 @@ def build_card(study_facts: AboutSpec, world: str, info: Mapping[str, Any], task
         if text:
             lines += ["", f"{name}: {text}"]
     return "\n".join(lines) + "\n"
+
+
+def _build_front_matter(study_facts: AboutSpec) -> list[str]:
+    """Return the lines of the card's YAML, by which the Hugging Face hub finds the dataset."""
+    front: dict[str, Any] = {
+        "license": get_licence_id(study_facts),
+        "task_categories": ["robotics"],
+        "tags": ["LeRobot", "minihuman", *study_facts.keywords],
+        "configs": [{"config_name": "default", "data_files": "data/*/*.parquet"}],
+    }
+    if study_facts.title:
+        front["pretty_name"] = study_facts.title
+    lines = ["---"]
+    for name, content in front.items():
+        encoded = msgspec.json.encode(content).decode()  # JSON is YAML
+        lines.append(f"{name}: {encoded}")
+    return [*lines, "---"]
+
+
+def _describe_features(world: str, info: Mapping[str, Any]) -> list[str]:
+    """Return the lines that say how many episodes there are and what each feature means."""
+    features = info["features"]
+    action = "- `action` is the vector that the environment's step takes, flat."
+    if "discrete_action" in features:
+        action = (
+            "- `action` has a 1 at its place among the names; `discrete_action` is what the environment's step takes."
+        )
+    lines = [
+        f"{info['total_episodes']} episodes, {info['total_frames']} frames of `{world}`.",
+        f"Written by minihuman {__version__} in LeRobot's format {info['codebase_version']}.",
+        "",
+        action,
+        "- `timestamp` is frame number over a nominal frame rate; people took as long as they took, see `time_s`.",
+        "- `minihuman/...` in `meta/episodes` says who played, in which session, episode and attempt, with which keys.",
+    ]
+    if PICTURE in features:
+        lines.append("- `observation.image` is a video, so its colours differ a little from what was seen.")
+    if "x" in features[STATE]["names"]:
+        lines.append("- `observation.state` is where the agent stood, which people saw only in the picture.")
+    return lines
 
 
 FORMAT_VERSION = "v3.0"
@@ -349,7 +372,10 @@ class _Dataset:
         }
         columns |= own
         chunk, file = self._write(_table(columns, self.features))
-        statistics = {name: self._measure(name, column) for name, column in columns.items()}
+        statistics: dict[str, Any] = {}
+        for name, column in columns.items():
+            for statistic, numbers in self._measure(name, column).items():
+                statistics[f"stats/{name}/{statistic}"] = numbers
         self.rows.append(
             {
                 "episode_index": number,
@@ -363,11 +389,7 @@ class _Dataset:
                 "meta/episodes/chunk_index": 0,
                 "meta/episodes/file_index": 0,
                 **{f"minihuman/{name}": value for name, value in get_plain_facts(item).items()},
-                **{
-                    f"stats/{name}/{statistic}": value
-                    for name, values in statistics.items()
-                    for statistic, value in values.items()
-                },
+                **statistics,
             }
         )
         self.frames += length

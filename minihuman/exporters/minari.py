@@ -67,19 +67,19 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         OSError: if the files cannot be written.
     """
     with _restore_system_errors():
-        return _write(chosen, out)
+        return _write_datasets(chosen, out)
 
 
-def _write(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+def _write_datasets(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+    """Write one dataset per study and world."""
     replayed = ReplayedStudy(chosen, "has no step, and Minari keeps none without")
     datasets: dict[str, MinariStorage] = {}
     players: defaultdict[str, set[str]] = defaultdict(set)  # of each dataset
     for world, item, demonstration in replayed:
-        version = "" if world.rpartition("-v")[2].isdigit() else "-v0"  # Minari ids end in one
-        name = f"{item.log.plan.study}/{world}{version}"
+        name = f"{item.log.plan.study}/{_add_version(world)}"
         if name not in datasets:
             _require_room(out, _RESERVE_BYTES)
-            datasets[name] = _begin(out, name, item, demonstration)
+            datasets[name] = _begin_dataset(out, name, item, demonstration)
         storage = datasets[name]
         players[name].add(item.log.player)
         buffer = _buffer(demonstration)
@@ -87,10 +87,18 @@ def _write(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         storage.update_episodes([buffer])
         facts = get_plain_facts(item)
         del facts["seed"]  # Minari has its own place for it
-        storage.update_episode_metadata([facts], [int(storage.total_episodes) - 1])
+        last_episode = int(storage.total_episodes) - 1
+        storage.update_episode_metadata([facts], [last_episode])
     for name, storage in datasets.items():
-        storage.update_metadata({"algorithm_name": f"minihuman sessions played by: {', '.join(sorted(players[name]))}"})
+        who = ", ".join(sorted(players[name]))
+        storage.update_metadata({"algorithm_name": f"minihuman sessions played by: {who}"})
     return replayed.result(out / NAMESPACE / name for name in datasets)
+
+
+def _add_version(world: str) -> str:
+    """Return a world's id with a version, in which Minari's ids must end."""
+    has_version = world.rpartition("-v")[2].isdigit()
+    return world if has_version else f"{world}-v0"
 
 
 def _require_room(out: Path, needed_bytes: int) -> None:
@@ -102,14 +110,15 @@ def _require_room(out: Path, needed_bytes: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(out))
 
 
-def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
+def _begin_dataset(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
     study_facts = get_plan_study_facts(item.log.plan)
     study = item.log.plan.study
     _namespace(out / NAMESPACE, "exported by minihuman")
     _namespace(out / NAMESPACE / study, study_facts.title or f"the study {study}")
     data = out / NAMESPACE / name / "data"
     data.mkdir(parents=True)
-    if key := find_unnamed_key(demonstration.observation_space):
+    key = find_unnamed_key(demonstration.observation_space)
+    if key:
         raise ExportError(
             f"{item.log.path}: {item.episode.name}: the observation's part {key} cannot be named in HDF5, whose names "
             "are text without a slash; export as lerobot, robomimic, rlds or imitation"
@@ -157,16 +166,20 @@ def find_unnamed_key(space: gymnasium.Space[Any]) -> str:
 
     "" if all are valid.
     """
-    match space:
-        case gymnasium.spaces.Dict():
-            bad = [repr(key) for key in space.spaces if not isinstance(key, str) or not key or "/" in key]
-            parts = list(space.spaces.values())
-        case gymnasium.spaces.Tuple():
-            bad = []
-            parts = list(space.spaces)
-        case _:
-            return ""
-    return next(filter(None, (*bad, *map(find_unnamed_key, parts))), "")
+    parts: list[gymnasium.Space[Any]] = []
+    if isinstance(space, gymnasium.spaces.Dict):
+        for key in space.spaces:
+            is_name = isinstance(key, str) and key and "/" not in key
+            if not is_name:
+                return repr(key)
+        parts += space.spaces.values()
+    elif isinstance(space, gymnasium.spaces.Tuple):
+        parts += space.spaces
+    for part in parts:
+        unnamed_key = find_unnamed_key(part)
+        if unnamed_key:
+            return unnamed_key
+    return ""
 
 
 def _namespace(folder: Path, description: str) -> None:

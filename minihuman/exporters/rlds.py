@@ -16,6 +16,7 @@ import google_crc32c
 import numpy as np
 from google.protobuf import message_factory, text_format
 from google.protobuf.descriptor_pb2 import FileDescriptorProto
+from numpy.typing import NDArray
 
 from minihuman import __version__
 from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
@@ -60,34 +61,47 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 def build_steps(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
     """Build the ``n + 1`` steps as columns; the fields that belong to an action are 0 in the last step."""
     episode = item.episode
-    n = len(episode.actions)
-    beyond = np.flatnonzero(np.isfinite(episode.rewards) & (np.abs(episode.rewards) > np.finfo(np.float32).max))
-    if len(beyond):
-        step = int(beyond[0])
+    _require_float32_rewards(item)
+    last = len(episode.actions)
+    n_rows = last + 1
+    is_last = np.arange(n_rows) == last
+    is_terminated = bool(episode.terminated[-1])
+    discount = np.ones(n_rows, np.float32)
+    if is_terminated:
+        discount[last - 1] = 0.0
+    columns: dict[str, Any] = {}
+    if demonstration.pictures:
+        columns["observation/image"] = np.stack(demonstration.pictures)
+    columns["observation/state"] = build_state(demonstration)
+    for name, actions in build_actions(item, demonstration).items():
+        columns[name] = _append_zeros(actions)
+    return columns | {
+        "reward": _append_zeros(episode.rewards).astype(np.float32),
+        "discount": discount,
+        "is_first": np.arange(n_rows) == 0,
+        "is_last": is_last,
+        "is_terminal": is_last & is_terminated,
+        "time_s": (episode.t_ns - episode.t_ns[0]) / 1e9,
+        "language_instruction": [episode.start.mission] * n_rows,
+    }
+
+
+def _append_zeros(rows: NDArray[Any]) -> NDArray[Any]:
+    """Append a row of zeros to the rows of an array."""
+    other_axes = [(0, 0)] * (rows.ndim - 1)
+    return np.pad(rows, [(0, 1), *other_axes])
+
+
+def _require_float32_rewards(item: IncludedEpisode) -> None:
+    """Refuse an episode with a finite reward that float32 cannot hold."""
+    episode = item.episode
+    is_beyond = np.isfinite(episode.rewards) & (np.abs(episode.rewards) > np.finfo(np.float32).max)
+    if is_beyond.any():
+        step = int(is_beyond.argmax())
         raise ExportError(
             f"{item.log.path}: {episode.name} step {step + 1}: the reward {episode.rewards[step]:g} is beyond the "
             "float32 of RLDS; export as minari, robomimic or imitation, which hold float64"
         )
-    discount = np.ones(n + 1, np.float32)
-    discount[n - 1] = 0.0 if episode.terminated[-1] else 1.0
-    ends = np.arange(n + 1) == n
-    columns: dict[str, Any] = {}
-    if demonstration.pictures:
-        columns["observation/image"] = np.stack(demonstration.pictures)
-    return columns | {
-        "observation/state": build_state(demonstration),
-        **{
-            name: np.pad(values, [(0, 1), *[(0, 0)] * (values.ndim - 1)])
-            for name, values in build_actions(item, demonstration).items()
-        },
-        "reward": np.pad(episode.rewards, (0, 1)).astype(np.float32),
-        "discount": discount,
-        "is_first": np.arange(n + 1) == 0,
-        "is_last": ends,
-        "is_terminal": ends & bool(episode.terminated[-1]),
-        "time_s": (episode.t_ns - episode.t_ns[0]) / 1e9,
-        "language_instruction": [episode.start.mission] * (n + 1),
-    }
 
 
 class _Dataset:
@@ -143,14 +157,14 @@ class _Dataset:
 
 def _features(steps: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[str, Any]:
     """Describe the features of the examples in the form that TensorFlow Datasets reads."""
-    kinds = {name: _kind(values) for name, values in steps.items()}
+    kinds = {name: _describe_feature(values) for name, values in steps.items()}
     observation_kinds = {name.partition("/")[2]: kind for name, kind in kinds.items() if "/" in name}
     inner = {name: kind for name, kind in kinds.items() if "/" not in name} | {
         "observation": _dictionary(observation_kinds)
     }
     sequence = {"feature": _dictionary(inner), "length": "-1"}
     episode = {
-        "episode_metadata": _dictionary({name: _kind([value]) for name, value in facts.items()}),
+        "episode_metadata": _dictionary({name: _describe_feature([value]) for name, value in facts.items()}),
         "steps": {"pythonClassName": f"{_PYTHON}dataset_feature.Dataset", "sequence": sequence},
     }
     return _dictionary(episode)
@@ -160,7 +174,7 @@ def _dictionary(features: Mapping[str, Any]) -> dict[str, Any]:
     return {"featuresDict": {"features": dict(features)}, "pythonClassName": f"{_PYTHON}features_dict.FeaturesDict"}
 
 
-def _kind(values: Any) -> dict[str, Any]:
+def _describe_feature(values: Any) -> dict[str, Any]:
     if isinstance(values, list) and isinstance(values[0], str):
         return {"pythonClassName": f"{_PYTHON}text_feature.Text", "text": {}}
     array = np.asarray(values)

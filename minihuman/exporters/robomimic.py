@@ -43,7 +43,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
             if name not in files:
                 files[name] = stack.enter_context(h5py.File(out / f"{name}.hdf5", "w"))
                 _begin(files[name].create_group("data"), item, demonstration)
-            _write(files[name]["data"], item, demonstration)
+            _write_demonstration(files[name]["data"], item, demonstration)
     return replayed.result(out / f"{name}.hdf5" for name in files)
 
 
@@ -56,26 +56,25 @@ def _begin(data: h5py.Group, item: IncludedEpisode, demonstration: ReplayedEpiso
     data.attrs["total"] = 0
 
 
-def _write(data: h5py.Group, item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
+def _write_demonstration(data: h5py.Group, item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
+    """Write an episode as the next demonstration; each step has its observation and the next one."""
     episode = item.episode
+    n_steps = len(episode.actions)
     group = data.create_group(f"demo_{len(data)}")
-    group.attrs["num_samples"] = len(episode.actions)
+    group.attrs["num_samples"] = n_steps
     group.attrs.update(get_plain_facts(item))
-    dones = np.append(np.zeros(len(episode.actions) - 1, np.int64), 1)
     observations = {"state": build_state(demonstration)}
     if demonstration.pictures:
         observations["image"] = np.stack(demonstration.pictures)
+    dones = np.zeros(n_steps, np.int64)
+    dones[-1] = 1
     actions = build_actions(item, demonstration)
-    columns = {
-        "actions": actions.pop("action"),
-        **actions,
-        "rewards": episode.rewards,
-        "dones": dones,
-        "time_s": (episode.t_ns[1:] - episode.t_ns[0]) / 1e9,
-        **build_steering_columns(episode),
-        **{f"obs/{name}": values[:-1] for name, values in observations.items()},
-        **{f"next_obs/{name}": values[1:] for name, values in observations.items()},
-    }
-    for name, values in columns.items():
-        group.create_dataset(name, data=values, compression="lzf")
-    data.attrs["total"] += len(episode.actions)
+    columns = {"actions": actions.pop("action")}
+    columns |= actions
+    columns |= {"rewards": episode.rewards, "dones": dones, "time_s": (episode.t_ns[1:] - episode.t_ns[0]) / 1e9}
+    columns |= build_steering_columns(episode)
+    columns |= {f"obs/{name}": states[:-1] for name, states in observations.items()}
+    columns |= {f"next_obs/{name}": states[1:] for name, states in observations.items()}
+    for name, column in columns.items():
+        group.create_dataset(name, data=column, compression="lzf")
+    data.attrs["total"] += n_steps

@@ -72,7 +72,7 @@ def _describe_as_croissant(plan: SessionPlan, tables: list[Path]) -> dict[str, A
         "version": _version(plan.study_version),
         **{name: value for name, value in facts.items() if value},
         "distribution": [_file(path) for path in tables],
-        "recordSet": [_records(path.stem, TABLES[path.stem]) for path in tables],
+        "recordSet": [_describe_record_set(path.stem, TABLES[path.stem]) for path in tables],
     }
 
 
@@ -87,24 +87,27 @@ def _file(path: Path) -> dict[str, Any]:
     }
 
 
-def _records(table: str, columns: tuple[TableColumn, ...]) -> dict[str, Any]:
-    records: dict[str, Any] = {"@type": "cr:RecordSet", "@id": table, "name": table}
+def _describe_record_set(table: str, columns: tuple[TableColumn, ...]) -> dict[str, Any]:
+    """Describe a table as Croissant's record set, without the columns that need the worlds."""
+    record_set: dict[str, Any] = {"@type": "cr:RecordSet", "@id": table, "name": table}
     key_columns = find_primary_key(table)
     if key_columns:
-        records["key"] = [{"@id": f"{table}/{name}"} for name in key_columns]
-    return records | {
-        "field": [
-            {
-                "@type": "cr:Field",
-                "@id": f"{table}/{column.name}",
-                "name": f"{table}/{column.name}",
-                "description": column.meaning + (f" Unit: {column.unit}." if column.unit else ""),
-                "dataType": _CROISSANT_TYPES[column.kind],
-                "source": {"fileObject": {"@id": f"{table}.parquet"}, "extract": {"column": column.name}},
-            }
-            for column in columns
-            if column.name not in COLUMNS_NEEDING_WORLD
-        ],
+        record_set["key"] = [{"@id": f"{table}/{name}"} for name in key_columns]
+    fields = [_describe_field(table, column) for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
+    return record_set | {"field": fields}
+
+
+def _describe_field(table: str, column: TableColumn) -> dict[str, Any]:
+    description = column.meaning
+    if column.unit:
+        description += f" Unit: {column.unit}."
+    return {
+        "@type": "cr:Field",
+        "@id": f"{table}/{column.name}",
+        "name": f"{table}/{column.name}",
+        "description": description,
+        "dataType": _CROISSANT_TYPES[column.kind],
+        "source": {"fileObject": {"@id": f"{table}.parquet"}, "extract": {"column": column.name}},
     }
 
 

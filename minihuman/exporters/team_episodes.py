@@ -153,21 +153,25 @@ def _describe_trajectory(
     included: IncludedEpisode, team: TeamRecord, kitchen: "Kitchen", layout_name: str, states: list[dict[str, Any]]
 ) -> dict[str, Any]:
     """Describe an episode as an Overcooked-AI trajectory; ``states`` are the kitchen's states at each step."""
-    rewards = team.rewards[:, 0].astype(int).tolist()
-    n = len(rewards)
+    rewards = team.rewards[:, 0].astype(int).tolist()  # every seat has the same
+    n_steps = len(rewards)
+    dones = [step == n_steps for step in range(1, n_steps + 1)]
+    actions = []
+    for joint_action in team.actions.tolist():
+        actions.append([ACTIONS[action] for action in joint_action])
     params = {
         "layout_name": layout_name,
-        "terrain": _terrain(kitchen),
+        "terrain": _draw_terrain(kitchen),
         "start_player_positions": [player["position"] for player in states[0]["players"]],
-        **{f"start_{kind}": recipes for kind, recipes in _describe_orders(kitchen).items()},
     }
+    params |= {f"start_{kind}": recipes for kind, recipes in _describe_orders(kitchen).items()}
     return {
-        "ep_states": states[:n],
-        "ep_actions": [[ACTIONS[action] for action in row] for row in team.actions.tolist()],
+        "ep_states": states[:n_steps],
+        "ep_actions": actions,
         "ep_rewards": rewards,
-        "ep_dones": [*[False] * (n - 1), True][:n],
+        "ep_dones": dones,
         "ep_returns": sum(rewards),
-        "ep_lengths": n,
+        "ep_lengths": n_steps,
         "mdp_params": params,
         "env_params": {"horizon": included.episode.plan.max_steps},
         "rules": kitchen.rules,
@@ -179,58 +183,71 @@ def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
     from minihuman.worlds.grid.core import kitchen_rules as rules
 
     row = kitchen.row
-    width, height, cooks = row[:3].tolist()
-    cells = row[rules.COOK + _COOK_SIZE * cooks + width * height :].reshape(width, height)
+    width, height, n_cooks = row[:3].tolist()
+    end_of_cooks = rules.COOK + _COOK_SIZE * n_cooks
+    cooks = row[rules.COOK : end_of_cooks].reshape(n_cooks, _COOK_SIZE)
+    contents = row[end_of_cooks + width * height :].reshape(width, height)  # of the cells, after their kinds
     times = row[rules.TIMES : rules.COOK].tolist()
-
-    def thing(number: int, position: list[int]) -> dict[str, Any] | None:
-        kind = number & _KIND_MASK
-        if not kind:
-            return None
-        described = {"name": _THINGS[kind], "position": position}
-        if kind != rules.SOUP:
-            return described
-        onions = number >> _ONIONS_SHIFT & _INGREDIENT_MASK
-        tomatoes = number >> _TOMATOES_SHIFT & _INGREDIENT_MASK
-        clock = (number >> _CLOCK_SHIFT) - 1
-        inside = ["onion"] * onions + ["tomato"] * tomatoes
-        time = times[onions + 4 * tomatoes]
-        return described | {
-            "_ingredients": [{"name": name, "position": position} for name in inside],
-            "cooking_tick": clock,
-            "_cooking_tick": clock,
-            "is_cooking": 0 <= clock < time,
-            "is_ready": clock >= time,
-            "is_idle": clock < 0,
-            "cook_time": -1 if clock < 0 else time,
-        }
-
     players = []
-    for cook in range(cooks):
-        x, y, direction, held_number = row[rules.COOK + _COOK_SIZE * cook :][:_COOK_SIZE].tolist()
-        held_object = thing(held_number, [x, y])
+    for x, y, direction, held_number in cooks.tolist():
+        held_object = _describe_object(held_number, [x, y], times)
         players.append({"position": [x, y], "orientation": list(ORIENTATIONS[direction]), "held_object": held_object})
-    objects = [thing(int(cells[x, y]), [x, y]) for x, y in np.argwhere(cells).tolist()]
+    objects = [_describe_object(int(contents[x, y]), [x, y], times) for x, y in np.argwhere(contents).tolist()]
     return {"players": players, "objects": objects, "timestep": step, **_describe_orders(kitchen)}
 
 
-def _describe_orders(kitchen: "Kitchen") -> dict[str, list[dict[str, list[str]]]]:
-    from minihuman.worlds.grid.kitchen import RECIPES
+def _describe_object(number: int, position: list[int], times: list[int]) -> dict[str, Any] | None:
+    """Describe the object that a number encodes, None if there is none; ``times`` are the cooking times of soups."""
+    from minihuman.worlds.grid.core import kitchen_rules as rules
 
-    every = kitchen.layout.orders or RECIPES
-    bonus = kitchen.layout.bonus
-    return {
-        name: [{"ingredients": [_INGREDIENTS[letter] for letter in recipe]} for recipe in recipes]
-        for name, recipes in (("bonus_orders", bonus), ("all_orders", every))
+    kind = number & _KIND_MASK
+    if not kind:
+        return None
+    description = {"name": _THINGS[kind], "position": position}
+    if kind != rules.SOUP:
+        return description
+    n_onions = number >> _ONIONS_SHIFT & _INGREDIENT_MASK
+    n_tomatoes = number >> _TOMATOES_SHIFT & _INGREDIENT_MASK
+    clock = (number >> _CLOCK_SHIFT) - 1
+    ingredients = ["onion"] * n_onions + ["tomato"] * n_tomatoes
+    cook_time = times[n_onions + 4 * n_tomatoes]
+    return description | {
+        "_ingredients": [{"name": name, "position": position} for name in ingredients],
+        "cooking_tick": clock,
+        "_cooking_tick": clock,
+        "is_cooking": 0 <= clock < cook_time,
+        "is_ready": clock >= cook_time,
+        "is_idle": clock < 0,
+        "cook_time": -1 if clock < 0 else cook_time,
     }
 
 
-def _terrain(kitchen: "Kitchen") -> list[list[str]]:
+def _describe_orders(kitchen: "Kitchen") -> dict[str, list[dict[str, list[str]]]]:
+    """Describe the recipes that earn a bonus and all recipes that can be ordered."""
+    from minihuman.worlds.grid.kitchen import RECIPES
+
+    return {
+        "bonus_orders": [_describe_recipe(recipe) for recipe in kitchen.layout.bonus],
+        "all_orders": [_describe_recipe(recipe) for recipe in kitchen.layout.orders or RECIPES],
+    }
+
+
+def _describe_recipe(recipe: str) -> dict[str, list[str]]:
+    return {"ingredients": [_INGREDIENTS[letter] for letter in recipe]}
+
+
+def _draw_terrain(kitchen: "Kitchen") -> list[list[str]]:
+    """Return the letter of each cell of a kitchen, row by row."""
     from minihuman.worlds.grid.core import kitchen_rules as rules
 
-    width, height, cooks = kitchen.row[:3].tolist()
-    cells = kitchen.row[rules.COOK + _COOK_SIZE * cooks :][: width * height].reshape(width, height)
-    return [[_LETTERS[cells[x, y]] for x in range(width)] for y in range(height)]
+    width, height, n_cooks = kitchen.row[:3].tolist()
+    first = rules.COOK + _COOK_SIZE * n_cooks  # the cells follow the cooks
+    n_cells = width * height
+    cells = kitchen.row[first : first + n_cells].reshape(width, height)
+    letters = []
+    for y in range(height):
+        letters.append([_LETTERS[cell] for cell in cells[:, y]])
+    return letters
 
 
 def _team_episodes(chosen: IncludedEpisodes, left_out: list[str]) -> Iterator[tuple[IncludedEpisode, TeamRecord]]:

@@ -25,9 +25,10 @@ def build_info_columns(episode: EpisodeLog) -> dict[str, InfoColumn]:
 
 def build_info_column(values: Sequence[Any]) -> InfoColumn:
     """Build a column of numbers if all values are numbers, else of texts, with other values encoded as JSON."""
-    if all(value is None or isinstance(value, bool | int | float) for value in values):
-        return np.array([math.nan if value is None else float(value) for value in values], np.float64)
-    return format_info_texts(values)
+    if not all(value is None or isinstance(value, bool | int | float) for value in values):
+        return format_info_texts(values)
+    numbers = [math.nan if value is None else float(value) for value in values]
+    return np.array(numbers, np.float64)
 
 
 def format_info_texts(values: Sequence[Any]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -59,9 +60,12 @@ class Demonstrations:
 
     def first(self, count: int) -> "Demonstrations":
         """Return the first ``count`` demonstrations, taking one of each participant in turn."""
-        queues = [[e for e in self.episodes if e.participant == participant] for participant in self.participants]
-        turns = [queue[turn] for turn in range(max(map(len, queues))) for queue in queues if turn < len(queue)]
-        return replace(self, episodes=tuple(turns[:count]))
+        by_participant: dict[str, list[Demonstration]] = {participant: [] for participant in self.participants}
+        for episode in self.episodes:
+            by_participant[episode.participant].append(episode)
+        in_turn = chain.from_iterable(zip_longest(*by_participant.values()))
+        episodes = [episode for episode in in_turn if episode is not None]
+        return replace(self, episodes=tuple(episodes[:count]))
 
 
 LoggedEpisode = tuple[SessionLog, EpisodeLog]

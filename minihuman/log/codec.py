@@ -260,7 +260,7 @@ def decode_event(topic: str, data: bytes) -> events.Event | None:
 
 @cache
 def _find_encoder(event: type) -> tuple[str, Callable[[Any], Message]]:
-    for row in _rows():
+    for row in _list_rows():
         if row.event is event:
             return row.topic.name, _codec_of_row(row).encode
     raise AssertionError(f"event {event.__name__} has no EventRow; add one to the rows of its activity kind")
@@ -285,14 +285,15 @@ def _find_row(topic: str) -> EventRow | None:
     known = topics.BY_NAME.get(topic)
     if known is not None and known.is_preview:
         return None
-    return next((row for row in _rows() if row.topic.name == topic), None)
+    return next((row for row in _list_rows() if row.topic.name == topic), None)
 
 
-def _rows() -> Iterator[EventRow]:
+def _list_rows() -> Iterator[EventRow]:
     """Yield every event row; plug-ins are loaded only after all built-in rows."""
     yield from _OWN_ROWS
     built_in = list_built_in_kinds()
-    for kind in (*built_in, *sorted({*list_plugin_names(GROUP)} - {*built_in})):
+    plugin_kinds = set(list_plugin_names(GROUP)).difference(built_in)
+    for kind in (*built_in, *sorted(plugin_kinds)):
         yield from _rows_of_kind(kind)
 
 
@@ -366,17 +367,18 @@ def select_decoder(facts: Mapping[str, str], path: Path) -> EventDecoder:
     Raises:
         LogError: if there is no valid version; ``NewerLogError`` if it is newer than this software.
     """
-    stated = facts.get("schema_version", "none")
-    number, _, minor = stated.partition(".")
-    if not number.isdigit() or number == "0" or (minor and not minor.isdigit()):
+    version = facts.get("schema_version", "none")
+    major, _, minor = version.partition(".")
+    is_valid = major.isdigit() and major != "0" and (minor or "0").isdigit()
+    if not is_valid:
         raise LogError(
-            f"{path} has log schema version {stated}, which is not valid; the file is damaged or is not a session log"
+            f"{path} has log schema version {version}, which is not valid; the file is damaged or is not a session log"
         )
-    reader = DECODERS.get(int(number))
-    if reader is None:
+    decoder = DECODERS.get(int(major))
+    if decoder is None:
+        software = facts.get("minihuman", "unknown")
         raise NewerLogError(
-            f"{path} was written by a newer minihuman "
-            f"({facts.get('minihuman', 'unknown')}, log schema version {stated}; this version reads up to "
-            f"{max(DECODERS)}); upgrade minihuman to read it"
+            f"{path} was written by a newer minihuman ({software}, log schema version {version}; this version reads up "
+            f"to {max(DECODERS)}); upgrade minihuman to read it"
         )
-    return reader
+    return decoder

@@ -138,12 +138,15 @@ def _message_builder(
     message: type[Message], names: Iterable[tuple[str, str]], encoders: Mapping[str, Callable[[Any], Any]]
 ) -> Callable[[Any], Any]:
     """Compile a function that builds a value's message, as dataclasses do: 1.6 us instead of 2.4."""
-    encode = {f"encode_{name}": encoder for name, encoder in encoders.items()}
-    fields = (
-        f"{wire_name}=encode_{name}(value.{name})" if name in encoders else f"{wire_name}=value.{name}"
-        for name, wire_name in names
-    )
-    build: Callable[[Any], Any] = eval(f"lambda value: message({', '.join(fields)})", {"message": message, **encode})
+    variables: dict[str, Any] = {"message": message}
+    arguments = []
+    for name, wire_name in names:
+        if name in encoders:
+            variables[f"encode_{name}"] = encoders[name]
+            arguments.append(f"{wire_name}=encode_{name}(value.{name})")
+        else:
+            arguments.append(f"{wire_name}=value.{name}")
+    build: Callable[[Any], Any] = eval(f"lambda value: message({', '.join(arguments)})", variables)
     return build
 
 

@@ -86,8 +86,11 @@ class HashChain:
         """Add a metadata record to the chain, without the chain head that it states."""
         if not record.name.startswith(METADATA_PREFIX):
             return
-        facts = [text.encode() for fact in sorted(record.metadata.items()) if fact[0] != CHAIN_KEY for text in fact]
-        self._take(b"metadata", record.name.encode(), *facts)
+        parts = [b"metadata", record.name.encode()]
+        for key, text in sorted(record.metadata.items()):
+            if key != CHAIN_KEY:
+                parts += [key.encode(), text.encode()]
+        self._take(*parts)
 
     def attachment(self, record: Attachment) -> None:
         """Add an attachment to the chain, unless it is a segment-head copy."""

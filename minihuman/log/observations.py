@@ -74,8 +74,10 @@ def verify_observations(observations: Sequence[Any], hashes: NDArray[np.uint64],
 
 def is_picture(observation: Any) -> bool:
     """Return whether an observation is a picture, uint8[H, W, 3], which PNG stores exactly."""
-    is_array = isinstance(observation, np.ndarray) and observation.dtype == np.uint8 and observation.ndim == 3
-    return is_array and observation.shape[2] == 3 and observation.size > 0
+    if not isinstance(observation, np.ndarray) or observation.dtype != np.uint8 or observation.ndim != 3:
+        return False
+    _, _, n_channels = observation.shape
+    return n_channels == 3 and observation.size > 0
 
 
 def encode_observation(observation: Any) -> dict[str, bytes]:
@@ -95,10 +97,16 @@ def encode_png(picture: NDArray[np.uint8]) -> bytes:
     lines = np.zeros((height, 1 + 3 * width), np.uint8)  # each after its filter's number
     lines[:, 1:] = picture.reshape(height, -1)
     header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)  # 8 bits of each, RGB
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(lines.data, 1)), (b"IEND", b""))
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
-    )
+    compressed = zlib.compress(lines.data, 1)
+    chunks = (_pack_chunk(b"IHDR", header), _pack_chunk(b"IDAT", compressed), _pack_chunk(b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
+def _pack_chunk(kind: bytes, content: bytes) -> bytes:
+    """Pack a chunk of a PNG: its length, kind, content and checksum."""
+    length = struct.pack(">I", len(content))
+    checksum = struct.pack(">I", zlib.crc32(kind + content))
+    return length + kind + content + checksum
 
 
 def decode_observation(message: v1.Observation) -> Any:

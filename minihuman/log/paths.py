@@ -186,12 +186,10 @@ def find_system_companions(folders: LogFolders) -> list[Path]:
     No command reads them, but ``status``, ``verify`` and all readers of a study's logs mention them.
     """
     endings = (LOG_SUFFIX, PART_SUFFIX, ".jsonl")
-    return [
-        folder / name
-        for folder, names in folders
-        for name in sorted(names)
-        if is_system_companion(name) and name.endswith(endings)
-    ]
+    companions = []
+    for folder, names in folders:
+        companions += [folder / name for name in sorted(names) if is_system_companion(name) and name.endswith(endings)]
+    return companions
 
 
 @contextmanager

@@ -119,16 +119,18 @@ def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Pat
 
 def _select_episodes(log: SessionLog, number: int | None) -> list[EpisodeLog]:
     """Return the last attempt at the episode with that number, or every episode with a step."""
-    numbers = sorted({episode.number for episode in log.episodes})
-    if number is None:
-        episodes = [episode for episode in log.episodes if len(episode.actions)]
-    elif number in numbers:
-        episodes = [[episode for episode in log.episodes if episode.number == number][-1]]
-    else:
-        raise LogError(f"{log.path} has no episode {number}; its episodes are {', '.join(map(str, numbers)) or 'none'}")
-    if not any(len(episode.actions) for episode in episodes):
+    episodes: Sequence[EpisodeLog] = log.episodes
+    if number is not None:
+        attempts = [episode for episode in log.episodes if episode.number == number]
+        if not attempts:
+            known = sorted({episode.number for episode in log.episodes})
+            numbers = ", ".join(map(str, known)) or "none"
+            raise LogError(f"{log.path} has no episode {number}; its episodes are {numbers}")
+        episodes = attempts[-1:]
+    with_steps = [episode for episode in episodes if len(episode.actions)]
+    if not with_steps:
         raise LogError(f"{log.path}: there is no step to film; choose another episode")
-    return episodes
+    return with_steps
 
 
 def _save_gif(images: Iterator[Image.Image], path: Path) -> None:
@@ -185,33 +187,37 @@ def _compose(
 
 def _draw_keys(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, left: int) -> None:
     """Draw the keys with their actions, and highlight the key that made this step."""
-    pressed = ""
-    if step:
-        pressed = episode.step_keys[step - 1]
-    for place, (key, action) in enumerate(sorted(episode.plan.key_map.keys.items())[:_MOST_KEYS]):
-        x = left + place % 3 * 62
-        y = 74 + place // 3 * 78
+    pressed = episode.step_keys[step - 1] if step else ""
+    key_actions = sorted(episode.plan.key_map.keys.items())
+    for place, (key, action) in enumerate(key_actions[:_MOST_KEYS]):
+        row, column = divmod(place, 3)
+        x = left + column * 62
+        y = 74 + row * 78
         fill = PANEL
         ink = INK
         if pressed == key:
             fill = BLUE
             ink = PAPER
         draw.rounded_rectangle((x, y, x + 44, y + 44), 7, fill=fill, outline=FAINT)
-        lettering = KEY
-        if len(key) >= 3:
-            lettering = MONO
+        lettering = MONO if len(key) >= 3 else KEY
         draw_label(draw, (x + 22, y + 22), key[:5], ink, lettering, centred=True)
-        draw_label(draw, (x + 22, y + 55), action.rpartition("_")[2][:8], INK, MONO, centred=True)
+        draw_label(draw, (x + 22, y + 55), _shorten_action(action, 8), INK, MONO, centred=True)
 
 
 def _describe_step(episode: EpisodeLog, index: int, reaction_ms: float) -> str:
     """Describe a step in one line: its time, key and action, and the reaction time if there is one."""
     seconds = (episode.t_ns[index + 1] - episode.t_ns[0]) / 1e9
-    action = episode.start.action_names[episode.actions[index]].rpartition("_")[2][:10]
-    text = f"{seconds:7.2f} s  {episode.step_keys[index] or '-':>5}  {action:<10}"
+    key = episode.step_keys[index] or "-"
+    action = _shorten_action(episode.start.action_names[episode.actions[index]], 10)
+    text = f"{seconds:7.2f} s  {key:>5}  {action:<10}"
     if np.isnan(reaction_ms):
         return text
     return f"{text}{reaction_ms:6.0f} ms"
+
+
+def _shorten_action(name: str, length: int) -> str:
+    """Return the last word of an action's name, cut to a length."""
+    return name.rpartition("_")[2][:length]
 
 
 def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tuple[int, int, int, int]) -> None:
@@ -219,24 +225,27 @@ def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tu
     plan = episode.start.map
     if plan is None:
         return
-    x0, z0, x1, z1 = plan.bounds
-    scale = min((box[2] - box[0]) / max(x1 - x0, 1e-9), (box[3] - box[1]) / max(z1 - z0, 1e-9))
+    x_min, z_min, x_max, z_max = plan.bounds
+    left, top, right, bottom = box
+    scale = min((right - left) / max(x_max - x_min, 1e-9), (bottom - top) / max(z_max - z_min, 1e-9))
 
-    def at(x: float, z: float) -> tuple[float, float]:
-        return box[0] + (x - x0) * scale, box[1] + (z - z0) * scale
+    def locate(x: float, z: float) -> tuple[float, float]:
+        return left + (x - x_min) * scale, top + (z - z_min) * scale
 
-    draw.rectangle((*at(x0, z0), *at(x1, z1)), fill=PANEL)
-    for wall in plan.walls:
-        draw.line((*at(wall[0], wall[1]), *at(wall[2], wall[3])), fill=INK, width=2)
+    draw.rectangle((*locate(x_min, z_min), *locate(x_max, z_max)), fill=PANEL)
+    for x_begin, z_begin, x_end, z_end in plan.walls:
+        draw.line((*locate(x_begin, z_begin), *locate(x_end, z_end)), fill=INK, width=2)
     for thing in plan.things:
-        x, z = at(thing.x, thing.z)
+        x, z = locate(thing.x, thing.z)
         radius = max(thing.radius * scale, 4)
         draw.rectangle((x - radius, z - radius, x + radius, z + radius), fill=thing.colour, outline=INK)
     path = episode.poses[: step + 1, [0, 2]]
-    points = [at(x, z) for x, z in path[~np.isnan(path[:, 0])].tolist()]
+    is_known = ~np.isnan(path[:, 0])
+    points = [locate(x, z) for x, z in path[is_known].tolist()]
     if len(points) > 1:
         draw.line(points, fill=BLUE, width=3, joint="curve")
-    for x, z in points[-1:]:
+    if points:
+        x, z = points[-1]
         draw.ellipse((x - 5, z - 5, x + 5, z + 5), fill=BLUE, outline=PAPER)
 
 

@@ -51,7 +51,7 @@ def render_frames(episode: EpisodeLog, size_px: tuple[int, int] = SIZE_PX) -> li
     plan = episode.plan
     try:
         with closing(World(plan.world, episode.world_options)) as world:
-            return list(_redrawn(episode, world, size_px))
+            return list(_draw_again(episode, world, size_px))
     except (LogError, WorldError):
         stored = episode.observations
         if stored is None or not is_picture(stored[0]):
@@ -59,14 +59,14 @@ def render_frames(episode: EpisodeLog, size_px: tuple[int, int] = SIZE_PX) -> li
         return list(verify_observations(stored, episode.observation_hashes, plan.episode))
 
 
-def _redrawn(episode: EpisodeLog, world: World, size_px: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
+def _draw_again(episode: EpisodeLog, world: World, size_px: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
+    """Yield the picture of each state of an episode, checking that the world is in the state that was seen."""
     plan = episode.plan
     observation_hash = world.reset(plan.seed).observation_hash
-    actions = episode.actions_taken
-    for step in range(len(episode.actions) + 1):
-        if step:
-            observation_hash = world.step(actions[step - 1]).observation_hash
-        if observation_hash != int(episode.observation_hashes[step]):
+    for step, logged_hash in enumerate(episode.observation_hashes.tolist()):
+        if step > 0:
+            observation_hash = world.step(episode.actions_taken[step - 1]).observation_hash
+        if observation_hash != logged_hash:
             raise LogError(
                 f"{episode.name} step {step}: {plan.world} no longer shows what the participant saw; "
                 "replay without --view, or install the version of the world that the session used"

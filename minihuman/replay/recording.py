@@ -37,7 +37,7 @@ Bounds = tuple[float, float, float, float]
 def build_layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprint:
     """Build the viewer's layout: one session shows all its panels, and several sessions have a column each."""
     if len(logs) == 1:
-        content = _single(logs[0], with_view=with_view)
+        content = _lay_out_session(logs[0], with_view=with_view)
         timeline = PLAY_TIME
     else:
         content = rrb.Horizontal(*(_column(log, with_view=with_view) for log in logs))
@@ -51,7 +51,7 @@ def build_layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprin
     )
 
 
-def _single(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
+def _lay_out_session(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
     root = session_root(log)
     steering = []
     row_shares = [3, 2, 2, 3]
@@ -102,19 +102,23 @@ def _maps(log: SessionLog, name: str = "") -> rrb.Spatial2DView | rrb.Tabs:
         if episode.start.map is not None:
             bounds.setdefault(episode.plan.block_name, []).append(episode.start.map.bounds)
     if len(bounds) < 2:
-        return _map_view(log, f"{name}map", next(iter(bounds.values()), []))
-    return rrb.Tabs(*(_map_view(log, f"{name}map of {block}", block_bounds) for block, block_bounds in bounds.items()))
+        return _build_map_view(log, f"{name}map", next(iter(bounds.values()), []))
+    return rrb.Tabs(
+        *(_build_map_view(log, f"{name}map of {block}", block_bounds) for block, block_bounds in bounds.items())
+    )
 
 
-def _map_view(log: SessionLog, name: str, bounds: Sequence[Bounds]) -> rrb.Spatial2DView:
+def _build_map_view(log: SessionLog, name: str, bounds: Sequence[Bounds]) -> rrb.Spatial2DView:
+    """Build a view of the map with room around all given bounds (left, top, right, bottom)."""
     visual = None
     if bounds:
-        x0 = min(b[0] for b in bounds)
-        z0 = min(b[1] for b in bounds)
-        x1 = max(b[2] for b in bounds)
-        z1 = max(b[3] for b in bounds)
-        margin = _MARGIN * max(x1 - x0, z1 - z0)
-        visual = rrb.VisualBounds2D(x_range=(x0 - margin, x1 + margin), y_range=(z0 - margin, z1 + margin))
+        lefts, tops, rights, bottoms = zip(*bounds, strict=True)
+        left = min(lefts)
+        top = min(tops)
+        right = max(rights)
+        bottom = max(bottoms)
+        margin = _MARGIN * max(right - left, bottom - top)
+        visual = rrb.VisualBounds2D(x_range=(left - margin, right + margin), y_range=(top - margin, bottom + margin))
     return rrb.Spatial2DView(origin=f"{session_root(log)}/map", name=name, visual_bounds=visual)
 
 

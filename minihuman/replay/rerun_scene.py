@@ -4,11 +4,12 @@ Sending whole columns makes creating a session's recording tens of times faster 
 """
 
 import io
+import operator
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 import pyarrow as pa
@@ -209,22 +210,28 @@ def send_views(recording: rr.RecordingStream, log: SessionLog, moments: ReplayTi
 
 
 def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    maps = [(episode.t_ns[0], episode.start.map) for episode in log.episodes if episode.start.map is not None]
-    if not maps:
+    """Send the walls and things of each episode's map, which appear at the episode's reset."""
+    starts_ns = []
+    floors = []
+    for episode in log.episodes:
+        if episode.start.map is not None:
+            starts_ns.append(episode.t_ns[0])
+            floors.append(episode.start.map)
+    if not floors:
         return
-    times = moments.columns([t_ns for t_ns, _ in maps])
-    walls = [wall for _, floor in maps for wall in floor.walls]
+    times = moments.columns(starts_ns)
+    walls = list(chain.from_iterable(floor.walls for floor in floors))
     strips = np.asarray(walls, np.float32).reshape(-1, 2, 2)
     columns = rr.LineStrips2D.columns(strips=strips, colors=[WALL] * len(strips))
-    recording.send_columns(f"{root}/map/walls", times, columns.partition([len(floor.walls) for _, floor in maps]))
-    things = [thing for _, floor in maps for thing in floor.things]
+    recording.send_columns(f"{root}/map/walls", times, columns.partition([len(floor.walls) for floor in floors]))
+    things = list(chain.from_iterable(floor.things for floor in floors))
     points = rr.Points2D.columns(
         positions=np.array([(thing.x, thing.z) for thing in things], np.float32).reshape(-1, 2),
         radii=[thing.radius for thing in things],
         colors=np.array([int(thing.colour.lstrip("#") + "ff", 16) for thing in things], np.uint32),
         labels=[thing.name for thing in things],
     )
-    recording.send_columns(f"{root}/map/things", times, points.partition([len(floor.things) for _, floor in maps]))
+    recording.send_columns(f"{root}/map/things", times, points.partition([len(floor.things) for floor in floors]))
 
 
 def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
@@ -328,32 +335,59 @@ def _strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> 
 
 def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
     """Send the reward and return at each step, and the reaction times."""
-    series: dict[str, tuple[list[NDArray[np.int64]], list[NDArray[np.float64]]]] = defaultdict(lambda: ([], []))
-    carried = 0.0
+    _send_rewards(recording, f"{root}/reward", log, moments)
+    _send_returns(recording, f"{root}/return", log, moments)
+    _send_reaction_times(recording, f"{root}/reaction_ms", log, moments)
+
+
+def _send_rewards(recording: rr.RecordingStream, path: str, log: SessionLog, moments: ReplayTimeline) -> None:
+    style = rr.SeriesPoints(names="reward", colors=TRAIL, markers="circle", marker_sizes=3)
+    times_ns = [episode.t_ns[1:] for episode in log.episodes]
+    rewards = [episode.rewards for episode in log.episodes]
+    _send_scalars(recording, path, style, moments, times_ns, rewards)
+
+
+def _send_returns(recording: rr.RecordingStream, path: str, log: SessionLog, moments: ReplayTimeline) -> None:
+    """Send each return beside the one before it, so that the line goes on level, then changes at once."""
+    style = rr.SeriesLines(names="return", colors=PATH, widths=2)
+    times_ns = []
+    pairs = []
+    last_return = 0.0
     for episode in log.episodes:
-        times_ms = response_ms(episode)
-        answered = ~np.isnan(times_ms)
         returns = np.concatenate([[0.0], np.cumsum(episode.rewards)])
-        for name, times, values in (
-            ("reward", episode.t_ns[1:], episode.rewards),
-            # each value beside the one before it: the line goes on level, then changes at once
-            ("return", np.repeat(episode.t_ns, 2), np.column_stack([[carried, *returns[:-1]], returns]).ravel()),
-            ("reaction_ms", episode.t_ns[1:][answered], times_ms[answered]),
-        ):
-            series[name][0].append(times)
-            series[name][1].append(values)
-        carried = float(returns[-1])
-    styles = {
-        "reward": rr.SeriesPoints(names="reward", colors=TRAIL, markers="circle", marker_sizes=3),
-        "return": rr.SeriesLines(names="return", colors=PATH, widths=2),
-        "reaction_ms": rr.SeriesPoints(
-            names="reaction time from onset (ms)", colors=AGENT, markers="circle", marker_sizes=3
-        ),
-    }
-    for name, (all_times, all_values) in series.items():
-        recording.log(f"{root}/{name}", styles[name], static=True)
-        rows = moments.columns(np.concatenate(all_times))
-        recording.send_columns(f"{root}/{name}", rows, rr.Scalars.columns(scalars=np.concatenate(all_values)))
+        returns_before = np.concatenate([[last_return], returns[:-1]])
+        times_ns.append(np.repeat(episode.t_ns, 2))
+        pairs.append(np.column_stack([returns_before, returns]).ravel())
+        last_return = float(returns[-1])
+    _send_scalars(recording, path, style, moments, times_ns, pairs)
+
+
+def _send_reaction_times(recording: rr.RecordingStream, path: str, log: SessionLog, moments: ReplayTimeline) -> None:
+    style = rr.SeriesPoints(names="reaction time from onset (ms)", colors=AGENT, markers="circle", marker_sizes=3)
+    times_ns = []
+    reactions_ms = []
+    for episode in log.episodes:
+        all_ms = response_ms(episode)
+        is_answered = ~np.isnan(all_ms)
+        times_ns.append(episode.t_ns[1:][is_answered])
+        reactions_ms.append(all_ms[is_answered])
+    _send_scalars(recording, path, style, moments, times_ns, reactions_ms)
+
+
+def _send_scalars(
+    recording: rr.RecordingStream,
+    path: str,
+    style: rr.SeriesPoints | rr.SeriesLines,
+    moments: ReplayTimeline,
+    times_ns: Sequence[NDArray[np.int64]],
+    scalars: Sequence[NDArray[np.float64]],
+) -> None:
+    """Send a series of numbers with its style; times and numbers are given episode by episode."""
+    if not times_ns:
+        return
+    recording.log(path, style, static=True)
+    rows = moments.columns(np.concatenate(times_ns))
+    recording.send_columns(path, rows, rr.Scalars.columns(scalars=np.concatenate(scalars)))
 
 
 def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
@@ -416,7 +450,7 @@ def _send_steering(recording: rr.RecordingStream, root: str, log: SessionLog, mo
 
 def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
     """Send readable lines about episodes, key presses, pauses and notes, in order of time."""
-    lines = [line for episode in log.episodes for line in _episode_lines(episode)]
+    lines = list(chain.from_iterable(map(_episode_lines, log.episodes)))
     lines += [_press_line(press) for press in log.keys if press.down and press.verdict != "repeat"]
     for note in log.notes:
         match note:
@@ -428,10 +462,11 @@ def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, mome
                 lines.append((note.t_ns, "ERROR", f"{note.kind}: {note.text}"))
             case _:
                 lines.append((note.t_ns, "INFO", f"{note.kind}: {note.text}"))
-    lines.sort(key=lambda line: line[0])
+    lines.sort(key=operator.itemgetter(0))
     if lines:
-        columns = rr.TextLog.columns(text=[line[2] for line in lines], level=[line[1] for line in lines])
-        recording.send_columns(f"{root}/events", moments.columns([line[0] for line in lines]), columns)
+        times_ns, levels, texts = zip(*lines, strict=True)
+        columns = rr.TextLog.columns(text=list(texts), level=list(levels))
+        recording.send_columns(f"{root}/events", moments.columns(list(times_ns)), columns)
 
 
 def _press_line(press: KeyPressed) -> tuple[int, str, str]:

@@ -96,11 +96,11 @@ class AgentHost(RequestHandler):
             case PolicyRequest(learning=True):
                 return self._learnt(want, t_ns)
             case PolicyRequest():
-                return self._first(want, t_ns)
+                return self._find_first_policy(want, t_ns)
             case AdviceRequest() if play is not None:
                 return self._advice(want, play, t_ns)
             case ClipRequest() if self._stretches is not None:
-                return self._offered(self._stretches, want, t_ns)
+                return self._offer_clip(self._stretches, want, t_ns)
             case EpisodeRequest() if self._stretches is not None:
                 return ClipOffered(t_ns, self._stretches.episode(want))
         return None
@@ -112,19 +112,20 @@ class AgentHost(RequestHandler):
 
     # Policies
 
-    def _first(self, want: PolicyRequest, t_ns: int) -> NewPolicy:
+    def _find_first_policy(self, want: PolicyRequest, t_ns: int) -> NewPolicy:
         name = self._latest if want.policy == LATEST_POLICY else want.policy
-        if (earlier := self._earlier.get(want.part)) is not None:
-            return self._adopted(earlier, t_ns)
+        earlier = self._earlier.get(want.part)
+        if earlier is not None:
+            return self._adopt_policy(earlier, t_ns)
         if not name or is_registered_agent(name) or name == self._latest:
-            return self._adopted(name, t_ns)
+            return self._adopt_policy(name, t_ns)
         try:
-            return self._adopted(self._policies.keep(self._files[name]), t_ns)
+            return self._adopt_policy(self._policies.keep(self._files[name]), t_ns)
         except (KeyError, OSError) as error:
             LOG.warning("the policy %s is not there: %s", name, error)
             return NewPolicy(t_ns, want.policy, f"{name} is not there: {describe_failure(error)}")
 
-    def _adopted(self, policy: str, t_ns: int) -> NewPolicy:
+    def _adopt_policy(self, policy: str, t_ns: int) -> NewPolicy:
         """Load a policy before it plays, so that one that cannot be loaded never plays; return the session's input."""
         if policy and policy not in self._agents:
             try:
@@ -165,7 +166,7 @@ class AgentHost(RequestHandler):
         except OSError as error:
             LOG.warning("the policy cannot be kept: %s", error)
             return NewPolicy(t_ns, want.policy, f"the policy cannot be kept: {describe_failure(error)}")
-        return self._adopted(policy, t_ns)
+        return self._adopt_policy(policy, t_ns)
 
     def _limit_learning_s(self, budget_s: float) -> float:
         """Return the learner's time limit: the given one, or none if the learner is unhurried."""
@@ -175,7 +176,7 @@ class AgentHost(RequestHandler):
 
     # Pairs
 
-    def _offered(self, stretches: ClipSampler, want: ClipRequest, t_ns: int) -> ClipOffered | None:
+    def _offer_clip(self, stretches: ClipSampler, want: ClipRequest, t_ns: int) -> ClipOffered | None:
         """Return one clip of a pair, which is random or the one on which the learner's ensemble disagrees most."""
         if want.pairing == "random" or self._learner is None:
             return ClipOffered(t_ns, stretches.draw(want))

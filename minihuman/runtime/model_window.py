@@ -105,7 +105,7 @@ class ModelWindow(Window):
         """
         if not any(isinstance(coming, KeyDown | PointerPressed | TextInput | Stop) for coming in self._record.coming):
             try:
-                self._think()
+                self._answer_screen()
             except (ModelUnavailableError, RunStoppedError) as error:
                 self._recorder.leave = True
                 raise SessionLeft(error) from error
@@ -126,7 +126,7 @@ class ModelWindow(Window):
         """Close the connection to the model."""
         self._client.close()
 
-    def _think(self) -> None:
+    def _answer_screen(self) -> None:
         rule = find_answer_rule(self._screen, self._session)
         if rule is not None:
             if self._waiting_screen is not self._screen:

@@ -5,6 +5,7 @@ screens of participants who make mistakes. If a world has no planner, a player t
 first one.
 """
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -142,19 +143,23 @@ def save_screenshots(plans: Sequence[SessionPlan], out: Path, size_px: Size = (1
         pictures.append((path.stem, image.resize(_THUMB_PX)))
         paths.append(path)
     sheet = out / "contact-sheet.png"
-    _contact_sheet(pictures).save(sheet)
+    _draw_contact_sheet(pictures).save(sheet)
     return Screenshots(tuple(paths), sheet, missing)
 
 
-def _contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
-    wide = _THUMB_PX[0] + 8
-    high = _THUMB_PX[1] + _LABEL_PX + 8
-    rows = -(-len(pictures) // _ACROSS)
-    sheet = Image.new("RGB", (min(_ACROSS, max(1, len(pictures))) * wide, max(1, rows) * high), BACKGROUND)
+def _draw_contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
+    """Draw all pictures on one sheet, each below its name."""
+    thumb_width, thumb_height = _THUMB_PX
+    cell_width = thumb_width + 8
+    cell_height = thumb_height + _LABEL_PX + 8
+    columns = min(_ACROSS, max(1, len(pictures)))
+    rows = max(1, math.ceil(len(pictures) / _ACROSS))
+    sheet = Image.new("RGB", (columns * cell_width, rows * cell_height), BACKGROUND)
     draw = ImageDraw.Draw(sheet)
     for place, (name, image) in enumerate(pictures):
-        left = place % _ACROSS * wide + 4
-        top = place // _ACROSS * high + 4
+        row, column = divmod(place, _ACROSS)
+        left = column * cell_width + 4
+        top = row * cell_height + 4
         draw.text((left, top), name, fill=INK, font=ImageFont.load_default(14))
         sheet.paste(image, (left, top + _LABEL_PX))
     return sheet

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minihuman.display.windows.window import Clock, Window
 from minihuman.experiment.keys import RESERVED_KEYS
@@ -184,7 +185,9 @@ class SharedWindow:
         new = [(seat, screen) for seat, screen in coming if (seat, id(screen)) not in displayed]
         if not new and len(coming) == len(displayed):
             return
-        frame = self._window.show(_compose([seat.label for seat, _ in coming], [screen for _, screen in coming]))
+        frame = self._window.show(
+            _compose_screens([seat.label for seat, _ in coming], [screen for _, screen in coming])
+        )
         for seat, screen in new:
             screen_shown = replace(frame, step=screen.step) if isinstance(screen, PlayScreen) else frame
             seat.put((screen, screen_shown))
@@ -220,37 +223,44 @@ class SharedWindow:
         return [seat for seat in self._active_seats if seat.has_key(key)] or visible_seats
 
 
-def _compose(labels: Sequence[str], screens: Sequence[Screen]) -> Screen:
+def _compose_screens(labels: Sequence[str], screens: Sequence[Screen]) -> Screen:
     """Compose one screen: the pictures side by side, or one person's screen with the label of their seat."""
     first = screens[0]
+    label = labels[0]
     if isinstance(first, TextScreen | PageScreen | QuestionScreen):
-        title = f"{labels[0]}: {first.title}" if first.title else labels[0]
-        return replace(first, title=title)
+        return replace(first, title=f"{label}: {first.title}" if first.title else label)
     plays = [screen for screen in screens if isinstance(screen, PlayScreen)]
     if not plays:
         return first
-    gap = np.full((len(plays[0].picture), GAP_PX, 3), GROUND, np.uint8)
-    pictures = list(chain.from_iterable((gap, screen.picture) for screen in plays))[1:]
-    controllers = [
-        f"{label}: {screen.controller_text}"
-        for label, screen in zip(labels, plays, strict=True)
-        if screen.controller_text
-    ]
-    progress = plays[0].progress
+    first_play = plays[0]
+    controllers = []
+    for seat_label, play in zip(labels, plays, strict=True):
+        if play.controller_text:
+            controllers.append(f"{seat_label}: {play.controller_text}")
+    progress = first_play.progress
     if len(plays) > 1:
-        progress = "   ".join((labels[0], progress, *labels[1:]))
-    picture = plays[0].picture
-    if picture.size:
-        picture = np.concatenate(pictures, axis=1)
+        progress = "   ".join((label, progress, *labels[1:]))
     return replace(
-        plays[0],
+        first_play,
         progress=progress,
-        picture=picture,
-        legend=tuple(chain.from_iterable(screen.legend for screen in plays)),
-        labels=tuple(chain.from_iterable(screen.labels for screen in plays)),
+        picture=_join_pictures([play.picture for play in plays]),
+        legend=tuple(chain.from_iterable(play.legend for play in plays)),
+        labels=tuple(chain.from_iterable(play.labels for play in plays)),
         controller="person" if controllers else "",
         controller_text="   ".join(controllers),
     )
+
+
+def _join_pictures(pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Put pictures of one height side by side with gaps between them; empty if the first is."""
+    first, *others = pictures
+    if not first.size:
+        return first
+    gap = np.full((len(first), GAP_PX, 3), GROUND, np.uint8)
+    row = [first]
+    for picture in others:
+        row += [gap, picture]
+    return np.concatenate(row, axis=1)
 
 
 def host_team(

@@ -447,15 +447,18 @@ class ConversationRecord:
     def see_input(self, event: Event) -> None:
         """Follow a replay by removing the pending input that caused an event."""
         for number, happened in enumerate(self.coming):
-            if _leaves(happened, event):
+            if _leaves_event(happened, event):
                 del self.coming[number]
                 return
 
 
-def _leaves(happened: Input, event: Event) -> bool:
+def _leaves_event(happened: Input, event: Event) -> bool:
+    """Tell whether an input of the model is what an event in the log records."""
     match happened, event:
         case (KeyDown() | KeyUp(), KeyPressed()):
-            return isinstance(happened, KeyDown) == event.down and happened.key == event.key
+            is_down = isinstance(happened, KeyDown)
+            return happened.key == event.key and is_down is event.down
         case (PointerPressed() | PointerReleased(), PointerUsed(what="pressed" | "released")):
-            return isinstance(happened, PointerPressed) == (event.what == "pressed") and happened.target == event.target
+            what = "pressed" if isinstance(happened, PointerPressed) else "released"
+            return happened.target == event.target and what == event.what
     return isinstance(happened, TextInput) and isinstance(event, TextTyped)

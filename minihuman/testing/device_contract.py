@@ -28,6 +28,12 @@ from minihuman.testing.checks import require
 MAX_READ_S = 1.0  # a device is polled fifty times per second; a read that takes this long waits for something
 
 
+def _is_dict_of_texts(facts: object) -> bool:
+    if not isinstance(facts, dict):
+        return False
+    return all(isinstance(name, str) and isinstance(fact, str) for name, fact in facts.items())
+
+
 def check_device(
     device: str | Callable[[], Device],
     *,
@@ -55,10 +61,7 @@ def check_device(
         clock = SessionClock()
         facts = opened.open(clock)
         try:
-            require(
-                isinstance(facts, dict) and all(isinstance(text, str) for pair in facts.items() for text in pair),
-                f"open() returned {facts!r}; the log takes a dict of texts",
-            )
+            require(_is_dict_of_texts(facts), f"open() returned {facts!r}; the log takes a dict of texts")
             samples = _read_samples(opened, clock, n_samples, timeout_s, now_s)
         finally:
             opened.close()

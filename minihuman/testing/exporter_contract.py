@@ -38,19 +38,20 @@ def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[s
         folder = Path(name).resolve()
         protocol = build_short_study(world, options or {}, episodes=EPISODES, max_steps=40)
         list(simulate(protocol, folder / "data", participants=PARTICIPANTS, seed=1, player="random"))
-        before = _files(folder / "data")
+        before = _digest_files(folder / "data")
         (folder / "out").mkdir()
         study = folder / "data" / protocol.study.name
         played = [episode for session in StudySessions(study, Selection()) for episode in session.episodes]
         export = write(IncludedEpisodes(StudySessions(study, Selection())), folder / "out")
         _check_export(export, folder / "out", len(played), sum(len(episode.actions) for episode in played))
-        require(_files(folder / "data") == before, "the exporter changed what is beside the logs")
+        require(_digest_files(folder / "data") == before, "the exporter changed what is beside the logs")
         strays = {path.name for path in folder.iterdir()} - {"data", "out"}
         require(not strays, f"the exporter wrote beside its folder: {', '.join(sorted(strays))}")
         (folder / "again").mkdir()
         write(IncludedEpisodes(StudySessions(study, Selection())), folder / "again")
         require(
-            set(_files(folder / "again")) == set(_files(folder / "out")), "a second export of the same has other files"
+            set(_digest_files(folder / "again")) == set(_digest_files(folder / "out")),
+            "a second export of the same has other files",
         )
 
 
@@ -67,10 +68,12 @@ def _check_export(export: ExportResult, out: Path, episodes: int, steps: int) ->
     require(export.steps == steps, f"they have {steps} steps, and it says that it wrote {export.steps}")
 
 
-def _files(folder: Path) -> dict[str, str]:
+def _digest_files(folder: Path) -> dict[str, str]:
     """Return the SHA-256 digest of every file in a folder except the caches, by its relative path."""
-    return {
-        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and not is_cache(Path(*path.relative_to(folder).parts[1:]))  # which is a study's name
-    }
+    digests = {}
+    for path in sorted(folder.rglob("*")):
+        within = path.relative_to(folder)
+        _, *within_study = within.parts
+        if path.is_file() and not is_cache(Path(*within_study)):
+            digests[str(within)] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return digests

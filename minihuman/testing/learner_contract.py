@@ -76,11 +76,11 @@ def build_teaching_dataset() -> "Dataset":
         eyesight = ObservationEncoder(missions=False)
         empty = Dataset(WORLD, {}, world.action_names[:N_ACTIONS], MAX_STEPS, eyesight, eyesight.space(world.unwrapped))
         lessons = [_play_lesson(world, empty, number) for number in range(EPISODES)]
-    ratings = [
-        LessonRating(int(t_ns) + DELAY_NS, 1.0 if by_person else -1.0, lesson.name)
-        for lesson in lessons
-        for t_ns, by_person in zip(lesson.shown_ns[1:], lesson.by_person[:-1], strict=True)
-    ]
+    ratings = []
+    for lesson in lessons:
+        for t_ns, by_person in zip(lesson.shown_ns[1:], lesson.by_person[:-1], strict=True):
+            rating = 1.0 if by_person else -1.0
+            ratings.append(LessonRating(int(t_ns) + DELAY_NS, rating, lesson.name))
     good = lessons[0].name
     bad = lessons[-1].name
     pairs = [Comparison(LessonFragment(good, k, k + 1), LessonFragment(bad, k, k + 1), "left") for k in range(3)]
@@ -94,35 +94,54 @@ def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
     """
     from minihuman.learn.teaching.dataset import NO_QUERY, Lesson
 
-    world.reset(number)
+    n_by_policy = 4 if number % 2 else 0
+    images, actions, rewards = _play_episode(world, dataset, number, n_by_policy)
+    n_steps = len(actions)
+    policy_action = 0 if n_by_policy else NO_QUERY
+    probabilities = None
+    if n_by_policy:
+        probabilities = np.full((n_steps, N_ACTIONS), 1 / N_ACTIONS, np.float32)
+    participant = f"sub-{number % 2 + 1:02}"
+    return Lesson(
+        name=f"{participant}_ses-01:{number + 1}",
+        participant=participant,
+        seed=number,
+        observations={"image": np.stack(images)},
+        actions=np.array(actions, np.int64),
+        by_person=np.arange(n_steps) >= n_by_policy,
+        policy_actions=np.full(n_steps, policy_action, np.int64),
+        shown_ns=(number * MAX_STEPS + np.arange(n_steps, dtype=np.int64)) * STEP_NS,
+        rewards=np.array(rewards),
+        policy_probabilities=probabilities,
+    )
+
+
+def _play_episode(
+    world: World, dataset: "Dataset", seed: int, n_by_policy: int
+) -> tuple[list[Any], list[int], list[float]]:
+    """Play an episode to its end: action 0 for the first steps, then the shortest path.
+
+    Returns:
+        The image before each step, the actions, and the rewards.
+    """
+    world.reset(seed)
     encoder = dataset.eyesight.episode_encoder()
-    n_agent = 4 if number % 2 else 0
     images = []
-    actions = list[int]()
-    rewards = list[float]()
+    actions: list[int] = []
+    rewards: list[float] = []
     ended = False
     while not ended:
         images.append(encoder.encode(world.unwrapped, world.observation)["image"])
         path = world.shortest_path()
         assert path
-        actions.append(0 if len(actions) < n_agent else world.action_names.index(path[0]))
-        change = world.step(actions[-1])
-        rewards.append(change.reward)
-        ended = change.terminated or change.truncated
-    n = len(actions)
-    by_person = np.arange(n) >= n_agent
-    return Lesson(
-        name=f"sub-{number % 2 + 1:02}_ses-01:{number + 1}",
-        participant=f"sub-{number % 2 + 1:02}",
-        seed=number,
-        observations={"image": np.stack(images)},
-        actions=np.array(actions, np.int64),
-        by_person=by_person,
-        policy_actions=np.full(n, 0 if n_agent else NO_QUERY, np.int64),
-        shown_ns=(number * MAX_STEPS + np.arange(n, dtype=np.int64)) * STEP_NS,
-        rewards=np.array(rewards),
-        policy_probabilities=np.full((n, N_ACTIONS), 1 / N_ACTIONS, np.float32) if n_agent else None,
-    )
+        action = 0
+        if len(actions) >= n_by_policy:
+            action = world.action_names.index(path[0])
+        transition = world.step(action)
+        actions.append(action)
+        rewards.append(transition.reward)
+        ended = transition.terminated or transition.truncated
+    return images, actions, rewards
 
 
 def _make(make: "str | Callable[[str], Learner]", settings: str) -> "Learner":

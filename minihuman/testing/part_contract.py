@@ -6,7 +6,7 @@ make the same decision from the same history, in values that JSON can represent.
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -198,23 +198,29 @@ def _check_copies(protocol: Protocol) -> None:
 
 
 def _check_value(kind: str, event: Answered, draft: AnswerDraft) -> None:
+    """Require that an answer is of the type that its kind of question declares."""
     value = msgspec.json.decode(event.value)
     answer_type = find_question_kind(kind).answer_type
     codes = list_codes(draft.question)
-    fits = {
-        "code": value in codes,
-        "rating": value in codes,
-        "codes": isinstance(value, list),
-        "order": isinstance(value, list) and len({*value}) == len(value) and {*value} <= {*codes},
-        "number": isinstance(value, int | float),
-        "text": isinstance(value, str),
-    }[answer_type]
+    hint = ""
     if answer_type in ("code", "rating", "order"):
-        known = f"; its codes are {', '.join(map(str, codes))}: a kind of its own gives them as QuestionKind.codes"
-    else:
-        known = ""
-    require(fits, f"the answer {value!r} is not a {answer_type}{known}")
+        hint = f"; its codes are {', '.join(map(str, codes))}: a kind of its own gives them as QuestionKind.codes"
+    require(_is_of_type(value, answer_type, codes), f"the answer {value!r} is not a {answer_type}{hint}")
     require(bool(event.words), f"the answer {value!r} has no display_text")
+
+
+def _is_of_type(value: Any, answer_type: str, codes: Collection[Any]) -> bool:
+    match answer_type:
+        case "code" | "rating":
+            return value in codes
+        case "codes":
+            return isinstance(value, list)
+        case "order":
+            has_each_once = isinstance(value, list) and len(set(value)) == len(value)
+            return has_each_once and set(value) <= set(codes)
+        case "number":
+            return isinstance(value, int | float)
+    return isinstance(value, str)
 
 
 def check_design(

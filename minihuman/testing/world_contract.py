@@ -355,11 +355,14 @@ def _describe_plan(world: World, seed: int) -> str:
 
 
 def _require_same(when: str, expected: list[Step], actual: list[Step]) -> None:
-    names = "reward", "terminated", "truncated", "observation", "state"
-    for number, (before, now) in enumerate(zip(expected, actual, strict=False)):
-        for name, a, b in zip(names, before, now, strict=True):
-            require(a == b, f"{when}: step {number} has another {name}: {a} before, {b} now")
-    require(len(expected) == len(actual), f"{when}: it ends after {len(actual) - 1} steps, not {len(expected) - 1}")
+    """Require that two episodes agree in everything that a step returns, and in their lengths."""
+    names = ("reward", "terminated", "truncated", "observation", "state")
+    for number, (expected_step, actual_step) in enumerate(zip(expected, actual, strict=False)):
+        for name, before, now in zip(names, expected_step, actual_step, strict=True):
+            require(before == now, f"{when}: step {number} has another {name}: {before} before, {now} now")
+    n_expected = len(expected) - 1  # the first is the reset
+    n_actual = len(actual) - 1
+    require(n_expected == n_actual, f"{when}: it ends after {n_actual} steps, not {n_expected}")
 
 
 @contextmanager

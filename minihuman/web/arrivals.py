@@ -262,7 +262,7 @@ class Arrivals:
             if isinstance(first, Rejection):
                 return first
             participant, plan = first
-        leased_session = self._next_session(participant)
+        leased_session = self._lease_next_session(participant)
         if isinstance(leased_session, str):
             last = max(1, len(self.protocol.sessions))
             return Rejection("finished", leased_session, last, self.id_on_platform(participant))
@@ -323,23 +323,25 @@ class Arrivals:
             file.journal.append(*issued, ParticipantArrived(key, participant, now_text()))
             return participant, plan
 
-    def _next_session(self, participant: str) -> tuple[int, Lease | None] | str:
+    def _lease_next_session(self, participant: str) -> tuple[int, Lease | None] | str:
         """Find and lease a participant's first incomplete session, or return why the last one ended."""
         if self.leases is None:
             with suppress(RemoteStoreError):  # it is away: what is here is what there is
                 self._sync(participant)
-        for session in range(1, max(1, len(self.protocol.sessions)) + 1):
+        n_sessions = max(1, len(self.protocol.sessions))
+        for session in range(1, n_sessions + 1):
             lease = None
-            ended = self._read_end(participant, session)
-            if not ended and self.leases is not None and f"{participant}/{session}" not in self.hosted:
+            end_reason = self._read_end(participant, session)
+            is_hosted_here = f"{participant}/{session}" in self.hosted
+            if not end_reason and self.leases is not None and not is_hosted_here:
                 lease = self._lease(self.leases, participant, session)
-                ended = lease.grant.ended or self._read_end(participant, session)
-            if not ended:
+                end_reason = lease.grant.ended or self._read_end(participant, session)
+            if not end_reason:
                 return session, lease
             self._release(lease)
-            if ended in FINAL_END_REASONS - {"complete"}:
-                return ended
-        return ended
+            if end_reason in FINAL_END_REASONS - {"complete"}:
+                return end_reason
+        return end_reason
 
     def _lease(self, leases: SessionLeases, participant: str, session: int) -> Lease:
         """Lease a session, and restore the files that another server left of it."""

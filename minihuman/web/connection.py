@@ -189,14 +189,14 @@ class Connection(PageSession):
                 self.hosted.segment = secrets.token_hex(8)  # else all that the page has kept would be refused, for ever
         if self._streams.resumes(hello.life, hello.heard, self.outgoing):
             self.outgoing.acknowledge(hello.heard)
-            return self._welcome(resumes=True), socket_number, hello.heard
+            return self._build_welcome(resumes=True), socket_number, hello.heard
         self._streams.life = secrets.token_hex(4)
         self.host.restart(computes=bool(hello.kernels) and hello.kernels == kernels_digest())
         if self.over is not None:
             self.outgoing.add(self.over)
-        return self._welcome(resumes=False), socket_number, 0
+        return self._build_welcome(resumes=False), socket_number, 0
 
-    def _welcome(self, *, resumes: bool) -> messages.Welcome:
+    def _build_welcome(self, *, resumes: bool) -> messages.Welcome:
         plan = self.host.session.plan
         quit_text = {"quit_title": InterfaceWords(plan.language, plan.words)["quit.title"]}
         return messages.Welcome(
@@ -224,12 +224,10 @@ class Connection(PageSession):
         if self.transport != "http" or rtt_ns is None or self.host.over:
             return False
         play = self.host.session.play
-        return (
-            play is not None
-            and play.real_time
-            and not self.host.outbox.is_computed
-            and rtt_ns / 1e6 > play.plan.step_period_ms
-        )
+        if play is None or not play.real_time or self.host.outbox.is_computed:
+            return False
+        rtt_ms = rtt_ns / 1e6
+        return rtt_ms > play.plan.step_period_ms
 
     def hear(self) -> None:
         """Record that the page is alive."""

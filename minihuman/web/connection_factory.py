@@ -96,7 +96,8 @@ class ConnectionFactory:
         """Find or make the connection for a page's hello, given its network address and its transport."""
         if hello.version != MESSAGE_VERSION:
             return self._refusals.ask_to_reload()
-        if (refusal := self._refuse_browser(hello)) is not None:
+        refusal = self._refuse_browser(hello)
+        if refusal is not None:
             return refusal
         link_digest = hashlib.sha256(repr((hello.token, sorted(hello.platform.items()))).encode()).digest()
         turn = self._turns.setdefault(link_digest, asyncio.Lock())

@@ -91,24 +91,29 @@ class BrowserProperties(msgspec.Struct, frozen=True):
 
 def read_browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserProperties:
     """Read the properties on which eligibility depends from a page's facts."""
-    family = str(facts.get("browser", "other")).lower()
     window_px = (0, 0)
-    if size := _WINDOW_SIZE.fullmatch(str(facts.get("window_px", ""))):
-        window_px = (int(size[1]), int(size[2]))
-    known = next((name for name in ("chrome", "edge", "firefox", "safari") if name in family), "other")
-    if "chromium" in family:
-        known = "chrome"
+    size = _WINDOW_SIZE.fullmatch(str(facts.get("window_px", "")))
+    if size:
+        window_px = (int(size.group(1)), int(size.group(2)))
     rtt = facts.get("rtt_ms")
     rtt_ms = None
     if isinstance(rtt, int | float):
         rtt_ms = float(rtt)
+    has_only_touch = facts.get("mouse") is False and facts.get("touch") is True
     return BrowserProperties(
-        browser=known,
+        browser=_find_browser(str(facts.get("browser", "other")).lower()),
         window_px=window_px,
         rtt_ms=rtt_ms,
-        keyboard=facts.get("mouse") is not False or facts.get("touch") is not True,
+        keyboard=not has_only_touch,
         gamepad=facts.get("gamepad") is True,
     )
+
+
+def _find_browser(family: str) -> str:
+    """Return the name under which a protocol admits a family of browsers."""
+    if "chromium" in family:
+        return "chrome"
+    return next((name for name in ("chrome", "edge", "firefox", "safari") if name in family), "other")
 
 
 def check_eligibility(
@@ -126,7 +131,9 @@ def check_eligibility(
         return "keyboard"
     if online.allowed_browsers and browser.browser not in online.allowed_browsers:
         return "browser"
-    if any(has < least for has, least in zip(browser.window_px, online.min_window_size_px, strict=True)):
+    width_px, height_px = browser.window_px
+    min_width_px, min_height_px = online.min_window_size_px
+    if width_px < min_width_px or height_px < min_height_px:
         return "window"
     if online.max_rtt_ms and browser.rtt_ms is not None and browser.rtt_ms > online.max_rtt_ms:
         return "latency"

@@ -70,6 +70,8 @@ class EpisodeAhead:
         if self._lends:
             own_world = self._find_world(play.plan)
             actual = None
+        has_partners_ticks = play.is_joint and play.real_time  # which also have the others' actions
+        combines_keys = play.repeats_held or not play.world.actions.is_discrete  # so that any step is possible
         self.graph = LookAheadGraph(
             play.plan,
             self._make_world,
@@ -77,8 +79,7 @@ class EpisodeAhead:
             self._picture_px,
             images,
             world=own_world,
-            # a team's ticks also have the others' actions; where keys combine, any step is possible
-            blind=(play.is_joint and play.real_time) or play.repeats_held or not play.world.actions.is_discrete,
+            blind=has_partners_ticks or combines_keys,
             actual=actual,
         )
         if play.steps:

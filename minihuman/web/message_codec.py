@@ -68,14 +68,14 @@ def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck 
         raise MessageError(f"a message has {len(text)} bytes; at most {MAX_MESSAGE_BYTES} are allowed; reload the page")
     try:
         if text[:1] in ("[", b"["):
-            return _expand(_SHORT.decode(text))
+            return _expand_message(_SHORT.decode(text))
         message: Hello | NumberedMessage | PageAck | Ping | Farewell = _FROM_PAGE.decode(text)
         return message
     except (msgspec.DecodeError, LookupError, TypeError, ValueError, RecursionError) as error:
         raise MessageError(f"a message from a page cannot be decoded ({error}); reload the page") from error
 
 
-def _expand(short: Any) -> NumberedMessage:
+def _expand_message(short: Any) -> NumberedMessage:
     at_ns = 1000 * short.at
     kind = type(short)
     if kind is _Tick:

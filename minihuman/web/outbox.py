@@ -253,7 +253,7 @@ class Outbox:
             if steering is not None:
                 self._send_control(steering, play.plan.episode)
         if computed is not None:
-            self._correct(computed, play)
+            self._send_correction(computed, play)
         self._send_position(play, steering, tick_ns)
 
     @property
@@ -328,11 +328,14 @@ class Outbox:
             return session.part.limit_ns
         return session.next_tick_ns
 
-    def _correct(self, computed: ComputedEpisode, play: RunningEpisode | None) -> None:
+    def _send_correction(self, computed: ComputedEpisode, play: RunningEpisode | None) -> None:
         """Send the session's state to a page that computes, if the page may have diverged or fallen behind."""
-        resumes = not self._page.plays and play is not None and computed.sent_step != play.steps
+        was_playing = self._page.plays
         self._page.plays = play is not None
-        if play is not None and (resumes or computed.is_elsewhere):
+        if play is None:
+            return
+        is_behind = not was_playing and computed.sent_step != play.steps
+        if is_behind or computed.is_elsewhere:
             self.outgoing.add(messages.StateCorrection(self.through, play.plan.episode, computed.position()))
 
     def _send_control(self, steering: Steering, episode: int) -> None:

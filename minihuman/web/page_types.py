@@ -111,9 +111,10 @@ class _Writer:
         return self._name_interface(annotation)
 
     def _write_tuple(self, arguments: tuple[Any, ...]) -> str:
-        if len(arguments) == 2 and arguments[1] is ...:
+        if arguments[1:] == (Ellipsis,):
             return f"{_enclose(self._write_type(arguments[0]))}[]"
-        return f"[{', '.join(self._write_type(argument) for argument in arguments)}]"
+        types = [self._write_type(argument) for argument in arguments]
+        return f"[{', '.join(types)}]"
 
     def _name_interface(self, form: type) -> str:
         if form not in self._interfaces:

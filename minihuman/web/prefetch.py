@@ -106,7 +106,7 @@ class LookAheadGraph:
         else:
             self.world = world or make_world(plan.world, plan.options)
             self.world.reset(plan.seed)
-        self.root = self._scene(self.world)
+        self.root = self._find_scene(self.world)
 
     def step(self, action: int, actual: World) -> SceneNode:
         """Follow a step of the session; return the scene that it led to.
@@ -130,7 +130,7 @@ class LookAheadGraph:
 
     def move_to(self, actual: World) -> None:
         """Move to the scene that the session's own world is in."""
-        self.root = self._scene(actual)
+        self.root = self._find_scene(actual)
 
     def grow(self) -> bool:
         """Try one action not yet tried in the present scene; return False if all are known."""
@@ -152,7 +152,7 @@ class LookAheadGraph:
         if truncated and not terminated:
             root.closed = True  # the copy is too old to go on from; nothing is known of a younger one
             return False
-        scene = self._scene(world, closed=terminated)
+        scene = self._find_scene(world, closed=terminated)
         root.edges[action] = scene, terminated
         self._new_edges.append((root.name, action, scene.name, terminated))
         return True
@@ -172,7 +172,7 @@ class LookAheadGraph:
             return LookAheadUpdate(self.plan.episode, nodes, edges)
         return None
 
-    def _scene(self, world: World, *, closed: bool = False) -> SceneNode:
+    def _find_scene(self, world: World, *, closed: bool = False) -> SceneNode:
         """Return the scene that a world is in, adding it to the graph if it is new."""
         scene_hash = world.scene_hash()
         known = self._scenes.get(scene_hash)
@@ -255,7 +255,7 @@ class ScreenPrefetcher:
             copied, input_name = self._to_do.popleft()
             if copied.depth < deepest:
                 self._left -= 1
-                self._try(copied, input_name)
+                self._try_input(copied, input_name)
                 return True
         return False
 
@@ -274,7 +274,7 @@ class ScreenPrefetcher:
             self._looked_from.add(copied.name)
             self._to_do.extend((copied, input_name) for input_name in list_likely_inputs(copied.session))
 
-    def _try(self, copied: _CopiedScreen, input_name: str) -> None:
+    def _try_input(self, copied: _CopiedScreen, input_name: str) -> None:
         tried = copy_session(copied.session, self._lend)
         _, at_ns = _mark_shown(tried)
         due_ns = tried.next_tick_ns
@@ -428,12 +428,14 @@ class FilmPrefetcher:
         if isinstance(screen, FilmsScreen):
             self._films = screen.films
             step = screen.shown_step
-        places = [
-            ((copied - min(step, len(film) - 1)) % len(film), side, copied)
-            for side, film in enumerate(self._films)
-            for copied in range(len(film))
-        ]
-        self._to_do = deque((side, copied) for away, side, copied in sorted(places) if away)
+        places = []
+        for side, film in enumerate(self._films):
+            shown = min(step, len(film) - 1)
+            for picture in range(len(film)):
+                distance = (picture - shown) % len(film)  # a film begins again after its end
+                if distance:
+                    places.append((distance, side, picture))
+        self._to_do = deque((side, picture) for _, side, picture in sorted(places))
 
     def grow(self) -> FilmFrame | None:
         """Draw the next picture; return None if none is left."""

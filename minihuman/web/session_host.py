@@ -84,8 +84,11 @@ class SessionHost:
     @property
     def is_polled(self) -> bool:
         """Return whether the host must be polled for answers, which in joint turns the page's ticks do."""
+        if self._agent is None:
+            return False
         play = self.session.play
-        return self._agent is not None and (play is None or not play.is_joint or play.real_time)
+        plays_joint_turns = play is not None and play.is_joint and not play.real_time
+        return not plays_joint_turns
 
     def safe(self, durable: int | None = None) -> int:
         """Return the last of the page's messages that may be acknowledged, which is on the disk with all before it.
@@ -162,7 +165,7 @@ class SessionHost:
         self._writer.record_taken(number, with_next=is_kept_early)
         self.outbox.follow(events)
         if not waits:
-            self._answer()
+            self._answer_requests()
         is_step = any(isinstance(event, Stepped) for event in events)
         self.has_stepped |= is_step
         return is_step
@@ -207,22 +210,24 @@ class SessionHost:
 
     # What a part wants from outside
 
-    def _answer(self) -> None:
+    def _answer_requests(self) -> None:
         """Answer the part's requests at the time of the page's last message, and send the page the resulting state.
 
         Requests whose answer takes long are left to ``poll``.
         """
-        while self._agent is not None and not self.session.over and (request := self.session.request) is not None:
-            answer = None
-            if not request.takes_long:
-                answer = self._agent.answer(request, self.session.play, self.last_at_ns)
+        while self._agent is not None and not self.session.over:
+            request = self.session.request
+            if request is None or request.takes_long:
+                break
+            answer = self._agent.answer(request, self.session.play, self.last_at_ns)
             if answer is None:
                 break
             events = self.session.receive(answer, draws=self._draws)
             self._writer.write(events)
             self.outbox.follow(events)
-            if (early := self.outbox.steps.take_early()) is not None:
-                self._writer.write(self._step_shown(early, self.last_at_ns))
+            early_step = self.outbox.steps.take_early()
+            if early_step is not None:
+                self._writer.write(self._step_shown(early_step, self.last_at_ns))
         self.outbox.send_state()
 
     def poll(self) -> bool:
@@ -230,7 +235,7 @@ class SessionHost:
         request = self._request
         if request is not None and request.awaits_others:
             count = self._writer.count
-            self._answer()
+            self._answer_requests()
             return self._writer.count > count
         if self._agent is None or self._is_announced or (request := self._long_request) is None:
             return False
@@ -338,7 +343,7 @@ class SessionHost:
             self.outbox.page_computes = computes
         self.outbox.restart(self._inputs.open_questions, has_begun=self._has_begun)
         if not self.over and self._has_begun:
-            self._answer()
+            self._answer_requests()
 
     def close_agent(self) -> None:
         """Close the agent, if there is one."""

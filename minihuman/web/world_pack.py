@@ -94,19 +94,27 @@ def parse_seeds(text: str) -> range:
     match = re.fullmatch(r"(\d{1,18})(?:-(\d{1,18}))?", text.strip())
     if match is None:
         raise WorldError(f"seeds {text!r} are no range; give the first and the last, such as 0-99")
-    first = int(match[1])
-    last = int(match[2] or match[1])
-    if not 0 <= last - first < _MOST_SEEDS:
-        raise WorldError(f"seeds {text!r} are {last - first + 1}; pack 1 to {_MOST_SEEDS}")
+    first_text, last_text = match.groups()
+    first = int(first_text)
+    last = int(last_text or first_text)
+    count = last - first + 1
+    if not 1 <= count <= _MOST_SEEDS:
+        raise WorldError(f"seeds {text!r} are {count}; pack 1 to {_MOST_SEEDS}")
     return range(first, last + 1)
 
 
 def _find_entries(names: Collection[str]) -> list[tuple[str, CatalogueEntry]]:
-    every = [(kind, entry) for kind, entries in _KINDS for entry in entries]
+    """Return the named entries of the catalogue, or all if none is named, each with its kind of world."""
+    entries = []
+    for kind, of_kind in _KINDS:
+        entries += [(kind, entry) for entry in of_kind]
+    if not names:
+        return entries
     chosen = {name.removeprefix("minihuman/") for name in names}
-    if unknown := chosen - {entry.name for _, entry in every}:
+    unknown = chosen - {entry.name for _, entry in entries}
+    if unknown:
         raise WorldError(f"{', '.join(sorted(unknown))}: no such world can be packed; `minihuman worlds` lists them")
-    return [(kind, entry) for kind, entry in every if not chosen or entry.name in chosen]
+    return [(kind, entry) for kind, entry in entries if entry.name in chosen]
 
 
 def _make_world(entry: CatalogueEntry, options: dict[str, Any]) -> Any:

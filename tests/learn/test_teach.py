@@ -137,7 +137,7 @@ def test_a_policy_that_other_code_made_says_so_where_its_weights_differ(watched,
         provenance, "get_code_versions", lambda: one.card.notes["made"]["code"] | {"sources_sha256": "other"}
     )
     assert reproduce_policy(one.path, watched) == []  # other code, equal weights
-    monkeypatch.setattr(provenance, "_differences", lambda policy, again: ["weights differ"])
+    monkeypatch.setattr(provenance, "_find_differences", lambda policy, again: ["weights differ"])
     assert "it was made by sources_sha256" in reproduce_policy(one.path, watched)[0]
 
 

@@ -24,7 +24,7 @@ _DIGITS = 8  # of each picture's SHA-256: enough to name the one that differs
 
 def forget_typefaces() -> None:
     """Look for installed faces anew."""
-    for remembered in (typefaces._files, typefaces._installed_typefaces, typefaces.select_typefaces):
+    for remembered in (typefaces._find_font_files, typefaces._list_installed_typefaces, typefaces.select_typefaces):
         remembered.cache_clear()
 
 
@@ -43,7 +43,7 @@ def _draw_screens(language: str) -> Iterator[tuple[str, NDArray[np.uint8]]]:
 
 
 def write_digests() -> None:
-    typefaces._folders = lambda: iter([FOLDER / "fonts"])
+    typefaces._list_font_folders = lambda: iter([FOLDER / "fonts"])
     forget_typefaces()
     digests = {language: digest_screens(language) for language in LANGUAGES}
     FILE.write_text(json.dumps(digests, indent=0) + "\n", encoding="utf-8")

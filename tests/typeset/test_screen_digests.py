@@ -13,7 +13,7 @@ from tests.typeset.screen_digests import FILE, digest_screens, forget_typefaces
 @pytest.fixture
 def faces_of_the_tests(monkeypatch: pytest.MonkeyPatch) -> None:
     """No face but those that ship with the package and the tests: what a machine has differs."""
-    monkeypatch.setattr(typefaces, "_folders", lambda: iter([FOLDER / "fonts"]))
+    monkeypatch.setattr(typefaces, "_list_font_folders", lambda: iter([FOLDER / "fonts"]))
     forget_typefaces()
     yield
     forget_typefaces()

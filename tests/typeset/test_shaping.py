@@ -146,7 +146,7 @@ def test_pages_are_measured_as_on_a_machine_without_a_font(monkeypatch: pytest.M
     text = "很长的标题 with Latin, हिन्दी and שלום 12"
     forget_typefaces()
     here = measure_reference_px(text)
-    monkeypatch.setattr(typefaces, "_folders", lambda: iter(()))
+    monkeypatch.setattr(typefaces, "_list_font_folders", lambda: iter(()))
     forget_typefaces()
     measure_reference_px.cache_clear()
     assert measure_reference_px(text) == here
@@ -173,7 +173,7 @@ def test_the_face_of_a_language_is_asked_first_where_several_have_its_characters
     folder.mkdir()
     for name in ("NotoSansJP-Regular.otf", "NotoSansSC-Regular.otf"):
         (folder / name).symlink_to(FACE)
-    monkeypatch.setattr(typefaces, "_folders", lambda: iter([folder]))
+    monkeypatch.setattr(typefaces, "_list_font_folders", lambda: iter([folder]))
     forget_typefaces()
     chosen = {language: select_typefaces(language).of("中") for language in ("zh", "ja")}
     forget_typefaces()

@@ -30,7 +30,7 @@ def its_face(tmp_path, monkeypatch):
 
 
 def _forget():
-    for remembered in (typefaces._files, typefaces._installed_typefaces, typefaces.select_typefaces):
+    for remembered in (typefaces._find_font_files, typefaces._list_installed_typefaces, typefaces.select_typefaces):
         remembered.cache_clear()
 
 

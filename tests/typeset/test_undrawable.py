@@ -19,7 +19,7 @@ CHINESE = TOML.format(episodes=1, steps=3).replace('version = "1"', 'version = "
 
 @pytest.fixture(autouse=True)
 def no_faces_but_the_shipped(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(typefaces, "_folders", lambda: iter([Path("/nowhere/fonts")]))
+    monkeypatch.setattr(typefaces, "_list_font_folders", lambda: iter([Path("/nowhere/fonts")]))
     forget_typefaces()
     yield
     forget_typefaces()

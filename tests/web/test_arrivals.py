@@ -60,7 +60,7 @@ def test_a_long_allocation_list_is_made_before_anybody_comes_and_not_while_the_j
     finally:
         sys.setprofile(None)
     assert "build_allocation_list" in called
-    assert "_build_lists" not in called
+    assert "_build_list" not in called
 
 
 def test_a_token_is_behind_the_hash_and_kept_nowhere(tmp_path):

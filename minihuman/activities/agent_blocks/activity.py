@@ -145,7 +145,7 @@ class AgentPlayActivity(PlayActivity):
         now_ns = self.context.now_ns
         if advice.step != play.steps:
             return  # of a state that is gone
-        action = self._choose(advice)
+        action = self._draw_action(advice)
         if action is None:
             failure = "the policy gives no chance to any action that has a key"
             self._take_policy(NewPolicy(now_ns, self._next_policy, failure))
@@ -153,24 +153,27 @@ class AgentPlayActivity(PlayActivity):
         self.advised = Advised(now_ns, play.plan.episode, play.steps, action, advice.probabilities)
         self.context.emit(self.advised)
 
-    def _choose(self, advice: Advice) -> int | None:
+    def _draw_action(self, advice: Advice) -> int | None:
         """Draw an action that has a key by the policy's probabilities, or return None if they are not usable."""
         if len(advice.probabilities) != len(self._current.world.action_names):
             return None
         play = self._current
         playable = self._playable
         chances = np.array([advice.probabilities[action] for action in playable], np.float64)
-        if not np.isfinite(chances).all() or (chances < 0).any() or not chances.sum() > 0:
+        are_valid = np.isfinite(chances).all() and (chances >= 0).all() and chances.sum() > 0
+        if not are_valid:
             return None
         if self.agent.acts == "likeliest":
             return playable[int(chances.argmax())]
         plan = self.context.plan
         session = self.context.plan.session
         purpose = f"advice-session-{session}-episode-{play.plan.episode}-step-{advice.step}"
-        word = int(draw_words(1, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)[0])
+        (word,) = draw_words(1, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
+        share = (int(word) >> 11) / 2**53  # the upper 53 bits, as many as a float has
         sums = np.cumsum(chances)
-        place = int(np.searchsorted(sums, (word >> 11) / 2**53 * sums[-1], side="right"))
-        return playable[min(place, len(playable) - 1)]
+        place = int(np.searchsorted(sums, share * sums[-1], side="right"))
+        last_place = len(playable) - 1
+        return playable[min(place, last_place)]
 
     @property
     def _playable(self) -> list[int]:
@@ -216,11 +219,10 @@ class AgentPlayActivity(PlayActivity):
 
     def _shown(self, screen_shown: ScreenShown) -> None:
         super()._shown(screen_shown)
-        if (
-            self.playing
-            and self._due_ns is None
-            and (screen_shown.step is None or screen_shown.step >= self._current.steps)
-        ):
+        if not self.playing or self._due_ns is not None:
+            return
+        is_latest_picture = screen_shown.step is None or screen_shown.step >= self._current.steps
+        if is_latest_picture:
             self._due_ns = screen_shown.flip_ns + self.period_ns
 
     def suspend(self, reason: PauseReason) -> None:

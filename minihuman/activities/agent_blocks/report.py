@@ -89,11 +89,9 @@ def build_section(source: SectionSource) -> ReportSection:
         "session", "block", "episodes", "policies", "takeovers per episode", "person", "min", "agreement",
         "gain per minute", "good", "bad",
     )  # fmt: skip
-    rows = [
-        _row(name, block, episodes)
-        for name, log in logs.items()
-        for block, episodes in group_taught_by_block(log).items()
-    ]
+    rows = []
+    for name, log in logs.items():
+        rows += [_format_row(name, block, episodes) for block, episodes in group_taught_by_block(log).items()]
     return ReportSection(
         "Teaching",
         [CaptionedTable(Table(heads, rows, words=2), _CAPTION)] if logs else [],
@@ -139,16 +137,21 @@ def tabulate_teaching(logs: Mapping[str, SessionLog]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["participant", "session", "block", *TeachingMeasure.LABELS])
 
 
-def _row(name: str, block: str, episodes: Sequence[TaughtEpisode]) -> tuple[str, ...]:
+def _format_row(name: str, block: str, episodes: Sequence[TaughtEpisode]) -> tuple[str, ...]:
+    """Format the row of a session's block in the table on teaching."""
     ratings = [rating.value for _, taught in episodes for rating in taught.ratings]
+    policies = {taught.policy for _, taught in episodes if taught.policy}
     measured = measure_teaching(episodes)
     return (
         name,
         block,
         str(len(episodes)),
-        str(len({taught.policy for _, taught in episodes if taught.policy})),
-        *(format_number(measured[which], 2) for which in ("takeovers", "person", "minutes", "agreement")),
+        str(len(policies)),
+        format_number(measured["takeovers"], 2),
+        format_number(measured["person"], 2),
+        format_number(measured["minutes"], 2),
+        format_number(measured["agreement"], 2),
         format_number(measured["gain"], 2, sign="+"),
-        str(sum(value > 0 for value in ratings)),
-        str(sum(value < 0 for value in ratings)),
+        str(sum(rating > 0 for rating in ratings)),
+        str(sum(rating < 0 for rating in ratings)),
     )

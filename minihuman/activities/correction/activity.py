@@ -78,11 +78,11 @@ class CorrectionActivity(Activity):
         """Handle an input."""
         match happened:
             case ClipOffered() if self.request is not None:
-                self._offer(happened.stretch)
+                self._begin_look(happened.stretch)
             case KeyDown() if self.phase is Phase.SHOWING:
-                self._show_key(happened)
+                self._press_while_showing(happened)
             case KeyDown():
-                self._look_key(happened)
+                self._press_while_looking(happened)
             case ScreenShown() if self._episode is not None:
                 self._seen(happened)
 
@@ -115,7 +115,7 @@ class CorrectionActivity(Activity):
 
     # Looking
 
-    def _offer(self, episode: EpisodeClip | None) -> None:
+    def _begin_look(self, episode: EpisodeClip | None) -> None:
         now_ns = self.context.now_ns
         if episode is None or not 0 <= episode.episode < len(self.context.plan.episodes):
             self.context.emit(NothingToCorrect(now_ns, self.number, self._number))
@@ -154,7 +154,7 @@ class CorrectionActivity(Activity):
             options = json.loads(episode.options)
         return self.context.world(episode.world, options)
 
-    def _look_key(self, press: KeyDown) -> None:
+    def _press_while_looking(self, press: KeyDown) -> None:
         plan = self._plan
         emit_key = self.context.emit_key
         if self.phase is not Phase.LOOKING or self._film is None:
@@ -225,7 +225,7 @@ class CorrectionActivity(Activity):
         )
         self._move(Phase.SHOWING)
 
-    def _show_key(self, press: KeyDown) -> None:
+    def _press_while_showing(self, press: KeyDown) -> None:
         assert self.play is not None
         play = self.play
         emit_key = self.context.emit_key

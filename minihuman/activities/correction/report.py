@@ -9,12 +9,11 @@ _CAPTION = "Corrections after the fact: their number, and their steps in total."
 
 def build_section(source: SectionSource) -> ReportSection | None:
     """Build the section on corrections, or return None if there were none."""
-    logs = source.read_logs(source.table("corrections"))
-    rows = [
-        (name, str(len(log.corrections)), str(sum(len(correction.actions) for correction in log.corrections)))
-        for name, log in logs.items()
-        if log.corrections
-    ]
+    rows = []
+    for name, log in source.read_logs(source.table("corrections")).items():
+        if log.corrections:
+            n_steps = sum(len(correction.actions) for correction in log.corrections)
+            rows.append((name, str(len(log.corrections)), str(n_steps)))
     if rows:
         return ReportSection("Teaching", [CaptionedTable(Table(_HEADS, rows), _CAPTION)], rank=1)
     return None

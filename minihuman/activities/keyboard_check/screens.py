@@ -8,11 +8,15 @@ from minihuman.experiment.words import InterfaceWords
 
 def build_keyboard_check_screen(words: InterfaceWords, keys: Sequence[str], pressed: frozenset[str]) -> TextScreen:
     """Build the screen that shows, for every key of the pool, whether it has been pressed yet."""
-    left = len(set(keys)) - len(pressed)
+    n_left = len(set(keys)) - len(pressed)
+    if n_left == 1:
+        prompt = words["keyboard_check.one_left"]
+    else:
+        prompt = words.fill("keyboard_check.left", count=n_left)
     return TextScreen(
         words["keyboard_check.title"],
         words["keyboard_check.body"],
-        words["keyboard_check.one_left"] if left == 1 else words.fill("keyboard_check.left", count=left),
+        prompt,
         keys=tuple((key, key in pressed) for key in keys),
         locale=words.locale,
         labels=words.labels(tuple(keys)),

@@ -117,11 +117,12 @@ class PagesActivity(Activity):
         if plan.agree:
             decline_label = words["consent.decline"]
             button = words["consent.button"]
+        body = plan.pages[reader.page] if plan.pages else ""
         return build_page_screen(
             words,
             title=plan.title,
             decline_label=decline_label,
-            body=fill_score_fields(self.context, plan.pages[reader.page] if plan.pages else ""),
+            body=fill_score_fields(self.context, body),
             page=reader.page,
             pages=reader.pages,
             last=words[_PROMPTS[self.phase]],
@@ -141,15 +142,16 @@ def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArra
         pose = world.pose()
     if floor is None:
         return picture, ()
-    x0, z0, x1, z1 = floor.bounds
+    left, top, right, bottom = floor.bounds
     places = {thing.name: (thing.x, thing.z) for thing in reversed(floor.things)}
     if pose is not None:
         places["agent"] = (pose.x, pose.z)
-    return picture, tuple(
-        PictureLabel((places[name][0] - x0) / (x1 - x0), (places[name][1] - z0) / (z1 - z0), label)
-        for name, label in example.marks.items()
-        if name in places
-    )
+    labels = []
+    for name, label in example.marks.items():
+        if name in places:
+            x, z = places[name]
+            labels.append(PictureLabel((x - left) / (right - left), (z - top) / (bottom - top), label))
+    return picture, tuple(labels)
 
 
 PAGE = ActivityKind(

@@ -118,8 +118,9 @@ class PlayActivity(Activity):
     @property
     def waits_for_ready(self) -> bool:
         """Whether the next episode starts only when the participant presses Enter."""
-        ready = self.plan.trial.ready if self.plan.trial else "each"
-        return ready == "each" or (ready == "first" and not self.has_begun)
+        if not self.plan.trial or self.plan.trial.ready == "each":
+            return True
+        return self.plan.trial.ready == "first" and not self.has_begun
 
     @property
     def feedback_text(self) -> str:
@@ -272,7 +273,8 @@ class PlayActivity(Activity):
         play = self._current
         emit_key = self.context.emit_key
         action = play.action_of(press.key)
-        if press.repeat and (play.real_time or not play.plan.auto_repeat or action is None):
+        repeats_step = play.plan.auto_repeat and not play.real_time and action is not None
+        if press.repeat and not repeats_step:
             emit_key(press, "repeat", self.phase, action)
         elif action is None:
             emit_key(press, play.plan.key_map.judge_idle_key(press.key), self.phase)

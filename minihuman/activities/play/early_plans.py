@@ -15,10 +15,11 @@ def find_early_blocks(plan: SessionPlan) -> Iterator[tuple[int, PlannedPart]]:
     count = len(plan.texts)
     for number, text in enumerate(plan.texts):
         episodes = [episode for episode in plan.episodes if episode.block == number]
-        title = words.fill("progress.part", part=number + 1, parts=count) if count > 1 else ""
+        part = number + 1
+        title = words.fill("progress.part", part=part, parts=count) if count > 1 else ""
         rest_text = ""
         rest_s = 0.0
-        if number + 1 < count:
+        if part < count:
             rest_text = text.rest
             rest_s = text.rest_s
         block = PlayPlan(

@@ -141,8 +141,12 @@ class BlockScreens:
             mark = OUTCOME_MARKS.get(play.outcome, "")
         if is_last and self._plan.points is not None:
             score_text = format_score(words, points)
+        picture = EMPTY_IMAGE
+        if is_last or self._context.renders_steps:
+            picture = play.picture()
+        has_motion = self._plan.motion_ms and self._context.renders_steps
         return PlayScreen(
-            picture=play.picture() if is_last or self._context.renders_steps else EMPTY_IMAGE,
+            picture=picture,
             mission=self._mission(play),
             progress=self._progress(play),
             legend=tuple((key, words.action(action)) for key, action in legend),
@@ -153,7 +157,7 @@ class BlockScreens:
             score_text=score_text,
             labels=words.labels(tuple(key for key, _ in legend)),
             accepts_pointer=play.takes_clicks,
-            motion=self._motion(play) if self._plan.motion_ms and self._context.renders_steps else None,
+            motion=self._motion(play) if has_motion else None,
         )
 
     def _motion(self, play: RunningEpisode) -> Motion | None:

@@ -253,12 +253,13 @@ class PreferencesActivity(Activity):
         plan = self._plan
         keys = ("left", "right", "equal", "cannot_tell", "again")
         caps = words.labels(tuple(getattr(plan, key) for key in keys))
+        caps_by_key = {key: cap for key, (_, cap, _) in zip(keys, caps, strict=True)}
         return PairScreen(
             lefts=self._films["left"],
             rights=self._films["right"],
             step=self._step,
             title=words["pair.title"],
-            prompt=words.fill("pair.prompt", **{key: cap for key, (_, cap, _) in zip(keys, caps, strict=True)}),
+            prompt=words.fill("pair.prompt", **caps_by_key),
             progress=words.fill("pair.progress", number=self._pair + 1, count=plan.pairs),
             period_ns=round(plan.step_ms * NS_PER_MS),
             replay_key=plan.again,

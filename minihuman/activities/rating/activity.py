@@ -47,9 +47,11 @@ class RatingActivity(AgentPlayActivity):
         return {self.agent.good: 1.0, self.agent.bad: -1.0}
 
     def _rate(self, press: KeyDown) -> None:
-        if press.repeat and self._last_ns is not None and press.t_ns < self._last_ns + REPEAT_INTERVAL_NS:
-            self.context.emit_key(press, "repeat", self.phase)
-            return
+        if press.repeat and self._last_ns is not None:
+            since_last_ns = press.t_ns - self._last_ns
+            if since_last_ns < REPEAT_INTERVAL_NS:
+                self.context.emit_key(press, "repeat", self.phase)
+                return
         now_ns = self.context.now_ns
         play = self._current
         rating = self._values[press.key]
@@ -74,11 +76,16 @@ class RatingActivity(AgentPlayActivity):
         if self._failed and self._names_failures:
             self._episode_ended("agent_failed")
         else:
-            playable = self._playable
-            count = len(self._current.world.action_names)
-            share = float(np.float32(1 / len(playable)))
-            chances = tuple(share if action in playable else 0.0 for action in range(count))
-            self._take_advice(Advice(self.context.now_ns, self._current.steps, chances))
+            self._take_advice(Advice(self.context.now_ns, self._current.steps, self._equal_chances()))
+
+    def _equal_chances(self) -> tuple[float, ...]:
+        """Return equal probabilities of the actions that have keys, and 0 for the others, in the log's precision."""
+        playable = self._playable
+        share = float(np.float32(1 / len(playable)))
+        chances = [0.0] * len(self._current.world.action_names)
+        for action in playable:
+            chances[action] = share
+        return tuple(chances)
 
     def _end_flash(self) -> None:
         if self._flash_until_ns is not None and self.context.now_ns >= self._flash_until_ns:

@@ -18,10 +18,11 @@ class TakeoverActivity(AgentPlayActivity):
         emit_key = self.context.emit_key
         action = play.action_of(press.key)
         if press.key == self.agent.hand_back and not press.repeat:
-            can = self.controller == "person" and bool(self.policy)
-            emit_key(press, "accepted" if can else "not_playing", self.phase)
-            if can:
+            if self.controller == "person" and self.policy:
+                emit_key(press, "accepted", self.phase)
                 self._steer("agent", "hand_back", press.t_ns)
+            else:
+                emit_key(press, "not_playing", self.phase)
         elif action is None or (press.repeat and not play.plan.auto_repeat):
             super()._key_in_play(press)
         else:

@@ -97,18 +97,19 @@ class TeamPlayActivity(PlayActivity):
         key_map = plan.key_map
         if keys:
             key_map = msgspec.structs.replace(key_map, keys=keys[self.formed.seat], spare_keys=())
-        return msgspec.structs.replace(plan, options=options, seed=self._seed(plan), key_map=key_map)
+        return msgspec.structs.replace(plan, options=options, seed=self._find_layout_seed(plan), key_map=key_map)
 
-    def _seed(self, plan: EpisodePlan) -> int:
+    def _find_layout_seed(self, plan: EpisodePlan) -> int:
+        """Return the seed of an episode's layout, which is the same for all members of the team."""
         assert self.formed is not None
         if self.plan.seeds == "listed":
             return plan.seed
-        plan_of_session = self.context.plan
+        session_plan = self.context.plan
         number = 0 if self.plan.seeds == "same" else plan.episode_in_block
-        purpose = (
-            f"team-layouts-{plan.block_name}-session-{plan_of_session.session}-{len(set(self.formed.seats) - {PERSON})}"
-        )
-        return draw_seeds(number + 1, seed=plan_of_session.study_seed, purpose=purpose, index=self.formed.index)[-1]
+        n_kinds_of_agents = len(set(self.formed.seats) - {PERSON})
+        purpose = f"team-layouts-{plan.block_name}-session-{session_plan.session}-{n_kinds_of_agents}"
+        seeds = draw_seeds(number + 1, seed=session_plan.study_seed, purpose=purpose, index=self.formed.index)
+        return seeds[-1]
 
     def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:
         assert self.formed is not None
@@ -211,7 +212,8 @@ class TeamPlayActivity(PlayActivity):
         self._messages.seat = team.seat
         self._messages.salt = salt
         self._count_waiting()
-        self._holders = tuple("person" if kind == PERSON else "agent" for kind in team.seats)
+        holders: dict[bool, SeatHolder] = {True: "person", False: "agent"}
+        self._holders = tuple(holders[kind == PERSON] for kind in team.seats)
         self._states = tuple[SeatState, ...]("here" for _ in team.seats)
         roles = self.plan.team.roles
         context = self.context
@@ -270,15 +272,18 @@ class TeamPlayActivity(PlayActivity):
         )
         if mine is not None and mine.key and joint.sources[seat] != "person":
             self.context.emit(InputLate(now_ns, joint.episode, joint.step, mine.action, mine.key, mine.key_t_ns))
-        holders = tuple(
-            before if source == "late" else source for source, before in zip(joint.sources, self._holders, strict=True)
-        )
-        for other, (before, after) in enumerate(zip(self._holders, holders, strict=True)):
-            if before != after:
-                self.context.emit(SeatTaken(now_ns, joint.episode, joint.step, other, after))
-        self._holders = holders
+        self._note_holders(joint)
         self._note_partners()
         self._stepped(stepped)
+
+    def _note_holders(self, joint: JointTaken) -> None:
+        """Note who acts for each seat, and emit an event for each change; who is late still holds their seat."""
+        holders = list(self._holders)
+        for seat, source in enumerate(joint.sources):
+            if source != "late" and source != holders[seat]:
+                holders[seat] = source
+                self.context.emit(SeatTaken(self.context.now_ns, joint.episode, joint.step, seat, source))
+        self._holders = tuple(holders)
 
     def _note_sighting(self, sighted: SeatSighted) -> None:
         self._states = (*self._states[: sighted.seat], sighted.state, *self._states[sighted.seat + 1 :])
@@ -309,9 +314,14 @@ class TeamPlayActivity(PlayActivity):
         """The next tick of any block, the next repetition of a request, or the end of a mark, whichever comes first."""
         due = super().next_tick_ns
         waits = self.phase in (Phase.LOBBY, Phase.WAITING) or (self.playing and self.team_episode.submitted is not None)
-        gone = [mark.t_ns + INTERVAL_NS for mark in self._messages.marks if self.playing]
-        asks = self.context.now_ns + POLL_NS if waits else None
-        return min((t for t in (due, asks, *gone) if t is not None), default=None)
+        times_ns = []
+        if due is not None:
+            times_ns.append(due)
+        if waits:
+            times_ns.append(self.context.now_ns + POLL_NS)
+        if self.playing:
+            times_ns += [mark.t_ns + INTERVAL_NS for mark in self._messages.marks]
+        return min(times_ns, default=None)
 
     # What is seen
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from minihuman.activities.team.plan import PERSON, TeamPlan
+from minihuman.activities.team.plan import TeamPlan
 from minihuman.activities.team.requests import Team
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_words
 from minihuman.experiment.plan.session_plan import Participant
@@ -114,15 +114,15 @@ class Lobby(Generic[Member]):
 
     def _list_candidates(self, entry: LobbyEntry[Member], present_since_s: float) -> list[LobbyEntry[Member]]:
         """Return the entries that may be paired with an entry, in the order of arrival."""
-        present = [
-            other
-            for other in self._entries
-            if other is not entry
-            and other.team is None
-            and other.asked_s >= present_since_s
-            and other.participant.group == entry.participant.group
-        ]
-        return [other for other in present if self._may_pair(entry, other)]
+        candidates = []
+        for other in self._entries:
+            is_free = other is not entry and other.team is None
+            is_present = other.asked_s >= present_since_s
+            if not is_free or not is_present or other.participant.group != entry.participant.group:
+                continue
+            if self._may_pair(entry, other):
+                candidates.append(other)
+        return candidates
 
     def _may_pair(self, entry: LobbyEntry[Member], other: LobbyEntry[Member]) -> bool:
         match entry.rules.pairing:
@@ -160,10 +160,11 @@ class Lobby(Generic[Member]):
         persons = rules.persons
         order = draw_permutation(len(persons), seed=self._seed, purpose=f"seats-{self._block}", index=index)
         entries = {persons[order[place]]: partner for place, partner in enumerate(partners)}
-        kinds = tuple(
-            rules.stand_in if kind == PERSON and seat not in entries else kind for seat, kind in enumerate(rules.seats)
-        )
-        return SeatedTeam(name_team(self._seed, index, is_solo=False), index, kinds, entries)
+        kinds = list(rules.seats)
+        for seat in persons:
+            if seat not in entries:
+                kinds[seat] = rules.stand_in
+        return SeatedTeam(name_team(self._seed, index, is_solo=False), index, tuple(kinds), entries)
 
 
 def _find_same_team(partners: Sequence[LobbyEntry[Member]], teams: list[RecordedTeam]) -> int | None:

@@ -40,8 +40,11 @@ class MessageExchange:
     def find_next(self, seat: int, received: Set[str], now_s: float) -> MessageShown | None:
         """Return the next message of another seat that a seat has not received; words wait for it, a mark expires."""
         for sent in self._sent.values():
-            seen_s = now_s - sent.since_s
-            is_due = seen_s >= 0 and (bool(sent.message.text) or seen_s < MARK_S)
-            if sent.message.seat != seat and is_due and sent.message.digest not in received:
-                return sent.message
+            message = sent.message
+            if message.seat == seat or message.digest in received:
+                continue
+            age_s = now_s - sent.since_s
+            is_expired = not message.text and age_s >= MARK_S
+            if age_s >= 0 and not is_expired:
+                return message
         return None

@@ -134,13 +134,17 @@ class TeamMessages:
         if not hints:
             return None
         marks = self.marks
+        cells = []
+        for mark in marks:
+            x, z = mark.cell
+            cells.append((x, z, mark.seat == self.seat))
         lines = [message for message in self.messages.values() if not message.cell][-N_LINES:]
         return {
             "writes": bool(self.rules.chat),
             "hint": "   ".join(hints),
             "lines": [(self._name_author(message.seat), self._format_text(message)) for message in lines],
             "entry": None if self.draft is None else self.draft.widget(),
-            "cells": [(mark.cell[0], mark.cell[1], mark.seat == self.seat) for mark in marks],
+            "cells": cells,
             "bounds": play.world.unwrapped.map().bounds if play and marks else (),
         }
 

@@ -10,6 +10,15 @@ from minihuman.dataset.activity_tables import ActivityTable, TableRow
 from minihuman.log.model.session_log import EpisodeLog, SessionLog, TeamRecord
 
 
+def _count_agent_steps(team: TeamRecord) -> int:
+    """Count the joint steps in which an agent acted for some person."""
+    count = 0
+    for sources in team.sources:
+        if any(sources[seat] == "agent" for seat in team.persons):
+            count += 1
+    return count
+
+
 def _build_team_row(episode: EpisodeLog) -> TableRow | None:
     team = episode.team
     if team is None:  # one body played it
@@ -28,7 +37,7 @@ def _build_team_row(episode: EpisodeLog) -> TableRow | None:
         "idled": sum(sources[team.seat] == "late" for sources in team.sources),
         "corrected": team.corrected,
         "takeovers": team.takeovers,
-        "agent_steps": sum(any(sources[seat] == "agent" for seat in team.persons) for sources in team.sources),
+        "agent_steps": _count_agent_steps(team),
         "played_by": json.dumps(team.steps_by_source),
         "absent_share": team.absent_share,
         "absences": json.dumps([_count_states(team, seat) for seat in range(len(team.seats))]),

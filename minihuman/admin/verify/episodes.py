@@ -73,23 +73,19 @@ def verify_episodes(log: SessionLog, make_world: WorldFactory = World) -> Episod
 
 
 def _first_difference(episode: EpisodeLog, world: World, *, compare_observations: bool) -> str:
-    differences = _differences(episode, world)
+    """Return the first difference of an episode from its replay in the world; "" if there is none."""
     try:
-        return next(
-            (
-                difference
-                for difference in differences
-                if compare_observations or " observation hash " not in difference
-            ),
-            "",
-        )
+        for difference in _list_differences(episode, world):
+            if compare_observations or " observation hash " not in difference:
+                return difference
     except WorldFailedError as error:
         return f"{episode.name}: the world raises {error}"
+    return ""
 
 
-def _differences(episode: EpisodeLog, world: World) -> Iterator[str]:
-    plan = episode.plan
-    play = RunningEpisode(plan, world, picture_px=None)
+def _list_differences(episode: EpisodeLog, world: World) -> Iterator[str]:
+    """Play an episode's actions again in the world and yield the differences."""
+    play = RunningEpisode(episode.plan, world, picture_px=None)
     yield from _at_start(episode.start, play.start(episode.start.t_ns), f"{episode.name} reset")
     for index, action in enumerate(episode.actions_taken):
         place = f"{episode.name} step {index + 1}"
@@ -97,20 +93,25 @@ def _differences(episode: EpisodeLog, world: World) -> Iterator[str]:
             yield f"{place}: logged, but the episode now ends at step {index} with {play.outcome!r}"
         again = play.step(0, action, key=episode.step_keys[index], key_t_ns=0)
         yield from _at_step(episode, index, again, place)
-        if episode.team is not None and not np.array_equal(
-            episode.team.rewards[index], world.unwrapped.rewards, equal_nan=True
-        ):
-            rewards = episode.team.rewards[index].tolist()
-            yield f"{place}: rewards {rewards} in the log, now {list(world.unwrapped.rewards)}"
+        if episode.team is not None:
+            rewards = episode.team.rewards[index]
+            if not np.array_equal(rewards, world.unwrapped.rewards, equal_nan=True):
+                yield f"{place}: rewards {rewards.tolist()} in the log, now {list(world.unwrapped.rewards)}"
     if episode.team is not None:
-        if difference := episode.team.find_difference(plan.seed):
-            yield f"{episode.name}: {difference}"
-        if not np.array_equal(episode.team.actions[:, episode.team.seat], episode.actions):
-            yield f"{episode.name}: the joint actions of seat {episode.team.seat} are not the seat's own"
+        yield from _list_team_differences(episode, episode.team)
     if episode.end_cause and episode.outcome in ("timeout", "agent_failed") and play.outcome is None:
         return  # a time limit or a failure ended it: the replay of the session's inputs compares when
     if play.outcome != episode.outcome and episode.outcome not in (None, "abandoned"):
         yield f"{episode.name}: outcome {episode.outcome!r} in the log, now {play.outcome!r}"
+
+
+def _list_team_differences(episode: EpisodeLog, team: TeamRecord) -> Iterator[str]:
+    """Yield the contradictions inside a team's record of an episode, and between it and the seat's own actions."""
+    difference = team.find_difference(episode.plan.seed)
+    if difference:
+        yield f"{episode.name}: {difference}"
+    if not np.array_equal(team.actions[:, team.seat], episode.actions):
+        yield f"{episode.name}: the joint actions of seat {team.seat} are not the seat's own"
 
 
 def _at_start(logged: EpisodeStarted, again: EpisodeStarted, place: str) -> Iterator[str]:
@@ -121,11 +122,13 @@ def _at_start(logged: EpisodeStarted, again: EpisodeStarted, place: str) -> Iter
 
 
 def _at_step(episode: EpisodeLog, index: int, again: Stepped, place: str) -> Iterator[str]:
+    """Yield the differences between a logged step and the same step now; the state after it has the next index."""
+    state = index + 1
     yield from _hashes(
         place,
-        int(episode.state_hashes[index + 1]),
+        int(episode.state_hashes[state]),
         again.state_hash,
-        int(episode.observation_hashes[index + 1]),
+        int(episode.observation_hashes[state]),
         again.observation_hash,
     )
     for name, logged, now in (
@@ -134,11 +137,12 @@ def _at_step(episode: EpisodeLog, index: int, again: Stepped, place: str) -> Ite
         ("terminated", bool(episode.terminated[index]), again.terminated),
         ("truncated", bool(episode.truncated[index]), again.truncated),
     ):
-        if logged != now and not (logged != logged and now != now):  # NaN equals NaN
+        are_both_nan = logged != logged and now != now
+        if logged != now and not are_both_nan:
             yield f"{place}: {name} {logged!r} in the log, now {now!r}"
     pose = pose_as_row(again.pose)
-    if not np.array_equal(episode.poses[index + 1], pose, equal_nan=True):
-        yield f"{place}: pose {episode.poses[index + 1].tolist()} in the log, now {list(pose)}"
+    if not np.array_equal(episode.poses[state], pose, equal_nan=True):
+        yield f"{place}: pose {episode.poses[state].tolist()} in the log, now {list(pose)}"
 
 
 def _logged_success(episode: EpisodeLog, index: int) -> bool | None:
@@ -172,18 +176,23 @@ def verify_teams(study: Path) -> Iterator[tuple[str, bool]]:
         logs = {seat: _read_member(study, entry, str(seat)) for seat in people}
         played_by_seat = {seat: _find_episodes(log, entry) for seat, log in logs.items()}
         place = f"team {entry.team}, block {entry.block}"
-        gone = [seat for seat in people if str(seat) not in entry.members]
-        wrong = [*_compare_members(played_by_seat), *_compare_messages(logs, played_by_seat)]
-        yield from ((f"{place}: {line}", False) for line in wrong)
-        for seat in gone:
-            yield f"{place}: seat {seat} withdrawn", True
-        if not wrong:
-            present = {seat: played for seat, played in played_by_seat.items() if played}
-            steps = max(
-                (sum(len(team.actions) for _, team in played.values()) for played in present.values()), default=0
-            )
-            seats = " and ".join(map(str, present)) or "none"
-            yield f"{place}: {steps} joint steps, the same in each log here (seats {seats})", True
+        differences = [*_compare_members(played_by_seat), *_compare_messages(logs, played_by_seat)]
+        yield from ((f"{place}: {difference}", False) for difference in differences)
+        for seat in people:
+            if str(seat) not in entry.members:
+                yield f"{place}: seat {seat} withdrawn", True
+        if not differences:
+            yield f"{place}: {_describe_agreement(played_by_seat)}", True
+
+
+def _describe_agreement(played_by_seat: dict[int, _Played]) -> str:
+    """Describe how many joint steps the logs of a team agree on, and whose logs are here."""
+    n_steps = {}
+    for seat, played in played_by_seat.items():
+        if played:
+            n_steps[seat] = sum(len(team.actions) for _, team in played.values())
+    seats = " and ".join(map(str, n_steps)) or "none"
+    return f"{max(n_steps.values(), default=0)} joint steps, the same in each log here (seats {seats})"
 
 
 def _read_member(study: Path, entry: TeamRecorded, seat: str) -> SessionLog | None:
@@ -236,13 +245,15 @@ def _find_record_difference(records: Mapping[int, tuple[EpisodeLog, TeamRecord]]
     """Describe where two seats' records of an episode differ after ``n_same`` equal joint steps; "" if they do not."""
     (episode, team), (other, other_team) = records.values()
     seats = " and ".join(map(str, records))
-    n = min(len(team.actions), len(other_team.actions))
-    if n_same < n:
-        logged = (f"seat {seat} logged {record.actions[n_same].tolist()}" for seat, (_, record) in records.items())
+    n_steps = min(len(team.actions), len(other_team.actions))
+    n_states = n_steps + 1
+    if n_same < n_steps:
+        logged = [f"seat {seat} logged {record.actions[n_same].tolist()}" for seat, (_, record) in records.items()]
         return f" step {n_same + 1}: {', '.join(logged)}"
-    is_equal = episode.state_hashes[: n + 1] == other.state_hashes[: n + 1]
-    if not is_equal.all():
-        return f" step {int((~is_equal).argmax())}: seats {seats} logged different states"
+    is_different = episode.state_hashes[:n_states] != other.state_hashes[:n_states]
+    if is_different.any():
+        first_different = int(is_different.argmax())
+        return f" step {first_different}: seats {seats} logged different states"
     if len(team.actions) == len(other_team.actions) and team.digest != other_team.digest:
         return f": seats {seats} logged different digests"
     return ""
@@ -250,20 +261,22 @@ def _find_record_difference(records: Mapping[int, tuple[EpisodeLog, TeamRecord]]
 
 def _compare_messages(logs: dict[int, SessionLog | None], played_by_seat: dict[int, _Played]) -> Iterator[str]:
     """Yield the messages that were shown to a seat but are missing from their author's log, if that log is complete."""
-    shown_messages = {
-        seat: _list_shown_messages(log, played_by_seat[seat]) for seat, log in logs.items() if log is not None
-    }
-    sent = {
-        seat: {message.digest for message in shown_messages[seat] if message.seat == seat}
-        for seat, log in logs.items()
-        if log is not None and log.segments[-1].clean
-    }
-    yield from (
-        f"episode {message.episode + 1}: seat {seat} was shown a message that seat {message.seat} did not send"
-        for seat, messages in shown_messages.items()
-        for message in messages
-        if message.digest not in sent.get(message.seat, {message.digest})
-    )
+    shown_messages = {}
+    sent = {}
+    for seat, log in logs.items():
+        if log is None:
+            continue
+        messages = _list_shown_messages(log, played_by_seat[seat])
+        shown_messages[seat] = messages
+        if log.segments[-1].clean:
+            sent[seat] = {message.digest for message in messages if message.seat == seat}
+    for seat, messages in shown_messages.items():
+        for message in messages:
+            if message.seat in sent and message.digest not in sent[message.seat]:
+                yield (
+                    f"episode {message.episode + 1}: seat {seat} was shown a message that seat {message.seat} did not "
+                    "send"
+                )
 
 
 def _list_shown_messages(log: SessionLog, played: _Played) -> list[MessageShown]:

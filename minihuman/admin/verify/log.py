@@ -52,26 +52,36 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
     yield from contents.differences
     if not any(segment.provable for segment in contents.segments):
         return
-    yield from _attachments(contents)
-    for number, segment in enumerate(contents.segments):
+    yield from _compare_attachments(contents)
+    for index, segment in enumerate(contents.segments):
         if segment.provable:
-            place = f"segment {segment.number}"
-            for complaint in (
-                *_metadata(segment, number),
-                *_end(segment, contents.segments[: number + 1], finished=contents.finished),
-                *compare_plan(segment),
-                *(f"well-formed: {rule}" for rule in find_violations(segment.events)),
-                *_replay(segment, make_world),
-            ):
-                yield f"{place}: {complaint}"
+            for difference in _find_segment_differences(contents, index, make_world):
+                yield f"segment {segment.number}: {difference}"
+    yield from _compare_chain_heads(path, contents)
+
+
+def _find_segment_differences(contents: LogContents, index: int, make_world: WorldFactory) -> Iterator[str]:
+    """Yield what in the segment at an index does not follow from the rest of the log."""
+    segment = contents.segments[index]
+    segments_so_far = contents.segments[: index + 1]
+    yield from _compare_metadata(segment, index)
+    yield from _compare_end(segment, segments_so_far, finished=contents.finished)
+    yield from compare_plan(segment)
+    for rule in find_violations(segment.events):
+        yield f"well-formed: {rule}"
+    yield from _replay(segment, make_world)
+
+
+def _compare_chain_heads(path: Path, contents: LogContents) -> Iterator[str]:
+    """Yield the segments whose chain ends otherwise than the enrolment log says."""
     known = read_chain_heads(study_folder(path), path.name)
     for segment in contents.segments:
-        chain = (segment.end or {}).get(CHAIN_KEY, "")
-        if segment.end is not None and known.get(segment.number, chain) != chain:
-            yield (
-                f"segment {segment.number} ended with chain {chain[:16]}; the enrolment log says "
-                f"{known[segment.number][:16]}"
-            )
+        if segment.end is None or segment.number not in known:
+            continue
+        chain = segment.end.get(CHAIN_KEY, "")
+        known_chain = known[segment.number]
+        if known_chain != chain:
+            yield (f"segment {segment.number} ended with chain {chain[:16]}; the enrolment log says {known_chain[:16]}")
 
 
 def _replay(segment: LogSegment, make_world: WorldFactory) -> Iterator[str]:
@@ -101,19 +111,23 @@ def _compare_segment(segment: LogSegment, make_world: WorldFactory) -> Iterator[
     yield from compare_replay(segment.events, make_world, follow=ConversationRecord(spec).follow, picture_px=picture_px)
 
 
-def _attachments(contents: LogContents) -> Iterator[str]:
+def _compare_attachments(contents: LogContents) -> Iterator[str]:
     """Yield the differences between the attachments and the plans, each of whose attachments must be present once."""
-    plans = [segment.started.plan for segment in contents.segments if segment.started]
-    expected = {
-        (name, content) for plan in plans for name, _, content in build_attachments(plan) if name != "packages.txt"
-    }
-    names = {name for plan in plans for name, *_ in build_attachments(plan)}
+    names = set()
+    expected = set()
+    for segment in contents.segments:
+        if segment.started:
+            for name, _, content in build_attachments(segment.started.plan):
+                names.add(name)
+                if name != "packages.txt":  # it depends on the machine
+                    expected.add((name, content))
     counts = Counter((attached.name, attached.data) for attached in contents.attached if attached.name in names)
-    for attached, count in counts.items():
+    all_provable = all(segment.provable for segment in contents.segments)
+    for (name, content), count in counts.items():
         if count > 1:
-            yield f"attachment {attached[0]} is there twice"
-        if attached[0] != "packages.txt" and attached not in expected and all(s.provable for s in contents.segments):
-            yield f"attachment {attached[0]} is not what the plan says"
+            yield f"attachment {name} is there twice"
+        if all_provable and name != "packages.txt" and (name, content) not in expected:
+            yield f"attachment {name} is not what the plan says"
     present = {name for name, _ in counts}
     for name in sorted(names - present):
         yield f"attachment {name} is missing"
@@ -122,23 +136,24 @@ def _attachments(contents: LogContents) -> Iterator[str]:
             yield f"attachment {name} of {len(content)} bytes is missing"
 
 
-def _metadata(segment: LogSegment, number: int) -> Iterator[str]:
+def _compare_metadata(segment: LogSegment, index: int) -> Iterator[str]:
+    """Yield the differences between a segment's metadata at its start and what its plan says."""
     started = segment.started
     if started is None:
         yield "its plan is missing"
         return
     expected = build_segment_metadata(started.plan, int(segment.facts["started_unix_ns"]))
-    for name in sorted({*expected, *segment.facts} - {"minihuman", "schema_version"}):  # of what wrote it
-        if expected.get(name) != segment.facts.get(name):
-            yield (
-                f"metadata {log_names.SEGMENT_METADATA}: {name} {segment.facts.get(name)!r}, "
-                f"by the plan {expected.get(name)!r}"
-            )
+    names = {*expected, *segment.facts} - {"minihuman", "schema_version"}  # of the software that wrote it
+    for name in sorted(names):
+        logged_fact = segment.facts.get(name)
+        expected_fact = expected.get(name)
+        if expected_fact != logged_fact:
+            yield f"metadata {log_names.SEGMENT_METADATA}: {name} {logged_fact!r}, by the plan {expected_fact!r}"
     if segment.station != started.facts:
         yield f"metadata {log_names.FACTS_METADATA} is not what the plan's message says"
 
 
-def _end(segment: LogSegment, so_far: Sequence[LogSegment], *, finished: bool) -> Iterator[str]:
+def _compare_end(segment: LogSegment, so_far: Sequence[LogSegment], *, finished: bool) -> Iterator[str]:
     """Compare the metadata at a segment's end with the contents of the segment; yield the differences."""
     end = segment.end
     if end is None:
@@ -151,8 +166,10 @@ def _end(segment: LogSegment, so_far: Sequence[LogSegment], *, finished: bool) -
     for name, expected in _expect_end(segment, so_far).items():
         if end.get(name) != expected:
             yield f"metadata {log_names.END_METADATA}: {name} {end.get(name)!r}, by the messages {expected!r}"
-    if end.get("clean") not in ("true", "false") or (end.get("clean") == "true" and segment.ended is None):
-        yield f"metadata {log_names.END_METADATA}: clean {end.get('clean')!r}, but the segment says no end"
+    clean = end.get("clean")
+    may_be_clean = segment.ended is not None
+    if clean != "false" and not (clean == "true" and may_be_clean):
+        yield f"metadata {log_names.END_METADATA}: clean {clean!r}, but the segment says no end"
     stopped = end.get("stopped", "")
     if stopped.startswith(log_names.FINISHED_LOG_WAS):
         yield stopped
@@ -162,28 +179,26 @@ def _end(segment: LogSegment, so_far: Sequence[LogSegment], *, finished: bool) -
 
 def _expect_end(segment: LogSegment, so_far: Sequence[LogSegment]) -> dict[str, str]:
     """Return the metadata that a segment's end should have according to the messages up to it."""
+    events_so_far = [event for part in so_far for event in part.events]
     reason = "cut_off"
     if segment.ended is not None:
         reason = segment.ended.reason
-    planned = 0
+    n_planned = 0
     if segment.started is not None:
-        skipped = sum(event.count for part in so_far for event in part.events if isinstance(event, EpisodesSkipped))
-        planned = len(segment.started.plan.episodes) - skipped
+        n_skipped = sum(event.count for event in events_so_far if isinstance(event, EpisodesSkipped))
+        n_planned = len(segment.started.plan.episodes) - n_skipped
+    n_steps = sum(isinstance(event, Stepped) for event in segment.events)
     expected = {
         "segment": segment.number,
         "reason": reason,
-        "steps": str(sum(isinstance(event, Stepped) for event in segment.events)),
+        "steps": str(n_steps),
         "last_message": str(segment.last_sequence),
-        "planned": str(planned),
+        "planned": str(n_planned),
         "lasted_ns": str(segment.last_ns - segment.first_ns),
     }
     if all(part.provable for part in so_far):
-        completed = {
-            event.episode
-            for part in so_far
-            for event in part.events
-            if isinstance(event, EpisodeEnded) and event.outcome != "abandoned"
-        }
+        ends = [event for event in events_so_far if isinstance(event, EpisodeEnded)]
+        completed = {end.episode for end in ends if end.outcome != "abandoned"}
         expected["completed"] = str(len(completed))
     return expected
 

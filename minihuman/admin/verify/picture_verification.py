@@ -100,29 +100,35 @@ def _find_picture_size(recorded: Mapping[str, str]) -> tuple[int, int]:
 def _find_difference(episode: EpisodeLog, hashes: Mapping[int, int], world: World, size_px: tuple[int, int]) -> str:
     """Replay an episode and describe the first picture that differs; "" if none does."""
     try:
-        return next(_differences(episode, hashes, world, size_px), "")
+        return next(_list_differences(episode, hashes, world, size_px), "")
     except WorldError as error:
         return f"{episode.name}: {error}"
 
 
-def _differences(
+def _list_differences(
     episode: EpisodeLog, hashes: Mapping[int, int], world: World, size_px: tuple[int, int]
 ) -> Iterator[str]:
+    """Draw an episode again and yield the steps whose picture is not the one that was shown."""
     plan = episode.plan
     world.reset(plan.seed)
-    for step in range(len(episode.actions) + 1):
-        if step:
+    n_steps = len(episode.actions)
+    for step in range(n_steps + 1):
+        if step > 0:
             world.step(episode.actions_taken[step - 1])
         if step in hashes and hash_picture(world.frame(plan.view, size_px, plan.palette)) != hashes[step]:
             yield f"{episode.name} step {step}: the picture that was shown is not the one that is drawn now"
 
 
 def _judge_difference(recorded: Mapping[str, str], difference: str, pictures: int) -> PictureVerification:
-    changed = [
-        f"{name.removeprefix(_VERSION)} {recorded[name]}, here {_find_fact(name)}"
-        for name in recorded
-        if _draws(name) and recorded[name].split(" ")[0] != _find_fact(name)
-    ]
+    """Judge a difference: pictures drawn with other software than here cannot be compared."""
+    changed = []
+    for name, recorded_fact in recorded.items():
+        if not _draws(name):
+            continue
+        fact_here = _find_fact(name)
+        version, *_ = recorded_fact.split(" ")
+        if version != fact_here:
+            changed.append(f"{name.removeprefix(_VERSION)} {recorded_fact}, here {fact_here}")
     if changed:
         return PictureVerification("not comparable", pictures, f"they were drawn with {'; '.join(changed)}")
     return PictureVerification("different", pictures, difference)

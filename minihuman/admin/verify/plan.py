@@ -15,7 +15,7 @@ from minihuman.admin.design_decisions import decide_again
 from minihuman.admin.verify.contents import LogSegment
 from minihuman.display.text import is_division
 from minihuman.errors import MinihumanError
-from minihuman.experiment.plan.allocation import build_allocation_list
+from minihuman.experiment.plan.allocation import AllocationSlot, build_allocation_list
 from minihuman.experiment.plan.expansion import expand_protocol
 from minihuman.experiment.plan.part_plans import find_paged_text
 from minihuman.experiment.plan.participant_codes import parse_participant_code
@@ -65,14 +65,16 @@ def compare_plan(segment: LogSegment) -> Iterator[str]:
 
 def _page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, bytes]:
     """Return the pictures of pages under the protocol's names for them; the log holds them page by page."""
-    named = [(part.plan, protocol.page_for(part.name, plan.participant.group)) for part in plan.parts]
-    logo = protocol.study.logo
-    return {
-        name: picture
-        for pages, page in named
-        if isinstance(pages, PagePlan)
-        for name, picture in zip((page and page.images) or (logo,), pages.pictures, strict=False)
-    }
+    pictures: dict[str, bytes] = {}
+    for part in plan.parts:
+        if not isinstance(part.plan, PagePlan):
+            continue
+        page = protocol.page_for(part.name, plan.participant.group)
+        names = page.images if page else ()
+        if not names:
+            names = (protocol.study.logo,)
+        pictures.update(zip(names, part.plan.pictures, strict=False))
+    return pictures
 
 
 def _as_part_before(
@@ -139,22 +141,33 @@ def compare_slot(protocol: Protocol, segment: LogSegment, plan: SessionPlan) -> 
         yield f"plan: slot {participant.place} is outside the allocation list of {len(slots)}"
         return
     slot = slots[participant.place]
-    if participant.assigned is not None and protocol.allocation.design is not None:
-        decided = decide_again(protocol, participant.assigned, participant.index, participant.stratum).group
-        if decided != participant.group:
-            yield (
-                f"plan: participant's group {participant.group!r}, by the statistics of {participant.assigned.design} "
-                f"{decided!r}"
-            )
-    elif (participant.assigned is None) == (protocol.allocation.design is not None) and not plan.overridden:
-        yield "plan: the group's assignment is not by the protocol's design"
-    elif not plan.overridden and slot.group != participant.group:
-        yield f"plan: participant's group {participant.group!r}, in the allocation list {slot.group!r}"
+    yield from _compare_group(protocol, plan, slot)
     if slot.stratum != participant.stratum:
         yield f"plan: participant's stratum {participant.stratum!r}, in the allocation list {slot.stratum!r}"
     strata = build_strata(protocol)
-    if strata is None or plan.session > 1 or plan.segment > 1:
+    is_asked = plan.session == 1 and plan.segment == 1
+    if strata is None or not is_asked:
         return
     answered = strata.find_stratum(segment.events)
     if answered not in (None, participant.stratum):
         yield f"plan: participant's stratum {participant.stratum!r}, by the answer to {strata.question} {answered!r}"
+
+
+def _compare_group(protocol: Protocol, plan: SessionPlan, slot: AllocationSlot) -> Iterator[str]:
+    """Yield the differences of a participant's group from the design's decision, or from the allocation list."""
+    participant = plan.participant
+    assigned = participant.assigned
+    has_design = protocol.allocation.design is not None
+    if assigned is not None and has_design:
+        decided = decide_again(protocol, assigned, participant.index, participant.stratum).group
+        if decided != participant.group:
+            yield (
+                f"plan: participant's group {participant.group!r}, by the statistics of {assigned.design} {decided!r}"
+            )
+        return
+    if plan.overridden:
+        return
+    if has_design or assigned is not None:
+        yield "plan: the group's assignment is not by the protocol's design"
+    elif slot.group != participant.group:
+        yield f"plan: participant's group {participant.group!r}, in the allocation list {slot.group!r}"

@@ -111,16 +111,18 @@ def verify_manifest(study: Path, seal: str) -> Iterator[tuple[str, bool]]:
         LogError: if ``seal`` is neither a manifest file nor a digest.
     """
     withdrawn = read_withdrawn_codes(study)
-    by_code: Counter[str] = Counter()
+    n_gone_files: Counter[str] = Counter()  # by the participant who withdrew
     changes: list[str] = []
     for line in find_changed_files(study, seal):
         code = line.partition("/")[0]
         if code in withdrawn and line.endswith(GONE):
-            by_code[code] += 1
+            n_gone_files[code] += 1
         else:
             changes.append(line)
-    for code, files in sorted(by_code.items()):
-        yield f"{files} files of {code} are gone: {code} withdrew after the manifest was made", True
+    for code, count in sorted(n_gone_files.items()):
+        yield f"{count} files of {code} are gone: {code} withdrew after the manifest was made", True
     yield from ((line, False) for line in changes)
-    if not changes:
-        yield f"every {'other ' if by_code else ''}file is as it was sealed", True
+    if not changes and n_gone_files:
+        yield "every other file is as it was sealed", True
+    elif not changes:
+        yield "every file is as it was sealed", True

@@ -70,25 +70,29 @@ def picture_size_px(size_px: Size) -> Size:
 def paint_picture(frame: NDArray[np.uint8], picture: NDArray[np.uint8]) -> Box:
     """Paint a world's picture into a frame; return the box that it covers."""
     size_px = frame.shape[1], frame.shape[0]
-    picture = _fit(picture, *picture_size_px(size_px))
-    left, top, width, height = _place(picture.shape[1], picture.shape[0], size_px)
+    picture = _fit_picture(picture, *picture_size_px(size_px))
+    left, top, width, height = _place_picture(picture.shape[1], picture.shape[0], size_px)
     frame[top : top + height, left : left + width] = picture
     return left, top, width, height
 
 
 def locate_picture(picture: NDArray[np.uint8], size_px: Size) -> Box:
     """Return the box in which a world's picture is drawn."""
-    fitted = _fit(picture, *picture_size_px(size_px))
-    return _place(fitted.shape[1], fitted.shape[0], size_px)
+    fitted = _fit_picture(picture, *picture_size_px(size_px))
+    return _place_picture(fitted.shape[1], fitted.shape[0], size_px)
 
 
-def _place(width: int, height: int, size_px: Size) -> Box:
-    top = round(size_px[1] * _TOP)
-    bottom = size_px[1] - round(size_px[1] * _BOTTOM)
-    return (size_px[0] - width) // 2, top + (bottom - top - height) // 2, width, height
+def _place_picture(width: int, height: int, size_px: Size) -> Box:
+    """Return the box of a picture in the middle of a window's space between heading and legend."""
+    window_width, window_height = size_px
+    top = round(window_height * _TOP)
+    bottom = window_height - round(window_height * _BOTTOM)
+    x = (window_width - width) // 2
+    y = top + (bottom - top - height) // 2
+    return x, y, width, height
 
 
-def _fit(picture: NDArray[np.uint8], room_width: int, room_height: int) -> NDArray[np.uint8]:
+def _fit_picture(picture: NDArray[np.uint8], room_width: int, room_height: int) -> NDArray[np.uint8]:
     """Scale a picture to a room by the largest whole factor, or smoothly if that would leave much of the room empty.
 
     A picture that is larger than the room is averaged down to it.
@@ -103,9 +107,9 @@ def _fit(picture: NDArray[np.uint8], room_width: int, room_height: int) -> NDArr
     resampling = Image.Resampling.BOX
     if scale:
         resampling = Image.Resampling.BILINEAR
-    return np.asarray(
-        Image.fromarray(picture).resize((max(1, int(width * factor)), max(1, int(height * factor))), resampling)
-    )
+    new_width = max(1, int(width * factor))
+    new_height = max(1, int(height * factor))
+    return np.asarray(Image.fromarray(picture).resize((new_width, new_height), resampling))
 
 
 def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:
@@ -115,7 +119,7 @@ def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:
     wide = width - 2 * height * MARGIN
     mission = play_frame.mission[:1].upper() + play_frame.mission[1:]
     sheet.put_line((width / 2, height * _TOP / 2), mission, round(height / 24), wide, theme.INK)
-    _legend(sheet, play_frame)
+    _draw_legend(sheet, play_frame)
     sheet.put_line((width / 2, height * 0.965), play_frame.progress, round(height / 36), wide, theme.MUTED_INK)
     return sheet
 
@@ -127,10 +131,10 @@ def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
     """
     height, width = screen.picture.shape[:2]
     if width:
-        fitted = _fit(screen.picture, *picture_size_px(size_px))
+        fitted = _fit_picture(screen.picture, *picture_size_px(size_px))
     else:
         fitted = screen.picture
-    left, top, width, height = _place(fitted.shape[1], fitted.shape[0], size_px)
+    left, top, width, height = _place_picture(fitted.shape[1], fitted.shape[0], size_px)
     layer = Image.new("RGBA", size_px, (0, 0, 0, 0))
     draw = ImageDraw.Draw(layer)
     colour = _MARKS[screen.mark]
@@ -148,60 +152,71 @@ def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
     y = top + reach * 1.6
     box = (x - reach * 1.3, y - reach, x + reach * 1.3 + score_px, y + reach)
     draw.rounded_rectangle(box, radius=reach * 0.4, fill=(*theme.BACKGROUND, 235), outline=colour, width=stroke // 2)
-    _sign(draw, screen.mark, (x, y), reach * 0.55, colour, stroke)
+    _draw_sign(draw, screen.mark, (x, y), reach * 0.55, colour, stroke)
     if screen.score_text:
         draw_line(draw, (x + reach, y), screen.score_text, faces=faces, size_px=type_px, colour=theme.INK)
     return layer
 
 
-def _sign(
+def _draw_sign(
     draw: ImageDraw.ImageDraw, mark: str, place: tuple[float, float], reach: float, colour: theme.Colour, stroke: int
 ) -> None:
     """Draw a tick, a cross or a bar, which differ even without colour."""
     x, y = place
+    left = x - reach
+    right = x + reach
     if mark == "good":
-        draw.line([(x - reach, y), (x - reach * 0.2, y + reach * 0.7), (x + reach, y - reach * 0.8)], colour, stroke)
+        tick_foot = (x - reach * 0.2, y + reach * 0.7)
+        draw.line([(left, y), tick_foot, (right, y - reach * 0.8)], colour, stroke)
     elif mark == "bad":
-        draw.line([(x - reach, y - reach), (x + reach, y + reach)], colour, stroke)
-        draw.line([(x - reach, y + reach), (x + reach, y - reach)], colour, stroke)
+        draw.line([(left, y - reach), (right, y + reach)], colour, stroke)
+        draw.line([(left, y + reach), (right, y - reach)], colour, stroke)
     else:
-        draw.line([(x - reach, y), (x + reach, y)], colour, stroke)
+        draw.line([(left, y), (right, y)], colour, stroke)
 
 
-def _legend(sheet: Sheet, play_frame: PlayFrame) -> None:
+def _draw_legend(sheet: Sheet, play_frame: PlayFrame) -> None:
     """Draw the keys and their actions side by side in a centred line.
 
     If there are many, the type is smaller, and then they are broken into several lines.
     """
-    width, height = sheet.size_px
     printed = {key: f"{above} {cap}".strip() for key, cap, above in play_frame.labels}
     keys = [(printed.get(key, key_label(key)), action.replace("_", " ")) for key, action in play_frame.legend]
-    wide = width - 2 * height * MARGIN
-    type_px = round(height * 0.03)
-    while type_px > sheet.min_type_px and _length(sheet, keys, type_px) > wide:
-        type_px -= 1
-    while len(rows := _rows(sheet, keys, type_px, wide)) > _MOST_ROWS and type_px > 8:
-        type_px -= 1
-    tall = type_px * 1.3
-    if len(rows) == 1:
-        tall = type_px * 2.0
+    rows, type_px = _fit_legend(sheet, keys)
+    width, height = sheet.size_px
+    keycap_height = type_px * (2.0 if len(rows) == 1 else 1.3)
     above_px = height * 0.004 * (len(rows) - 1)  # the progress line is right below
+    middle_row = (len(rows) - 1) / 2
     for number, row in enumerate(rows):
-        x = (width - _length(sheet, row, type_px)) / 2
-        middle = height * (1 - _BOTTOM + 0.068) + (number - (len(rows) - 1) / 2) * type_px * 1.4 - above_px
+        x = (width - _measure_legend_px(sheet, row, type_px)) / 2
+        y = height * (1 - _BOTTOM + 0.068) + (number - middle_row) * type_px * 1.4 - above_px
         for cap, word in row:
-            size = _cap_px(sheet, cap, type_px)
-            place = (x, middle - tall / 2, x + size, middle + tall / 2)
+            keycap_width = _cap_px(sheet, cap, type_px)
+            place = (x, y - keycap_height / 2, x + keycap_width, y + keycap_height / 2)
             draw_keycap(sheet.draw, cap, "", place, language=play_frame.locale.language, least_px=sheet.min_type_px)
-            sheet.put((x + size + type_px * 0.6, middle), word, type_px, theme.INK)
-            x += _length(sheet, [(cap, word)], type_px) + type_px * _GAP
+            sheet.put((x + keycap_width + type_px * 0.6, y), word, type_px, theme.INK)
+            x += _measure_legend_px(sheet, [(cap, word)], type_px) + type_px * _GAP
 
 
-def _rows(sheet: Sheet, keys: list[_Key], type_px: int, wide: float) -> list[list[_Key]]:
+def _fit_legend(sheet: Sheet, keys: list[tuple[str, str]]) -> tuple[list[list[tuple[str, str]]], int]:
+    """Break the keys and their actions into rows; return the rows and the size of their type in pixels."""
+    width, height = sheet.size_px
+    room_px = width - 2 * height * MARGIN
+    type_px = round(height * 0.03)
+    while type_px > sheet.min_type_px and _measure_legend_px(sheet, keys, type_px) > room_px:
+        type_px -= 1
+    rows = _break_legend(sheet, keys, type_px, room_px)
+    while len(rows) > _MOST_ROWS and type_px > 8:
+        type_px -= 1
+        rows = _break_legend(sheet, keys, type_px, room_px)
+    return rows, type_px
+
+
+def _break_legend(sheet: Sheet, keys: list[_Key], type_px: int, wide: float) -> list[list[_Key]]:
     """Break keys into lines that are at most ``wide`` pixels long."""
     rows: list[list[_Key]] = [[]]
     for key in keys:
-        if rows[-1] and _length(sheet, [*rows[-1], key], type_px) > wide:
+        if rows[-1] and _measure_legend_px(sheet, [*rows[-1], key], type_px) > wide:
             rows.append([])
         rows[-1].append(key)
     return rows
@@ -212,7 +227,7 @@ def _cap_px(sheet: Sheet, cap: str, type_px: int) -> float:
     return max(type_px * 2.0, (sheet.width_px(cap, type_px) + type_px) * 1.1)
 
 
-def _length(sheet: Sheet, keys: list[_Key], type_px: int) -> float:
+def _measure_legend_px(sheet: Sheet, keys: list[_Key], type_px: int) -> float:
     """Return the length of a line of the legend in pixels."""
     lengths = [_cap_px(sheet, cap, type_px) + type_px * 0.6 + sheet.width_px(word, type_px) for cap, word in keys]
     return sum(lengths) + type_px * _GAP * (len(keys) - 1)
@@ -247,9 +262,9 @@ def draw_steering(frame: NDArray[np.uint8], screen: PlayScreen, picture: Box) ->
     gap_colour = colour
     if screen.controller == "agent" and not screen.flash:  # dashed
         gap_colour = ground
-    _edges(frame, box, stroke, colour, gap_colour)
+    _draw_frame(frame, box, stroke, colour, gap_colour)
     text = _SIGNS.get(screen.flash, screen.controller_text)
-    line = _line(text, screen.locale.language, colour, ground, box[2], round(height * _LINE))
+    line = _draw_text_line(text, screen.locale.language, colour, ground, box[2], round(height * _LINE))
     below = box[1] + box[3]
     start = (width - line.shape[1]) // 2
     rows = min(len(line), height - below)
@@ -258,27 +273,32 @@ def draw_steering(frame: NDArray[np.uint8], screen: PlayScreen, picture: Box) ->
     return left, box[1], width - 2 * left, box[3] + rows
 
 
-def _edges(frame: NDArray[np.uint8], box: Box, stroke: int, colour: sheet.Colour, gap: sheet.Colour) -> None:
+def _draw_frame(frame: NDArray[np.uint8], box: Box, stroke: int, colour: sheet.Colour, gap: sheet.Colour) -> None:
+    """Draw the four sides of a box, dashed if the gaps have another colour."""
     left, top, width, height = box
-    along_x = _dashes(width, stroke, colour, gap)
-    along_y = _dashes(height, stroke, colour, gap)
-    frame[top : top + stroke, left : left + width] = along_x
-    frame[top + height - stroke : top + height, left : left + width] = along_x
-    frame[top : top + height, left : left + stroke] = along_y[:, None]
-    frame[top : top + height, left + width - stroke : left + width] = along_y[:, None]
+    right = left + width
+    bottom = top + height
+    along_x = _draw_dashed_side(width, stroke, colour, gap)
+    along_y = _draw_dashed_side(height, stroke, colour, gap)[:, None]
+    frame[top : top + stroke, left:right] = along_x
+    frame[bottom - stroke : bottom, left:right] = along_x
+    frame[top:bottom, left : left + stroke] = along_y
+    frame[top:bottom, right - stroke : right] = along_y
 
 
 @lru_cache(maxsize=16)
-def _dashes(length: int, stroke: int, colour: sheet.Colour, gap: sheet.Colour) -> NDArray[np.uint8]:
+def _draw_dashed_side(length: int, stroke: int, colour: sheet.Colour, gap: sheet.Colour) -> NDArray[np.uint8]:
     """Draw a side of the frame as uint8[length, 3]; it begins and ends with a dash, so that corners are complete."""
     side = np.full((length, 3), colour, np.uint8)
-    gaps = max(1, round((length / (stroke * _DASH) - 1) / 2))
-    side[np.floor(np.arange(length) / length * (2 * gaps + 1)) % 2 == 1] = gap
+    n_gaps = max(1, round((length / (stroke * _DASH) - 1) / 2))
+    n_pieces = 2 * n_gaps + 1
+    piece_of_pixel = np.floor(np.arange(length) / length * n_pieces)
+    side[piece_of_pixel % 2 == 1] = gap
     return side
 
 
 @lru_cache(maxsize=16)
-def _line(
+def _draw_text_line(
     text: str, language: str, colour: sheet.Colour, ground: sheet.Colour, width: int, height: int
 ) -> NDArray[np.uint8]:
     """Draw the line of text below the picture as uint8[height, at least width, 3]."""
@@ -301,11 +321,12 @@ def paste_picture(sheet: Sheet, picture: NDArray[np.uint8], box: RectPx) -> None
     if not height or not width:
         return
     scale = min((right - left) / width, (bottom - top) / height)
-    size = max(1, round(width * scale)), max(1, round(height * scale))
-    x = round((left + right - size[0]) / 2)
-    y = round((top + bottom - size[1]) / 2)
     resampling = Image.Resampling.NEAREST
     if scale < 1:
         resampling = Image.Resampling.BOX
-    sheet.page.paste(Image.fromarray(picture).resize(size, resampling), (x, y))
-    sheet.draw.rectangle((x - 2, y - 2, x + size[0] + 1, y + size[1] + 1), outline=theme.EDGE, width=2)
+    width = max(1, round(width * scale))
+    height = max(1, round(height * scale))
+    x = round((left + right - width) / 2)
+    y = round((top + bottom - height) / 2)
+    sheet.page.paste(Image.fromarray(picture).resize((width, height), resampling), (x, y))
+    sheet.draw.rectangle((x - 2, y - 2, x + width + 1, y + height + 1), outline=theme.EDGE, width=2)

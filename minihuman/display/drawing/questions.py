@@ -31,7 +31,7 @@ def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
     left = (width - wide) / 2
     right = (width + wide) / 2
     sheet.put_line((width / 2, top + high * 0.085), screen.title, round(high / 18), wide, theme.INK)
-    room = _room(screen) * high
+    room = _measure_question_room(screen) * high
     lines, type_px = sheet.fitted(screen.question, round(high * _TYPE), wide, room)
     y = top + high * _TOP
     y += max(0.0, room - len(lines) * type_px * LINE_HEIGHT)  # close to its answers
@@ -39,17 +39,17 @@ def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
     box = (left, top + high * _TOP + room + high * 0.02, right, top + high * (_BOTTOM - 0.04))
     match screen.item:
         case OptionList():
-            _choices(sheet, screen.item, box)
+            _draw_options(sheet, screen.item, box)
         case RatingScale():
-            _scale(sheet, screen.item, box)
+            _draw_scale(sheet, screen.item, box)
         case RatingMatrix():
-            _matrix(sheet, screen.item, box)
+            _draw_matrix(sheet, screen.item, box)
         case Slider():
-            _slider(sheet, screen.item, box)
+            _draw_slider(sheet, screen.item, box)
         case TextField():
-            _entry(sheet, screen.item, box)
+            _draw_text_field(sheet, screen.item, box)
         case ShapeCanvas():
-            _shapes(sheet, screen.item, box)
+            _draw_shapes(sheet, screen.item, box)
     if screen.note:
         sheet.put_line((width / 2, top + high * 0.805), screen.note, round(high / 34), wide, theme.ACCENT)
     sheet.buttons(screen.buttons, top + high * 0.872)
@@ -61,7 +61,7 @@ def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
 def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
     """Return whether a question's text and answers fit the screen in the smallest readable type."""
     sheet = Sheet(size_px, screen.locale)
-    room = _room(screen) * sheet.high
+    room = _measure_question_room(screen) * sheet.high
     wide = _WIDE * sheet.high
     lines, type_px = sheet.fitted(screen.question, round(sheet.high * _TYPE), wide, room)
     if type_px < round(sheet.high * MIN_TYPE_SIZE) or len(lines) * type_px * LINE_HEIGHT > room:
@@ -69,12 +69,12 @@ def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
     if isinstance(screen.item, RatingMatrix):
         return all(len(lines) < 3 for lines in _statement_lines(sheet, screen.item, wide))
     if isinstance(screen.item, OptionList):
-        rows = _option_rows(sheet, screen.item, wide, (_BOTTOM - _TOP - 0.06) * sheet.high - room)
+        rows = _fit_options(sheet, screen.item, wide, (_BOTTOM - _TOP - 0.06) * sheet.high - room)
         return rows is not None
     return True
 
 
-def _room(screen: QuestionScreen) -> float:
+def _measure_question_room(screen: QuestionScreen) -> float:
     """Return the share of the height that is reserved for the question's text."""
     if isinstance(screen.item, RatingMatrix):
         return 0.10
@@ -85,19 +85,21 @@ def _room(screen: QuestionScreen) -> float:
     return 0.10
 
 
-def _option_rows(sheet: Sheet, item: OptionList, wide: float, high: float) -> tuple[list[list[str]], int] | None:
+def _fit_options(sheet: Sheet, item: OptionList, wide: float, high: float) -> tuple[list[list[str]], int] | None:
     """Return the lines of every option and the largest type size at which all options fit; None if there is none."""
-    for type_px in range(round(sheet.high * _TYPE), sheet.min_type_px - 1, -1):
+    type_px = round(sheet.high * _TYPE)
+    while type_px >= sheet.min_type_px:
         rows = [sheet.wrap(option, type_px, wide - type_px * 4) for option in item.options]
         if sum(len(row) * type_px * 1.2 + type_px * 0.75 for row in rows) <= high:
             return rows, type_px
+        type_px -= 1
     return None
 
 
-def _choices(sheet: Sheet, item: OptionList, box: tuple[float, float, float, float]) -> None:
+def _draw_options(sheet: Sheet, item: OptionList, box: tuple[float, float, float, float]) -> None:
     """Draw options below each other, each with its number and a circle or, if several can be chosen, a tick box."""
     left, top, right, bottom = box
-    fitted = _option_rows(sheet, item, right - left, bottom - top)
+    fitted = _fit_options(sheet, item, right - left, bottom - top)
     type_px = sheet.min_type_px
     rows, type_px = fitted or ([[option] for option in item.options], type_px)
     y = top
@@ -110,7 +112,7 @@ def _choices(sheet: Sheet, item: OptionList, box: tuple[float, float, float, flo
         )
         sheet.spots.append(Spot(f"option:{number}", left, y, right, y + tall))
         tick_x = sheet.from_start(left, right, type_px * 1.3)
-        _tick(sheet, (tick_x, y + tall / 2), type_px, is_chosen=is_chosen, is_box=item.many)
+        _draw_tick_box(sheet, (tick_x, y + tall / 2), type_px, is_chosen=is_chosen, is_box=item.many)
         line_x = sheet.from_start(left, right, type_px * 2.6)
         line_y = y + type_px * 0.3 + type_px * 0.6
         for line in lines:
@@ -133,20 +135,23 @@ def _option_outline(sheet: Sheet, *, is_chosen: bool, has_cursor: bool) -> tuple
     return theme.EDGE, stroke
 
 
-def _tick(sheet: Sheet, place: tuple[float, float], type_px: int, *, is_chosen: bool, is_box: bool) -> None:
+def _draw_tick_box(sheet: Sheet, place: tuple[float, float], type_px: int, *, is_chosen: bool, is_box: bool) -> None:
+    """Draw an option's tick box, or its circle if only one option can be chosen."""
     x, y = place
     reach = type_px * 0.42
     stroke = max(2, round(type_px / 10))
+    outline = _choice_outline(is_chosen)
     box = (x - reach, y - reach, x + reach, y + reach)
-    if not is_box:
-        sheet.draw.ellipse(box, outline=_choice_outline(is_chosen), width=stroke)
+    if is_box:
+        sheet.draw.rectangle(box, outline=outline, width=stroke)
         if is_chosen:
-            sheet.draw.ellipse((x - reach / 2, y - reach / 2, x + reach / 2, y + reach / 2), fill=theme.HIGHLIGHT)
+            tick = [(x - reach * 0.6, y), (x - reach * 0.1, y + reach * 0.5), (x + reach * 0.65, y - reach * 0.5)]
+            sheet.draw.line(tick, fill=theme.HIGHLIGHT, width=stroke + 1)
         return
-    sheet.draw.rectangle(box, outline=_choice_outline(is_chosen), width=stroke)
+    sheet.draw.ellipse(box, outline=outline, width=stroke)
     if is_chosen:
-        tick = [(x - reach * 0.6, y), (x - reach * 0.1, y + reach * 0.5), (x + reach * 0.65, y - reach * 0.5)]
-        sheet.draw.line(tick, fill=theme.HIGHLIGHT, width=stroke + 1)
+        dot = reach / 2
+        sheet.draw.ellipse((x - dot, y - dot, x + dot, y + dot), fill=theme.HIGHLIGHT)
 
 
 def _choice_fill(is_chosen: bool) -> theme.Colour:
@@ -173,7 +178,7 @@ def _has_words(scale: RatingScale | RatingMatrix) -> bool:
     return all(not point.isdecimal() for point in scale.points)
 
 
-def _scale(sheet: Sheet, item: RatingScale, box: tuple[float, float, float, float]) -> None:
+def _draw_scale(sheet: Sheet, item: RatingScale, box: tuple[float, float, float, float]) -> None:
     """Draw the points of a scale side by side in reading order, with texts at the two ends or below each point."""
     left, top, right, _ = box
     count = len(item.points)
@@ -203,7 +208,7 @@ def _scale(sheet: Sheet, item: RatingScale, box: tuple[float, float, float, floa
             bottom += small * 1.2 * len(lines)
         sheet.spots.append(Spot(f"option:{number}", x - unit / 2, y - reach * 1.6, x + unit / 2, bottom + small))
     if not has_words:
-        _ends(sheet, item.low, item.high, (left, right), y + reach * 1.4 + small)
+        _draw_end_texts(sheet, item.low, item.high, (left, right), y + reach * 1.4 + small)
 
 
 _STATEMENT_SHARE = 0.42  # of the width; the points have the rest
@@ -213,7 +218,7 @@ def _statement_lines(sheet: Sheet, item: RatingMatrix, wide: float) -> list[list
     return [sheet.wrap(row, sheet.min_type_px, wide * _STATEMENT_SHARE - sheet.high * 0.03) for row in item.rows]
 
 
-def _matrix(sheet: Sheet, item: RatingMatrix, box: tuple[float, float, float, float]) -> None:
+def _draw_matrix(sheet: Sheet, item: RatingMatrix, box: tuple[float, float, float, float]) -> None:
     """Draw a row for each statement with its points in reading order, below a head with the meaning of the points."""
     left, top, right, bottom = box
     small = sheet.min_type_px
@@ -222,7 +227,7 @@ def _matrix(sheet: Sheet, item: RatingMatrix, box: tuple[float, float, float, fl
         columns = (left, right - wide * _STATEMENT_SHARE)
     else:
         columns = (left + wide * _STATEMENT_SHARE, right)
-    top += _matrix_heads(sheet, item, columns, top)
+    top += _draw_matrix_heads(sheet, item, columns, top)
     tall = min((bottom - top) / len(item.rows), sheet.high * 0.09)
     for row, lines in enumerate(_statement_lines(sheet, item, wide)):
         y = top + tall * (row + 0.5)
@@ -233,34 +238,37 @@ def _matrix(sheet: Sheet, item: RatingMatrix, box: tuple[float, float, float, fl
         for number, line in enumerate(lines):
             offset = (number - (len(lines) - 1) / 2) * small * 1.2
             sheet.put((x, y + offset), line, small, theme.INK, sheet.start_anchor)
-        _matrix_points(sheet, item, row, columns, y, tall)
+        _draw_matrix_points(sheet, item, row, columns, y, tall)
 
 
-def _matrix_heads(sheet: Sheet, matrix: RatingMatrix, columns: tuple[float, float], top: float) -> float:
+def _draw_matrix_heads(sheet: Sheet, matrix: RatingMatrix, columns: tuple[float, float], top: float) -> float:
     """Write the meaning of the points above their columns; return the height of this head in pixels."""
     small = sheet.min_type_px
     if not _has_words(matrix):
-        _ends(sheet, matrix.low, matrix.high, columns, top)
+        _draw_end_texts(sheet, matrix.low, matrix.high, columns, top)
         return small * 2.4
-    unit = (columns[1] - columns[0]) / len(matrix.points)
+    left, right = columns
+    unit = (right - left) / len(matrix.points)
     heads = [sheet.wrap(point, small, unit * 0.96) for point in matrix.points]
     for point, lines in enumerate(heads):
-        x = columns[0] + unit * (sheet.place_from_left(point, len(heads)) + 0.5)
+        x = left + unit * (sheet.place_from_left(point, len(heads)) + 0.5)
         for number, line in enumerate(lines):
             sheet.put((x, top + small * (number * 1.2 + 0.6)), line, small, theme.INK, "m")
     return small * 1.2 * max(2, *map(len, heads)) + small * 0.6
 
 
-def _matrix_points(
+def _draw_matrix_points(
     sheet: Sheet, matrix: RatingMatrix, row: int, columns: tuple[float, float], y: float, tall: float
 ) -> None:
     """Draw the points of one statement, and add a spot for each."""
-    unit = (columns[1] - columns[0]) / len(matrix.points)
+    left, right = columns
+    count = len(matrix.points)
+    unit = (right - left) / count
     reach = min(unit * 0.36, tall * 0.36)
     has_words = _has_words(matrix)
     for point, label in enumerate(matrix.points):
-        place = sheet.place_from_left(point, len(matrix.points))
-        x = columns[0] + unit * (place + 0.5)
+        place = sheet.place_from_left(point, count)
+        x = left + unit * (place + 0.5)
         is_chosen = matrix.chosen[row] == point
         sheet.draw.ellipse(
             (x - reach, y - reach, x + reach, y + reach),
@@ -270,11 +278,12 @@ def _matrix_points(
         )
         if not has_words:
             sheet.put((x, y), label, sheet.min_type_px, _choice_ink(is_chosen), "m")
-        cell = (columns[0] + unit * place, y - tall / 2, columns[0] + unit * (place + 1), y + tall / 2)
-        sheet.spots.append(Spot(f"option:{row * len(matrix.points) + point}", *cell))
+        option = row * count + point
+        cell = (left + unit * place, y - tall / 2, left + unit * (place + 1), y + tall / 2)
+        sheet.spots.append(Spot(f"option:{option}", *cell))
 
 
-def _ends(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: float) -> None:
+def _draw_end_texts(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: float) -> None:
     """Write the texts at the two ends of a scale, each within its half of the width."""
     left, right = sides
     small = round(sheet.high / 36)
@@ -286,11 +295,10 @@ def _ends(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: floa
             sheet.put((x, y + small * (row * LINE_HEIGHT + 0.5)), line, small, theme.INK, anchor)
 
 
-def _slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) -> None:
+def _draw_slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) -> None:
     """Draw a line with ticks, and a mark on it once the slider has been set."""
     left, top, right, _ = box
     y = top + sheet.high * 0.12
-    rtl = sheet.locale.rtl
     stroke = max(2, round(sheet.high / 300))
     sheet.draw.line([(left, y), (right, y)], fill=theme.MUTED_INK, width=stroke)
     for tick in range(item.ticks + 1):
@@ -298,50 +306,48 @@ def _slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) 
         is_long = tick in (0, item.ticks) or tick * 2 == item.ticks
         tall = sheet.high * (0.022 if is_long else 0.012)
         sheet.draw.line([(x, y - tall), (x, y + tall)], fill=theme.MUTED_INK, width=stroke)
+    rtl = sheet.locale.rtl
     if item.position is not None:
-        share = item.position
-        if rtl:
-            share = 1 - share
-        x = left + (right - left) * share
-        reach = sheet.high * 0.022
-        sheet.draw.ellipse(
-            (x - reach, y - reach, x + reach, y + reach), fill=theme.HIGHLIGHT, outline=theme.INK, width=stroke
-        )
-        if item.value:
-            sheet.put((x, y - reach * 2.4), item.value, round(sheet.high / 30), theme.INK, "m")
-    sheet.spots.append(Spot("slider", left, y - sheet.high * 0.06, right, y + sheet.high * 0.06, rtl))
-    _ends(sheet, item.low, item.high, (left, right), y + sheet.high * 0.05)
+        share = 1 - item.position if rtl else item.position
+        _draw_slider_mark(sheet, item, left + (right - left) * share, y, stroke)
+    reach = sheet.high * 0.06
+    sheet.spots.append(Spot("slider", left, y - reach, right, y + reach, rtl))
+    _draw_end_texts(sheet, item.low, item.high, (left, right), y + sheet.high * 0.05)
 
 
-def _shapes(sheet: Sheet, item: ShapeCanvas, box: tuple[float, float, float, float]) -> None:
+def _draw_slider_mark(sheet: Sheet, item: Slider, x: float, y: float, stroke: int) -> None:
+    """Draw the mark of a slider that has been set, with its value above."""
+    reach = sheet.high * 0.022
+    circle = (x - reach, y - reach, x + reach, y + reach)
+    sheet.draw.ellipse(circle, fill=theme.HIGHLIGHT, outline=theme.INK, width=stroke)
+    if item.value:
+        sheet.put((x, y - reach * 2.4), item.value, round(sheet.high / 30), theme.INK, "m")
+
+
+def _draw_shapes(sheet: Sheet, item: ShapeCanvas, box: tuple[float, float, float, float]) -> None:
     """Draw boxes and ellipses with their labels, on the largest canvas that fits."""
     left, top, right, bottom = box
-    wide = min(right - left, (bottom - top) * item.aspect)
-    left = (left + right - wide) / 2
-    high = wide / item.aspect
+    canvas_width = min(right - left, (bottom - top) * item.aspect)
+    canvas_height = canvas_width / item.aspect
+    canvas_left = (left + right - canvas_width) / 2
     stroke = max(2, round(sheet.high / 360))
     for shape in item.shapes:
-        x = left + shape.x * wide
-        y = top + shape.y * high
-        corners = (x, y, x + shape.width * wide, y + shape.height * high)
-        if shape.is_round:
-            draw = sheet.draw.ellipse
-        else:
-            draw = sheet.draw.rectangle
+        x = canvas_left + shape.x * canvas_width
+        y = top + shape.y * canvas_height
+        x_end = x + shape.width * canvas_width
+        y_end = y + shape.height * canvas_height
+        draw = sheet.draw.ellipse if shape.is_round else sheet.draw.rectangle
         if shape.fill and shape.chosen:  # it keeps its colour; a frame shows that it is chosen
             reach = stroke * 4
-            frame = (corners[0] - reach, corners[1] - reach, corners[2] + reach, corners[3] + reach)
+            frame = (x - reach, y - reach, x_end + reach, y_end + reach)
             draw(frame, outline=theme.HIGHLIGHT, width=stroke * 2)
-        draw(corners, fill=shape.fill or _choice_fill(shape.chosen), outline=theme.EDGE, width=stroke)
+        draw((x, y, x_end, y_end), fill=shape.fill or _choice_fill(shape.chosen), outline=theme.EDGE, width=stroke)
         if shape.label:
-            middle = ((corners[0] + corners[2]) / 2, (corners[1] + corners[3]) / 2)
-            if shape.fill:
-                ink = _choose_ink(shape.fill)
-            else:
-                ink = _choice_ink(shape.chosen)
-            sheet.put_line(middle, shape.label, round(sheet.high / 36), shape.width * wide, ink)
+            middle = ((x + x_end) / 2, (y + y_end) / 2)
+            ink = _choose_ink(shape.fill) if shape.fill else _choice_ink(shape.chosen)
+            sheet.put_line(middle, shape.label, round(sheet.high / 36), shape.width * canvas_width, ink)
         if shape.target:
-            sheet.spots.append(Spot(shape.target, *corners))
+            sheet.spots.append(Spot(shape.target, x, y, x_end, y_end))
 
 
 def _choose_ink(fill: str) -> theme.Colour:
@@ -358,7 +364,7 @@ def _choose_ink(fill: str) -> theme.Colour:
     return (255, 255, 255)
 
 
-def _entry(sheet: Sheet, item: TextField, box: tuple[float, float, float, float]) -> None:
+def _draw_text_field(sheet: Sheet, item: TextField, box: tuple[float, float, float, float]) -> None:
     """Draw a text field with its text and caret; of a long text, the last lines are visible."""
     left, top, right, bottom = box
     type_px = round(sheet.high * _TYPE)
@@ -377,11 +383,11 @@ def _entry(sheet: Sheet, item: TextField, box: tuple[float, float, float, float]
     sheet.spots.append(Spot("field", *field))
     before = item.text[: item.caret]
     wide = right - left - 2 * pad
-    lines = _entry_lines(sheet, item.text, type_px, wide)
+    lines = _break_entry(sheet, item.text, type_px, wide)
     room = max(1, int((tall - pad) / (type_px * LINE_HEIGHT)))
     visible_lines = lines[-room:]
     sheet.column(visible_lines, left + pad, right - pad, top + (tall - room * type_px * LINE_HEIGHT) / 2, type_px)
-    caret_lines = _entry_lines(sheet, before, type_px, wide)
+    caret_lines = _break_entry(sheet, before, type_px, wide)
     row = min(len(visible_lines) - 1, max(0, len(caret_lines) - 1 - (len(lines) - len(visible_lines))))
     caret_line = caret_lines[-1]
     if before.endswith(" "):
@@ -393,7 +399,7 @@ def _entry(sheet: Sheet, item: TextField, box: tuple[float, float, float, float]
         sheet.put((right + pad, top + tall / 2), item.unit, type_px, theme.INK)
 
 
-def _entry_lines(sheet: Sheet, text: str, type_px: int, wide: float) -> list[str]:
+def _break_entry(sheet: Sheet, text: str, type_px: int, wide: float) -> list[str]:
     """Break the text of a field into lines; an empty text has one empty line."""
     if not text:
         return [""]

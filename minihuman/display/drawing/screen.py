@@ -75,13 +75,22 @@ def repaint_screen(frame: NDArray[np.uint8], previous: Screen | None, screen: Sc
         previous: the screen that the frame shows; None if its content is unknown
         screen: the screen that the frame is to show
     """
+    if isinstance(previous, PlayScreen) and isinstance(screen, PlayScreen) and _differ_in_picture(previous, screen):
+        return _paint(frame, screen)
     height, width = frame.shape[:2]
-    if isinstance(previous, PlayScreen) and isinstance(screen, PlayScreen) and not (previous.mark or screen.mark):
-        same = previous.picture.shape == screen.picture.shape and _play_frame(previous) == _play_frame(screen)
-        if same and bool(previous.controller) == bool(screen.controller):
-            return _paint(frame, screen)
     frame[:] = compose_screen(screen, (width, height))
     return 0, 0, width, height
+
+
+def _differ_in_picture(previous: PlayScreen, screen: PlayScreen) -> bool:
+    """Tell whether two screens of play differ only in their pictures, of one size, and in who is in control."""
+    if previous.mark or screen.mark:
+        return False
+    if previous.picture.shape != screen.picture.shape or _play_frame(previous) != _play_frame(screen):
+        return False
+    had_steering = previous.controller != ""
+    has_steering = screen.controller != ""
+    return had_steering == has_steering
 
 
 def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, float]:
@@ -89,12 +98,14 @@ def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, f
 
     Coordinates are shares of the screen's width and height.
     """
-    if not isinstance(screen, PageScreen | QuestionScreen):
-        return "", 0.0
-    spot = next((spot for spot in _sheet(screen, size_px).spots if spot.holds(x * size_px[0], y * size_px[1])), None)
-    if spot is None:
-        return ("", 0.0)
-    return (spot.name, spot.along(x * size_px[0]))
+    if isinstance(screen, PageScreen | QuestionScreen):
+        width, height = size_px
+        x_px = x * width
+        y_px = y * height
+        for spot in _sheet(screen, size_px).spots:
+            if spot.holds(x_px, y_px):
+                return spot.name, spot.along(x_px)
+    return "", 0.0
 
 
 def locate_in_picture(screen: PlayScreen, size_px: Size, x: float, y: float) -> tuple[float, float] | None:

@@ -154,12 +154,15 @@ class Sheet:
         """Return the length of a line of text in pixels."""
         if EMPHASIS_MARK not in words:
             return measure_width_px(words, self.faces, type_px)
-        return sum(measure_width_px(piece, faces, type_px) for piece, faces, _ in self._pieces(words))
+        return sum(measure_width_px(piece, faces, type_px) for piece, faces, _ in self._split_emphasis(words))
 
-    def _pieces(self, words: str) -> list[tuple[str, TypefaceSet, bool]]:
+    def _split_emphasis(self, words: str) -> list[tuple[str, TypefaceSet, bool]]:
         """Return the pieces of a line, each with its typefaces and whether it is emphasised."""
-        faces = (self.faces, self.bold)
-        return [(piece, faces[number % 2], bool(number % 2)) for number, piece in enumerate(words.split(EMPHASIS_MARK))]
+        pieces = []
+        for number, piece in enumerate(words.split(EMPHASIS_MARK)):
+            is_emphasised = number % 2 == 1  # marks begin and end by turns
+            pieces.append((piece, self.bold if is_emphasised else self.faces, is_emphasised))
+        return pieces
 
     def put(self, place: tuple[float, float], words: str, type_px: int, colour: Colour, anchor: str = "l") -> None:
         """Draw a line of text.
@@ -170,7 +173,7 @@ class Sheet:
         if EMPHASIS_MARK not in words:
             draw_line(self.draw, place, words, faces=self.faces, size_px=type_px, colour=colour, anchor=anchor, rtl=rtl)
             return
-        pieces = self._pieces(words)
+        pieces = self._split_emphasis(words)
         x = place[0] - {"l": 0.0, "m": 0.5, "r": 1.0}[anchor] * self.width_px(words, type_px)
         if rtl:
             pieces.reverse()

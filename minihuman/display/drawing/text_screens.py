@@ -34,8 +34,8 @@ def draw_text(screen: TextScreen, size_px: Size) -> Sheet:
     top, bottom = measure_text_box(screen, height)
     sheet.put_line((width / 2, height * 0.115), screen.title, round(height / 15), wide, theme.INK)
     if screen.keys:
-        _keyboard(sheet, screen, (width / 2 - wide / 2, height * 0.42, width / 2 + wide / 2, height * 0.80))
-    _paragraphs(sheet, screen.body, (width / 2 - wide / 2, top, width / 2 + wide / 2, bottom))
+        _draw_keyboard(sheet, screen, (width / 2 - wide / 2, height * 0.42, width / 2 + wide / 2, height * 0.80))
+    _draw_paragraphs(sheet, screen.body, (width / 2 - wide / 2, top, width / 2 + wide / 2, bottom))
     sheet.put_line((width / 2, height * 0.87), screen.prompt, round(height * BODY_TYPE_SIZE), wide, theme.ACCENT)
     sheet.put_line((width / 2, height * 0.965), screen.progress, round(height / 36), wide, theme.MUTED_INK)
     return sheet
@@ -54,26 +54,35 @@ def measure_text_box(screen: TextScreen, height: int) -> tuple[float, float]:
 
 def text_fits(screen: TextScreen, size_px: Size) -> bool:
     """Return whether a screen's text fits in the smallest readable type."""
+    width, height = size_px
     sheet = Sheet(size_px, screen.locale)
-    top, bottom = measure_text_box(screen, size_px[1])
-    wide = min(size_px[0] - 4 * size_px[1] * MARGIN, size_px[1] * _MEASURE)
-    lines, type_px = sheet.fitted(screen.body, round(size_px[1] * BODY_TYPE_SIZE), wide, bottom - top)
-    return type_px >= round(sheet.high * MIN_TYPE_SIZE) and len(lines) * type_px * LINE_HEIGHT <= bottom - top
+    top, bottom = measure_text_box(screen, height)
+    room_px = bottom - top
+    column_px = min(width - 4 * height * MARGIN, height * _MEASURE)
+    lines, type_px = sheet.fitted(screen.body, round(height * BODY_TYPE_SIZE), column_px, room_px)
+    text_px = len(lines) * type_px * LINE_HEIGHT
+    return type_px >= round(sheet.high * MIN_TYPE_SIZE) and text_px <= room_px
 
 
-def _paragraphs(sheet: Sheet, body: str, box: tuple[float, float, float, float]) -> None:
+def _draw_paragraphs(sheet: Sheet, body: str, box: tuple[float, float, float, float]) -> None:
     """Draw running text in the middle of a box, in the largest type that fits; up to three lines are centred."""
     left, top, right, bottom = box
-    lines, type_px = sheet.fitted(body, round(sheet.size_px[1] * BODY_TYPE_SIZE), right - left, bottom - top)
-    lines = text.style_lines(sheet.wrap(body, type_px, _narrowest(sheet, body, type_px, right - left, len(lines))))
-    longest = max((sheet.width_px(line, type_px) for line in lines), default=0.0)
-    y = top + max(0.0, (bottom - top - len(lines) * type_px * LINE_HEIGHT) / 2)
+    width_px = right - left
+    height_px = bottom - top
+    _, window_height = sheet.size_px
+    fitted_lines, type_px = sheet.fitted(body, round(window_height * BODY_TYPE_SIZE), width_px, height_px)
+    narrowest_px = _narrowest(sheet, body, type_px, width_px, len(fitted_lines))  # with as many lines, so more even
+    lines = text.style_lines(sheet.wrap(body, type_px, narrowest_px))
+    middle = (left + right) / 2
+    line_px = type_px * LINE_HEIGHT
+    y = top + max(0.0, (height_px - len(lines) * type_px * LINE_HEIGHT) / 2)
     if len(lines) > 3:
-        sheet.column(lines, (left + right - longest) / 2, (left + right + longest) / 2, y, type_px)
+        longest_px = max(sheet.width_px(line, type_px) for line in lines)
+        sheet.column(lines, (left + right - longest_px) / 2, (left + right + longest_px) / 2, y, type_px)
         return
     for line in lines:
-        sheet.put(((left + right) / 2, y + type_px * LINE_HEIGHT / 2), line, type_px, theme.INK, "m")
-        y += type_px * LINE_HEIGHT
+        sheet.put((middle, y + line_px / 2), line, type_px, theme.INK, "m")
+        y += line_px
 
 
 def _narrowest(sheet: Sheet, body: str, type_px: int, wide: float, lines: int) -> float:
@@ -88,7 +97,7 @@ def _narrowest(sheet: Sheet, body: str, type_px: int, wide: float, lines: int) -
     return wide
 
 
-def _keyboard(sheet: Sheet, screen: TextScreen, box: tuple[float, float, float, float]) -> None:
+def _draw_keyboard(sheet: Sheet, screen: TextScreen, box: tuple[float, float, float, float]) -> None:
     """Draw the keys to check in their places on a keyboard, with pressed keys lit."""
     left, top, right, bottom = box
     pressed = dict(screen.keys)
@@ -127,7 +136,7 @@ def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
         tall = room
         if screen.body:
             tall = high * (text.PAGE_PICTURE_HEIGHT - 0.03)
-        _picture(sheet, screen.picture, screen.marks, (left, y, right, y + tall))
+        _draw_labelled_picture(sheet, screen.picture, screen.marks, (left, y, right, y + tall))
         y += high * text.PAGE_PICTURE_HEIGHT
         room -= high * text.PAGE_PICTURE_HEIGHT
     lines: list[str] = []
@@ -156,29 +165,29 @@ def _type_px(sheet: Sheet, lines: list[str], wide: float) -> int:
     return type_px
 
 
-def _picture(
+def _draw_labelled_picture(
     sheet: Sheet, picture: NDArray[np.uint8], marks: tuple[PictureLabel, ...], box: tuple[float, float, float, float]
 ) -> None:
     """Paste a picture into a box, as large as possible, with labels at its sides and lines to what they describe."""
     left, top, right, bottom = box
     height, width = picture.shape[:2]
-    share = 1.0
-    if marks:
-        share = 0.5
+    share = 0.5 if marks else 1.0  # of the box's width; labels have the rest
     scale = min((right - left) * share / width, (bottom - top) / height)
-    size = max(1, round(width * scale)), max(1, round(height * scale))
-    x0 = (left + right - size[0]) / 2
-    y0 = (top + bottom - size[1]) / 2
+    shown_width = max(1, round(width * scale))
+    shown_height = max(1, round(height * scale))
+    x = (left + right - shown_width) / 2
+    y = (top + bottom - shown_height) / 2
+    resampling = Image.Resampling.LANCZOS
     if scale > 1 and scale == int(scale):
         resampling = Image.Resampling.NEAREST
-    else:
-        resampling = Image.Resampling.LANCZOS
-    sheet.page.paste(Image.fromarray(picture).resize(size, resampling), (round(x0), round(y0)))
+    shown = Image.fromarray(picture).resize((shown_width, shown_height), resampling)
+    sheet.page.paste(shown, (round(x), round(y)))
+    picture_box = (x, y, x + shown_width, y + shown_height)
     for mark in sorted(marks, key=lambda mark: mark.y):
-        _mark(sheet, mark, (x0, y0, x0 + size[0], y0 + size[1]), size, (left, right))
+        _draw_label(sheet, mark, picture_box, (shown_width, shown_height), (left, right))
 
 
-def _mark(
+def _draw_label(
     sheet: Sheet,
     mark: PictureLabel,
     picture_box: tuple[float, float, float, float],
@@ -186,26 +195,31 @@ def _mark(
     sides: tuple[float, float],
 ) -> None:
     """Draw a label next to a picture, with a line to the point that it describes."""
-    x = picture_box[0] + mark.x * size[0]
-    y = picture_box[1] + mark.y * size[1]
+    picture_left, picture_top, picture_right, _ = picture_box
+    left, right = sides
+    width, height = size
+    x = picture_left + mark.x * width
+    y = picture_top + mark.y * height
     reach = sheet.high * 0.02
+    gap = reach * 0.4
     if mark.x >= 0.5:
-        end = picture_box[2] + reach
-        room = sides[1] - end - reach * 0.4
-        label_x = end + reach * 0.4
+        line_end = picture_right + reach
+        room_px = right - line_end - gap
+        label_x = line_end + gap
         anchor = "l"
     else:
-        end = picture_box[0] - reach
-        room = end - sides[0] - reach * 0.4
-        label_x = end - reach * 0.4
+        line_end = picture_left - reach
+        room_px = line_end - left - gap
+        label_x = line_end - gap
         anchor = "r"
     stroke = max(2, round(sheet.high / 360))
-    sheet.draw.line([(x, y), (end, y)], fill=theme.ACCENT, width=stroke)
+    sheet.draw.line([(x, y), (line_end, y)], fill=theme.ACCENT, width=stroke)
     sheet.draw.ellipse((x - stroke * 2, y - stroke * 2, x + stroke * 2, y + stroke * 2), fill=theme.ACCENT)
-    size_px = round(sheet.high / 36)
-    while size_px > sheet.min_type_px and sheet.width_px(mark.label, size_px) > room:
-        size_px -= 1
-    lines = sheet.wrap(mark.label, size_px, room)
+    type_px = round(sheet.high / 36)
+    while type_px > sheet.min_type_px and sheet.width_px(mark.label, type_px) > room_px:
+        type_px -= 1
+    lines = sheet.wrap(mark.label, type_px, room_px)
+    middle_row = (len(lines) - 1) / 2
     for row, line in enumerate(lines):
-        place = (label_x, y + (row - (len(lines) - 1) / 2) * size_px * TIGHT_LINE_HEIGHT)
-        sheet.put(place, line, size_px, theme.ACCENT, anchor)
+        line_y = y + (row - middle_row) * type_px * TIGHT_LINE_HEIGHT
+        sheet.put((label_x, line_y), line, type_px, theme.ACCENT, anchor)

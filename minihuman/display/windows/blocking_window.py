@@ -286,7 +286,12 @@ class BlockingWindow(Window):
         cause: PointerCause = "finger",
     ) -> list[Input]:
         """Convert an event of the main mouse button to inputs; x and y are shares of the picture from its top left."""
-        if not self._accepts[1] or self._screen is None or (kind is PointerPressed) != (self._pressed_in is None):
+        _, accepts_pointer = self._accepts
+        if not accepts_pointer or self._screen is None:
+            return []
+        is_press = kind is PointerPressed
+        is_button_down = self._pressed_in is not None
+        if is_press == is_button_down:  # a second press, or what follows a press that was not seen
             return []
         if isinstance(self._screen, PlayScreen):
             inside = locate_in_picture(self._screen, self.size_px, x, y)

@@ -4,7 +4,6 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from itertools import takewhile
 
 import numpy as np
 import pygame
@@ -201,13 +200,15 @@ class PygameWindow(BlockingWindow):
     @staticmethod
     def _open(size_px: Size, *, fullscreen: bool) -> None:
         """Open the window, with vsync if the display has a refresh rate and the driver permits it."""
-        screen_px = pygame.display.get_desktop_sizes()[0]
+        screen_px, *_ = pygame.display.get_desktop_sizes()
         if fullscreen:
             flags = pygame.FULLSCREEN
             size_px = screen_px
         else:
             flags = pygame.RESIZABLE
-            size_px = (min(size_px[0], screen_px[0]), min(size_px[1], screen_px[1]))
+            width, height = size_px
+            screen_width, screen_height = screen_px
+            size_px = (min(width, screen_width), min(height, screen_height))
         if any(pygame.display.get_desktop_refresh_rates()):
             try:
                 pygame.display.set_mode(size_px, flags | pygame.SCALED, vsync=1)
@@ -237,8 +238,9 @@ class PygameWindow(BlockingWindow):
         t_ns = self._clock()
         if any(event.type in _TO_REPAINT for event in events):
             self._repaint()
-        timed = _drop_invented_releases(list(self._timed(events)))
-        inputs = [arrived for event, move in timed for arrived in self._inputs(event, move, t_ns)]
+        inputs = []
+        for event, move in _drop_invented_releases(list(self._timed(events))):
+            inputs += self._inputs(event, move, t_ns)
         return [*inputs, *self._release_unseen(t_ns)]
 
     def _release_unseen(self, t_ns: int) -> list[Input]:
@@ -455,9 +457,12 @@ def _drop_invented_releases(
     real_moves: list[tuple[pygame.event.Event, KeyMove]] = []
     for event, move in timed:
         if event.type == pygame.WINDOWFOCUSLOST:
-            releases = list(takewhile(lambda pair: pair[0].type == pygame.KEYUP, reversed(real_moves)))
-            real_moves = real_moves[: len(real_moves) - len(releases)]
-            real_moves += [pair for pair in reversed(releases) if pair[1].t_ns is not None and pair[1].is_in_window]
+            releases = []
+            while real_moves and real_moves[-1][0].type == pygame.KEYUP:
+                releases.append(real_moves.pop())
+            for release, release_move in reversed(releases):
+                if release_move.t_ns is not None and release_move.is_in_window:
+                    real_moves.append((release, release_move))
         real_moves.append((event, move))
     return real_moves
 

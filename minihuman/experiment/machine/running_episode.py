@@ -122,8 +122,8 @@ class RunningEpisode:
         self._picture_hashes: dict[int, int] = {}  # by step, of the latest steps
         with catch_world_errors():
             world.name_actions(plan.actions)
-            self._action_of = {key: _index(plan, world, name) for key, name in plan.key_map.keys.items()}
-            self._noop = None if plan.noop is None else _index(plan, world, plan.noop)
+            self._action_of = {key: _find_action_number(plan, world, name) for key, name in plan.key_map.keys.items()}
+            self._noop = None if plan.noop is None else _find_action_number(plan, world, plan.noop)
             if bindings:
                 check_bindings(world, bindings)
             self._observed = world.reset(plan.seed)
@@ -229,7 +229,7 @@ class RunningEpisode:
         assert self._bindings
         assert self._bindings.spot
         with catch_world_errors():
-            return _point(self.world, self._bindings.spot, x, y)
+            return _point_at(self.world, self._bindings.spot, x, y)
 
     def queue(self, t_ns: int, key: str, action: "Action") -> None:
         """Keep a key for the next tick. A later key replaces it, unless held keys combine."""
@@ -284,7 +284,8 @@ class RunningEpisode:
                 return None
             return self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
         with catch_world_errors():
-            number, vector = self.world.actions.combine([self._action_of[key] for key in keys] or [0])
+            actions = [self._action_of[key] for key in keys]
+            number, vector = self.world.actions.combine(actions or [0])
             for component, share in shares_of_components.items():
                 vector = self.world.actions.move(vector, component, share)  # type: ignore[union-attr]
         latest = keys[-1] if keys else ""
@@ -410,20 +411,23 @@ def check_bindings(world: "World", bindings: "Bindings") -> None:
     for binding in bindings.axes.values():
         world.actions.require_component(binding.component)  # type: ignore[union-attr]
     if bindings.spot is not None:
-        world.actions.value(_point(world, bindings.spot, 0.0, 1.0))
+        world.actions.value(_point_at(world, bindings.spot, 0.0, 1.0))
 
 
-def _point(world: "World", spot: "SpotBinding", x: float, y: float) -> "ActionVector":
-    if spot.action and spot.action not in world.action_names:
-        raise WorldError(f"{world.id} has no action {spot.action!r}; it has {', '.join(world.action_names)}")
-    actions = world.actions
-    vector = actions.combine([world.action_names.index(spot.action) if spot.action else 0])[1]
+def _point_at(world: "World", spot: "SpotBinding", x: float, y: float) -> "ActionVector":
+    """Return the action vector of a click at a spot; x and y are shares of the picture's width and height."""
+    action = 0
+    if spot.action:
+        if spot.action not in world.action_names:
+            raise WorldError(f"{world.id} has no action {spot.action!r}; it has {', '.join(world.action_names)}")
+        action = world.action_names.index(spot.action)
+    _, vector = world.actions.combine([action])
     for component, share in ((spot.x, x), (spot.y, y)):
-        vector = actions.point(vector, component, share)  # type: ignore[union-attr]
+        vector = world.actions.point(vector, component, share)  # type: ignore[union-attr]
     return vector
 
 
-def _index(plan: EpisodePlan, world: "World", name: str) -> int:
+def _find_action_number(plan: EpisodePlan, world: "World", name: str) -> int:
     if name not in world.action_names:
         raise WorldError(f"{plan.world} has no action {name!r}; its actions are {', '.join(world.action_names)}")
     return world.action_names.index(name)

@@ -70,19 +70,24 @@ def find_stop_code(reason: str, detail: str) -> str:
         reason: the reason why the session ended.
         detail: the details of the end in the log.
     """
-    return f"{reason[:1].upper()}-{zlib.crc32(detail.encode()) >> 16:04X}"
+    initial = reason[:1].upper()
+    upper_half = zlib.crc32(detail.encode()) >> 16
+    return f"{initial}-{upper_half:04X}"
 
 
 def build_end_screen(words: InterfaceWords, reason: EndReason, detail: str) -> TextScreen:
     """Build the last screen; after a failure it says what happened, what is saved, whom to tell, and a code."""
+    title = words["over.title"]
+    text = ""
     if reason in _FAILURES:
+        title = words[f"over.{reason}"]
         recording_note = words["over.kept_in_part" if reason == "disk_full" else "over.kept"]
-        return TextScreen(
-            words[f"over.{reason}"], f"{recording_note}\n\n{find_stop_code(reason, detail)}", "", locale=words.locale
-        )
-    if reason == "screened_out":
-        return TextScreen(words["over.title"], words["over.screened_out"], "", locale=words.locale)
-    return TextScreen(words["over.complete" if reason == "complete" else "over.title"], "", "", locale=words.locale)
+        text = f"{recording_note}\n\n{find_stop_code(reason, detail)}"
+    elif reason == "screened_out":
+        text = words["over.screened_out"]
+    elif reason == "complete":
+        title = words["over.complete"]
+    return TextScreen(title, text, "", locale=words.locale)
 
 
 def build_overlay_screen(

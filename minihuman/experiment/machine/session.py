@@ -346,25 +346,37 @@ class SessionMachine:
     # Keys
 
     def _key_down(self, press: KeyDown) -> None:
+        """Give a key press to what it concerns: a session-wide command, the part, or the screen over the part."""
         if self._judges_causes and press.cause != "finger":
             self._context.emit_key(press, press.cause, self.phase)
             return
         self._keys.down(press.key, press.t_ns)
-        chord = self._keys.completes_chord(press.key) and not press.repeat
-        if chord and SESSION_TRANSITIONS.find(self._phase, TransitionCause.ASK_ABORT, self):
-            self._say_key(press)
-            self._move(TransitionCause.ASK_ABORT)
-        elif press.key == "escape" and not press.repeat:
-            self._escape(press)
-        elif press.key == PAUSE_KEY and not press.repeat and self._pausable:
-            self._say_key(press)
-            self._move(TransitionCause.RESUME if self._phase is Phase.PAUSED else TransitionCause.PAUSE)
-        elif self._phase is Phase.PART:
+        if not press.repeat and self._obey_command(press):
+            return
+        if self._phase is Phase.PART:
             self._to_part(press)
         elif press.repeat:
             self._context.emit_key(press, "repeat", self.phase)
         else:
             self._key_over_part(press)
+
+    def _obey_command(self, press: KeyDown) -> bool:
+        """Obey a key that aborts, leaves or pauses the session; return False for any other key."""
+        if self._keys.completes_chord(press.key) and self._can_ask_abort:
+            self._say_key(press)
+            self._move(TransitionCause.ASK_ABORT)
+        elif press.key == "escape":
+            self._escape(press)
+        elif press.key == PAUSE_KEY and self._pausable:
+            self._say_key(press)
+            self._move(TransitionCause.RESUME if self._phase is Phase.PAUSED else TransitionCause.PAUSE)
+        else:
+            return False
+        return True
+
+    @property
+    def _can_ask_abort(self) -> bool:
+        return SESSION_TRANSITIONS.find(self._phase, TransitionCause.ASK_ABORT, self) is not None
 
     @property
     def _pausable(self) -> bool:
@@ -390,22 +402,25 @@ class SessionMachine:
             self._move(TransitionCause.STAY)
 
     def _key_over_part(self, press: KeyDown) -> None:
-        match self._phase, press.key:
-            case Phase.PAUSED, key if key in ENTER_KEYS:
-                self._say_key(press)
-                self._move(TransitionCause.RESUME)
-            case Phase.UNFOCUSED, key if key in ENTER_KEYS:  # a key that arrives is proof of the focus
-                self._say_key(press)
-                self._move(TransitionCause.FOCUS_FOUND)
-            case Phase.QUIT_QUESTION, key if key in ENTER_KEYS:
-                self._say_key(press)
-                self._move(TransitionCause.STAY)
-            case Phase.ABORT_QUESTION, key if (reason := screen_texts.find_abort_reason(key)) is not None:
+        """Answer the screen that covers the part; a key that answers none is logged as such."""
+        causes = {
+            Phase.PAUSED: TransitionCause.RESUME,
+            Phase.UNFOCUSED: TransitionCause.FOCUS_FOUND,  # a key that arrives is proof of the focus
+            Phase.QUIT_QUESTION: TransitionCause.STAY,
+        }
+        if press.key in ENTER_KEYS and self._phase in causes:
+            self._say_key(press)
+            self._move(causes[self._phase])
+            return
+        if self._phase is Phase.ABORT_QUESTION:
+            reason = screen_texts.find_abort_reason(press.key)
+            if reason is not None:
                 self._say_key(press)
                 self._end("aborted", reason)
-            case _, key:
-                meant = key in ENTER_KEYS or (self.part.play is not None and self.part.play.action_of(key) is not None)
-                self._context.emit_key(press, "not_playing" if meant else "unmapped", self.phase)
+                return
+        play = self.part.play
+        has_meaning = press.key in ENTER_KEYS or (play is not None and play.action_of(press.key) is not None)
+        self._context.emit_key(press, "not_playing" if has_meaning else "unmapped", self.phase)
 
     def _say_key(self, press: KeyDown) -> None:
         self._context.emit_key(press, "accepted", self.phase)

@@ -33,7 +33,9 @@ class TransitionTable(Generic[Subject]):
     def find(self, start: StrEnum, cause: StrEnum, subject: Subject) -> PhaseTransition[Subject] | None:
         """Return the row that applies; None if there is none, and then the phase stays."""
         for row in self.rows:
-            if row.start is start and row.cause is cause and (row.when is None or row.when(subject)):
+            if row.start is not start or row.cause is not cause:
+                continue
+            if row.when is None or row.when(subject):
                 return row
         return None
 

@@ -11,6 +11,7 @@ import hashlib
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 
 import msgspec
 
@@ -47,7 +48,7 @@ def build_allocation_list(protocol: Protocol) -> tuple[AllocationSlot, ...]:
         if len(_LISTS) >= _MAX_CACHED_LISTS:
             _LISTS.clear()
             _DIGESTS.clear()
-        _LISTS[key] = _build_lists(protocol)
+        _LISTS[key] = _build_list(protocol)
     return _LISTS[key]
 
 
@@ -58,41 +59,42 @@ _DIGESTS: dict[int, tuple[tuple[AllocationSlot, ...], str]] = {}  # by the ident
 _MAX_CACHED_LISTS = 8
 
 
-def _build_lists(protocol: Protocol) -> tuple[AllocationSlot, ...]:
+def _build_list(protocol: Protocol) -> tuple[AllocationSlot, ...]:
+    """Build a study's allocation list; the lists of its strata, if any, are interleaved."""
     strata = build_strata(protocol)
     if strata is None:
-        return _list(protocol, "")
-    lists = [_list(protocol, f"-stratum-{name}") for name in strata.names]
-    slots = [
-        replace(slot, stratum=name)
-        for slots_of_strata in zip(*lists, strict=True)
-        for name, slot in zip(strata.names, slots_of_strata, strict=True)
-    ]
-    return tuple(replace(slot, index=index) for index, slot in enumerate(slots))
+        return _build_stratum_list(protocol, "")
+    lists = []
+    for name in strata.names:
+        slots = _build_stratum_list(protocol, f"-stratum-{name}")
+        lists.append([replace(slot, stratum=name) for slot in slots])
+    interleaved = chain.from_iterable(zip(*lists, strict=True))
+    return tuple(replace(slot, index=index) for index, slot in enumerate(interleaved))
 
 
-def _list(protocol: Protocol, suffix: str) -> tuple[AllocationSlot, ...]:
+def _build_stratum_list(protocol: Protocol, suffix: str) -> tuple[AllocationSlot, ...]:
     """Build the list of all participants or of one stratum; ``suffix`` gives its draws their own random streams."""
-    count = protocol.study.participants
-    groups = _groups(protocol, count, suffix)
-    draws = [_positions(protocol, f"{draw}{suffix}", groups) for draw in range(_draws(protocol))]
-    maps = {
-        protocol.block_for(block.name, group.name).key_map for block in protocol.blocks for group in protocol.groups
-    }
-    if "constant" in maps:
-        constant_rows = _positions(protocol, f"kept{suffix}", groups)
-    else:
-        constant_rows = [()] * count
-    orders = _orders(protocol, groups, suffix)
-    return tuple(
-        AllocationSlot(
-            index,
-            protocol.groups[groups[index]].name,
-            tuple(rows[index] for rows in draws),
-            constant_rows[index],
-            order,
-        )
-        for index, order in enumerate(orders)
+    n_slots = protocol.study.participants
+    groups = _draw_groups(protocol, n_slots, suffix)
+    draws = [_draw_positions(protocol, f"{draw}{suffix}", groups) for draw in range(_count_draws(protocol))]
+    constant_rows: list[tuple[int, ...]] = [()] * n_slots
+    if _has_constant_key_map(protocol):
+        constant_rows = _draw_positions(protocol, f"kept{suffix}", groups)
+    orders = _draw_orders(protocol, groups, suffix)
+    slots = []
+    for index in range(n_slots):
+        group = protocol.groups[groups[index]].name
+        positions = tuple(rows[index] for rows in draws)
+        slots.append(AllocationSlot(index, group, positions, constant_rows[index], orders[index]))
+    return tuple(slots)
+
+
+def _has_constant_key_map(protocol: Protocol) -> bool:
+    """Tell whether any group plays a block whose key map is the same in the whole study."""
+    return any(
+        protocol.block_for(block.name, group.name).key_map == "constant"
+        for block in protocol.blocks
+        for group in protocol.groups
     )
 
 
@@ -104,18 +106,21 @@ def allocation_sha256(slots: tuple[AllocationSlot, ...]) -> str:
     if id(slots) not in _DIGESTS:
         if len(_DIGESTS) >= _MAX_CACHED_LISTS:
             _DIGESTS.clear()
-        _DIGESTS[id(slots)] = (slots, _digest(slots))
+        _DIGESTS[id(slots)] = (slots, _digest_slots(slots))
     return _DIGESTS[id(slots)][1]
 
 
-def _digest(slots: tuple[AllocationSlot, ...]) -> str:
-    used_fields = [name for name in ("kept", "orders", "stratum") if any(getattr(slot, name) for slot in slots)]
-    fields = ["index", "group", "positions", *used_fields]
+def _digest_slots(slots: tuple[AllocationSlot, ...]) -> str:
+    """Return the SHA-256 of an allocation list; fields that no slot uses are left out, as in earlier versions."""
+    fields = ["index", "group", "positions"]
+    for name in ("kept", "orders", "stratum"):
+        if any(getattr(slot, name) for slot in slots):
+            fields.append(name)
     rows = [{name: getattr(slot, name) for name in fields} for slot in slots]
     return hashlib.sha256(msgspec.json.encode(rows)).hexdigest()
 
 
-def _draws(protocol: Protocol) -> int:
+def _count_draws(protocol: Protocol) -> int:
     """Return the number of draws of key maps.
 
     There is one for each position in a group's blocks, or one for each block if the protocol lists parts otherwise.
@@ -125,19 +130,21 @@ def _draws(protocol: Protocol) -> int:
     return max((len(group.blocks) for group in protocol.groups), default=0)
 
 
-def _orders(protocol: Protocol, groups: list[int], suffix: str) -> list[tuple[tuple[int, ...], ...]]:
+def _draw_orders(protocol: Protocol, groups: list[int], suffix: str) -> list[tuple[tuple[int, ...], ...]]:
     """Draw, for each slot, every order of the protocol; Latin squares are filled within each group."""
     group_sizes: Counter[int] = Counter()
-    result = []
+    rows = []
     for index, group in enumerate(groups):
-        result.append(
-            tuple(_order(protocol, order, group, group_sizes[group], index, suffix) for order in protocol.orders)
-        )
+        place = group_sizes[group]  # of the slot among those of its group
+        rows.append(tuple(_draw_order(protocol, order, group, place, index, suffix) for order in protocol.orders))
         group_sizes[group] += 1
-    return result
+    return rows
 
 
-def _order(protocol: Protocol, order: OrderSpec, group: int, place: int, index: int, suffix: str) -> tuple[int, ...]:
+def _draw_order(
+    protocol: Protocol, order: OrderSpec, group: int, place: int, index: int, suffix: str
+) -> tuple[int, ...]:
+    """Draw a slot's order of parts; ``place`` counts the slots of its group, ``index`` all slots."""
     count = len(order.parts)
     seed = protocol.study.seed
     match order.order:
@@ -146,10 +153,11 @@ def _order(protocol: Protocol, order: OrderSpec, group: int, place: int, index: 
         case "shuffled":
             return draw_permutation(count, seed=seed, purpose=f"order-{order.name}{suffix}", index=index)
     square = build_latin_square(count)
-    rows = draw_permutation(
-        len(square), seed=seed, purpose=f"order-{order.name}-{group}{suffix}", index=place // len(square)
+    n_full_squares, row = divmod(place, len(square))
+    shuffled_rows = draw_permutation(
+        len(square), seed=seed, purpose=f"order-{order.name}-{group}{suffix}", index=n_full_squares
     )
-    return square[rows[place % len(square)]]
+    return square[shuffled_rows[row]]
 
 
 def build_latin_square(count: int) -> tuple[tuple[int, ...], ...]:
@@ -159,10 +167,13 @@ def build_latin_square(count: int) -> tuple[tuple[int, ...], ...]:
     """
     first = [0]
     for step in range(1, count):
-        first.append((first[-1] + (step if step % 2 else -step)) % count)
-    rows = [tuple((place + row) % count for place in first) for row in range(count)]
+        shift = step if step % 2 else -step  # forward and back by turns
+        first.append((first[-1] + shift) % count)
+    rows = []
+    for row in range(count):
+        rows.append(tuple((place + row) % count for place in first))
     if count % 2:
-        return tuple(rows + [row[::-1] for row in rows])
+        rows += [row[::-1] for row in rows]
     return tuple(rows)
 
 
@@ -180,52 +191,62 @@ def find_slot(protocol: Protocol, index: int, stratum: str | None = None) -> All
             f"the study has {count} slots and none for participant {index + 1}; raise $.study.participants in the "
             "protocol"
         )
+    slots = build_allocation_list(protocol)
     strata = build_strata(protocol)
     if strata is None:
         if stratum is not None:
             raise AllocationError(f"study {protocol.study.name!r} has no strata; remove the stratum {stratum!r}")
-        return build_allocation_list(protocol)[index]
-    if stratum is not None and stratum not in strata.names:
+        return slots[index]
+    if stratum is None:
+        stratum = strata.names[0]
+    elif stratum not in strata.names:
         raise AllocationError(f"{stratum!r} is not a stratum; use one of {', '.join(strata.names)}")
-    place = 0 if stratum is None else strata.names.index(stratum)
-    return build_allocation_list(protocol)[index * len(strata.names) + place]
+    stratum_slots = slots[strata.names.index(stratum) :: len(strata.names)]  # the strata's lists are interleaved
+    return stratum_slots[index]
 
 
-def _groups(protocol: Protocol, count: int, suffix: str) -> list[int]:
+def _draw_groups(protocol: Protocol, count: int, suffix: str) -> list[int]:
     """Draw a group number for each slot, in permuted blocks of varying size."""
     seed = protocol.study.seed
-    shares = [group for group, spec in enumerate(protocol.groups) for _ in range(spec.allocation_ratio)]
-    result: list[int] = []
+    groups: list[int] = []
     block = 0
-    while len(result) < count:
-        repeats = 1 + int(draw_words(1, seed=seed, purpose=f"group-block-size{suffix}", index=block)[0] % 3)
-        members = [group for group in shares for _ in range(repeats)]
+    while len(groups) < count:
+        (size_word,) = draw_words(1, seed=seed, purpose=f"group-block-size{suffix}", index=block)
+        repeats = 1 + int(size_word % 3)
+        members: list[int] = []
+        for group, spec in enumerate(protocol.groups):
+            members += [group] * (spec.allocation_ratio * repeats)
         order = draw_permutation(len(members), seed=seed, purpose=f"group-block{suffix}", index=block)
-        result += [members[place] for place in order]
+        groups += [members[place] for place in order]
         block += 1
-    return result[:count]
+    return groups[:count]
 
 
-def _positions(protocol: Protocol, draw: str, groups: list[int]) -> list[tuple[int, ...]]:
+def _draw_positions(protocol: Protocol, draw: str, groups: list[int]) -> list[tuple[int, ...]]:
     """Draw, for each slot, the key position of each action.
 
-    Rows have as many columns as the block with the most actions needs.
+    Rows have as many columns as the block with the most actions needs. In each run of as many slots as the pool has
+    keys, each row of a square is used once, by the slot whose group has used its keys least.
     """
-    pool = len(protocol.keys.pool)
-    seed = protocol.study.seed
-    actions = max((len(block.actions) for block in protocol.blocks), default=0)
-    used = [[[0] * pool for _ in range(actions)] for _ in protocol.groups]
-    result: list[tuple[int, ...]] = []
-    for block, first in enumerate(range(0, len(groups), pool)):
-        rows = _build_key_square(pool, actions, seed=seed, purpose=f"key-map-{draw}", index=block)
-        for group in groups[first : first + pool]:
-            counts = used[group]
-            row = min(rows, key=partial(_count_uses, counts))
+    n_keys = len(protocol.keys.pool)
+    n_actions = max((len(block.actions) for block in protocol.blocks), default=0)
+    uses_by_group = [_zero_uses(n_actions, n_keys) for _ in protocol.groups]
+    positions: list[tuple[int, ...]] = []
+    for square, first in enumerate(range(0, len(groups), n_keys)):
+        rows = _build_key_square(n_keys, n_actions, seed=protocol.study.seed, purpose=f"key-map-{draw}", index=square)
+        for group in groups[first : first + n_keys]:
+            uses = uses_by_group[group]
+            row = min(rows, key=partial(_count_uses, uses))
             rows.remove(row)
             for action, key in enumerate(row):
-                counts[action][key] += 1
-            result.append(row)
-    return result
+                uses[action][key] += 1
+            positions.append(row)
+    return positions
+
+
+def _zero_uses(n_actions: int, n_keys: int) -> list[list[int]]:
+    """Return counts of how often each action had each key, all 0; one row per action."""
+    return [[0] * n_keys for _ in range(n_actions)]
 
 
 def _count_uses(counts: list[list[int]], row: tuple[int, ...]) -> int:
@@ -235,6 +256,9 @@ def _count_uses(counts: list[list[int]], row: tuple[int, ...]) -> int:
 def _build_key_square(pool: int, actions: int, *, seed: int, purpose: str, index: int) -> list[tuple[int, ...]]:
     """Build ``pool`` rows of ``actions`` different keys each, in which every column contains every key exactly once."""
     keys = draw_permutation(pool, seed=seed, purpose=f"{purpose}-keys", index=index)
-    shifts = draw_permutation(pool, seed=seed, purpose=f"{purpose}-shifts", index=index)[:actions]
-    order = draw_permutation(pool, seed=seed, purpose=f"{purpose}-order", index=index)
-    return [tuple(keys[(row + shift) % pool] for shift in shifts) for row in order]
+    shifts = draw_permutation(pool, seed=seed, purpose=f"{purpose}-shifts", index=index)
+    column_shifts = shifts[:actions]
+    rows = []
+    for row in draw_permutation(pool, seed=seed, purpose=f"{purpose}-order", index=index):
+        rows.append(tuple(keys[(row + shift) % pool] for shift in column_shifts))
+    return rows

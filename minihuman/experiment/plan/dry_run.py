@@ -1,9 +1,10 @@
 """Dry run of a protocol: describe a session plan as text, and create and play the world of every block."""
 
 import difflib
+import re
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 
 import gymnasium
@@ -44,8 +45,10 @@ def describe_plan(plan: SessionPlan) -> Iterator[str]:
         yield f"allocation   SHA-256 {plan.allocation_sha256}"
     stratum = f", stratum {participant.stratum}" if participant.stratum else ""
     yield f"participant  {participant.id}, group {participant.group}{stratum}, session {plan.session}"
-    yield f"consent      {'SHA-256 ' + plan.consent_sha256 if plan.consent_text else 'not asked for'}"
-    yield f"keys         {' '.join(plan.key_pool)}{', each checked first' if plan.keyboard_check else ''}"
+    consent = f"SHA-256 {plan.consent_sha256}" if plan.consent_text else "not asked for"
+    yield f"consent      {consent}"
+    keyboard_check = ", each checked first" if plan.keyboard_check else ""
+    yield f"keys         {' '.join(plan.key_pool)}{keyboard_check}"
     if plan.bonus:
         most = "" if plan.bonus.most is None else f", at most {plan.bonus.most:g}"
         yield f"bonus        {plan.bonus.base:g} + {plan.bonus.per_point:g} a point{most} {plan.bonus.currency}"
@@ -61,22 +64,18 @@ def _describe_pay(plan: SessionPlan, bonus: BonusSpec) -> Iterator[str]:
     teams = [team for team in teams if len(team.persons) > 1]
     if not teams:
         return
-    rate = bonus.waiting_per_min or 0.0
-    wait_s = sum(team.lobby_s for team in teams)
-    if rate:
-        waiting = f", and {rate:g} for each minute in a lobby, at most {wait_s / 60:g} min"
-    else:
-        waiting = ""
+    waiting = ""
+    if bonus.waiting_per_min:
+        lobby_min = sum(team.lobby_s for team in teams) / 60
+        waiting = f", and {bonus.waiting_per_min:g} for each minute in a lobby, at most {lobby_min:g} min"
     least = f"at least {compute_bonus(bonus, 0.0, stranded=True):g}"
-    after = {"end": least, "agent": "as if played, with a stand-in"}
-    pay = {
-        "all played": f"the bonus{waiting}",
-        "no partner": " or ".join(dict.fromkeys(after[team.partner_leaves] for team in teams)) + waiting,
-        "partner left": " or ".join(dict.fromkeys(after[team.partner_leaves] for team in teams)) + waiting,
-        "screened out": least + waiting,
-        "left early": f"the bonus for the points until then{waiting}",
-    }
-    yield from (f"pay          {case}: {amount}" for case, amount in pay.items())
+    pay_without_partner = {"end": least, "agent": "as if played, with a stand-in"}
+    without_partner = " or ".join(dict.fromkeys(pay_without_partner[team.partner_leaves] for team in teams))
+    yield f"pay          all played: the bonus{waiting}"
+    yield f"pay          no partner: {without_partner}{waiting}"
+    yield f"pay          partner left: {without_partner}{waiting}"
+    yield f"pay          screened out: {least}{waiting}"
+    yield f"pay          left early: the bonus for the points until then{waiting}"
 
 
 def describe_language(protocol: Protocol) -> Iterator[str]:
@@ -133,9 +132,12 @@ def _describe_page(page: PagePlan) -> str:
         kind = "last words"
     else:
         kind = "page"
-    pictures = f", {len(page.pictures)} pictures" if page.pictures else ""
-    example = ", an example of the world" if page.example else ""
-    return f"{kind} of {_format_count(len(page.pages), 'page')}{pictures}{example}"
+    description = f"{kind} of {_format_count(len(page.pages), 'page')}"
+    if page.pictures:
+        description += f", {len(page.pictures)} pictures"
+    if page.example:
+        description += ", an example of the world"
+    return description
 
 
 def _describe_questions(questions: QuestionsPlan) -> Iterator[str]:
@@ -156,17 +158,13 @@ def _format_count(number: int, noun: str) -> str:
 
 
 def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[str]:
+    """Yield lines that describe a block: its world, keys, pace, limits and episodes."""
     episodes = plan.episodes[play.first : play.first + play.count]
-    first = episodes[0]
+    first, *_ = episodes
     options = "".join(f", {name}={value!r}" for name, value in first.options.items())
     summary = f"{first.block_name}, {first.world}{options}, {first.view} view, {first.palette}"
     yield f"part {number}: block {first.block + 1}, {summary}"
-    seat_keys = play.team.seat_keys if isinstance(play, TeamPlayPlan) else ()
-    visibility = " (shown)" if first.show_keys else ""
-    for seat, key_actions in enumerate(seat_keys or (first.key_map.keys,)):
-        keys = ", ".join(f"{key} {action}" for key, action in sorted(key_actions.items()))
-        owner = f"seat {seat}: " if seat_keys else ""
-        yield f"  keys   {owner}{keys}{visibility}"
+    yield from _describe_keys(play, first)
     yield f"  pace   {_describe_pace(first)}; at most {first.max_steps} steps"
     yield f"  in a browser computed by the {play.computed}"
     if play.motion_ms:
@@ -180,32 +178,52 @@ def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[
         yield f"  rest   {play.rest_s:g} s or longer afterwards"
 
 
+def _describe_keys(play: PlayPlan, first: EpisodePlan) -> Iterator[str]:
+    """Yield a line with the keys of a block, or one for each seat of a team."""
+    visibility = " (shown)" if first.show_keys else ""
+    if isinstance(play, TeamPlayPlan) and play.team.seat_keys:
+        for seat, actions_by_key in enumerate(play.team.seat_keys):
+            yield f"  keys   seat {seat}: {_format_keys(actions_by_key)}{visibility}"
+    else:
+        yield f"  keys   {_format_keys(first.key_map.keys)}{visibility}"
+
+
+def _format_keys(actions_by_key: Mapping[str, str]) -> str:
+    return ", ".join(f"{key} {action}" for key, action in sorted(actions_by_key.items()))
+
+
 def _describe_pace(first: EpisodePlan) -> str:
     if first.pace == "real_time":
-        if first.onset_at_reset:
-            onset = "the first picture"
-        else:
-            onset = "the world's info['onset'], NULL where it names none"
-        repetition = ", as long as its key is held" if first.hold == "repeat" else ""
-        idle_action = f"without a key {first.noop or 'none'}; response_ms from {onset}"
-        return f"a step every {first.step_period_ms:g} ms{repetition}, {idle_action}"
+        return _describe_real_time(first)
+    pace = "one press one step"
     if first.response_deadline_ms:
-        deadline = f", {first.noop} after {first.response_deadline_ms:g} ms"
-    else:
-        deadline = ""
-    return "one press one step" + deadline + (", held keys repeat" if first.auto_repeat else "")
+        pace += f", {first.noop} after {first.response_deadline_ms:g} ms"
+    if first.auto_repeat:
+        pace += ", held keys repeat"
+    return pace
+
+
+def _describe_real_time(first: EpisodePlan) -> str:
+    pace = f"a step every {first.step_period_ms:g} ms"
+    if first.hold == "repeat":
+        pace += ", as long as its key is held"
+    onset = "the first picture" if first.onset_at_reset else "the world's info['onset'], NULL where it names none"
+    return f"{pace}, without a key {first.noop or 'none'}; response_ms from {onset}"
 
 
 def _describe_limits(play: PlayPlan) -> Iterator[str]:
+    """Yield lines about what ends a block early, its time limits and its points."""
     if play.until:
         yield f"  until  {play.until.successes} of the last {play.until.of} reach the goal, then {play.until.otherwise}"
-    limits = [f"{name} {value:g} s" for name, value in (("episode", play.max_s), ("block", play.block_max_s)) if value]
+    limits_s = {"episode": play.max_s, "block": play.block_max_s}
+    limits = [f"{name} {limit_s:g} s" for name, limit_s in limits_s.items() if limit_s]
     if limits:
         yield f"  time   at most {', '.join(limits)}"
     if play.points:
         point_rules = {"goal": play.points.goal, "timeout": play.points.timeout, "failure": play.points.failure}
         point_rules |= {"a step": play.points.per_step, "a reward of 1": play.points.per_reward}
-        yield f"  points {', '.join(f'{name} {value:+g}' for name, value in point_rules.items() if value)}"
+        points = [f"{name} {number:+g}" for name, number in point_rules.items() if number]
+        yield f"  points {', '.join(points)}"
 
 
 _OURS = "minihuman/"
@@ -300,37 +318,36 @@ def _list_block_notices(block: BlockSpec) -> Iterator[str]:
         if world.is_built_in or isinstance(world.unwrapped, NativeWorld):
             return
         world.name_actions(block.actions)
-        used = {*block.actions, *block.distractors, block.noop_action}
+        unused = []
         if world.actions.is_discrete:
+            used = {*block.actions, *block.distractors, block.noop_action}
             unused = [name for name in world.action_names if name not in used]
-        else:
-            unused = []
-        stated = world.unwrapped.metadata.get("render_fps")
-        rate = stated if isinstance(stated, int | float) else None
+        fps = world.unwrapped.metadata.get("render_fps")
     if unused:
         yield f"block {block.name!r}: no key does {', '.join(unused)}"
-    if (
-        block.pace == "on_key"
-        and rate
-        and rate >= MOVING_FPS
-        and not block.response_deadline_ms
-        and block.noop_action is None
-    ):
+    if not isinstance(fps, int | float) or not fps:
+        if block.pace == "real_time":
+            period = f"{block.step_period_ms:g} ms a step"
+            yield f"block {block.name!r}: {block.world} states no frame rate for its {period}"
+        return
+    waits_for_keys = block.pace == "on_key" and not block.response_deadline_ms and block.noop_action is None
+    if waits_for_keys and fps >= MOVING_FPS:
         yield (
-            f"block {block.name!r}: {block.world} states {rate} frames a second and steps only when a key is pressed; "
+            f"block {block.name!r}: {block.world} states {fps} frames a second and steps only when a key is pressed; "
             "if it is to move by itself, set pace = 'real_time', and noop_action if one of its actions does nothing"
         )
-    if block.pace == "real_time" and not rate:
-        yield f"block {block.name!r}: {block.world} states no frame rate for its {block.step_period_ms:g} ms a step"
 
 
 def describe_worlds(protocol: Protocol, notices: Sequence[str] | None = None) -> Iterator[str]:
     """Yield the notices of `check_worlds`, and a line for each block whose actions lack one that success needs."""
-    yield from check_worlds(protocol) if notices is None else notices
+    if notices is None:
+        notices = check_worlds(protocol)
+    yield from notices
     for block in protocol.blocks:
-        if missed := _find_missed_actions(block):
+        missing_actions = sorted(_find_missed_actions(block))
+        if missing_actions:
             yield (
-                f"block {block.name!r}: the shortest path to success uses {', '.join(sorted(missed))}, which its "
+                f"block {block.name!r}: the shortest path to success uses {', '.join(missing_actions)}, which its "
                 "actions lack; add them unless success needs none of them"
             )
 
@@ -383,14 +400,14 @@ def try_world(block: BlockSpec) -> None:
 
 
 def _check_actions(protocol: Protocol, source: str) -> None:
+    """Raise a ProtocolError that names every field of a block that contradicts the block's world."""
     text = protocol.toml.decode("utf-8-sig")
-    complaints = [
-        (f"$.blocks[{number}].{field}", complaint)
-        for number, block in enumerate(protocol.blocks)
-        for field, complaint in _find_world_errors(block)
-    ]
-    if wrong := build_protocol_error(complaints, source=source, text=text, tree=tomllib.loads(text)):
-        raise wrong
+    errors = []
+    for number, block in enumerate(protocol.blocks):
+        errors += [(f"$.blocks[{number}].{field}", message) for field, message in _find_world_errors(block)]
+    error = build_protocol_error(errors, source=source, text=text, tree=tomllib.loads(text))
+    if error:
+        raise error
 
 
 def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
@@ -434,35 +451,33 @@ def _find_misused_fields(block: BlockSpec, world: World) -> Iterator[tuple[str, 
 
 
 def _find_unknown_actions(block: BlockSpec, known: Sequence[str]) -> Iterator[tuple[str, str]]:
-    names_of_field = {
-        "actions": block.actions,
-        "distractors": block.distractors,
-        "noop": (block.noop_action,) if block.noop_action else (),
-    }
-    for field, names in names_of_field.items():
-        for name in names:
-            if name not in known:
-                close = difflib.get_close_matches(name, known, n=1)
-                meant = f"; did you mean {close[0]!r}?" if close else ""
-                yield (
-                    field,
-                    f"names {name!r}, which {block.world} does not have; its actions are {', '.join(known)}{meant}",
-                )
+    """Yield an error for each action of a block that its world does not have, with a suggestion."""
+    named = [("actions", name) for name in block.actions]
+    named += [("distractors", name) for name in block.distractors]
+    if block.noop_action:
+        named.append(("noop", block.noop_action))
+    for field, name in named:
+        if name in known:
+            continue
+        message = f"names {name!r}, which {block.world} does not have; its actions are {', '.join(known)}"
+        for similar in difflib.get_close_matches(name, known, n=1):
+            message += f"; did you mean {similar!r}?"
+        yield field, message
 
 
 def _explain_world_error(block: BlockSpec, error: WorldError) -> str:
     """Explain why a world could not be made, with a suggestion of a similar name."""
     reason = str(error).removeprefix(f"{block.world}: ")
-    name = block.world.rpartition("/")[2].rpartition(":")[2]
     ours = [entry.id for entry in (*WORLDS, *TEAM_WORLDS)]
     if block.world in ours or not isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):
         return reason
-    if f"{_OURS}{name}" in ours:
+    name = re.split("[/:]", block.world)[-1]
+    own_id = f"{_OURS}{name}"
+    if own_id in ours:
         upstream = "miniworld" if name.startswith("MiniWorld") else "minigrid"
-        return f"there is none of that name alone; write {_OURS + name!r}, or {f'{upstream}:{name}'!r} for the original"
-    close = difflib.get_close_matches(block.world, ours, n=1) or difflib.get_close_matches(f"{_OURS}{name}", ours, n=1)
-    if close:
-        meant = f"; did you mean {close[0]!r}? `minihuman worlds` lists ours"
-    else:
-        meant = ""
-    return f"{reason}{meant}"
+        original_id = f"{upstream}:{name}"
+        return f"there is none of that name alone; write {own_id!r}, or {original_id!r} for the original"
+    similar = difflib.get_close_matches(block.world, ours, n=1) or difflib.get_close_matches(own_id, ours, n=1)
+    if similar:
+        return f"{reason}; did you mean {similar[0]!r}? `minihuman worlds` lists ours"
+    return reason

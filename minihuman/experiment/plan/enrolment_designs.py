@@ -106,16 +106,16 @@ class Thompson(EnrolmentDesign):
 
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
         """Compute the sums of successes and failures by group, in participants."""
-        values = {
-            group: [participant.value for participant in enrolled if participant.group == group] for group in groups
-        }
-        return {
-            group: [
-                round_estimate(sum(v for v in outcomes if v is not None)),
-                round_estimate(sum(1 - v for v in outcomes if v is not None)),
-            ]
-            for group, outcomes in values.items()
-        }
+        sums = {}
+        for group in groups:
+            successes: float = 0
+            failures: float = 0
+            for participant in enrolled:
+                if participant.group == group and participant.value is not None:
+                    successes += participant.value
+                    failures += 1 - participant.value
+            sums[group] = [round_estimate(successes), round_estimate(failures)]
+        return sums
 
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
         """Choose the group with the highest draw from its distribution."""
@@ -163,34 +163,39 @@ class GroupSequential(EnrolmentDesign):
         complete = [participant for participant in enrolled if participant.value is not None]
         reached = [look for look in self.settings.looks if look <= len(complete)]
         participants_at_look = complete[: reached[-1]] if reached else []
-        return {"look": len(reached)} | {group: _describe(participants_at_look, group) for group in list(groups)[:2]}
+        return {"look": len(reached)} | {
+            group: _summarize_group(participants_at_look, group) for group in list(groups)[:2]
+        }
 
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
         """Stop if the difference exceeds the look's boundary or the last look has been taken."""
         from minihuman.experiment.plan.group_sequential import compute_adjusted_p, compute_welch_z, find_boundaries
 
         looks = self.settings.looks
-        at = int(statistics["look"])
-        if not at:
+        look = int(statistics["look"])
+        if not look:
             return EnrolmentDecision()
-        fractions = [look / looks[-1] for look in looks]
+        fractions = [n_participants / looks[-1] for n_participants in looks]
         boundaries = find_boundaries(fractions, self.settings.alpha)
+        boundary = boundaries[look - 1]
         first, second = (statistic for name, statistic in statistics.items() if name != "look")
         z = round_estimate(compute_welch_z(first, second))
-        crossed = abs(z) >= boundaries[at - 1]
+        is_crossed = abs(z) >= boundary
         estimates = {
-            "look": at,
+            "look": look,
             "z": z,
-            "boundary": round_estimate(boundaries[at - 1]),
-            "p": round_estimate(compute_adjusted_p(z, fractions[:at], boundaries)),
+            "boundary": round_estimate(boundary),
+            "p": round_estimate(compute_adjusted_p(z, fractions[:look], boundaries)),
+            "crossed": float(is_crossed),
         }
-        return EnrolmentDecision("", crossed or at == len(looks), estimates | {"crossed": float(crossed)})
+        is_last_look = look == len(looks)
+        return EnrolmentDecision("", is_crossed or is_last_look, estimates)
 
 
-def _describe(enrolled: Sequence[EnrolledParticipant], group: str) -> list[float]:
-    values = [
-        participant.value for participant in enrolled if participant.group == group and participant.value is not None
-    ]
-    mean = np.mean(values or [0.0])
-    variance = np.var(values, ddof=1) if len(values) > 1 else 0.0
-    return [len(values), round_estimate(float(mean)), round_estimate(float(variance))]
+def _summarize_group(enrolled: Sequence[EnrolledParticipant], group: str) -> list[float]:
+    """Return the number, mean and variance of the outcomes of a group's participants."""
+    of_group = [participant.value for participant in enrolled if participant.group == group]
+    outcomes = [outcome for outcome in of_group if outcome is not None]
+    mean = np.mean(outcomes or [0.0])
+    variance = np.var(outcomes, ddof=1) if len(outcomes) > 1 else 0.0
+    return [len(outcomes), round_estimate(float(mean)), round_estimate(float(variance))]

@@ -108,14 +108,19 @@ class QuestPlus(Design):
         require_setting(2 <= spec.grid <= 1_000, f"grid is {spec.grid}; use 2 to 1000")
         require_setting(bool(spec.slopes) and min(spec.slopes) > 0, "slopes needs one or more, all above 0")
         require_setting(0 <= spec.guess < 1 - spec.lapse <= 1, "guess and lapse are shares whose sum is below 1")
-        self._log_thresholds = np.log(low) + np.arange(spec.grid) * (np.log(high / low) / (spec.grid - 1))
+        grid_step = np.log(high / low) / (spec.grid - 1)
+        self._log_thresholds = np.log(low) + np.arange(spec.grid) * grid_step
+        self._chance = np.clip(self._compute_success_chance(), 1e-6, 1 - 1e-6)  # [value, threshold, slope]
+        self._log_chance = (_count_log_units(1 - self._chance), _count_log_units(self._chance))  # of failure, success
+
+    def _compute_success_chance(self) -> NDArray[np.float64]:
+        """Compute the psychometric function, a Weibull; shape (values, thresholds, slopes)."""
+        spec = self.settings
         distance = np.log(np.array(spec.values))[:, None, None] - self._log_thresholds[:, None]
-        distance = distance * np.array(spec.slopes) * (1 if spec.harder == "smaller" else -1)
-        chance = spec.guess + (1 - spec.guess - spec.lapse) * -np.expm1(-np.exp(np.minimum(distance, 50.0)))
-        self._chance = np.clip(chance, 1e-6, 1 - 1e-6)  # [value, threshold, slope]
-        self._log_chance = tuple(
-            np.rint(np.log(share) * _LOG_UNIT).astype(np.int64) for share in (1 - self._chance, self._chance)
-        )
+        direction = 1 if spec.harder == "smaller" else -1
+        distance = distance * np.array(spec.slopes) * direction
+        weibull = -np.expm1(-np.exp(np.minimum(distance, 50.0)))
+        return np.asarray(spec.guess + (1 - spec.guess - spec.lapse) * weibull)
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
         """Choose the value that is expected to reveal most about the threshold."""
@@ -186,29 +191,44 @@ class LevelReplay(Design):
         """Choose a new level, or one to replay."""
         regrets = dict[int, tuple[float, int]]()  # of each level that was played, and the episode of it
         for number, episode in enumerate(history):
-            if (level := self._find_level(episode)) is not None:
+            played_level = self._find_level(episode)
+            if played_level is not None:
                 regret = max(0.0, self.settings.best_return - episode.return_)
-                regrets[level] = (round_estimate(regret), number)
-        new = [level for level in range(len(self._levels)) if level not in regrets]
+                regrets[played_level] = (round_estimate(regret), number)
+        new_levels = [level for level in range(len(self._levels)) if level not in regrets]
         replay_share, level_share = draw(2)
-        if new and (not regrets or replay_share >= self.settings.replay):
-            level = new[int(level_share * len(new))]
+        may_be_new = not regrets or replay_share >= self.settings.replay
+        if new_levels and may_be_new:
+            level = new_levels[int(level_share * len(new_levels))]
         else:
             level = self._choose_played_level(regrets, len(history), level_share)
         estimates = {"levels": float(len(regrets))}
         if regrets:
-            estimates["regret"] = round_estimate(sum(regret for regret, _ in regrets.values()) / len(regrets))
+            mean_regret = sum(regret for regret, _ in regrets.values()) / len(regrets)
+            estimates["regret"] = round_estimate(mean_regret)
         return DesignDecision(*self._levels[level], False, estimates, sorted(regrets.items()))
 
     def _choose_played_level(self, regrets: Mapping[int, tuple[float, int]], now: int, level_share: float) -> int:
         """Choose among the played levels by the rank of their regret and the time since they were played."""
+
+        def rank_by_regret(level: int) -> tuple[float, int]:
+            regret, _ = regrets[level]
+            return (-regret, level)
+
         staleness = self.settings.staleness
-        levels = sorted(regrets, key=lambda level: (-regrets[level][0], level))
-        by_regret = np.arange(1.0, len(levels) + 1) ** (-1 / self.settings.temperature)
-        age = np.array([now - regrets[level][1] for level in levels], float)
+        levels = sorted(regrets, key=rank_by_regret)
+        ranks = np.arange(1.0, len(levels) + 1)
+        by_regret = ranks ** (-1 / self.settings.temperature)
+        last_played = []
+        for level in levels:
+            _, episode = regrets[level]
+            last_played.append(episode)
+        age = now - np.array(last_played, float)
         share = (1 - staleness) * by_regret / by_regret.sum() + staleness * age / age.sum()
-        place = int(np.searchsorted(np.round(np.cumsum(share), 9), level_share, side="right"))
-        return levels[min(place, len(levels) - 1)]
+        cumulative_share = np.round(np.cumsum(share), 9)
+        place = int(np.searchsorted(cumulative_share, level_share, side="right"))
+        last_place = len(levels) - 1
+        return levels[min(place, last_place)]
 
     def _find_level(self, episode: PlayedEpisode) -> int | None:
         episode_options = episode.options.items()
@@ -216,3 +236,8 @@ class LevelReplay(Design):
         return next(
             (at for at, (options, seed) in levels if seed == episode.seed and options.items() <= episode_options), None
         )
+
+
+def _count_log_units(chance: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the logarithms of probabilities in whole units, whose sums are exact on every machine."""
+    return np.rint(np.log(chance) * _LOG_UNIT).astype(np.int64)

@@ -46,11 +46,12 @@ def compute_adjusted_p(z: float, fractions: Sequence[float], boundaries: Sequenc
     of a z at least as extreme at this look.
     """
     walk = _Walk()
-    earlier = 0.0
-    for boundary, fraction in zip(boundaries[: len(fractions) - 1], fractions, strict=False):
-        earlier += walk.exit(boundary, fraction)
-        walk.advance(boundary, fraction)
-    return min(1.0, earlier + walk.exit(abs(z), fractions[-1]))
+    p_earlier = 0.0
+    *earlier_fractions, fraction = fractions
+    for earlier_boundary, earlier_fraction in zip(boundaries, earlier_fractions, strict=False):
+        p_earlier += walk.exit(earlier_boundary, earlier_fraction)
+        walk.advance(earlier_boundary, earlier_fraction)
+    return min(1.0, p_earlier + walk.exit(abs(z), fraction))
 
 
 class _Walk:
@@ -85,11 +86,12 @@ def compute_welch_z(first: Sequence[float], second: Sequence[float]) -> float:
     """Return the z with the same two-sided p as Welch's t, from two groups' (n, mean, variance); 0 if undefined."""
     n_first, mean_first, variance_first = first
     n_second, mean_second, variance_second = second
-    if n_first < 2 or n_second < 2 or variance_first + variance_second <= 0:
+    if min(n_first, n_second) < 2 or variance_first + variance_second <= 0:
         return 0.0
     squared_error_first = variance_first / n_first
     squared_error_second = variance_second / n_second
     squared_error = squared_error_first + squared_error_second
     t = (mean_first - mean_second) / np.sqrt(squared_error)
     freedom = squared_error**2 / (squared_error_first**2 / (n_first - 1) + squared_error_second**2 / (n_second - 1))
-    return float(-np.sign(t) * scipy.special.ndtri(scipy.stats.t.sf(abs(t), freedom)))
+    one_sided_p = scipy.stats.t.sf(abs(t), freedom)
+    return float(-np.sign(t) * scipy.special.ndtri(one_sided_p))

@@ -93,20 +93,23 @@ def _describe_rule(rule: StatedRule, tried: TriedWorld) -> str:
 
 
 def _describe_info(block: BlockSpec, rule: StatedRule, tried: TriedWorld) -> Iterator[str]:
-    named = parse_outcome_rule(rule.rule).info_key
-    if named and not has_info(tried.values, named):
-        yield f"block {block.name!r}: info[{named!r}] was not there in {N_TRIED_STEPS} steps; {_list_keys(tried)}"
+    """Yield notices about keys of ``info``: those that are missing, cannot be logged, or are not recorded."""
+    place = f"block {block.name!r}"
+    success_key = parse_outcome_rule(rule.rule).info_key
+    if success_key and not has_info(tried.values, success_key):
+        yield f"{place}: info[{success_key!r}] was not there in {N_TRIED_STEPS} steps; {_list_keys(tried)}"
     for key in block.record_info:
         if not has_info(tried.values, key):
-            yield f"block {block.name!r}: record_info names {key!r}, which the world did not say; {_list_keys(tried)}"
-        elif not can_keep(content := find_info(tried.values, key)):
-            yield f"block {block.name!r}: info[{key!r}] is {_describe(content)}, of which a log keeps null"
-    left_out = [key for key in tried.values if key not in {name.partition(".")[0] for name in block.record_info}]
-    if left_out:
-        yield (
-            f"block {block.name!r}: not kept of the world's info: {', '.join(left_out)}; "
-            f"record_info = {msgspec.json.encode(left_out[:3]).decode()} keeps them"
-        )
+            yield f"{place}: record_info names {key!r}, which the world did not say; {_list_keys(tried)}"
+            continue
+        content = find_info(tried.values, key)
+        if not can_keep(content):
+            yield f"{place}: info[{key!r}] is {_describe(content)}, of which a log keeps null"
+    recorded = {key.partition(".")[0] for key in block.record_info}
+    unrecorded = [key for key in tried.values if key not in recorded]
+    if unrecorded:
+        example = msgspec.json.encode(unrecorded[:3]).decode()
+        yield (f"{place}: not kept of the world's info: {', '.join(unrecorded)}; record_info = {example} keeps them")
 
 
 def _list_keys(tried: TriedWorld) -> str:
@@ -130,7 +133,7 @@ def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:
     if block.stop_criterion is not None:
         needs.append("stop_criterion")
     if block.points is not None and block.points.needs_success:
-        needs.append("bonus, by its points," if protocol.bonus is not None else "points")
+        needs.append("points" if protocol.bonus is None else "bonus, by its points,")
     if block.design is not None and make_design(block.design).needs_success:
         needs.append(f"design {block.design.name!r}")
     for spec in (protocol.allocation.design, protocol.allocation.stopping):
@@ -140,17 +143,20 @@ def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:
         if design.outcome == "success" and design.block in ("", block.name):
             needs.append(f"allocation by {spec.name!r}")
     analysis = protocol.analysis
-    named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name in SUCCESS_MEASURES]
-    if named and block.analysed and analysis.block in ("", block.name):
-        needs.append(f"analysis of {named[0]!r}")
+    is_analysed = block.analysed and analysis.block in ("", block.name)
+    measures = (analysis.primary_measure, *analysis.secondary_measures)
+    success_measures = [measure for measure in measures if measure in SUCCESS_MEASURES]
+    if is_analysed and success_measures:
+        needs.append(f"analysis of {success_measures[0]!r}")
     return needs
 
 
 def try_world_info(block: BlockSpec) -> TriedWorld:
     """Play a block's world for some steps, with every action of the block in turn, and collect its ``info``."""
-    values: dict[str, Any] = {}
-    if is_of_catalogue(block.world) and not block.record_info and block.success is None:
+    is_well_known = is_of_catalogue(block.world)
+    if is_well_known and not block.record_info and block.success is None:
         return TriedWorld(is_own=False)
+    values: dict[str, Any] = {}
     with closing(World(block.world, list_world_options(block))) as world:
         is_own = world.reward_means_success
         world.name_actions(block.actions)
@@ -158,7 +164,8 @@ def try_world_info(block: BlockSpec) -> TriedWorld:
         numbers = [world.action_names.index(name) for name in names]
         world.reset(0)
         for step in range(N_TRIED_STEPS):
-            transition = world.step(numbers[step // 3 % len(numbers)])
+            place = step // 3 % len(numbers)  # each action three times, so that a world moves
+            transition = world.step(numbers[place])
             values = {**transition.info, **values}
             if transition.terminated or transition.truncated:
                 world.reset(step + 1)

@@ -110,8 +110,12 @@ def _plan_extras(protocol: Protocol, participant: Participant, session: int, blo
 
 def _list_images(protocol: Protocol, page: PageSpec) -> tuple[str, ...]:
     """Return the files of a page's pictures; consent and closing pages without any show the study's logo."""
-    has_logo = protocol.study.logo and (page.asks_consent or page.closing) and page.example is None
-    return page.images or ((protocol.study.logo,) if has_logo else ())
+    if page.images:
+        return page.images
+    shows_logo = (page.asks_consent or page.closing) and page.example is None
+    if shows_logo and protocol.study.logo:
+        return (protocol.study.logo,)
+    return ()
 
 
 def _build_default_page(protocol: Protocol, name: str, words: InterfaceWords) -> PageSpec:
@@ -124,9 +128,14 @@ def _build_default_page(protocol: Protocol, name: str, words: InterfaceWords) ->
 
 
 def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords) -> PagePlan:
+    """Plan a page of text; a consent page is identified by the SHA-256 of its text."""
     title = page.title
-    if not title and (page.asks_consent or page.closing):
-        title = words["consent.title" if page.asks_consent else "closing.title"]
+    sha256 = ""
+    if page.asks_consent:
+        title = title or words["consent.title"]
+        sha256 = hashlib.sha256(page.text.encode()).hexdigest()
+    elif page.closing:
+        title = title or words["closing.title"]
     images = _list_images(protocol, page)
     missing = [name for name in images if name not in protocol.files]
     if missing:
@@ -138,7 +147,7 @@ def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords) -> Pag
         title=title,
         pages=pages,
         agree=page.asks_consent,
-        sha256=hashlib.sha256(page.text.encode()).hexdigest() if page.asks_consent else "",
+        sha256=sha256,
         closing=page.closing,
         pictures=tuple(protocol.files[name] for name in images),
         example=page.example,
@@ -230,6 +239,9 @@ def _plan_play(
     if number + 1 < count:
         rest_text = block.rest_text
         rest_s = protocol.study.min_rest_s
+    interval_ms = 0.0  # drawn intervals are in the rules of trials
+    if not isinstance(block.inter_trial_interval_ms, tuple):
+        interval_ms = block.inter_trial_interval_ms
     instruction = paginate_text(block.instructions) if block.instructions else ()
     return PlayPlan(
         block=number,
@@ -241,7 +253,7 @@ def _plan_play(
         feedback=_plan_feedback(block),
         rest=rest_text,
         rest_s=rest_s,
-        interval_ms=0.0 if isinstance(block.inter_trial_interval_ms, tuple) else block.inter_trial_interval_ms,
+        interval_ms=interval_ms,
         fixation_ms=block.fixation_ms,
         hold_ms=block.final_frame_ms,
         marks=block.show_outcome,
@@ -277,13 +289,13 @@ def _computed_by(block: BlockSpec) -> ComputedBy:
     """
     if block.computed:
         return block.computed
-    # what held keys combine to, and what a design decides, the server knows
-    is_ordinary = find_kind(block.kind).is_plain_play and block.hold == "once" and block.design is None
+    if not find_kind(block.kind).is_plain_play:
+        return "server"
+    if block.hold != "once" or block.design is not None:  # only the server combines held keys and asks designs
+        return "server"
     is_grid = is_compiled_grid(block.world, block.options) and block.view != "text"
-    can_page_draw = is_grid or (is_first_person(block.world) and block.view != "full")
-    if is_ordinary and can_page_draw:
-        return "page"
-    return "server"
+    is_view_from_inside = is_first_person(block.world) and block.view != "full"
+    return "page" if is_grid or is_view_from_inside else "server"
 
 
 def list_world_options(block: BlockSpec) -> dict[str, Any]:

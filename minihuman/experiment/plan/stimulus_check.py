@@ -151,7 +151,7 @@ def _find_empty_rows(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
 
 def _find_unplayable_rows(block: BlockSpec, stimuli: list[TrialStimulus]) -> Iterator[str]:
     shared = list_world_options(block)
-    needs_table = bool(_play(block, shared))
+    needs_table = bool(_try_options(block, shared))
     mistakes: dict[str, list[str]] = {}  # by the row's options: equal rows have equal mistakes
     for stimulus in {stimulus.place: stimulus for stimulus in stimuli}.values():
         key = json.dumps(stimulus.options, sort_keys=True)
@@ -164,24 +164,30 @@ def _explain_unplayable(
     block: BlockSpec, shared: dict[str, Any], options: dict[str, Any], *, needs_table: bool
 ) -> Iterator[str]:
     """Yield which columns of a row are wrong and why; nothing if the row can be played."""
-    reason = _play(block, shared | options)
+    reason = _try_options(block, shared | options)
     if not reason:
         return
-    if needs_table:
-        guilty = {}
-    else:
-        guilty = {column: _play(block, shared | {column: options[column]}) for column in options}
-    if not any(guilty.values()):  # no column is wrong by itself: which one, if left out, lets the others be played?
-        options_without = {column: {name: options[name] for name in options if name != column} for column in options}
-        guilty = {column: reason for column in options if not _play(block, shared | options_without[column])}
-    for column, why in guilty.items():
-        if why:
-            yield f"column {column!r}, value {options[column]!r}: {why}"
-    if not guilty:
+    reasons: dict[str, str] = {}  # by column
+    if not needs_table:
+        reasons = _try_each_column(block, shared, options)
+    if not reasons:  # no column is wrong by itself: which one, if left out, lets the others be played?
+        for column in options:
+            others = {name: option for name, option in options.items() if name != column}
+            if not _try_options(block, shared | others):
+                reasons[column] = reason
+    for column, column_reason in reasons.items():
+        yield f"column {column!r}, value {options[column]!r}: {column_reason}"
+    if not reasons:
         yield f"columns {', '.join(map(repr, options))}: {reason}"
 
 
-def _play(block: BlockSpec, options: dict[str, Any]) -> str:
+def _try_each_column(block: BlockSpec, shared: dict[str, Any], options: dict[str, Any]) -> dict[str, str]:
+    """Return the columns that cannot be played even without the row's other columns, each with the reason."""
+    reasons = {column: _try_options(block, shared | {column: option}) for column, option in options.items()}
+    return {column: reason for column, reason in reasons.items() if reason}
+
+
+def _try_options(block: BlockSpec, options: dict[str, Any]) -> str:
     """Create, draw and play a trial with each of the block's actions; return the error, or "" if there was none."""
     try:
         with closing(World(block.world, options)) as world:

@@ -1,6 +1,7 @@
 """The trials of a block: rows of its stimulus table in the participant's own order, with drawn intervals."""
 
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from typing import Any
 
 import msgspec
@@ -37,12 +38,13 @@ class TrialStimulus(msgspec.Struct, frozen=True):
 
 def plan_rules(block: BlockSpec, seed: int, purpose: str, participant: int) -> TrialRules | msgspec.UnsetType:
     """Plan the rules of a block of trials, with drawn intervals; unset for other blocks."""
-    interval = block.inter_trial_interval_ms
     intervals_ms: tuple[float, ...] = ()
-    if isinstance(interval, tuple):
-        shares = draw_words(block.episodes, seed=seed, purpose=f"intervals-{purpose}", index=participant) / 2.0**64
+    if isinstance(block.inter_trial_interval_ms, tuple):
+        shortest_ms, longest_ms = block.inter_trial_interval_ms
+        words = draw_words(block.episodes, seed=seed, purpose=f"intervals-{purpose}", index=participant)
+        shares = words / 2.0**64
         intervals_ms = tuple(
-            float(round(interval[0] + share * (interval[1] - interval[0]))) for share in shares.tolist()
+            float(round(shortest_ms + share * (longest_ms - shortest_ms))) for share in shares.tolist()
         )
     rules = TrialRules(block.ready, block.feedback_ms, intervals_ms)
     if rules == TrialRules():
@@ -70,9 +72,11 @@ def plan_stimuli(protocol: Protocol, block: BlockSpec, purpose: str, participant
 
 
 def _find_column(block: BlockSpec, stimuli: list[TrialStimulus], name: str) -> list[Any]:
-    cells = [(stimulus.options | stimulus.labels).get(name) for stimulus in stimuli]
+    """Return a column's cell for each stimulus; raise ProtocolError if no stimulus has one."""
+    rows = [stimulus.options | stimulus.labels for stimulus in stimuli]
+    cells = [row.get(name) for row in rows]
     if all(cell is None for cell in cells):
-        columns = list(dict.fromkeys(column for stimulus in stimuli for column in stimulus.options | stimulus.labels))
+        columns = dict.fromkeys(chain.from_iterable(rows))
         raise ProtocolError(
             f"block {block.name!r}: the order of its stimuli names {name!r}, which is no column of the table; use one "
             f"of {', '.join(columns)}"

@@ -107,35 +107,50 @@ class CurrentNames:
 def use_current_names(tree: dict[str, Any]) -> CurrentNames:
     """Return a protocol file's tree with present names of fields and values; the given tree is not changed."""
     names = CurrentNames()
-    names.tree = _rename(tree, "", "$", "$", names)
+    names.tree = _rename_fields(tree, "", "$", "$", names)
     return names
 
 
-def _rename(value: Any, table: str, path: str, file_path: str, names: CurrentNames) -> Any:
+def _rename_fields(value: Any, table: str, path: str, file_path: str, names: CurrentNames) -> Any:
+    """Return a part of a protocol's tree under current names, noting in ``names`` what was renamed.
+
+    ``path`` has the current names, and ``file_path`` those in the file.
+    """
     if path != file_path:
         names.file_paths[path] = file_path
     if isinstance(value, list):
-        return [_rename(element, table, f"{path}[{n}]", f"{file_path}[{n}]", names) for n, element in enumerate(value)]
-    if isinstance(value, str) and (now := VALUE_ALIASES.get(table, {}).get(value)):
-        names.renamed.append((file_path, f"is {value!r}, which is now called {now!r}"))
-        return now
+        return [
+            _rename_fields(element, table, f"{path}[{place}]", f"{file_path}[{place}]", names)
+            for place, element in enumerate(value)
+        ]
+    if isinstance(value, str):
+        current_value = VALUE_ALIASES.get(table, {}).get(value)
+        if current_value:
+            names.renamed.append((file_path, f"is {value!r}, which is now called {current_value!r}"))
+            return current_value
     if not isinstance(value, dict):
         return value
     if table.endswith(".group_overrides"):  # group -> fields of the table itself
         table = table.removesuffix(".group_overrides")
         return {
-            name: _rename(own, table, f"{path}.{name}", f"{file_path}.{name}", names) for name, own in value.items()
+            group: _rename_fields(fields, table, f"{path}.{group}", f"{file_path}.{group}", names)
+            for group, fields in value.items()
         }
+    return _rename_table(value, table, path, file_path, names)
+
+
+def _rename_table(fields: dict[str, Any], table: str, path: str, file_path: str, names: CurrentNames) -> dict[str, Any]:
     aliases = FIELD_ALIASES.get(table, {})
     renamed = {}
-    for name, inner in value.items():
+    for name, inner in fields.items():
         now = aliases.get(name, name)
-        if now != name and now in value:
+        if now != name and now in fields:
             names.conflicts.append(
                 (f"{file_path}.{name}", f"is the old name of {now!r}, which is given too; remove it")
             )
             continue
         if now != name:
             names.renamed.append((f"{file_path}.{name}", f"is now called {now!r}"))
-        renamed[now] = _rename(inner, f"{table}.{now}".lstrip("."), f"{path}.{now}", f"{file_path}.{name}", names)
+        inner_table = f"{table}.{now}".lstrip(".")
+        renamed[now] = _rename_fields(inner, inner_table, f"{path}.{now}", f"{file_path}.{name}", names)
     return renamed

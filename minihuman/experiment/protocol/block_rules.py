@@ -166,8 +166,12 @@ def _require_short_placeholders(text: str) -> None:
         ValueError: if there is such a placeholder.
     """
     for _, field, format_spec, conversion in Formatter().parse(text):
-        if field is not None and (not field.isidentifier() or conversion or not _FORMAT.fullmatch(format_spec or "")):
-            raise ValueError(f"{{{field}{':' if format_spec else ''}{format_spec}}}")
+        if field is None:  # text without a placeholder
+            continue
+        is_short = field.isidentifier() and _FORMAT.fullmatch(format_spec or "")
+        if conversion or not is_short:
+            separator = ":" if format_spec else ""
+            raise ValueError(f"{{{field}{separator}{format_spec}}}")
 
 
 def _check_kind(block: BlockSpec, pool: tuple[str, ...]) -> Iterator[FieldError]:

@@ -32,9 +32,12 @@ def check_carried_key_maps(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_pair(protocol: Protocol, path: str, group: GroupSpec, first: str, second: str) -> Iterator[FieldError]:
+    """Yield an error if a block carries over the key map of a block with a different number of actions."""
     before = _find_group_block(protocol, first, group)
     block = _find_group_block(protocol, second, group)
-    if before is None or block is None or block.key_map != "carry_over" or len(before.actions) == len(block.actions):
+    if before is None or block is None or block.key_map != "carry_over":
+        return
+    if len(before.actions) == len(block.actions):
         return
     counts = f"{len(block.actions)} actions carried from {len(before.actions)}"
     if path.endswith("]"):

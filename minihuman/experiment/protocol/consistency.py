@@ -132,19 +132,22 @@ def _check_reserved_names(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_activities(protocol: Protocol) -> Iterator[FieldError]:
+    """Yield an error for each activity whose settings are not valid, or whose block does not exist."""
     blocks = list(dict.fromkeys(block.name for block in protocol.blocks))
+    known_blocks = ", ".join(blocks) or "none"
     for number, activity in enumerate(protocol.activities):
+        path = f"$.activities[{number}]"
         try:
             kind = find_kind(activity.kind)
             plan = kind.read(activity.settings)
         except (ProtocolError, msgspec.ValidationError) as error:
-            yield f"$.activities[{number}]", f"of kind {activity.kind!r}: {error}"
+            yield path, f"of kind {activity.kind!r}: {error}"
             continue
         if kind.block_field:
             block = getattr(plan, kind.block_field)
             if block not in blocks:
-                message = f"is {block!r}, which is not a block; blocks: {', '.join(blocks) or 'none'}"
-                yield f"$.activities[{number}].settings.{kind.block_field}", message
+                message = f"is {block!r}, which is not a block; blocks: {known_blocks}"
+                yield f"{path}.settings.{kind.block_field}", message
 
 
 def _check_part_lists(protocol: Protocol) -> Iterator[FieldError]:
@@ -221,6 +224,7 @@ def _check_questionnaire(questionnaire: QuestionnaireSpec, protocol: Protocol) -
 
 
 def _check_items(questionnaire: QuestionnaireSpec) -> Iterator[FieldError]:
+    """Yield an error for each question whose name is taken, or that depends on no earlier question."""
     earlier: list[str] = []
     for place, question in enumerate(questionnaire.items):
         duplicates = [name for name in question.asked if name in earlier]
@@ -229,7 +233,9 @@ def _check_items(questionnaire: QuestionnaireSpec) -> Iterator[FieldError]:
         answerable = [] if questionnaire.shuffle else earlier
         for name in question.only_if or {}:
             if name not in answerable:
-                known = "none, as they are shuffled" if questionnaire.shuffle else ", ".join(earlier) or "none"
+                known = ", ".join(earlier) or "none"
+                if questionnaire.shuffle:
+                    known = "none, as they are shuffled"
                 yield f"items[{place}].only_if", f"names {name!r}, which is no earlier question; earlier ones: {known}"
         earlier += question.asked
         for field, message in check_item(question):
@@ -254,15 +260,19 @@ def _check_correct_answers(questionnaire: QuestionnaireSpec) -> Iterator[FieldEr
 
 
 def _check_groups(protocol: Protocol) -> Iterator[FieldError]:
+    """Yield an error for each group whose ratio is not valid, or whose parts contradict the protocol's sessions."""
     for number, group in enumerate(protocol.groups):
         path = f"$.groups[{number}]"
         ratio = group.allocation_ratio
         if not 1 <= ratio <= 100:
             yield f"{path}.allocation_ratio", f"is {ratio}; use 1 to 100"
-        if protocol.sessions and (group.parts or group.blocks):
-            field = "parts" if group.parts else "blocks"
-            yield f"{path}.{field}", "is given beside [[sessions]], which say it; use replace_parts = { ... }"
-        if protocol.lists_parts and not protocol.sessions and not group.parts:
+        if protocol.sessions:
+            message = "is given beside [[sessions]], which say it; use replace_parts = { ... }"
+            if group.parts:
+                yield f"{path}.parts", message
+            elif group.blocks:
+                yield f"{path}.blocks", message
+        elif protocol.lists_parts and not group.parts:
             yield f"{path}.parts", "is missing, as another group has parts; give this one its own"
 
 

@@ -62,7 +62,7 @@ def decode_protocol(toml: bytes, source: str = "protocol", files: Mapping[str, b
     Raises:
         ProtocolError: if anything is wrong, with a line for each error: file, line, path, value and correction.
     """
-    return _decode(toml, source, files or {}, (_check_values, _check_newer_rules))
+    return _decode_safely(toml, source, files or {}, (_check_values, _check_newer_rules))
 
 
 def decode_logged_protocol(toml: bytes, source: str = "the protocol in a log") -> Protocol:
@@ -71,20 +71,22 @@ def decode_logged_protocol(toml: bytes, source: str = "the protocol in a log") -
     Raises:
         ProtocolError: as `decode_protocol`.
     """
-    return _decode(toml, source, {}, (_check_values,))
+    return _decode_safely(toml, source, {}, (_check_values,))
 
 
-def _decode(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
+def _decode_safely(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
+    """Decode a protocol; whatever its text makes a parser raise becomes a ProtocolError of one line."""
     try:
         return _decode_tree(toml, source, files, rules)
     except ProtocolError:
         raise
     except Exception as error:  # a file can be written to make a parser raise anything: nesting, huge numbers
-        message = str(error).splitlines()[0] if str(error) else ""
-        raise ProtocolError(f"{source}: cannot be read: {type(error).__name__}: {message[:200]}") from error
+        first_line = next(iter(str(error).splitlines()), "")
+        raise ProtocolError(f"{source}: cannot be read: {type(error).__name__}: {first_line[:200]}") from error
 
 
 def _decode_tree(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
+    """Decode a protocol and check it by some rules; the rules are skipped if fields or types are wrong."""
     try:
         text = toml.decode("utf-8-sig")  # an editor may begin the file with a byte-order mark
         tree = tomllib.loads(text)
@@ -93,18 +95,22 @@ def _decode_tree(toml: bytes, source: str, files: Mapping[str, bytes], rules: Se
     except tomllib.TOMLDecodeError as error:
         raise ProtocolError(f"{source}: this is not valid TOML: {error}") from None
     names = use_current_names(tree)
-    wrong = [*names.conflicts, *find_structural_errors(names.tree, Protocol)]
-    if not wrong:
+    field_errors = [*names.conflicts, *find_structural_errors(names.tree, Protocol)]
+    if not field_errors:
         protocol = msgspec.convert(names.tree, Protocol)
-        wrong = [complaint for rule in rules for complaint in rule(protocol)]
-    errors = [(names.written_path(path), message) for path, message in wrong]
-    if mistakes := build_protocol_error(errors, source=source, text=text, tree=tree):
-        raise mistakes
+        for rule in rules:
+            field_errors += rule(protocol)
+    errors = [(names.written_path(path), message) for path, message in field_errors]
+    protocol_error = build_protocol_error(errors, source=source, text=text, tree=tree)
+    if protocol_error:
+        raise protocol_error
     return msgspec.structs.replace(protocol, toml=toml, files=dict(files))
 
 
 def _check_values(protocol: Protocol) -> list[FieldError]:
     """Return a (path, message) for each value that has the right type but is not valid."""
+    block_names = tuple(block.name for block in protocol.blocks)
+    practice = tuple(block.name for block in protocol.blocks if not block.analysed)
     return [
         *_check_study(protocol.study),
         *_check_keys(protocol.keys),
@@ -113,22 +119,23 @@ def _check_values(protocol: Protocol) -> list[FieldError]:
         *check_each("blocks", protocol.blocks, lambda block: check_useless_fields(block, protocol.keys)),
         *check_design(protocol),
         *specs.check_about(protocol.about),
-        *specs.check_analysis(
-            protocol.analysis,
-            tuple(block.name for block in protocol.blocks),
-            practice=tuple(block.name for block in protocol.blocks if not block.analysed),
-        ),
+        *specs.check_analysis(protocol.analysis, block_names, practice=practice),
         *_check_study_design(protocol),
         *strata.check_allocation(protocol),
         *specs.check_devices(protocol.devices),
         *specs.check_web(protocol.web),
         *specs.check_model(protocol.model),
-        *(
-            (f"$.exclusions[{number}]", "has neither below nor above; give one of them")
-            for number, rule in enumerate(protocol.exclusions)
-            if rule.below is None and rule.above is None and not (rule.is_one_of or rule.is_none_of or rule.is_missing)
-        ),
+        *_check_exclusions(protocol),
     ]
+
+
+def _check_exclusions(protocol: Protocol) -> Iterator[FieldError]:
+    """Yield an error for each exclusion rule that compares nothing."""
+    for number, rule in enumerate(protocol.exclusions):
+        compares_number = rule.below is not None or rule.above is not None
+        compares_answer = rule.is_one_of or rule.is_none_of or rule.is_missing
+        if not compares_number and not compares_answer:
+            yield f"$.exclusions[{number}]", "has neither below nor above; give one of them"
 
 
 def _check_newer_rules(protocol: Protocol) -> list[FieldError]:
@@ -258,21 +265,21 @@ def list_protocol_tables() -> dict[str, tuple[str, list[ProtocolField]]]:
         KeyError: if a field has no meaning and example.
     """
     schema = msgspec.json.schema(Protocol)
-    return {
-        table: (
-            f"[[{table}]]" if repeated else f"[{table}]",
-            [
-                ProtocolField(
-                    name,
-                    _describe_type(field, schema),
-                    _describe_default(field) if name not in definition.get("required", ()) else "required",
-                    *_read_fields()[table][name],
-                )
-                for name, field in definition["properties"].items()
-            ],
-        )
-        for table, definition, repeated in _walk_tables(schema)
-    }
+    tables = {}
+    for table, definition, is_repeated in _walk_tables(schema):
+        heading = f"[[{table}]]" if is_repeated else f"[{table}]"
+        tables[table] = (heading, _list_fields(table, definition, schema))
+    return tables
+
+
+def _list_fields(table: str, definition: dict[str, Any], schema: dict[str, Any]) -> list[ProtocolField]:
+    """Return the fields of a table, in the order of its struct."""
+    fields = []
+    for name, field in definition["properties"].items():
+        is_required = name in definition.get("required", ())
+        default = "required" if is_required else _describe_default(field)
+        fields.append(ProtocolField(name, _describe_type(field, schema), default, *_read_fields()[table][name]))
+    return fields
 
 
 @cache
@@ -299,13 +306,17 @@ def _walk_tables(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], 
 
 
 def _find_definition(field: dict[str, Any]) -> str | None:
-    for schema in (field, field.get("items") or {}, *field.get("anyOf", ())):
+    """Return the name of the struct that a field holds, alone, in a list or as a choice; None if it holds none."""
+    schemas = [field, field.get("items") or {}]
+    schemas += field.get("anyOf", ())
+    for schema in schemas:
         if "$ref" in schema:
             return str(schema["$ref"]).rpartition("/")[2]
     return None
 
 
 def _describe_type(field: dict[str, Any], schema: dict[str, Any]) -> str:
+    """Describe the type of a field as people write it: "integer or number", "list of texts"."""
     if "$ref" in field:
         return "table"
     if "enum" in field:
@@ -314,13 +325,14 @@ def _describe_type(field: dict[str, Any], schema: dict[str, Any]) -> str:
             return last_word
         return f"{', '.join(first_words)} or {last_word}"
     if "anyOf" in field:
-        described = (_describe_type(choice, schema) for choice in field["anyOf"] if choice.get("type") != "null")
-        return " or ".join(dict.fromkeys(described))
+        choices = [choice for choice in field["anyOf"] if choice.get("type") != "null"]
+        return " or ".join(dict.fromkeys(_describe_type(choice, schema) for choice in choices))
     if "prefixItems" in field:
         return "two integers"
     if field.get("type") == "array":
-        element_types = _describe_type(field["items"], schema).split(" or ")
-        return f"list of {' or '.join(_PLURALS.get(noun, noun.replace('list ', 'lists ')) for noun in element_types)}"
+        nouns = _describe_type(field["items"], schema).split(" or ")
+        plurals = [_PLURALS.get(noun, noun.replace("list ", "lists ")) for noun in nouns]
+        return f"list of {' or '.join(plurals)}"
     return _TYPES[field["type"]]
 
 

@@ -5,7 +5,7 @@ Until that answer a participant has no group, so the earlier parts must be the s
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import msgspec
@@ -83,17 +83,24 @@ def build_strata(protocol: Protocol) -> Strata | None:
     if not allocation.stratify_by:
         return None
     part, _, name = allocation.stratify_by.partition(".")
-    item = next((item for item in _find_items(protocol, part) if item.name == name), None)
-    codes = {code: stratum for stratum, stratum_codes in allocation.strata.items() for code in stratum_codes}
-    if not codes and item is not None and find_question_kind(item.kind).answer_type in _CODED:
-        codes = {code: str(code) for code in list_codes(item)}
-    names = tuple(dict.fromkeys(codes.values()))
-    if cuts := allocation.cut_points:
+    question = next((question for question in _find_items(protocol, part) if question.name == name), None)
+    stratum_of_code: dict[int | str, str] = {}
+    for stratum, codes in allocation.strata.items():
+        stratum_of_code |= dict.fromkeys(codes, stratum)
+    if not stratum_of_code and question is not None and _has_codes(question):
+        stratum_of_code = {code: str(code) for code in list_codes(question)}
+    names = tuple(dict.fromkeys(stratum_of_code.values()))
+    cuts = allocation.cut_points
+    if cuts:
         between = (f"{low:g} to below {high:g}" for low, high in pairwise(cuts))
         names = (f"below {cuts[0]:g}", *between, f"{cuts[-1]:g} or more")
-    if item is not None and not item.required:
+    if question is not None and not question.required:
         names = (*names, NO_ANSWER)
-    return Strata(part, name, names, codes, allocation.cut_points)
+    return Strata(part, name, names, stratum_of_code, cuts)
+
+
+def _has_codes(question: QuestionItemSpec) -> bool:
+    return find_question_kind(question.kind).answer_type in _CODED
 
 
 def check_allocation(protocol: Protocol) -> list[FieldError]:
@@ -181,6 +188,7 @@ def _check_cuts(allocation: AllocationSpec) -> Iterator[FieldError]:
 
 
 def _check_codes(allocation: AllocationSpec, item: QuestionItemSpec) -> Iterator[FieldError]:
+    """Yield an error unless every option's code is in exactly one stratum."""
     if allocation.cut_points:
         yield (
             "cut_points",
@@ -188,7 +196,7 @@ def _check_codes(allocation: AllocationSpec, item: QuestionItemSpec) -> Iterator
         )
     if not allocation.strata:
         return
-    listed_codes = [code for codes in allocation.strata.values() for code in codes]
+    listed_codes = list(chain.from_iterable(allocation.strata.values()))
     known_codes = list_codes(item)
     known = ", ".join(map(str, known_codes))
     for code in dict.fromkeys(listed_codes):
@@ -196,7 +204,8 @@ def _check_codes(allocation: AllocationSpec, item: QuestionItemSpec) -> Iterator
             yield "strata", f"has the code {code!r}, which is not an option's; codes: {known}"
         elif listed_codes.count(code) > 1:
             yield "strata", f"has the code {code!r} twice; put each into one stratum"
-    if missing := [str(code) for code in known_codes if code not in listed_codes]:
+    missing = [str(code) for code in known_codes if code not in listed_codes]
+    if missing:
         yield "strata", f"leaves out {', '.join(missing)}; put every option into a stratum"
     if NO_ANSWER in allocation.strata:
         yield "strata", f"has one called {NO_ANSWER!r}, which is for those who give none; call it otherwise"

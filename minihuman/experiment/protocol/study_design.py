@@ -6,7 +6,7 @@ it.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Literal
 
 from minihuman.experiment.protocol.design_spec import PrimaryEffect, name_conditions
@@ -68,11 +68,11 @@ class ExperimentDesign:
 
 def derive_design(protocol: Protocol) -> ExperimentDesign:
     """Derive the design of a protocol's study."""
-    condition_of_block = name_conditions(
-        protocol.design.condition,
-        () if protocol.analysis.condition_label else protocol.analysis.conditions,  # levels of a label are in trials
-        {block.name: block.options for block in protocol.blocks},
-    )
+    conditions = protocol.analysis.conditions
+    if protocol.analysis.condition_label:  # its levels are in trials, not in blocks
+        conditions = ()
+    options_of_block = {block.name: block.options for block in protocol.blocks}
+    condition_of_block = name_conditions(protocol.design.condition, conditions, options_of_block)
     candidates = (
         _find_groups(protocol),
         _find_strata(protocol),
@@ -81,14 +81,14 @@ def derive_design(protocol: Protocol) -> ExperimentDesign:
         _find_orders(protocol, condition_of_block),
     )
     factors = tuple(factor for factor in candidates if factor is not None)
+    primary_effect = protocol.design.primary_effect or _choose_effect({factor.name for factor in factors})
+    contrasts = [Contrast(contrast.name, tuple(contrast.weights.items())) for contrast in protocol.design.contrasts]
     return ExperimentDesign(
         factors=factors,
         question=protocol.design.question.strip(),
-        primary_effect=protocol.design.primary_effect or _choose_effect({factor.name for factor in factors}),
+        primary_effect=primary_effect,
         condition_of_block=tuple(condition_of_block.items()),
-        contrasts=tuple(
-            Contrast(contrast.name, tuple(contrast.weights.items())) for contrast in protocol.design.contrasts
-        ),
+        contrasts=tuple(contrasts),
     )
 
 
@@ -133,11 +133,11 @@ def _find_sessions(protocol: Protocol) -> Factor | None:
 
 def _find_orders(protocol: Protocol, condition_of_block: Mapping[str, str]) -> Factor | None:
     """Return the factor of the orders in which conditions are played; None if all participants have the same order."""
-    names = tuple(
-        order.name
-        for order in protocol.orders
-        if order.order != "fixed" and any(part in condition_of_block for unit in order.units for part in unit)
-    )
+    names = []
+    for order in protocol.orders:
+        parts = chain.from_iterable(order.units)
+        if order.order != "fixed" and any(part in condition_of_block for part in parts):
+            names.append(order.name)
     if names:
-        return Factor("order", names, is_within=False)
+        return Factor("order", tuple(names), is_within=False)
     return None

@@ -30,13 +30,17 @@ class TomlLines:
         self._at = {"$": 1}
         table = "$"
         counts: Counter[str] = Counter()
-        for number, line in _statements(text):
-            if header := _HEADER.match(line):
-                table = _table(header[2], counts, array=header[1] == "[[")
+        for number, line in _list_statements(text):
+            header = _HEADER.match(line)
+            key = _KEY.match(line)
+            if header:
+                brackets, name = header.group(1, 2)
+                table = _find_table_path(name, counts, array=brackets == "[[")
                 self._at.setdefault(table, number)
-                self._at.setdefault(LAST_STEP.sub("", table) if table.endswith("]") else table, number)
-            elif key := _KEY.match(line):
-                self._at.setdefault(f"{table}.{_plain(key[1])}", number)
+                if table.endswith("]"):  # the first element of an array is where the array begins
+                    self._at.setdefault(LAST_STEP.sub("", table), number)
+            elif key:
+                self._at.setdefault(f"{table}.{_plain(key.group(1))}", number)
 
     def of(self, path: str) -> int:
         """Return the line of a path, or of the nearest table around it."""
@@ -45,37 +49,42 @@ class TomlLines:
         return self._at.get(path, 1)
 
 
-def _statements(text: str) -> list[tuple[int, str]]:
+def _list_statements(text: str) -> list[tuple[int, str]]:
     """Return the first line of each statement with its number, skipping continuations in strings and brackets."""
     lines = text.split("\n")
-    starts: list[tuple[int, str]] = [(1, lines[0])]
+    statements: list[tuple[int, str]] = [(1, lines[0])]
     number = 1
     depth = 0
     for token in _TOKEN.finditer(text):
-        word = token[0]
+        word = token.group()
         if word == "\n":
             number += 1
             if depth == 0:
-                starts.append((number, lines[number - 1]))
+                statements.append((number, lines[number - 1]))
         elif word in "[{":
             depth += 1
         elif word in "]}":
             depth = max(0, depth - 1)
         else:
             number += word.count("\n")
-    return starts
+    return statements
 
 
-def _table(name: str, counts: "Counter[str]", *, array: bool) -> str:
-    """Return the path of a table header; a table inside an array of tables belongs to the array's last element."""
+def _find_table_path(name: str, counts: "Counter[str]", *, array: bool) -> str:
+    """Return the path of a table header; a table inside an array of tables belongs to the array's last element.
+
+    ``counts`` has the number of elements of each array so far, by its path.
+    """
     path = "$"
     parts = [part.strip().strip("\"'") for part in name.split(".")]
+    last_place = len(parts) - 1
     for place, part in enumerate(parts):
         path = f"{path}.{part}"
-        if place == len(parts) - 1 and array:
+        if array and place == last_place:
             counts[path] += 1
         if counts[path]:
-            path = f"{path}[{counts[path] - 1}]"
+            last_element = counts[path] - 1
+            path = f"{path}[{last_element}]"
     return path
 
 
@@ -188,7 +197,7 @@ def _value(value: object, hint: Any, path: str) -> Iterator[FieldError]:
         try:
             msgspec.convert(value, hint)
         except msgspec.ValidationError as error:
-            yield _leaf(value, hint, path, str(error))
+            yield _explain_mistake(value, hint, path, str(error))
 
 
 def _structs(hint: Any) -> tuple[type[msgspec.Struct] | None, bool]:
@@ -213,21 +222,34 @@ def _options(hint: Any) -> tuple[Any, ...]:
     return (hint,)
 
 
-def _leaf(value: object, hint: Any, path: str, message: str) -> FieldError:
+def _explain_mistake(value: object, hint: Any, path: str, message: str) -> FieldError:
+    """Explain why a value is wrong, from msgspec's message, which says where inside the value the mistake is."""
+    reason = message.partition(" - at ")[0]
     inner_path = message.partition(" - at `$")[2].rstrip("`")
     name = path.rsplit(".", 1)[-1]
     for step in filter(None, inner_path.replace("]", "").split("[")):
         if isinstance(value, list) and step.isdigit():
             value = value[int(step)]
-    words = [word for option in _options(hint) if get_origin(option) is Literal for word in get_args(option)]
+    path += inner_path
+    words = _list_words(hint)
     if words and isinstance(value, str):
-        close = difflib.get_close_matches(value, words, n=1)
-        meant = f"; did you mean {close[0]!r}?" if close else ""
-        return path + inner_path, f"is {value!r}; it is one of {', '.join(words)}{meant}"
-    reason = message.partition(" - at ")[0]
-    known = reason.startswith(("Expected", "Invalid enum"))
-    extra = "" if known else f" ({reason[0].lower()}{reason[1:]})"
-    return path + inner_path, f"is {format_value(value)}{extra}; {_example(hint, name)}"
+        explanation = f"is {value!r}; it is one of {', '.join(words)}"
+        for similar in difflib.get_close_matches(value, words, n=1):
+            explanation += f"; did you mean {similar!r}?"
+        return path, explanation
+    extra = ""
+    if not reason.startswith(("Expected", "Invalid enum")):
+        extra = f" ({reason[0].lower()}{reason[1:]})"
+    return path, f"is {format_value(value)}{extra}; {_example(hint, name)}"
+
+
+def _list_words(hint: Any) -> list[str]:
+    """Return the words that a type hint admits; none if it is not of fixed words."""
+    words: list[str] = []
+    for option in _options(hint):
+        if get_origin(option) is Literal:
+            words += get_args(option)
+    return words
 
 
 def _example(hint: Any, name: str) -> str:

@@ -55,7 +55,7 @@ def write_tsv(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, An
     lines: list[str] = []
     if header:
         lines.append("\t".join(columns))
-    lines += ["\t".join(_cell(row.get(column)) for column in columns) for row in rows]
+    lines += ["\t".join(_format_cell(row.get(column)) for column in columns) for row in rows]
     path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8", newline="\n")
     return path
 
@@ -68,8 +68,9 @@ def write_json(path: Path, value: Mapping[str, Any]) -> Path:
     return path
 
 
-def _cell(value: Any) -> str:
-    if value is None or value == "" or value != value:
+def _format_cell(value: Any) -> str:
+    """Format a cell as BIDS has it: "n/a" if missing, plain decimals, no tabs and line ends."""
+    if value is None or value == "" or value != value:  # NaN is unequal to itself
         return MISSING
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -114,15 +115,16 @@ _Row = dict[str, Any]
 
 def describe_event_columns() -> dict[str, Any]:
     """Return the sidecar's description of every event column."""
-    described: dict[str, Any] = {
-        name: {"Description": meaning} | ({"Units": unit} if unit else {})
-        for name, (unit, meaning) in EVENT_COLUMNS.items()
-    }
-    described["trial_type"] |= {
+    descriptions: dict[str, Any] = {}
+    for name, (unit, meaning) in EVENT_COLUMNS.items():
+        descriptions[name] = {"Description": meaning}
+        if unit:
+            descriptions[name]["Units"] = unit
+    descriptions["trial_type"] |= {
         "Levels": {word: meaning for word, (meaning, _) in HED.items()},
         "HED": {word: tags for word, (_, tags) in HED.items()},
     }
-    return described
+    return descriptions
 
 
 def list_labels(episode: EpisodeLog) -> dict[str, Any]:
@@ -138,25 +140,30 @@ def describe_label_columns(episodes: Sequence[EpisodeLog]) -> dict[str, Any]:
 
 def build_events(segment: Segment, episodes: Sequence[EpisodeLog], counting: frozenset[tuple[int, int]]) -> list[_Row]:
     """Build a segment's event rows in order of time; ``counting`` is the (number, attempt) of each included episode."""
-    rows = [
-        *_pauses(segment),
-        *(row for episode in episodes for row in _episode(episode, segment, counting)),
-        *_keys(segment, episodes),
-    ]
-    return sorted(rows, key=lambda row: (row["onset"], _ORDER.index(row["trial_type"])))
+    rows = [*_list_pauses(segment)]
+    for episode in episodes:
+        rows += _list_episode_events(episode, segment, counting)
+    rows += _list_key_events(segment, episodes)
+
+    def find_order(row: _Row) -> tuple[Any, int]:
+        return row["onset"], _ORDER.index(row["trial_type"])
+
+    return sorted(rows, key=find_order)
 
 
-def _pauses(segment: Segment) -> Iterator[_Row]:
+def _list_pauses(segment: Segment) -> Iterator[_Row]:
     reasons = {note.t_ns: note.reason for note in segment.notes if isinstance(note, Paused)}
     for begin_ns, end_ns in segment.pauses:
         yield _row("pause", begin_ns, segment, duration=(end_ns - begin_ns) * _S, detail=reasons.get(begin_ns, ""))
 
 
-def _episode(episode: EpisodeLog, segment: Segment, counting: frozenset[tuple[int, int]]) -> Iterator[_Row]:
+def _list_episode_events(episode: EpisodeLog, segment: Segment, counting: frozenset[tuple[int, int]]) -> Iterator[_Row]:
+    """Yield a row for the episode, for each of its steps and for each picture on the display."""
     place = _place(episode) | list_labels(episode)
+    begin_ns, *step_times_ns = episode.t_ns.tolist()
     yield _row(
         "episode",
-        int(episode.t_ns[0]),
+        begin_ns,
         segment,
         duration=int(episode.t_ns[-1] - episode.t_ns[0]) * _S,
         outcome=episode.outcome_word,
@@ -165,26 +172,19 @@ def _episode(episode: EpisodeLog, segment: Segment, counting: frozenset[tuple[in
         **place,
     )
     names = episode.start.action_names
-    for step, (t_ns, action, key, reward, time_ms) in enumerate(
-        zip(
-            episode.t_ns[1:].tolist(),
-            episode.actions.tolist(),
-            episode.step_keys,
-            episode.rewards.tolist(),
-            response_ms(episode).tolist(),
-            strict=True,
-        ),
-        1,
-    ):
+    actions = episode.actions.tolist()
+    rewards = episode.rewards.tolist()
+    responses_ms = response_ms(episode).tolist()
+    for index, t_ns in enumerate(step_times_ns):
         yield _row(
             "step",
             t_ns,
             segment,
-            step=step,
-            action=names[action],
-            key=table_key_name(key),
-            reward=reward,
-            response_time=time_ms / 1e3,
+            step=index + 1,
+            action=names[actions[index]],
+            key=table_key_name(episode.step_keys[index]),
+            reward=rewards[index],
+            response_time=responses_ms[index] / 1e3,
             **place,
         )
     flips = zip(episode.frames.column("flip_ns").tolist(), episode.frames.column("step").tolist(), strict=True)
@@ -192,7 +192,7 @@ def _episode(episode: EpisodeLog, segment: Segment, counting: frozenset[tuple[in
         yield _row("flip", flip_ns, segment, step=step, **place)
 
 
-def _keys(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
+def _list_key_events(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
     """Yield a row for every key press of the segment, with its duration and the episode in which it happened."""
     begins = np.array([episode.t_ns[0] for episode in episodes], np.int64)
     pressed: dict[str, _Row] = {}
@@ -258,26 +258,33 @@ def write_motion(
     """
     recordings = []
     for unit, system in _SYSTEMS.items():
-        unit_episodes = [episode for episode in episodes if episode.start.map and episode.start.map.unit == unit]
-        poses = [
-            (t_ns, pose) for episode in unit_episodes for t_ns, pose in zip(episode.t_ns, episode.poses, strict=True)
-        ]
-        poses = [(t_ns, pose) for t_ns, pose in poses if not np.isnan(pose).any()]
-        if not poses:
+        rows = _list_motion_rows(segment, episodes, unit)
+        if not rows:
             continue
         name = f"{stem}_tracksys-{system}_run-{run}"
-        rows = [
-            {"x": float(x), "z": float(z), "yaw": float(yaw), "latency": int(t_ns - segment.start_ns) * 1e-9}
-            for t_ns, (x, _, z, yaw) in poses
-        ]
         columns = [channel for channel, *_ in _CHANNELS]
         recordings.append(write_tsv(folder / f"{name}_motion.tsv", columns, rows, header=False))
         lasted_s = rows[-1]["latency"] - rows[0]["latency"]
         write_json(folder / f"{name}_motion.json", task | _facts(system, _mean_rate_hz(len(rows), lasted_s), lasted_s))
-        write_tsv(folder / f"{name}_channels.tsv", _CHANNEL_COLUMNS, _describe_channels(unit))
+        write_tsv(folder / f"{name}_name_channels.tsv", _CHANNEL_COLUMNS, _describe_channels(unit))
         frame = {"Description": "What positions and headings are told in.", "Levels": {"world": _FRAME}}
-        write_json(folder / f"{name}_channels.json", {"reference_frame": frame})
+        write_json(folder / f"{name}_name_channels.json", {"reference_frame": frame})
     return recordings
+
+
+def _list_motion_rows(segment: Segment, episodes: Sequence[EpisodeLog], unit: str) -> list[dict[str, float]]:
+    """Return a row for each known pose in the episodes whose maps are in a unit, with its time in the segment."""
+    rows = []
+    for episode in episodes:
+        floor = episode.start.map
+        if not floor or floor.unit != unit:
+            continue
+        for t_ns, pose in zip(episode.t_ns, episode.poses, strict=True):
+            if not np.isnan(pose).any():
+                x, _, z, yaw = pose
+                latency_s = int(t_ns - segment.start_ns) * 1e-9
+                rows.append({"x": float(x), "z": float(z), "yaw": float(yaw), "latency": latency_s})
+    return rows
 
 
 _CHANNEL_COLUMNS = ("name", "component", "type", "tracked_point", "units", "reference_frame", "description")
@@ -286,6 +293,7 @@ _CHANNEL_COLUMNS = ("name", "component", "type", "tracked_point", "units", "refe
 def _describe_channels(unit: str) -> list[dict[str, str]]:
     """Describe the channels of a motion recording whose positions have the given unit."""
     units = {"POS": unit, "ORNT": "rad", "LATENCY": "s"}
+    frames = {"POS": "world", "ORNT": "world", "LATENCY": ""}
     return [
         {
             "name": channel,
@@ -293,7 +301,7 @@ def _describe_channels(unit: str) -> list[dict[str, str]]:
             "type": kind,
             "tracked_point": point,
             "units": units[kind],
-            "reference_frame": "" if kind == "LATENCY" else "world",
+            "reference_frame": frames[kind],
             "description": meaning,
         }
         for channel, component, kind, point, meaning in _CHANNELS
@@ -348,7 +356,7 @@ def write_physio(
 def _write(
     path: Path, task: Mapping[str, Any], segment: Segment, samples: Sequence[Sampled], device: DeviceSpec | None
 ) -> Path:
-    names = _channels(samples, device)
+    names = _name_channels(samples, device)
     text_columns = []
     if any(sampled.text for sampled in samples):
         text_columns = [_SAID]
@@ -383,13 +391,14 @@ def _write(
     return packed
 
 
-def _channels(samples: Sequence[Sampled], device: DeviceSpec | None) -> list[str]:
+def _name_channels(samples: Sequence[Sampled], device: DeviceSpec | None) -> list[str]:
     """Return a name for each number of a sample; a number that the protocol does not name is called by its position."""
-    most = max(len(sampled.values) for sampled in samples)
-    named: Sequence[str] = ()
+    n_channels = max(len(sampled.values) for sampled in samples)
+    names: list[str] = []
     if device is not None:
-        named = device.channels
-    return [named[place] if place < len(named) else f"channel_{place + 1}" for place in range(most)]
+        names += device.channels
+    names += [f"channel_{place + 1}" for place in range(len(names), n_channels)]
+    return names[:n_channels]
 
 
 _IDS = ("participant_id", "session_id")

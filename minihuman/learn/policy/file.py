@@ -118,15 +118,13 @@ def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
         extractor = MissionImageExtractor(card.observation_space, card.eyes).state_dict()
     shapes = {f"features_extractor.{name}": tuple(value.shape) for name, value in extractor.items()}
     shapes[f"{ACTOR_HEAD}bias"] = (len(card.action_names),)
-    weight_shapes = {name: tuple(weights[name].shape) if name in weights else "absent" for name in shapes}
-    return next(
-        (
-            f"{name} is {weight_shapes[name]}, not {shape}"
-            for name, shape in shapes.items()
-            if weight_shapes[name] != shape
-        ),
-        None,
-    )
+    for name, shape in shapes.items():
+        if name not in weights:
+            return f"{name} is absent, not {shape}"
+        actual_shape = tuple(weights[name].shape)
+        if actual_shape != shape:
+            return f"{name} is {actual_shape}, not {shape}"
+    return None
 
 
 def _is_plain_tensor(value: Any) -> bool:

@@ -181,7 +181,7 @@ def encode_whole_grid(world: GridEngine) -> NDArray[np.uint8]:
     The array is uint8[2 n - 1, 2 n - 1, 3], where n is the longer side of the grid. It is indexed [x, y], like
     Minigrid's views, and is 0 (unseen) outside the grid.
     """
-    return _around(world, max(world.state.width, world.state.height) - 1, _codes(world.state.cells))
+    return _cut_surroundings(world, max(world.state.width, world.state.height) - 1, _codes(world.state.cells))
 
 
 def encode_remembered_grid(world: GridEngine, explored_cells: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -192,7 +192,7 @@ def encode_remembered_grid(world: GridEngine, explored_cells: NDArray[np.bool_])
     state = world.state
     codes = _codes(state.cells) * explored_cells.reshape(state.width, state.height, 1)
     codes[state.position] = _codes(state.row[CARRYING])
-    return _around(world, min(REACH, max(state.width, state.height) - 1), codes)
+    return _cut_surroundings(world, min(REACH, max(state.width, state.height) - 1), codes)
 
 
 def _codes(cells: Any) -> NDArray[np.uint8]:
@@ -200,9 +200,12 @@ def _codes(cells: Any) -> NDArray[np.uint8]:
     return np.stack((kind_of(cells), colour_of(cells), state_of(cells)), axis=-1).astype(np.uint8)
 
 
-def _around(world: GridEngine, reach: int, codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _cut_surroundings(world: GridEngine, reach: int, codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Cut the cells within reach of the agent out of a grid, turned so that the agent faces up; 0 outside the grid."""
     state = world.state
     canvas = np.zeros((state.width + 2 * reach, state.height + 2 * reach, 3), np.uint8)
     canvas[reach : reach + state.width, reach : reach + state.height] = codes
+    side = 2 * reach + 1
     x, y = state.position
-    return np.rot90(canvas[x : x + 2 * reach + 1, y : y + 2 * reach + 1], _QUARTER_TURNS[state.direction])
+    surroundings = canvas[x : x + side, y : y + side]
+    return np.rot90(surroundings, _QUARTER_TURNS[state.direction])

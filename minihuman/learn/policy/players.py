@@ -110,13 +110,16 @@ class PolicyAgent(BaseAgent):
 
 
 def _require_world(path: Path, card: PolicyCard, plan: EpisodePlan, world: World) -> None:
+    """Refuse a policy that was trained in another world, or with options that give other observations."""
     if plan.world not in card.worlds:
         raise LearnError(
             f"{path} was trained in {', '.join(card.worlds)}, but block {plan.block_name!r} plays {plan.world}; use "
             "another policy"
         )
     if card.eyesight.space(world.unwrapped) != card.observation_space:
+        trained_options = card.world_options or "default options"
+        block_options = plan.options or "default options"
         raise LearnError(
-            f"{path} was trained with {card.world_options or 'default options'}, but block {plan.block_name!r} has "
-            f"{plan.options or 'default options'} and other observations; use the same options"
+            f"{path} was trained with {trained_options}, but block {plan.block_name!r} has {block_options} and other "
+            "observations; use the same options"
         )

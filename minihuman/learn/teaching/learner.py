@@ -207,12 +207,13 @@ class LabelledSteps:
 
 def collect_steps(lessons: Sequence[Lesson]) -> LabelledSteps:
     """Return the steps of all given lessons, one lesson after the other."""
-    names = lessons[0].observations
-    return LabelledSteps(
-        {name: torch.as_tensor(np.concatenate([lesson.observations[name] for lesson in lessons])) for name in names},
-        torch.as_tensor(np.concatenate([lesson.actions for lesson in lessons])),
-        np.concatenate([lesson.by_person for lesson in lessons]),
-    )
+    observations = {}
+    for name in lessons[0].observations:
+        parts = [lesson.observations[name] for lesson in lessons]
+        observations[name] = torch.as_tensor(np.concatenate(parts))
+    actions = np.concatenate([lesson.actions for lesson in lessons])
+    by_person = np.concatenate([lesson.by_person for lesson in lessons])
+    return LabelledSteps(observations, torch.as_tensor(actions), by_person)
 
 
 def fit_policy(

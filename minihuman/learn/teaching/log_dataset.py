@@ -123,8 +123,8 @@ def _dataset(
     names = list_used_actions(episodes, least=max(corrected, default=0))
     world = World(plan.world, plan.options)
     world.reset(plan.seed)
-    lessons = tuple(_lessons(episodes, world, eyesight.episode_encoder(), len(names)))
-    lessons += tuple(_corrections(episodes, world, eyesight.episode_encoder()))
+    lessons = tuple(_list_lessons(episodes, world, eyesight.episode_encoder(), len(names)))
+    lessons += tuple(_list_corrections(episodes, world, eyesight.episode_encoder()))
     return Dataset(
         world=plan.world,
         options=plan.options,
@@ -140,7 +140,7 @@ def _dataset(
     )
 
 
-def _lessons(
+def _list_lessons(
     episodes: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder, actions: int
 ) -> Iterator[Lesson]:
     for log, episode in episodes:
@@ -183,7 +183,7 @@ def _corrected(episodes: Sequence[LoggedEpisode]) -> Iterator[tuple[SessionLog, 
                 yield log, correction
 
 
-def _corrections(episodes: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder) -> Iterator[Lesson]:
+def _list_corrections(episodes: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder) -> Iterator[Lesson]:
     for log, correction in _corrected(episodes):
         n = len(correction.actions)
         if not n:

@@ -85,11 +85,13 @@ class RewardModel:
         first = get_first_rows(dataset)
         raw = torch.as_tensor(self._raw(steps.observations, steps.actions))
         longest = _longest([side for pair in pairs for side in pair])
-        left, right = (_rows([pair[place] for pair in pairs], first, longest) for place in (0, 1))
-        gains = [
-            _mean_inside(member_rewards[right[0]], right[1]) - _mean_inside(member_rewards[left[0]], left[1])
-            for member_rewards in raw
-        ]
+        left_rows, left_is_inside = _rows([left for left, _ in pairs], first, longest)
+        right_rows, right_is_inside = _rows([right for _, right in pairs], first, longest)
+        gains = []
+        for member_rewards in raw:
+            left_mean = _mean_inside(member_rewards[left_rows], left_is_inside)
+            right_mean = _mean_inside(member_rewards[right_rows], right_is_inside)
+            gains.append(right_mean - left_mean)
         return np.asarray(torch.sigmoid(longest * torch.stack(gains)))
 
     def _raw(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
@@ -282,10 +284,12 @@ def choose_disputed_pair(
         return 0
     session = dataset.lessons[0].name.partition(":")[0]
     model, _ = fit_reward(dataset, RewardFitting(), np.random.default_rng(seed))
-    sides = [
-        [make_fragment(side, make_lesson_name(session, side.episode, side.attempt)) for side in pair] for pair in pairs
-    ]
-    return int(compute_disagreement(model, dataset, [(left, right) for left, right in sides]).argmax())
+
+    def make_side(clip: EpisodeClip) -> LessonFragment:
+        return make_fragment(clip, make_lesson_name(session, clip.episode, clip.attempt))
+
+    fragments = [(make_side(left), make_side(right)) for left, right in pairs]
+    return int(compute_disagreement(model, dataset, fragments).argmax())
 
 
 RewardFunction = Callable[[Observation, int, Any], float]  # of a step: what was seen, what was done, the world after it

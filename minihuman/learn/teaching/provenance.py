@@ -61,7 +61,7 @@ def make_policy(
     before = _load_start(start, dataset)
     request = LearningRequest(dataset, np.random.default_rng(seed), before, budget_s, checkpoint)
     learned = make_learner(learner).learn(request)
-    card = _card(dataset, learner.partition(":")[0], learned, seed, _hash_start(start))
+    card = _build_card(dataset, learner.partition(":")[0], learned, seed, _hash_start(start))
     save_policy(learned.policy, card, out)
     return PolicyArtifact(out, hash_file(out), card)
 
@@ -90,7 +90,7 @@ def reproduce_policy(path: Path, dataset: Dataset, *, start: Path | None = None)
     before = _load_start(start, dataset)
     request = LearningRequest(dataset, np.random.default_rng(training["seed"]), before)
     again = make_learner(f"{training['learner']}:{settings}").learn(request)
-    differs = _differences(policy, again.policy)
+    differs = _find_differences(policy, again.policy)
     current_code = get_code_versions()
     other = [
         f"it was made by {name} {had}; here is {current_code[name]}"
@@ -137,7 +137,7 @@ def _load_start(start: Path | None, dataset: Dataset) -> Policy | None:
     return policy
 
 
-def _card(dataset: Dataset, learner: str, learned: LearningResult, seed: int, start_sha256: str) -> PolicyCard:
+def _build_card(dataset: Dataset, learner: str, learned: LearningResult, seed: int, start_sha256: str) -> PolicyCard:
     training: dict[str, Any] = {
         "learner": learner,
         "settings": learned.settings,
@@ -168,10 +168,12 @@ def _card(dataset: Dataset, learner: str, learned: LearningResult, seed: int, st
     )
 
 
-def _differences(policy: Policy, again: Policy) -> list[str]:
+def _find_differences(policy: Policy, again: Policy) -> list[str]:
+    """Describe the weights in which two policies differ, and by how much at most."""
     other = again.state_dict()
-    return [
-        f"{name} differs by up to {float((values - other[name]).abs().max()):.3g}"
-        for name, values in policy.state_dict().items()
-        if not torch.equal(values, other[name])
-    ]
+    differences = []
+    for name, weights in policy.state_dict().items():
+        if not torch.equal(weights, other[name]):
+            largest = float((weights - other[name]).abs().max())
+            differences.append(f"{name} differs by up to {largest:.3g}")
+    return differences

@@ -18,6 +18,7 @@ _AUTO_REPEAT_NS = 2_000 * _NS_PER_MS  # no system that we know of waits longer b
 _PAD_FRAME_NS = 100 * _NS_PER_MS  # a page reads a gamepad once a frame
 _NEVER_NS = 1 << 62
 _ACTED = ("accepted", "queued")
+_MOST_LISTED = 5
 
 
 class DoubtfulPress(NamedTuple):
@@ -39,36 +40,48 @@ def describe_doubtful_presses(presses: Sequence[DoubtfulPress]) -> str:
     """Describe doubtful presses in one sentence; "" if there are none."""
     if not presses:
         return ""
-    certain = [press for press in presses if press.is_certain]
-    listed = ", ".join(f"{press.key} at {press.t_ns / 1e9:.3f} s" for press in presses[:5])
-    more = f" and {len(presses) - 5} more" if len(presses) > 5 else ""
+    n_certain = sum(press.is_certain for press in presses)
+    n_possible = len(presses) - n_certain
+    listed = ", ".join(_format_press(press) for press in presses[:_MOST_LISTED])
+    if len(presses) > _MOST_LISTED:
+        listed += f" and {len(presses) - _MOST_LISTED} more"
     return (
-        f"keys that were down before the window had the focus were accepted: {len(certain)} for certain, "
-        f"{len(presses) - len(certain)} possibly ({listed}{more})"
+        f"keys that were down before the window had the focus were accepted: {n_certain} for certain, {n_possible} "
+        f"possibly ({listed})"
     )
 
 
+def _format_press(press: DoubtfulPress) -> str:
+    time_s = press.t_ns / 1e9
+    return f"{press.key} at {time_s:.3f} s"
+
+
 def _find_in_segment(segment: Segment) -> Iterator[DoubtfulPress]:
+    """Yield the doubtful presses of a segment, which come soon after the window gained the focus."""
     gains_ns = [note.t_ns for note in segment.notes if isinstance(note, Noted) and _is_gain(note)]
     downs = [press for press in segment.keys if press.down and press.verdict != "repeat"]
     for gain_ns, next_gain_ns in pairwise([*gains_ns, _NEVER_NS]):
-        after = [press for press in downs if gain_ns <= press.t_ns < next_gain_ns]
-        for place, press in enumerate(after):
-            if press.verdict in _ACTED and (doubtful := _judge(press, gain_ns, segment.facts, is_first=place == 0)):
-                yield doubtful
+        after_gain = [press for press in downs if gain_ns <= press.t_ns < next_gain_ns]
+        for place, press in enumerate(after_gain):
+            doubtful_press = _judge_press(press, gain_ns, segment.facts, is_first=place == 0)
+            if doubtful_press and press.verdict in _ACTED:
+                yield doubtful_press
 
 
 def _is_gain(note: Noted) -> bool:
     return (note.kind, note.text) == ("focus", "found")
 
 
-def _judge(press: KeyPressed, gain_ns: int, facts: dict[str, str], *, is_first: bool) -> DoubtfulPress | None:
+def _judge_press(press: KeyPressed, gain_ns: int, facts: dict[str, str], *, is_first: bool) -> DoubtfulPress | None:
+    """Return a press as doubtful if its key may have been down before the window gained the focus."""
     pressed_ns = press.t_ns - press.waited_ns
     window = facts.get("window", "")
     if window == "pygame" and pressed_ns < gain_ns:
         return DoubtfulPress(press.key, press.t_ns, pressed_ns < gain_ns - _SURELY_BEFORE_NS)
-    is_repeat = window == "pyglet" and is_first and pressed_ns < gain_ns + _AUTO_REPEAT_NS
-    is_held_button = press.symbol == "gamepad" and is_first and pressed_ns < gain_ns + _PAD_FRAME_NS
+    if not is_first:
+        return None
+    is_repeat = window == "pyglet" and pressed_ns < gain_ns + _AUTO_REPEAT_NS
+    is_held_button = press.symbol == "gamepad" and pressed_ns < gain_ns + _PAD_FRAME_NS
     if is_repeat or is_held_button:
         return DoubtfulPress(press.key, press.t_ns, is_certain=False)
     return None

@@ -37,15 +37,15 @@ class CategoricalTexts(Sequence[str]):
     @classmethod
     def joined(cls, parts: Sequence["CategoricalTexts"]) -> "CategoricalTexts":
         """Concatenate one or more columns."""
-        words = parts[0].categories
-        if all(part.categories == words for part in parts):
-            return cls(np.concatenate([part.codes for part in parts]), words)
-        all_words: dict[str, int] = {}
-        codes = [
-            np.array([all_words.setdefault(word, len(all_words)) for word in part.categories], np.int64)[part.codes]
-            for part in parts
-        ]
-        return cls(np.concatenate(codes), tuple(all_words))
+        first, *_ = parts
+        if all(part.categories == first.categories for part in parts):
+            return cls(np.concatenate([part.codes for part in parts]), first.categories)
+        new_codes: dict[str, int] = {}  # by word
+        columns = []
+        for part in parts:
+            codes = [new_codes.setdefault(word, len(new_codes)) for word in part.categories]
+            columns.append(np.array(codes, np.int64)[part.codes])
+        return cls(np.concatenate(columns), tuple(new_codes))
 
     def __len__(self) -> int:
         return len(self.codes)
@@ -120,7 +120,7 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
 
         @cache
         def column(name: str) -> Any:
-            return _column(name, [getattr(event, name) for event in event_list])
+            return _build_column(name, [getattr(event, name) for event in event_list])
 
         return cls(kind, column, range(len(event_list)))
 
@@ -152,7 +152,7 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
         return len(self._rows)
 
     def __iter__(self) -> Iterator[KeyOrFrame]:
-        return map(self._kind, *(_values(field.name, self.column(field.name)) for field in fields(self._kind)))
+        return map(self._kind, *(_convert_column(field.name, self.column(field.name)) for field in fields(self._kind)))
 
     @overload
     def __getitem__(self, place: int) -> KeyOrFrame: ...
@@ -162,10 +162,10 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
         rows = self._rows[place]
         if isinstance(rows, range):
             return EventColumns(self._kind, self._column, rows)
-        return self._kind(*(_value(field.name, self._column(field.name)[rows]) for field in fields(self._kind)))
+        return self._kind(*(_convert_cell(field.name, self._column(field.name)[rows]) for field in fields(self._kind)))
 
 
-def _values(name: str, column: Any) -> Iterable[Any]:
+def _convert_column(name: str, column: Any) -> Iterable[Any]:
     """Return a column's values as event objects have them."""
     if isinstance(column, CategoricalTexts):
         return column
@@ -175,18 +175,24 @@ def _values(name: str, column: Any) -> Iterable[Any]:
     return values
 
 
-def _value(name: str, cell: Any) -> Any:
+def _convert_cell(name: str, cell: Any) -> Any:
     """Return one value of a column as an event object has it."""
-    value = cell if isinstance(cell, str) else cell.item()
-    return None if name == "action" and value == NO_ACTION else value
+    if isinstance(cell, str):
+        return cell
+    number = cell.item()
+    if name == "action" and number == NO_ACTION:
+        return None
+    return number
 
 
-def _column(name: str, values: list[Any]) -> Any:
+def _build_column(name: str, values: list[Any]) -> Any:
+    """Build the column of a field from the values that event objects have."""
     match name:
         case "key" | "symbol" | "verdict" | "phase":
             return CategoricalTexts.of(values)
         case "action":
-            return np.array([NO_ACTION if value is None else value for value in values], np.int64)
+            actions = [NO_ACTION if action is None else action for action in values]
+            return np.array(actions, np.int64)
         case "down":
             return np.array(values, np.bool_)
         case "picture_hash":

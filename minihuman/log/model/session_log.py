@@ -198,8 +198,11 @@ class TeamRecord:
         """The share of joint steps in which some person's seat idled without an input, or an agent acted for it."""
         if not self.sources:
             return None
-        absent = sum(any(sources[seat] != "person" for seat in self.persons) for sources in self.sources)
-        return absent / len(self.sources)
+        n_absent = 0
+        for sources in self.sources:
+            if any(sources[seat] != "person" for seat in self.persons):
+                n_absent += 1
+        return n_absent / len(self.sources)
 
     def find_difference(self, seed: int) -> str:
         """Return how the joint actions contradict their logged digest; "" if they do not."""
@@ -207,6 +210,20 @@ class TeamRecord:
         if not len(self.actions) or again == self.digest:
             return ""
         return f"joint actions have digest {again:016x}, in the log {self.digest:016x}"
+
+
+def _measure_lobby_ns(segment: Segment) -> int:
+    """Return the time in lobbies in one segment."""
+    ends_ns = []
+    for event in segment.part_events:
+        if isinstance(event, TeamFormed) or (isinstance(event, TeamEnded) and event.reason != "declined"):
+            ends_ns.append(event.t_ns)
+    waited_ns = 0
+    for note in segment.notes:
+        if isinstance(note, Noted) and (note.kind, note.text) == ("phase", Phase.LOBBY):
+            end_ns = min((t_ns for t_ns in ends_ns if t_ns >= note.t_ns), default=segment.end_ns)
+            waited_ns += end_ns - note.t_ns
+    return waited_ns
 
 
 def gather_team(
@@ -222,27 +239,35 @@ def gather_team(
     """
     if formed is None:
         return None
-    joint = [event for event in events if isinstance(event, JointStepped)][:steps]
-    bodies = len(formed.seats)
-    unknown = (np.nan,) * 4 * bodies
-    poses = [(ready and ready.poses) or unknown, *(event.poses or unknown for event in joint)]
+    joint_steps = [event for event in events if isinstance(event, JointStepped)][:steps]
     seat_changes = [event for event in events if isinstance(event, SeatTaken)]
+    n_seats = len(formed.seats)
     return TeamRecord(
         team=formed.team,
         index=formed.index,
         seat=formed.seat,
         role=formed.role,
         seats=formed.seats,
-        actions=np.array([event.actions for event in joint], np.int64).reshape(-1, bodies),
-        rewards=np.array([event.rewards for event in joint], np.float64).reshape(-1, bodies),
-        poses=np.array(poses, np.float64).reshape(-1, bodies, 4),
-        sources=tuple(event.sources for event in joint),
-        digest=joint[-1].digest if joint else 0,
+        actions=np.array([event.actions for event in joint_steps], np.int64).reshape(-1, n_seats),
+        rewards=np.array([event.rewards for event in joint_steps], np.float64).reshape(-1, n_seats),
+        poses=_gather_poses(ready, joint_steps, n_seats),
+        sources=tuple(event.sources for event in joint_steps),
+        digest=joint_steps[-1].digest if joint_steps else 0,
         late=sum(isinstance(event, InputLate) for event in events),
         takeovers=sum(event.by == "agent" for event in seat_changes),
         corrected=sum(isinstance(event, PictureCorrected) for event in events),
         sightings=tuple(event for event in events if isinstance(event, SeatSeen)),
     )
+
+
+def _gather_poses(ready: SeatsReadied | None, joint_steps: Sequence[JointStepped], n_seats: int) -> NDArray[np.float64]:
+    """Return all seats' poses at the reset and after each joint step, float64[states, seats, 4]; NaN if unknown."""
+    unknown = (np.nan,) * 4 * n_seats
+    poses = [unknown]
+    if ready is not None and ready.poses:
+        poses = [ready.poses]
+    poses += [event.poses or unknown for event in joint_steps]
+    return np.array(poses, np.float64).reshape(-1, n_seats, 4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -278,21 +303,19 @@ class EpisodeLog:
 
     def __post_init__(self) -> None:
         """Refuse columns whose lengths do not match the number of steps."""
-        n = len(self.actions)
+        n_steps = len(self.actions)
+        n_states = n_steps + 1
         for name in ("poses", "t_ns", "state_hashes", "observation_hashes"):
-            if len(getattr(self, name)) != n + 1:
-                raise ValueError(
-                    f"episode {self.number}: {name} has {len(getattr(self, name))} rows; one per state makes {n + 1}"
-                )
-        if self.team is not None and len(self.team.actions) != n:
-            raise ValueError(
-                f"episode {self.number}: the team has {len(self.team.actions)} joint actions; {n} are needed"
-            )
+            n_rows = len(getattr(self, name))
+            if n_rows != n_states:
+                raise ValueError(f"episode {self.number}: {name} has {n_rows} rows; one per state makes {n_states}")
+        if self.team is not None and len(self.team.actions) != n_steps:
+            n_joint = len(self.team.actions)
+            raise ValueError(f"episode {self.number}: the team has {n_joint} joint actions; {n_steps} are needed")
         for name in ("step_keys", "key_t_ns", "rewards", "terminated", "truncated", "rt_ms"):
-            if len(getattr(self, name)) != n:
-                raise ValueError(
-                    f"episode {self.number}: {name} has {len(getattr(self, name))} rows; one per step makes {n}"
-                )
+            n_rows = len(getattr(self, name))
+            if n_rows != n_steps:
+                raise ValueError(f"episode {self.number}: {name} has {n_rows} rows; one per step makes {n_steps}")
 
     @property
     def plan(self) -> EpisodePlan:
@@ -389,17 +412,7 @@ class SessionLog:
     @property
     def waited_ns(self) -> int:
         """The total time in lobbies, from each arrival until a team formed, the wait ended, or the segment ended."""
-        waited_ns = 0
-        for segment in self.segments:
-            met_ns = [
-                event.t_ns
-                for event in segment.part_events
-                if isinstance(event, TeamFormed) or (isinstance(event, TeamEnded) and event.reason != "declined")
-            ]
-            for note in segment.notes:
-                if isinstance(note, Noted) and (note.kind, note.text) == ("phase", Phase.LOBBY):
-                    waited_ns += min((t_ns for t_ns in met_ns if t_ns >= note.t_ns), default=segment.end_ns) - note.t_ns
-        return waited_ns
+        return sum(_measure_lobby_ns(segment) for segment in self.segments)
 
     @property
     def stranded(self) -> bool:

@@ -160,7 +160,7 @@ class _Field:
                 ends = begins + self._lengths
                 if self._kind.message_type is not None:
                     return MessageColumns(self._kind.message_type, data, begins, ends)
-                return _texts(data, begins, ends)
+                return _read_texts(data, begins, ends)
         return self._numbers
 
     def _lists(self, data: bytes) -> NDArray[np.float64]:
@@ -207,21 +207,25 @@ def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, Mess
     return numbers, at
 
 
-def _texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> CategoricalTexts:
+def _read_texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> CategoricalTexts:
     """Read the texts between these positions, comparing seven bytes and their count at a time."""
     eights = _eights(data)
+    last_eight = len(eights) - 1
     lengths = ends - begins
+    longest = int(lengths.max(initial=0))
     codes = np.zeros_like(lengths)
-    for offset in range(0, max(1, int(lengths.max(initial=0))), 7):
+    for offset in range(0, max(1, longest), 7):
         byte_counts = (lengths - offset).clip(0, 7).astype(np.uint64)
-        part = eights[np.minimum(begins + offset, len(eights) - 1)] & _FIRST_BYTES[
-            byte_counts
-        ] | byte_counts << np.uint64(56)
-        firsts, these = _distinct(part)
-        if offset:
-            firsts, these = _distinct(codes.astype(np.uint64) * np.uint64(len(firsts)) + these.astype(np.uint64))
-        codes = these
-    return CategoricalTexts(codes, tuple(data[begins[first] : ends[first]].decode() for first in firsts.tolist()))
+        places = np.minimum(begins + offset, last_eight)
+        seven_bytes = eights[places] & _FIRST_BYTES[byte_counts]
+        part = seven_bytes | (byte_counts << np.uint64(56))
+        firsts, part_codes = _distinct(part)
+        if offset:  # texts are the same if both what came before and this part are
+            pairs = codes.astype(np.uint64) * np.uint64(len(firsts)) + part_codes.astype(np.uint64)
+            firsts, part_codes = _distinct(pairs)
+        codes = part_codes
+    texts = tuple(data[begins[first] : ends[first]].decode() for first in firsts.tolist())
+    return CategoricalTexts(codes, texts)
 
 
 def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:

@@ -173,9 +173,9 @@ class SessionAssembler:
             )
             for segment, between in placed
         )
-        return segments, tuple(self._episodes(segments, rows))
+        return segments, tuple(self._build_episodes(segments, rows))
 
-    def _episodes(self, segments: Sequence[Segment], rows: FrequentRows) -> Iterator[EpisodeLog]:
+    def _build_episodes(self, segments: Sequence[Segment], rows: FrequentRows) -> Iterator[EpisodeLog]:
         """Yield every episode in the order played, after checking that none of its steps is missing."""
         starts = [replace(span.start, t_ns=span.start.t_ns + segments[span.segment].start_ns) for span in self._spans]
         steps = [rows.steps.between(span.begin, span.end) for span in self._spans]
@@ -209,7 +209,7 @@ class SessionAssembler:
                 frames=rows.frame_events[rows.frames.between(span.begin, nexts[number])],  # the last one stays
                 outcome=span.outcome,
                 end_cause=span.end_cause,
-                observations=self._observations(span, n_steps),
+                observations=self._find_observations(span, n_steps),
                 segment=segment.number,
                 attempt=attempts[episode],
                 pauses=_clip_pauses(segment.pauses, int(times_ns[0]), int(times_ns[-1])),
@@ -222,23 +222,20 @@ class SessionAssembler:
     ) -> list[tuple[Segment, tuple[int, int | None]]]:
         """Return every segment placed in session time, still without its keys, with the positions of its messages."""
         clean = {int(end["segment"]): end["clean"] == "true" for end in ends}
+        first_unix_ns = int(starts[0]["started_unix_ns"])
+        begins = [part.begin for part in self._parts]
+        spans = list(zip(begins, [*begins[1:], None], strict=True))
         placed: list[tuple[Segment, tuple[int, int | None]]] = []
         after_ns = 0
-        for number, (part, facts) in enumerate(zip(self._parts, starts, strict=True)):
-            is_last = number + 1 == len(self._parts)
-            between = (part.begin, None if is_last else self._parts[number + 1].begin)
+        for part, facts, span in zip(self._parts, starts, spans, strict=True):
+            number = int(facts["segment"])
             unix_ns = int(facts["started_unix_ns"])
-            start_ns = max(unix_ns - int(starts[0]["started_unix_ns"]), after_ns)
-            end_ns = start_ns + self._lasted_ns(
-                part,
-                [
-                    topic_rows.column("t_ns").values[topic_rows.between(*between)]
-                    for topic_rows in (rows.steps, rows.keys)
-                ],
-            )
             monotonic_ns = part.started.facts.get("started_monotonic_ns", "")
+            start_ns = max(unix_ns - first_unix_ns, after_ns)
+            times_ns = [of_topic.column("t_ns").values[of_topic.between(*span)] for of_topic in (rows.steps, rows.keys)]
+            end_ns = start_ns + self._lasted_ns(part, times_ns)
             segment = Segment(
-                number=int(facts["segment"]),
+                number=number,
                 started_at=facts["started_at"],
                 started_unix_ns=unix_ns,
                 started_monotonic_ns=int(monotonic_ns) if monotonic_ns else None,
@@ -246,13 +243,13 @@ class SessionAssembler:
                 start_ns=start_ns,
                 end_ns=end_ns,
                 end_reason=CUT_OFF if part.ended is None else part.ended.reason,
-                clean=clean.get(int(facts["segment"]), False),
+                clean=clean.get(number, False),
                 facts=part.started.facts,
                 notes=notes_in_session_time(part.notes, start_ns),
                 part_events=part_events_in_session_time(part.part_events, start_ns),
                 keys=EventColumns.of(events.KeyPressed, ()),
             )
-            placed.append((segment, between))
+            placed.append((segment, span))
             after_ns = end_ns + 1  # a clock that was set back does not turn session time back
         return placed
 
@@ -272,7 +269,7 @@ class SessionAssembler:
         places, messages = self._unread[topics.SAMPLE]
         return SampleSequence(messages[_slice_between(places, begin, end)], segment.start_ns)
 
-    def _observations(self, span: _EpisodeDraft, steps: int) -> ObservationSequence | None:
+    def _find_observations(self, span: _EpisodeDraft, steps: int) -> ObservationSequence | None:
         """Return the observations of an episode; None if the log does not have all of them."""
         places, messages = self._unread[topics.OBSERVATION]
         observed = messages[_slice_between(places, span.begin, span.end)]
@@ -387,7 +384,7 @@ def read_log(path: Path | str) -> SessionLog:
         find_logged_sources(started.facts)
     try:
         with raise_as_log_error(path):
-            return _session(path, gathered, readings)
+            return _build_session_log(path, gathered, readings)
     except LogError as error:
         if str(path) in str(error):
             raise
@@ -412,7 +409,7 @@ def list_session_files(path: Path) -> list[Path]:
     return files
 
 
-def _session(path: Path, gathered: SessionAssembler, readings: list[LogReader]) -> SessionLog:
+def _build_session_log(path: Path, gathered: SessionAssembler, readings: list[LogReader]) -> SessionLog:
     first = gathered.started[0]
     require_name(first.plan.study, "the study")  # a log from elsewhere says so; exports name files by them
     require_name(first.plan.participant.id, "the participant")

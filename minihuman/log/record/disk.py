@@ -48,13 +48,17 @@ def require_disk_space(folder: Path, episode: EpisodePlan) -> None:
     Raises:
         LogError: if there is too little free space.
     """
-    step_bytes = STEP_BYTES + episode.record_observations * OBSERVATION_BYTES
-    needed = RESERVE_BYTES + min(episode.max_steps, MAX_ESTIMATED_STEPS) * step_bytes
-    free = shutil.disk_usage(folder).free
-    if free < needed:
+    step_bytes = STEP_BYTES
+    if episode.record_observations:
+        step_bytes += OBSERVATION_BYTES
+    needed_bytes = RESERVE_BYTES + min(episode.max_steps, MAX_ESTIMATED_STEPS) * step_bytes
+    free_bytes = shutil.disk_usage(folder).free
+    if free_bytes < needed_bytes:
+        free_mib = free_bytes / 2**20
+        needed_mib = needed_bytes / 2**20
         raise LogError(
-            f"{folder} has {free / 2**20:.1f} MiB free, but episode {episode.episode + 1} needs {needed / 2**20:.1f} "
-            "MiB; free some space, or choose another folder with --data"
+            f"{folder} has {free_mib:.1f} MiB free, but episode {episode.episode + 1} needs {needed_mib:.1f} MiB; "
+            "free some space, or choose another folder with --data"
         )
 
 
@@ -287,7 +291,7 @@ class FileWriter:
         for thread in self._threads:
             thread.join()
 
-    def _write(self, jobs: Sequence[WriteJob]) -> None:
+    def _write_jobs(self, jobs: Sequence[WriteJob]) -> None:
         if self.failure is None or isinstance(self.failure, TimeoutError):
             try:
                 self.file.append(piece for job in jobs for piece in job.pieces)
@@ -318,7 +322,7 @@ class FileWriter:
 
     def _write_all(self) -> None:
         while (job := self._jobs.get()) is not None:
-            self._write([job])
+            self._write_jobs([job])
             job.over = True
             job.finished.release()
             self._unsynced.put(job)
@@ -335,7 +339,7 @@ class FileWriter:
         """Write all queued blocks, for a ``GroupCommit``; return whether there were any."""
         self._is_expected = False  # before the queue is emptied: what comes from here on has another commit
         jobs = [job for job in _take_waiting(self._jobs) if job is not None]
-        self._write(jobs)
+        self._write_jobs(jobs)
         for job in jobs:
             self._unsynced.put(job)
         return bool(jobs)
@@ -411,14 +415,17 @@ class GroupCommit:
 
     def _run(self) -> None:
         while True:
-            self._wait()
-            self.commit(self._next())
+            self._wait_until_due()
+            self.commit(self._take_due_files())
 
-    def _wait(self) -> None:
+    def _wait_until_due(self) -> None:
         """Wait until a file is due."""
         while True:
             self._wake.clear()
-            left_s = self._due[0][0] - time.monotonic() if self._due else None
+            left_s: float | None = None
+            if self._due:
+                due_s, _ = self._due[0]
+                left_s = due_s - time.monotonic()
             if self._hurried or (left_s is not None and left_s <= 0):
                 return
             self._idle = left_s is None
@@ -426,14 +433,18 @@ class GroupCommit:
                 self._wake.wait(left_s)
             self._idle = False
 
-    def _next(self) -> list[FileWriter]:
+    def _take_due_files(self) -> list[FileWriter]:
         """Take the files that are due, each once."""
         files: dict[FileWriter, None] = {}
         while self._hurried:
             files[self._hurried.popleft()] = None
         until_s = time.monotonic() + COMMIT_WINDOW_S
-        while self._due and self._due[0][0] <= until_s:
-            files[self._due.popleft()[1]] = None
+        while self._due:
+            due_s, file = self._due[0]
+            if due_s > until_s:
+                break
+            self._due.popleft()
+            files[file] = None
         return list(files)
 
     def commit(self, files: Sequence[FileWriter]) -> None:

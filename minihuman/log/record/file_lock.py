@@ -42,7 +42,8 @@ def create_live_file(segment_path: SegmentPath) -> int:
         if is_file_at(fd, segment_path.part):
             break
         os.close(fd)  # a recovery took the empty file away between open and lock
-    if (refusal := _recorded_error(segment_path)) is not None:
+    refusal = _recorded_error(segment_path)
+    if refusal is not None:
         disk.unlink(segment_path.part)
         os.close(fd)
         raise refusal

@@ -103,14 +103,14 @@ def finish_log(
     """
     starts = {} if _is_blank(segment_path.part) else read_segment_starts(segment_path.part, first=True)
     if not starts:  # nothing was played yet, or the file's start is gone
-        return _give_up(segment_path.part)
+        return _discard_live_file(segment_path.part)
     earlier = read_segment_starts(segment_path.log) if segment_path.log.exists() else {}
     new = starts.items() - earlier.items()
     if new:
         _require_new_segment(segment_path, earlier)
     temporary = segment_path.log.with_name(f"{segment_path.log.name}{UNFINISHED_SUFFIX}")
     try:
-        finalized = _rewrite(segment_path, temporary, with_log=bool(earlier), clean=clean, promised=promised)
+        finalized = _write_finished_log(segment_path, temporary, with_log=bool(earlier), clean=clean, promised=promised)
         if new:  # else a finish that was cut off before it removed the live file
             publish(temporary)
             _rename(temporary, segment_path.log)
@@ -125,7 +125,7 @@ def finish_log(
     return finalized
 
 
-def _give_up(part: Path) -> FinalizedLog:
+def _discard_live_file(part: Path) -> FinalizedLog:
     aside = put_aside(part, "unreadable")
     return FinalizedLog(aside, False, 0, 0, CUT_OFF, "it holds no session plan", damaged_copy_path=aside)
 
@@ -276,14 +276,15 @@ def archive_log(log: Path, folder: Path) -> Path:
 
 def find_leftovers(folder: Path) -> list[Path]:
     """Return the cut-off logs anywhere below a folder, without those still being written and other programs' files."""
-    return [
-        part
-        for part in sorted(folder.rglob(f"*{PART_SUFFIX}"))
-        if not is_companion_file(part) and not is_system_companion(part.name) and not is_being_recorded(part)
-    ]
+    leftovers = []
+    for part in sorted(folder.rglob(f"*{PART_SUFFIX}")):
+        is_foreign = is_companion_file(part) or is_system_companion(part.name)
+        if not is_foreign and not is_being_recorded(part):
+            leftovers.append(part)
+    return leftovers
 
 
-def _rewrite(
+def _write_finished_log(
     segment_path: SegmentPath, target: Path, *, with_log: bool, clean: bool, promised: ExpectedContent | None
 ) -> FinalizedLog:
     with _open_finished_log(target) as copy:

@@ -60,7 +60,7 @@ class LogCopier:
         for record in scan:
             match record:
                 case LogMessage():
-                    self._message(record, scan.schemas.get(record.channel.schema_id))
+                    self._copy_message(record, scan.schemas.get(record.channel.schema_id))
                 case Metadata() if record.name in _HEAD:
                     self._head[record.name] = record
                 case Metadata():
@@ -118,7 +118,7 @@ class LogCopier:
         self._writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
         self.chain.attachment(record)
 
-    def _message(self, message: LogMessage, schema: Schema | None) -> None:
+    def _copy_message(self, message: LogMessage, schema: Schema | None) -> None:
         topic = message.channel.topic
         if topic in _PREVIEW_TOPICS:
             self._previews = None  # a file of an earlier version
@@ -126,7 +126,7 @@ class LogCopier:
             self._early_previews.append((message, schema))  # a line about the plan that comes next
             return
         if topic == topics.PLAN:
-            self._start(message, schema)
+            self._write_second_start(message, schema)
         self._write_head()
         if topic in RECORD_TOPICS:
             self.last_sequence = message.sequence
@@ -153,12 +153,12 @@ class LogCopier:
             case SessionEnded(reason=reason):
                 self.end_reason = reason
 
-    def _start(self, message: LogMessage, schema: Schema | None) -> None:
+    def _write_second_start(self, message: LogMessage, schema: Schema | None) -> None:
         """Write the second copy of a segment's start after its metadata."""
         self._flush()
         if self._draw and names.SEGMENT_METADATA in self._head:
             self._previews = PreviewEncoder(int(self._head[names.SEGMENT_METADATA].metadata["started_unix_ns"]))
-        number = self._channel(message.channel, schema)
+        number = self._register_channel(message.channel, schema)
         topic = message.channel.topic
         encoding = message.channel.message_encoding
         schemas = []
@@ -202,7 +202,7 @@ class LogCopier:
 
     def _add(self, message: LogMessage, schema: Schema | None) -> None:
         self._writer.add_message(
-            self._channel(message.channel, schema),
+            self._register_channel(message.channel, schema),
             log_time=message.log_time,
             data=message.data,
             publish_time=message.publish_time,
@@ -219,18 +219,24 @@ class LogCopier:
             self._writer.flush()
             self._chunk_bytes = 0
 
-    def _channel(self, channel: Channel, schema: Schema | None) -> int:
-        known = ("", b"") if schema is None else (schema.name, schema.data)
-        if schema is None:
-            self._schemas[known] = 0  # as MCAP says that there is none; another program's topic may have none
-        elif known not in self._schemas:
-            self._schemas[known] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
-        key = (channel.topic, self._schemas[known])
+    def _register_channel(self, channel: Channel, schema: Schema | None) -> int:
+        """Return a channel's number in the copy, registering the channel and its schema if they are new."""
+        schema_id = self._register_schema(schema)
+        key = (channel.topic, schema_id)
         if key not in self._channels:
             self._channels[key] = self._writer.register_channel(
-                channel.topic, channel.message_encoding, self._schemas[known], channel.metadata
+                channel.topic, channel.message_encoding, schema_id, channel.metadata
             )
         return self._channels[key]
+
+    def _register_schema(self, schema: Schema | None) -> int:
+        if schema is None:
+            self._schemas["", b""] = 0  # as MCAP says that there is none; another program's topic may have none
+            return 0
+        key = (schema.name, schema.data)
+        if key not in self._schemas:
+            self._schemas[key] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        return self._schemas[key]
 
 
 def _format_fact(fact: object) -> str:

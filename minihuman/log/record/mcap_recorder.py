@@ -65,7 +65,7 @@ def resume_segment(part: Path) -> LeftoverSegment:
     fd = open_leftover(part, os.O_RDWR | os.O_APPEND)
     try:
         _cut_torn_end(part, fd)
-        left = _read(part, fd)
+        left = _read_leftover(part, fd)
         write_again(part)  # its writer may have ended because an fsync failed
         return left
     except BaseException:
@@ -83,11 +83,13 @@ def _cut_torn_end(part: Path, fd: int) -> None:
         raise LogError(f"{part} is {scan.damage}; run: minihuman recover {part}")
 
 
-def _read(part: Path, fd: int) -> LeftoverSegment:
+def _read_leftover(part: Path, fd: int) -> LeftoverSegment:
+    """Read a segment that was cut off, to be resumed; refuse one that ended or that another version wrote."""
     scan = LogScanner(part)
     start: dict[str, str] = {}
     events: list[Event] = []
-    messages = steps = 0
+    messages = 0
+    steps = 0
     for record in scan:
         match record:
             case Metadata() if record.name == SEGMENT_METADATA:
@@ -102,14 +104,15 @@ def _read(part: Path, fd: int) -> LeftoverSegment:
                     events.append(event)
     if not events:
         raise LogError(f"{part} contains no session plan; run: minihuman recover {part}")
+    first = events[0]
     if isinstance(events[-1], SessionEnded):
         raise LogError(f"{part} cannot be resumed: its session has ended; run: minihuman recover {part}")
-    assert isinstance(events[0], SessionStarted)
+    assert isinstance(first, SessionStarted)
     channel_numbers = {channel.topic: number for number, channel in scan.channels.items()}
     rare = tuple(topic.name for topic in RARE_TOPICS if topic.name in channel_numbers)
-    numbered = LiveLogEncoder.resume(events[0].plan, started_ns=0, messages=0, steps=0, rare=rare).channels
-    same = numbered == channel_numbers
-    if start["schema_version"] != str(find_schema_version(events[0].plan)) or not same:
+    own_numbers = LiveLogEncoder.resume(first.plan, started_ns=0, messages=0, steps=0, rare=rare).channels
+    is_own_version = start["schema_version"] == str(find_schema_version(first.plan))
+    if not is_own_version or own_numbers != channel_numbers:
         raise LogError(f"{part} was written by another version of minihuman; run: minihuman recover {part}")
     return LeftoverSegment(part, fd, int(start["started_unix_ns"]), tuple(events), messages, steps, scan.crc, rare)
 
@@ -241,7 +244,7 @@ class McapRecorder(Recorder):
             raise
         except OSError as error:
             self._disk.failure = error
-            raise self._error() from error
+            raise self._describe_failure() from error
         finally:
             if self._closed:
                 os.close(self._fd)
@@ -257,11 +260,14 @@ class McapRecorder(Recorder):
 
     def _refuse_after_failure(self) -> None:
         if self._disk.failure is not None:
-            raise self._error() from self._disk.failure
+            raise self._describe_failure() from self._disk.failure
 
-    def _error(self) -> LogError:
+    def _describe_failure(self) -> LogError:
+        """Return the error that says why recording stopped, what is safe, and what to do."""
         failure = self._disk.failure
-        reason = (isinstance(failure, OSError) and failure.strerror) or str(failure)
+        reason = str(failure)
+        if isinstance(failure, OSError) and failure.strerror:
+            reason = failure.strerror
         return LogError(
             f"recording stopped: {reason}; {self.durable_steps} steps are safe in {self.segment_path.part}; "
             f"fix the cause, then run: minihuman recover {self.segment_path.part}"

@@ -169,20 +169,22 @@ class LogScanner:
                     self.stop_reason = f"damaged at byte {at}: {reason}"
                 return size
             if not self.gaps:
-                self._declare(view)
+                self._declare_channels(view)
         self.gaps.append(DamagedRange(at, next_begin, reason))
         file.seek(next_begin)
         return next_begin
 
-    def _declare(self, view: mmap.mmap) -> None:
+    def _declare_channels(self, view: mmap.mmap) -> None:
         """Read the channels from a finished file's summary, since the chunk that declared them may be damaged."""
         footer = len(view) - len(MAGIC) - RECORD_HEADER.size - _FOOTER.size
         with suppress(Exception):
             at, _, _ = _FOOTER.unpack_from(view, footer + RECORD_HEADER.size)
             while at and at < footer:
                 opcode, length = RECORD_HEADER.unpack_from(view, at)
-                self._declare_record(opcode, view[at + RECORD_HEADER.size : at + RECORD_HEADER.size + length])
-                at += RECORD_HEADER.size + length
+                begin = at + RECORD_HEADER.size
+                end = begin + length
+                self._declare_record(opcode, view[begin:end])
+                at = end
 
     def _restore_start(self, record: FileRecord | None) -> Iterator[ChunkMessages | Metadata]:
         """Yield the records of a segment's start that only its copy still has, before the records that follow it."""
@@ -239,7 +241,7 @@ class LogScanner:
         """
         match opcode:
             case Opcode.CHUNK:
-                messages = self._messages(parse_chunk(content), self._read_index(file, size))
+                messages = self._read_chunk_messages(parse_chunk(content), self._read_index(file, size))
                 if messages.times not in (None, parse_chunk_times(content)):
                     self._note("a chunk's stated times differ from its messages'")
                 return [messages]
@@ -250,7 +252,7 @@ class LogScanner:
             case Opcode.ATTACHMENT:
                 return [parse_attachment(content)]
             case Opcode.DATA_END:
-                self._end(content, file)
+                self._check_end(content, file)
             case Opcode.HEADER | Opcode.MESSAGE_INDEX:
                 check_record_size(opcode, content)
             case _:
@@ -270,7 +272,7 @@ class LogScanner:
         elif metadata.name == MISSING_METADATA:
             self.declared.add(MissingMessages(**{name: _number(value) for name, value in facts.items()}))
 
-    def _end(self, content: bytes, file: BinaryIO) -> None:
+    def _check_end(self, content: bytes, file: BinaryIO) -> None:
         """Check what follows the data: the summary, by its checksum, and the file's end."""
         (crc,) = _CRC.unpack(content)
         summary = file.read()
@@ -280,10 +282,12 @@ class LogScanner:
             self.stop_reason = "cut off within its index"
             return
         opcode, length = RECORD_HEADER.unpack_from(summary, footer)
-        _, _, summary_crc = _FOOTER.unpack_from(summary, footer + RECORD_HEADER.size)
+        footer_content = footer + RECORD_HEADER.size
+        _, _, summary_crc = _FOOTER.unpack_from(summary, footer_content)
+        summary_end = footer_content + _FOOTER.size - _CRC.size  # the checksum covers all before itself
         if (opcode, length) != (Opcode.FOOTER, _FOOTER.size):
             self.stop_reason = "damaged: its footer is invalid"
-        elif summary_crc not in (0, zlib.crc32(summary[: footer + RECORD_HEADER.size + _FOOTER.size - _CRC.size])):
+        elif summary_crc not in (0, zlib.crc32(summary[:summary_end])):
             self.stop_reason = "damaged: its index has a wrong checksum"
         elif crc not in (0, self.crc) and not self.gaps:  # 0: its writer kept none
             self.stop_reason = "damaged: it has a wrong checksum"
@@ -310,7 +314,7 @@ class LogScanner:
         self._behind = at
         return index_records
 
-    def _messages(self, data: bytes, index: list[bytes]) -> ChunkMessages:
+    def _read_chunk_messages(self, data: bytes, index: list[bytes]) -> ChunkMessages:
         records = split_chunk(data, index)
         for opcode, content in records.other_records:
             self._declare_record(opcode, content)

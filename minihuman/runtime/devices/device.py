@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from minihuman.display.windows.window import Clock
@@ -111,7 +112,7 @@ class DeviceRecorder(WrappedRecorder):
         self._running = False  # the session has begun and has not ended
         self._failure: Exception | None = None
         self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="minihuman-devices", daemon=True)
+        self._thread = threading.Thread(target=self._record_samples, name="minihuman-devices", daemon=True)
         self._thread.start()
 
     def begin(self, events: Sequence[Event]) -> None:
@@ -146,15 +147,17 @@ class DeviceRecorder(WrappedRecorder):
             return []
         return waiting
 
-    def _run(self) -> None:
+    def _record_samples(self) -> None:
         while not self._stopped.wait(POLL_INTERVAL_S):
             try:
-                fresh = [sampled for name in self._devices for sampled in self._fresh(name)]
+                fresh = list(chain.from_iterable(map(self._fresh, self._devices)))
                 with self._lock:
+                    now_s = time.monotonic()
                     if not self._waiting:
-                        self._since_s = time.monotonic()
+                        self._since_s = now_s
                     self._waiting += fresh
-                    if self._running and self._waiting and time.monotonic() - self._since_s > MAX_SAMPLE_DELAY_S:
+                    is_late = now_s - self._since_s > MAX_SAMPLE_DELAY_S
+                    if self._running and self._waiting and is_late:
                         # settle() is the session's: it waits for its own events
                         self._recorder.begin(self._take_waiting())
             except Exception as error:  # of a device's own code: raised at the next write, where the session can stop

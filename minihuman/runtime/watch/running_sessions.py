@@ -247,20 +247,22 @@ class ScreenPreview:
     def _draw(self, live: LiveSession, episode: int) -> bytes:
         assert live.episode is not None
         plan = live.episode.plan
-        target = (episode, len(live.actions))
-        if target == self._at:
+        n_steps = len(live.actions)
+        if self._at == (episode, n_steps):
             return self._png
         key = (plan.world, plan.options)
         if self._world is None or self._world[0] != key:
             self.close()
             self._world = (key, World(plan.world, plan.options))
-        world = self._world[1]
-        if self._at[0] != episode or self._at[1] > target[1]:
+        _, world = self._world
+        drawn_episode, n_made = self._at
+        if drawn_episode != episode or n_made > n_steps:
             world.reset(plan.seed)
+            n_made = 0
             self._at = (episode, 0)
-        for action in live.actions[self._at[1] :]:
+        for action in live.actions[n_made:]:
             world.step(action)
-        self._at = target
+        self._at = (episode, n_steps)
         self._png = encode_png(world.frame(plan.view, PREVIEW_SIZE_PX, plan.palette))
         return self._png
 

@@ -36,6 +36,7 @@ from minihuman.storage.study_journals import URL_FILE_NAME
 from minihuman.web.messages import MESSAGE_VERSION
 from minihuman.worlds.adapters.world import World
 
+_PART_HEAD = struct.Struct("<BI")  # whether a part is a picture, and its size in bytes
 _FACTS = {"browser": "simulated", "window_px": "1366 x 768", "mouse": True, "touch": False}
 _POLL_S = 0.1
 _PAUSE_S = 5.0  # from one restart to the next
@@ -212,9 +213,11 @@ class _Page:
             return
         at = 0
         while at < len(data):
-            is_picture, size = struct.unpack_from("<BI", data, at)
-            part = data[at + 5 : at + 5 + size]
-            at = at + 5 + size
+            is_picture, size = _PART_HEAD.unpack_from(data, at)
+            begin = at + _PART_HEAD.size
+            end = begin + size
+            part = data[begin:end]
+            at = end
             if is_picture:
                 self._heard = int.from_bytes(part[:4], "little")
             else:
@@ -303,7 +306,7 @@ def check_deployment(
         for folder in (*folders, gathered):
             sync_logs(folder, f"{name}/")
         codes = {token: recruits.find_participant(hash_link_token(token)) for token in tokens}
-        return _count(gathered / name, folders, pages, codes, interrupted)
+        return _count_losses(gathered / name, folders, pages, codes, interrupted)
 
 
 def _make_data_folder(folder: Path, data: Path) -> None:
@@ -323,14 +326,16 @@ async def _play(
 
     async def restart() -> None:
         nonlocal interrupted
-        while 2 * sum(bool(page.acknowledged) for page in pages) < len(pages):
+        while len([page for page in pages if page.acknowledged]) < len(pages) / 2:
             if all(page.end for page in pages):  # no participant is left to interrupt
                 return
             await asyncio.sleep(_POLL_S)
-        for number, stop in [*((number, "restarted") for number in range(len(servers))), (0, "killed")]:
-            present = sum(bool(page.acknowledged) and not page.end for page in pages)
-            interrupted += present
-            on_progress(f"server {number + 1} {stop}, {present} participants in a session")
+        stops = [(number, "restarted") for number in range(len(servers))]
+        stops.append((0, "killed"))
+        for number, stop in stops:
+            present = [page for page in pages if page.acknowledged and not page.end]
+            interrupted += len(present)
+            on_progress(f"server {number + 1} {stop}, {len(present)} participants in a session")
             await asyncio.to_thread(servers[number].stop, kill=stop == "killed")
             await asyncio.to_thread(servers[number].start)
             await asyncio.sleep(_PAUSE_S)
@@ -353,29 +358,37 @@ def _count_presses(log: Path) -> Counter[tuple[str, int]]:
     return Counter((event.key, event.t_ns - event.waited_ns) for event in events if event.down)
 
 
-def _count(
+def _count_losses(
     gathered: Path, folders: list[Path], pages: list[_Page], codes: dict[str, str | None], interrupted: int
 ) -> CheckResult:
     """Compare the key presses acknowledged to the pages with the logs in the store."""
-    digests: dict[str, set[bytes]] = {}
-    for log in (log for folder in (gathered, *folders) for log in folder.rglob("*.mcap")):
-        if read_log(log).end_reason == "complete":
-            digests.setdefault(log.name.partition("_other")[0].removesuffix(".mcap"), set()).add(log.read_bytes())
     logs = {log.name.partition("_")[0]: log for log in gathered.rglob("*.mcap")}
-    lost = 0
+    n_lost = 0
     for page in pages:
         log_path = logs.get(codes[page.token] or "")
         pressed: Counter[tuple[str, int]] = Counter()
         if log_path is not None:
             pressed = _count_presses(log_path)
-        lost += (page.acknowledged - pressed).total()
+        n_lost += (page.acknowledged - pressed).total()
+    differing_logs = [log for log in logs.values() if any(True for _ in find_log_differences(log, World))]
     return CheckResult(
         participants=len(pages),
         complete=sum(page.end == "complete" for page in pages),
         interrupted=interrupted,
         moved=sum(len(page.hosts) > 1 for page in pages),
         acknowledged=sum(page.acknowledged.total() for page in pages),
-        lost=lost,
-        twice=sum(len(log_digests) > 1 for log_digests in digests.values()),
-        differences=sum(bool(list(find_log_differences(log, World))) for log in logs.values()),
+        lost=n_lost,
+        twice=_count_double_sessions([gathered, *folders]),
+        differences=len(differing_logs),
     )
+
+
+def _count_double_sessions(folders: list[Path]) -> int:
+    """Count the complete sessions that have logs with different contents."""
+    contents: dict[str, set[bytes]] = {}
+    for folder in folders:
+        for log in folder.rglob("*.mcap"):
+            if read_log(log).end_reason == "complete":
+                session = log.name.partition("_other")[0].removesuffix(".mcap")
+                contents.setdefault(session, set()).add(log.read_bytes())
+    return sum(len(of_session) > 1 for of_session in contents.values())

@@ -151,9 +151,11 @@ class RecordedKeys(Window):
         if until_ns is not None and (self._coming or self._session.next_tick_ns is not None):
             self._clock.advance_to(until_ns)
             return []
-        if self._play is not None and self._play is self._session.play and self._play.outcome is None:
-            return [Stop(self._clock(), "window_closed", "the page has no more of this episode")]
-        return [KeyDown(self._clock(), "enter", "enter"), KeyUp(self._clock(), "enter", "enter")]
+        play = self._play
+        now_ns = self._clock()
+        if play is not None and play is self._session.play and play.outcome is None:
+            return [Stop(now_ns, "window_closed", "the page has no more of this episode")]
+        return [KeyDown(now_ns, "enter", "enter"), KeyUp(now_ns, "enter", "enter")]
 
     def facts(self) -> dict[str, str]:
         """Return the fact that the window was a page."""
@@ -181,11 +183,12 @@ def write_protocol(episodes: Sequence[PageEpisode], study: str, participants: in
     Raises:
         PageDataError: if a pressed key is one that a session cannot assign to an action.
     """
-    blocks = [
-        _describe_block(number, list(run))
-        for number, (_, run) in enumerate(groupby(episodes, key=_describe_condition), 1)
-    ]
-    pool = sorted({key for block in blocks for key in block["fixed_keys"]})
+    blocks: list[dict[str, Any]] = []
+    pool: set[str] = set()
+    for _, run in groupby(episodes, key=_describe_condition):
+        block = _describe_block(len(blocks) + 1, list(run))
+        blocks.append(block)
+        pool |= set(block["fixed_keys"])
     header = {
         "study": {
             "name": study,
@@ -194,11 +197,14 @@ def write_protocol(episodes: Sequence[PageEpisode], study: str, participants: in
             "participants": participants,
             "closing": "",
         },
-        "keys": {"pool": pool, "keyboard_check": False},
+        "keys": {"pool": sorted(pool), "keyboard_check": False},
     }
-    lines = [line for name, table in header.items() for line in _format_table(f"[{name}]", table)]
+    lines: list[str] = []
+    for name, table in header.items():
+        lines += _format_table(f"[{name}]", table)
     lines += _format_table("[[groups]]", {"name": GROUP, "blocks": [block["name"] for block in blocks]})
-    lines += [line for block in blocks for line in _format_table("[[blocks]]", block)]
+    for block in blocks:
+        lines += _format_table("[[blocks]]", block)
     return "\n".join(lines) + "\n"
 
 

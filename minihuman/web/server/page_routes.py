@@ -69,10 +69,15 @@ _TYPES = {
 
 def build_page_routes() -> list[Route]:
     """Build the routes of the page at the root and of the files that it loads below `/static`."""
-    files = [path for path in sorted(PAGE_FOLDER.rglob("*")) if path.suffix in _TYPES]
-    addresses = {path: f"/static/{path.relative_to(PAGE_FOLDER).as_posix()}" for path in files}
-    of_page = [_route("/" if path.name == "page.html" else addresses[path], path) for path in files]
-    return [*of_page, *(_route(address, path) for address, path in list_page_modules())]
+    routes = []
+    for path in sorted(PAGE_FOLDER.rglob("*")):
+        if path.suffix in _TYPES:
+            address = f"/static/{path.relative_to(PAGE_FOLDER).as_posix()}"
+            if path.name == "page.html":
+                address = "/"
+            routes.append(_route(address, path))
+    routes += [_route(address, path) for address, path in list_page_modules()]
+    return routes
 
 
 def _route(address: str, path: Path) -> Route:
