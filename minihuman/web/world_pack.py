@@ -1,4 +1,6 @@
-"""Packs worlds for pages without a server: compiled rules, tiles, textures and the first states of some seeds.
+"""Packs worlds for pages without a server: compiled rules, tiles, textures, and how episodes begin.
+
+Most grid worlds are laid out in the page, from any seed. Of the others the first states of some seeds are packed.
 
 `minihuman pack` and the live gallery write these folders; `page/packed_world.js` plays from them, in a page or in Node.
 """
@@ -19,18 +21,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
+from minihuman.web.page_layouts import MANIFEST as LAYOUTS_MANIFEST
+from minihuman.web.page_layouts import describe_language, describe_layout, read_layouts_module
 from minihuman.worlds.catalogue import BABYAI_WORLDS, FIRST_PERSON_WORLDS, GRID_WORLDS, CatalogueEntry
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.page_scene import describe
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.pictures.drawing import atlas
 
-PACK_VERSION = 1
+PACK_VERSION = 2
 _MOST_SEEDS = 1_000_000
+_PAGE_SEEDS = 2**53  # the whole numbers that a page has
 TILE_PX = 32
 SIZE_PX = (640, 480)  # of a first-person picture, unless the page asks for another
 PAGE_SINE = {"trig": 1}  # the option by which a first-person world computes as a page does
-MODULES = ("packed_world.js", "episode_record.js", "world.js", "row.js")  # of the page, which play what is packed
+MODULES = ("packed_world.js", "layouts.js", "episode_record.js", "world.js", "row.js")  # of the page, which play what is packed
 _PAGE = Path(__file__).with_name("page")
 _KINDS = (("Grid", GRID_WORLDS), ("BabyAI", BABYAI_WORLDS), ("First person", FIRST_PERSON_WORLDS))
 
@@ -41,27 +46,28 @@ class PackSummary:
 
     worlds: tuple[str, ...]
     skipped: tuple[str, ...]  # worlds whose rules are Python
+    packed_states: tuple[str, ...]  # worlds that have only the given seeds
     size_bytes: int
 
 
 def pack_worlds(folder: Path, seeds: range, names: Collection[str] = ()) -> PackSummary:
-    """Pack worlds into a folder, with their first states for the given seeds.
+    """Pack worlds into a folder.
 
     Args:
         folder: the folder, which is created if necessary; files of an earlier pack in it are replaced.
-        seeds: consecutive seeds, each 0 or more.
+        seeds: consecutive seeds, each 0 or more, whose first states are packed of worlds that no page can lay out.
         names: the worlds' names, with or without ``minihuman/``; empty for all that a page can compute.
 
     Raises:
-        WorldError: if there is no such world, or a named one has rules that a page cannot compute.
+        WorldError: if there is no such world, a named one has rules that a page cannot compute, or the compiled layouts
+            are of other sources.
     """
     entries = _find_entries(names)
     (folder / "starts").mkdir(parents=True, exist_ok=True)
-    shutil.copytree(_PAGE / "worlds", folder / "worlds", dirs_exist_ok=True)
-    for module in MODULES:
-        shutil.copy(_PAGE / module, folder)
+    layouts = _copy_modules(folder)
     packed: list[dict[str, Any]] = []
     skipped: list[str] = []
+    drawn: dict[str, Any] = {}
     for kind, entry in entries:
         options: dict[str, Any] = {}
         if kind == "First person":
@@ -70,19 +76,54 @@ def pack_worlds(folder: Path, seeds: range, names: Collection[str] = ()) -> Pack
         if not env.is_compiled:
             skipped.append(entry.name)
             continue
-        if isinstance(env, FirstPersonEnv):
-            starts = _write_scenes(folder, env, entry, seeds)
-        else:
-            starts = _write_rows(folder, env, entry, seeds)
         title = {"kind": kind, "title": f"{entry.name}: {entry.summary}", "name": entry.name, "options": options}
-        seed_range = {"first_seed": seeds.start, "seeds": len(seeds)}
-        packed.append(title | seed_range | {"actions": list(env.action_names)} | starts)
+        layout = None if isinstance(env, FirstPersonEnv) else describe_layout(env, layouts["functions"])
+        if layout is not None:
+            drawn[entry.name] = layout
+            starts = {"first_seed": 0, "seeds": _PAGE_SEEDS, "is_drawn": True, **_describe_sizes(env)}
+        elif isinstance(env, FirstPersonEnv):
+            starts = _describe_seeds(seeds) | _write_scenes(folder, env, entry, seeds)
+        else:
+            starts = _describe_seeds(seeds) | _write_rows(folder, env, entry, seeds)
+        packed.append(title | {"actions": list(env.action_names)} | starts)
     if names and skipped:
         raise WorldError(f"{', '.join(skipped)}: the rules are Python, which no page computes; pack another world")
+    if drawn:
+        _write_layouts(folder, layouts, drawn)
     index = {"version": PACK_VERSION, "atlas": _write_atlas(folder), "worlds": packed}
     (folder / "index.json").write_text(json.dumps(index), encoding="utf-8", newline="\n")
     size_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    return PackSummary(tuple(world["name"] for world in packed), tuple(skipped), size_bytes)
+    worlds = tuple(world["name"] for world in packed)
+    return PackSummary(worlds, tuple(skipped), tuple(name for name in worlds if name not in drawn), size_bytes)
+
+
+def _copy_modules(folder: Path) -> dict[str, Any]:
+    """Copy the page's modules into a folder; return what the manifest says of the one with layouts."""
+    layouts = read_layouts_module()
+    others = {LAYOUTS_MANIFEST.name, *(file["file"] for file in layouts["files"])}
+    (folder / "worlds").mkdir(exist_ok=True)
+    for path in sorted((_PAGE / "worlds").iterdir()):
+        if path.name not in others:
+            shutil.copy(path, folder / "worlds")
+    for module in MODULES:
+        shutil.copy(_PAGE / module, folder)
+    return layouts
+
+
+def _write_layouts(folder: Path, module: dict[str, Any], worlds: dict[str, Any]) -> None:
+    """Write the compiled layouts, deflated, and the table of how each world is laid out with them."""
+    code = (_PAGE / "worlds" / module["files"][0]["file"]).read_bytes()
+    (folder / "worlds" / "layouts.wasm.z").write_bytes(zlib.compress(code, 9))
+    table = {"module": module, "worlds": worlds, "language": describe_language()}
+    (folder / "layouts.z").write_bytes(zlib.compress(json.dumps(table, separators=(",", ":")).encode(), 9))
+
+
+def _describe_seeds(seeds: range) -> dict[str, Any]:
+    return {"first_seed": seeds.start, "seeds": len(seeds)}
+
+
+def _describe_sizes(env: GridEngine) -> dict[str, Any]:
+    return {"row_length": len(env.state.row), "view_size": env.image_shape[0]}
 
 
 def parse_seeds(text: str) -> range:
@@ -132,7 +173,7 @@ def _write_rows(folder: Path, env: GridEngine, entry: CatalogueEntry, seeds: Seq
         distinct = missions[:1]
     content = np.stack(words).tobytes() + np.stack(rows).tobytes() + json.dumps(distinct).encode()
     (folder / "starts" / f"{entry.name}.z").write_bytes(zlib.compress(content, 9))
-    return {"row_length": len(rows[0]), "view_size": env.image_shape[0]}
+    return _describe_sizes(env)
 
 
 class _ArrayPool:
