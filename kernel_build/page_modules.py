@@ -43,10 +43,10 @@ declare void @llvm.trap()
 @unused = internal global i64 0
 @released = internal global [64 x ptr] zeroinitializer
 define ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 %align) {{
-  %with_header = add i64 %size, 191
-  %largest = or i64 %with_header, 127
-  %zeros = call i64 @llvm.ctlz.i64(i64 %largest, i1 false)
-  %power = sub i64 63, %zeros
+  %last = add i64 %size, 63
+  %filled = or i64 %last, 127
+  %zeros = call i64 @llvm.ctlz.i64(i64 %filled, i1 false)
+  %power = sub i64 64, %zeros
   %block_size = shl i64 1, %power
   %index = trunc i64 %power to i32
   %list = getelementptr [64 x ptr], ptr @released, i32 0, i32 %index
