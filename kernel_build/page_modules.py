@@ -206,7 +206,9 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
         name: _build_module(folder, name, exports, (_COUNTING,), _TARGETS[name]) for name, exports in EXPORTS.items()
     }
     runtime = _ALLOCATION, _MULTIPLICATION
-    layouts = {"layouts": _build_module(folder, "layouts", LAYOUT_EXPORTS, runtime, (PAGE_LAYOUTS,))}
+    layouts = {
+        name: _build_module(folder, name, exports, runtime, (PAGE_LAYOUTS,)) for name, exports in LAYOUT_EXPORTS.items()
+    }
     _write_manifest(folder / MANIFEST, kernels_digest(), modules)
     _write_manifest(folder / LAYOUTS_MANIFEST, layouts_digest(), layouts)
     return modules | layouts

@@ -5,7 +5,7 @@ and the words of its missions.
 """
 
 import json
-from collections.abc import Container
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,32 +27,39 @@ _MOST_EXACT = 2**53  # a page reads larger whole numbers from text
 _BLOCK = ("JOIN", "LEFT", "RIGHT", "CLAUSES", "CLAUSE", "VERB", "THING", "OTHER", "KIND", "COLOUR", "PLACE", "PLURAL")
 
 
-def read_layouts_module() -> dict[str, Any]:
-    """Return what the manifest says of the module of layouts: its file, and its functions by name.
+def read_layout_modules() -> dict[str, Any]:
+    """Return what the manifest says of each module of layouts: its file, and its functions by name.
 
     Raises:
-        WorldError: if it was compiled from other sources than these.
+        WorldError: if they were compiled from other sources than these.
     """
     manifest = json.loads(MANIFEST.read_text(encoding="utf-8"))
     if manifest["sources"] != layouts_digest():
         raise WorldError(f"{MANIFEST.name} is of other layouts than these; run: python -m kernel_build")
-    module: dict[str, Any] = manifest["modules"]["layouts"]
-    return module
+    modules: dict[str, Any] = manifest["modules"]
+    return modules
 
 
-def describe_layout(env: GridEngine, layouts: Container[str]) -> dict[str, Any] | None:
-    """Return how a page lays a world out; None if its layout is Python, or is not compiled for pages.
+def find_layout_module(env: GridEngine, modules: Mapping[str, Any]) -> str | None:
+    """Return the name of the module that has a world's layout; None if the layout is Python, or is in none.
 
     Args:
-        env: the world, before its first reset.
-        layouts: the names of the layouts that pages have.
+        env: the world.
+        modules: as `read_layout_modules` returns them.
     """
     recipe = getattr(env, "recipe", None)
     if not isinstance(recipe, Recipe):
         return None
-    name = f"layout_{recipe.layout.__name__}"
-    if name not in layouts:
-        return None
+    return next((name for name, module in modules.items() if _name_layout(recipe) in module["functions"]), None)
+
+
+def _name_layout(recipe: Recipe) -> str:
+    return f"layout_{recipe.layout.__name__}"
+
+
+def describe_layout(env: Any) -> dict[str, Any]:
+    """Return how a page lays out a world that `find_layout_module` found, before its first reset."""
+    recipe: Recipe = env.recipe
     program: list[list[int | str]] = []
     if isinstance(recipe, LevelRecipe):
         program = [[_write_exactly(number) for number in line] for line in recipe.program.tolist()]
@@ -60,7 +67,8 @@ def describe_layout(env: GridEngine, layouts: Container[str]) -> dict[str, Any] 
     if isinstance(recipe.mission, MissionSpace):
         mission = {"template": recipe.mission.template, "choices": recipe.mission.choices}
     header = env.state.row[:HEADER].tolist()
-    return {"layout": name, "numbers": recipe.numbers, "program": program, "header": header, "mission": mission}
+    numbers = {"layout": _name_layout(recipe), "numbers": recipe.numbers, "program": program}
+    return numbers | {"header": header, "mission": mission}
 
 
 def _write_exactly(number: int) -> int | str:

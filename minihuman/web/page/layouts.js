@@ -3,12 +3,12 @@
 
 import { CARRYING, FAILED, HEADER, HEIGHT, MISSION, PHASE, PLAYING, WIDTH } from "./row.js";
 
-/** @import { Kernels, ModuleEntry, Start } from "./world.js" */
+/** @import { Kernels, Start } from "./world.js" */
 /**
  * @typedef {{ layout: string, numbers: number[], program: (number | string)[][], header: number[],
  * mission: { template: string, choices: Record<string, string>[] } | null }} LayoutEntry a level has a program, and a mission
  * that is an instruction; numbers that a double cannot hold are texts
- * @typedef {{ module: ModuleEntry, worlds: Record<string, LayoutEntry>, language: Language }} LayoutTable
+ * @typedef {{ worlds: Record<string, LayoutEntry>, language: Language }} LayoutTable
  * @typedef {{ places: Record<string, number>, verbs: string[], joins: string[], colours: string[], kinds: string[],
  * sides: string[] }} Language of instructions: where in its block what is, and the words
  */
@@ -82,13 +82,14 @@ export class DrawnRows {
   #mission = "";
 
   /**
-   * @param {Kernels} kernels of the module `layouts`, with room for these arrays
-   * @param {LayoutTable} table @param {{ name: string, row_length: number, view_size: number }} world
+   * @param {Kernels} kernels of the module that has the world's layout, with room for these arrays
+   * @param {LayoutTable} table @param {{ name: string, module: string, row_length: number, view_size: number }} world
    */
-  constructor(kernels, table, { name, row_length, view_size }) {
+  constructor(kernels, table, { name, module, row_length, view_size }) {
     const layout = table.worlds[name];
     if (!layout) throw new Error(`${name} has no layout in this pack; pack it again`);
     this.name = name;
+    this.module = module;
     this.kernels = kernels;
     this.layout = layout;
     this.language = table.language;

@@ -6,12 +6,12 @@ import { MAX_STEPS, STEP } from "./row.js";
 import { FirstPersonWorld, GridWorld, Kernels, Scene, chooseModule } from "./world.js";
 
 /** @import { LayoutTable } from "./layouts.js" */
-/** @import { Atlas, Manifest, Start, View } from "./world.js" */
+/** @import { Atlas, Manifest, ModuleEntry, Start, View } from "./world.js" */
 /**
  * @typedef {{ name: string, kind: string, title: string, actions: string[], first_seed: number, seeds: number,
  * options: Record<string, unknown>, row_length: number, view_size: number, size_px?: [number, number],
- * is_drawn?: boolean }} PackedEntry whose first states are drawn from any seed, or packed for some
- * @typedef {{ version: number, worlds: PackedEntry[], atlas: { tile_px: number, small_px: number,
+ * layouts?: string }} PackedEntry whose first states are drawn from any seed by a module of layouts, or packed for some
+ * @typedef {{ version: number, worlds: PackedEntry[], manifest: Manifest, atlas: { tile_px: number, small_px: number,
  * arrays: Record<string, { at: number, bytes: number, kind: string }> } }} PackIndex
  * @typedef {{ image: Uint8Array, shape: [number, number, number], direction: number, mission: string }} GridObservation
  * @typedef {{ mission: string }} FirstPersonObservation what the agent sees is drawn, by `draw`
@@ -22,7 +22,7 @@ import { FirstPersonWorld, GridWorld, Kernels, Scene, chooseModule } from "./wor
  * @typedef {{ state: any, steps: number, ended: boolean, digest: string, mission: string, seed: number }} SavedWorld
  */
 
-const INDEX_VERSIONS = [1, 2];
+const INDEX_VERSION = 2;
 const WORDS = 6, WORDS_BYTES = 48, ROW_BYTES = 4;
 const TERMINATED_BIT = 1, TRUNCATED_BIT = 2;
 const TERMINATED = 1, TRUNCATED = 2; // in a digest
@@ -60,11 +60,11 @@ export class WorldPack {
   /** @type {Promise<Atlas> | null} */ #atlas = null;
   /** @type {Promise<LayoutTable> | null} */ #layouts = null;
 
-  /** @param {URL} folder @param {PackIndex} index @param {Manifest} manifest */
-  constructor(folder, index, manifest) {
+  /** @param {URL} folder @param {PackIndex} index */
+  constructor(folder, index) {
     this.folder = folder;
     this.index = index;
-    this.manifest = manifest;
+    this.manifest = index.manifest;
   }
 
   /** @param {URL | string} folder its address; the page's own where it is relative @returns {Promise<WorldPack>} */
@@ -81,12 +81,9 @@ export class WorldPack {
 
   /** @param {URL} address */
   static async #open(address) {
-    const [index, manifest] = await Promise.all(
-      ["index.json", "worlds/manifest.json"].map(async (name) => parse(await read(new URL(name, address)))));
-    if (!INDEX_VERSIONS.includes(index.version)) {
-      throw new Error(`${address} is of pack version ${index.version}, not ${INDEX_VERSIONS.join(" or ")}; pack it again`);
-    }
-    return new WorldPack(address, index, manifest);
+    /** @type {PackIndex} */ const index = parse(await inflate(await read(new URL("index.z", address))));
+    if (index.version !== INDEX_VERSION) throw new Error(`${address} is of pack version ${index.version}, not ${INDEX_VERSION}; pack it again`);
+    return new WorldPack(address, index);
   }
 
   /** @param {string} id with or without `minihuman/` @returns {PackedEntry} */
@@ -111,14 +108,8 @@ export class WorldPack {
 
   /** @param {string} name */
   async #compile(name) {
-    if (name === LAYOUTS) return this.#compileLayouts();
-    const entry = this.manifest.modules[name];
-    return Kernels.compile(await read(new URL(`worlds/${chooseModule(entry, name).file}`, this.folder)), entry);
-  }
-
-  async #compileLayouts() {
-    const [code, table] = await Promise.all([this.file("worlds/layouts.wasm.z"), this.layouts()]);
-    return Kernels.compile(code, table.module);
+    const entry = this.manifest.modules[name], { file } = chooseModule(entry, name);
+    return Kernels.compile(await this.file(`worlds/${file}.z`), /** @type {ModuleEntry} */ (entry));
   }
 
   /** Keep a module for the next world. @param {string} name @param {Kernels} kernels */
@@ -154,8 +145,6 @@ export class WorldPack {
     return content;
   }
 }
-
-const LAYOUTS = "layouts"; // the module
 
 /**
  * @typedef {{ at(place: number): Start, mission(place: number): string }} FirstStates of a grid world, by place of the seed: a
@@ -197,7 +186,7 @@ class GridGame {
 
   /** @param {WorldPack} pack @param {PackedEntry} entry @param {number} maxSteps */
   static async load(pack, entry, maxSteps) {
-    const states = entry.is_drawn ? GridGame.#draw(pack, entry) : GridGame.#unpack(pack, entry);
+    const states = entry.layouts ? GridGame.#draw(pack, entry, entry.layouts) : GridGame.#unpack(pack, entry);
     const [starts, kernels, atlas] = await Promise.all([states, pack.kernels("grid"), pack.atlas()]);
     return new GridGame(pack, starts, kernels, maxSteps, atlas);
   }
@@ -205,10 +194,10 @@ class GridGame {
   /** @param {WorldPack} pack @param {PackedEntry} entry @returns {Promise<FirstStates>} */
   static async #unpack(pack, entry) { return new PackedRows(entry, await pack.file(`starts/${entry.name}.z`)); }
 
-  /** @param {WorldPack} pack @param {PackedEntry} entry @returns {Promise<FirstStates>} */
-  static async #draw(pack, entry) {
-    const [kernels, table] = await Promise.all([pack.kernels(LAYOUTS), pack.layouts()]);
-    return new DrawnRows(kernels, table, entry);
+  /** @param {WorldPack} pack @param {PackedEntry} entry @param {string} module @returns {Promise<FirstStates>} */
+  static async #draw(pack, entry, module) {
+    const [kernels, table] = await Promise.all([pack.kernels(module), pack.layouts()]);
+    return new DrawnRows(kernels, table, { ...entry, module });
   }
 
   /** @param {number} place */
@@ -241,7 +230,7 @@ class GridGame {
 
   close() {
     this.pack.release("grid", this.world.kernels);
-    if (this.starts instanceof DrawnRows) this.pack.release(LAYOUTS, this.starts.kernels);
+    if (this.starts instanceof DrawnRows) this.pack.release(this.starts.module, this.starts.kernels);
   }
 }
 
@@ -403,7 +392,7 @@ export class World {
   /** Begin an episode, as Python's `reset` does. @param {{ seed?: number }} [options] @returns {Observation} */
   reset({ seed = this.#entry.first_seed } = {}) {
     const [first, end] = this.seeds;
-    if (this.#entry.is_drawn && !(Number.isSafeInteger(seed) && seed >= 0)) {
+    if (this.#entry.layouts && !(Number.isSafeInteger(seed) && seed >= 0)) {
       throw new Error(`${this.name}: seed ${seed} is no whole number from 0 to ${Number.MAX_SAFE_INTEGER}`);
     }
     if (!Number.isInteger(seed) || seed < first || seed >= end) {

@@ -1,6 +1,6 @@
 """The kernels that lay out grid worlds, which are built ahead of time for pages that draw layouts from seeds.
 
-They are called like those of `exports`, from a module of their own, which only those pages load.
+They are called like those of `exports`, from modules of their own, which only those pages load.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,14 +16,11 @@ _LAYOUTS: tuple[Callable[..., Any], ...] = (
     *(single_rooms.empty, single_rooms.crossing, single_rooms.gap, single_rooms.dist_shift),
     *(single_rooms.dynamic_obstacles, single_rooms.fetch, single_rooms.go_to_door, single_rooms.go_to_object),
     *(single_rooms.put_near, single_rooms.memory, room_grid.unlock, room_grid.unlock_pickup, room_grid.key_corridor),
-    *(room_grid.obstructed_pair, room_grid.obstructed_maze, furnish),
+    *(room_grid.obstructed_pair, room_grid.obstructed_maze),
 )
 
-
-def name_layout(layout: Callable[..., Any]) -> str:
-    """Return the name by which the page's module exports a layout."""
-    return f"layout_{layout.__name__}"  # without the prefix, `memory` would hide the module's memory
-
-
-LAYOUTS: Mapping[str, Callable[..., Any]] = {name_layout(layout): layout for layout in _LAYOUTS}
-LAYOUT_EXPORTS: Mapping[str, Callable[..., Any]] = {"clear": clear, "hand_over": hand_over, **LAYOUTS}
+# by module, as in `exports`; with a prefix, for a function of the name `memory` would hide the module's memory
+LAYOUT_EXPORTS: Mapping[str, Mapping[str, Callable[..., Any]]] = {
+    "layouts": {"clear": clear, **{f"layout_{layout.__name__}": layout for layout in _LAYOUTS}},
+    "levels": {"clear": clear, "hand_over": hand_over, "layout_furnish": furnish},
+}
