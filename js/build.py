@@ -14,10 +14,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 TSC = ROOT / "tests/web/page/node_modules/typescript/bin/tsc"
-WORLDS = (  # that are in the package; `minihuman pack` packs others
-    *("MiniGrid-FourRooms-v0", "MiniGrid-Empty-8x8-v0", "MiniGrid-DoorKey-8x8-v0", "BabyAI-GoToLocal-v0"),
-)
-SEEDS = range(100)
+SEEDS = range(20)  # of the mazes, which no page lays out; `minihuman pack` packs others
 
 
 def build_package(folder: Path, *, with_types: bool = True) -> None:
@@ -27,9 +24,11 @@ def build_package(folder: Path, *, with_types: bool = True) -> None:
         SystemExit: if TypeScript is wanted and not here.
     """
     from minihuman.web.world_pack import pack_worlds
+    from minihuman.worlds.catalogue import BABYAI_WORLDS, GRID_WORLDS, is_compiled_grid
 
     shutil.rmtree(folder, ignore_errors=True)
-    pack_worlds(folder, SEEDS, WORLDS)
+    worlds = [entry.name for entry in (*GRID_WORLDS, *BABYAI_WORLDS) if is_compiled_grid(entry.id, {})]
+    pack_worlds(folder, SEEDS, worlds)
     for source in sorted((HERE / "src").iterdir()):
         shutil.copy(source, folder)
     shutil.copy(ROOT / "LICENSE", folder)

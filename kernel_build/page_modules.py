@@ -31,10 +31,11 @@ define void @NRT_decref(ptr %.1) {
   ret void
 }
 """  # of references: kernels that step and draw own nothing
-# Memory for layouts, which make arrays: blocks of 128 bytes and of each power of two above, those released in a list for
-# each size, in memory that is no part of the file. A header of 64 bytes lies before the data. It is read where Numba
-# wrote it for the machine that compiled it: references at 0, the data's address at 24, the size at 32; we keep the next
-# released block at 8 and the logarithm of the size at 16.
+# Memory for layouts, which make arrays: blocks of 128 bytes and of each power of two above, and a list of the released
+# ones of each size, in memory that is no part of the file. A header of 64 bytes lies before the data. Kernels look in it
+# where it is on the machine that compiled them: references at 0, the data's address at 24, the size at 32. In what they
+# do not look at, we keep the next released block, at 8, and the logarithm of the block's size, at 16. A level may reject
+# thousands of layouts before it accepts one, so memory that is never released would not do.
 _LAYOUT_BYTES = 1 << 20
 _ALLOCATION = f"""
 declare i64 @llvm.ctlz.i64(i64, i1)
@@ -181,8 +182,8 @@ def _object(code: str, target: Target) -> bytes:
 def _keep_layout(code: str) -> str:
     """Return LLVM code in which each structure on the stack has the size that it has where Numba compiled it.
 
-    There a pointer takes eight bytes, and LLVM has already replaced the names of a structure's fields by their distances
-    from its start. In the page a pointer takes four, so the structure would end before its last field, which would be
+    There a pointer takes eight bytes, and LLVM has already replaced a structure's fields by their distances from its
+    start. In the page a pointer takes four, so that the structure would end before its last field, which would be
     written over whatever follows on the stack.
     """
     return re.sub(r"^ +%\S+ = alloca [{[].*$", lambda line: re.sub(r"\bptr\b", "i64", line[0]), code, flags=re.M)

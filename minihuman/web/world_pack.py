@@ -34,7 +34,8 @@ _PAGE_SEEDS = 2**53  # the whole numbers that a page has
 TILE_PX = 32
 SIZE_PX = (640, 480)  # of a first-person picture, unless the page asks for another
 PAGE_SINE = {"trig": 1}  # the option by which a first-person world computes as a page does
-SCRIPTS = ("packed_world.js", "layouts.js", "episode_record.js", "world.js", "row.js")  # of the page, which play what is packed
+# of the page, which play what is packed
+MODULES = ("packed_world.js", "layouts.js", "episode_record.js", "world.js", "row.js")
 _PAGE = Path(__file__).with_name("page")
 _KINDS = (("Grid", GRID_WORLDS), ("BabyAI", BABYAI_WORLDS), ("First person", FIRST_PERSON_WORLDS))
 
@@ -63,13 +64,14 @@ def pack_worlds(folder: Path, seeds: range, names: Collection[str] = ()) -> Pack
     """
     entries = _find_entries(names)
     (folder / "starts").mkdir(parents=True, exist_ok=True)
-    for module in SCRIPTS:
+    for module in MODULES:
         shutil.copy(_PAGE / module, folder)
     writer = _PackWriter(folder, seeds)
     for kind, entry in entries:
         writer.add_world(kind, entry)
     if names and writer.skipped:
-        raise WorldError(f"{', '.join(writer.skipped)}: the rules are Python, which no page computes; pack another world")
+        skipped = ", ".join(writer.skipped)
+        raise WorldError(f"{skipped}: the rules are Python, which no page computes; pack another world")
     writer.write_index()
     size_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     worlds = tuple(world["name"] for world in writer.worlds)

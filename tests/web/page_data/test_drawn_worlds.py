@@ -79,8 +79,8 @@ def test_the_page_seeds_numpys_generator_as_numpy_does() -> None:
     seeds = [*range(100), 2**32 - 1, 2**32, 2**64 + 5, 2**127 - 1, 3**120, 2**200 - 1]
     script = f"""
         const {{ seedGenerator }} = await import({json.dumps((PAGE / "layouts.js").as_uri())});
-        const states = {json.dumps([str(seed) for seed in seeds])}.map((seed) => [...seedGenerator(BigInt(seed))].map(String));
-        console.log(JSON.stringify(states));
+        const seeds = {json.dumps([str(seed) for seed in seeds])};
+        console.log(JSON.stringify(seeds.map((seed) => [...seedGenerator(BigInt(seed))].map(String))));
     """
     states = json.loads(_run_node("--input-type=module", "--eval", script))
     for seed, words in zip(seeds, states, strict=True):
