@@ -31,11 +31,11 @@ define void @NRT_decref(ptr %.1) {
   ret void
 }
 """  # of references: kernels that step and draw own nothing
-# Memory for layouts, which make arrays: blocks of 128 bytes and of each power of two above, and a list of the released
-# ones of each size, in memory that is no part of the file. A header of 64 bytes lies before the data. Kernels look in it
-# where it is on the machine that compiled them: references at 0, the data's address at 24, the size at 32. In what they
-# do not look at, we keep the next released block, at 8, and the logarithm of the block's size, at 16. A level may reject
-# thousands of layouts before it accepts one, so memory that is never released would not do.
+# Memory for layouts, which make arrays: blocks of 128 bytes and of each power of two above, and a list of the
+# released ones of each size, in memory that is no part of the file. A level may reject thousands of layouts before it
+# accepts one, so memory that is never released would not do. A header of 64 bytes lies before the data. Kernels look
+# in it where it is on the machine that compiled them: references at 0, the data's address at 24, the size at 32. In
+# what they do not look at, we keep the next released block, at 8, and the logarithm of the block's size, at 16.
 _LAYOUT_BYTES = 1 << 20
 _ALLOCATION = f"""
 declare i64 @llvm.ctlz.i64(i64, i1)

@@ -1,9 +1,14 @@
 """Grid worlds that a page lays out from seeds: row, random numbers, first image and mission are Python's."""
 
+import functools
 import hashlib
 import json
+import shutil
 import subprocess
+import threading
 import warnings
+from collections.abc import Iterator, Sequence
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +19,21 @@ import pytest
 from minihuman.web.world_pack import PackSummary, pack_worlds
 from minihuman.worlds.catalogue import BABYAI_WORLDS, GRID_WORLDS
 from tests.counts import PATIENCE_S, count
-from tests.machine import need
+from tests.machine import need, needs
+from tests.web.browser import browsing
+from tests.web.firefox import firefox_at
 
 HERE = Path(__file__).parent
 PAGE = HERE.parents[2] / "minihuman" / "web" / "page"
 FOREIGN = "MiniGrid-GoToObj-Transfer-v0"  # its rules are Python
 WORLDS = [entry.name for entry in (*GRID_WORLDS, *BABYAI_WORLDS) if entry.name != FOREIGN]
 SEEDS = [*range(count(3, 1_000)), 2**32, 2**53 - 1]
+IN_BROWSERS = range(100)
+PAGE_OF_PLAN = """<!DOCTYPE html><title>drawing</title><script type="module">
+import { drawWorlds } from "./draw.mjs";
+const plan = await (await fetch("plan.json")).json();
+window.drawn = JSON.stringify(await drawWorlds(new URL("./", location.href), plan));
+</script>"""
 
 
 @pytest.fixture(scope="module")
@@ -36,13 +49,13 @@ def _run_node(*arguments: str, text: str = "") -> str:
     return ended.stdout
 
 
-def _draw(name: str) -> list[str]:
+def _draw(name: str, seeds: Sequence[int] = SEEDS) -> list[str]:
     """Digests of a world's first states in Python."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)
         env: Any = gymnasium.make(f"minihuman/{name}", disable_env_checker=True).unwrapped
     digests = []
-    for seed in SEEDS:
+    for seed in seeds:
         observation, _ = env.reset(seed=seed)
         state = env.save()
         parts = state.row, state.rng_state, observation["image"], observation["mission"].encode()
@@ -94,3 +107,47 @@ def test_layouts_of_other_sources_are_not_packed(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("minihuman.web.page_layouts.layouts_digest", lambda: "another")
     with pytest.raises(ValueError, match="python -m kernel_build"):
         pack_worlds(tmp_path, range(1), ["MiniGrid-FourRooms-v0"])
+
+
+class _Quiet(SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture
+def address(pack: tuple[Path, PackSummary]) -> Iterator[str]:
+    """Of a static server of a page that draws every world from a hundred seeds."""
+    folder, packed = pack
+    names = [name for name in WORLDS if name not in packed.packed_states]
+    (folder / "index.html").write_text(PAGE_OF_PLAN)
+    (folder / "plan.json").write_text(json.dumps({"worlds": names, "seeds": [*IN_BROWSERS]}))
+    shutil.copy(HERE / "draw.mjs", folder)
+    server = ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Quiet, directory=str(folder)))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_address[1]}/"
+    server.shutdown()
+    server.server_close()
+
+
+def _differing(drawn: str) -> list[str]:
+    return [name for name, digests in json.loads(drawn).items() if digests != _draw(name, IN_BROWSERS)]
+
+
+@pytest.mark.nightly
+@pytest.mark.program
+@needs("chromium")
+def test_chromium_lays_worlds_out_as_python_does(address: str) -> None:
+    with browsing() as sit_down:
+        somebody = sit_down(address)
+        somebody.page.wait_for_function("window.drawn !== undefined", timeout=PATIENCE_S * 1000)
+        assert _differing(somebody.page.evaluate("window.drawn")) == []
+        assert somebody.errors == []
+
+
+@pytest.mark.nightly
+@pytest.mark.program
+@needs("firefox")
+def test_firefox_lays_worlds_out_as_python_does(address: str, tmp_path: Path) -> None:
+    with firefox_at(address, tmp_path) as page:
+        page.until("window.drawn !== undefined")
+        assert _differing(page.find("window.drawn")) == []
