@@ -176,10 +176,10 @@ def link(codes: Sequence[str], names: Sequence[str], target: Target) -> bytes:
 
 def _object(code: str, target: Target) -> bytes:
     machine = machine_for(target)
-    return bytes(machine.emit_object(llvm.parse_assembly(_keep_layout(retarget(code, target, machine)))))
+    return bytes(machine.emit_object(llvm.parse_assembly(keep_structure_sizes(retarget(code, target, machine)))))
 
 
-def _keep_layout(code: str) -> str:
+def keep_structure_sizes(code: str) -> str:
     """Return LLVM code in which each structure on the stack has the size that it has where Numba compiled it.
 
     There a pointer takes eight bytes, and LLVM has already replaced a structure's fields by their distances from its

@@ -92,28 +92,28 @@ class _PackWriter:
         self._layout_modules = read_layout_modules()
         self._modules = {"grid"}  # that the worlds need, by name
 
-    def add_world(self, kind: str, entry: CatalogueEntry) -> None:
+    def add_world(self, kind: str, world: CatalogueEntry) -> None:
         """Write a world's first states, or note how a page lays it out; skip it if its rules are Python."""
         options: dict[str, Any] = {}
         if kind == "First person":
             options = PAGE_SINE
-        env = _make_world(entry, options)
+        env = _make_world(world, options)
         if not env.is_compiled:
-            self.skipped.append(entry.name)
+            self.skipped.append(world.name)
             return
-        title = {"kind": kind, "title": f"{entry.name}: {entry.summary}", "name": entry.name, "options": options}
-        self.worlds.append(title | {"actions": list(env.action_names)} | self._write_starts(env, entry))
+        title = {"kind": kind, "title": f"{world.name}: {world.summary}", "name": world.name, "options": options}
+        self.worlds.append(title | {"actions": list(env.action_names)} | self._write_starts(env, world))
 
-    def _write_starts(self, env: Any, entry: CatalogueEntry) -> dict[str, Any]:
+    def _write_starts(self, env: Any, world: CatalogueEntry) -> dict[str, Any]:
         packed_seeds = {"first_seed": self.seeds.start, "seeds": len(self.seeds)}
         if isinstance(env, FirstPersonEnv):
             self._modules.add("first_person")
-            return packed_seeds | _write_scenes(self.folder, env, entry, self.seeds)
+            return packed_seeds | _write_scenes(self.folder, env, world, self.seeds)
         layout_module = find_layout_module(env, self._layout_modules)
         if layout_module is None:
-            return packed_seeds | _write_rows(self.folder, env, entry, self.seeds)
+            return packed_seeds | _write_rows(self.folder, env, world, self.seeds)
         self._modules.add(layout_module)
-        self.layouts[entry.name] = describe_layout(env)
+        self.layouts[world.name] = describe_layout(env)
         return {"first_seed": 0, "seeds": _PAGE_SEEDS, "layouts": layout_module} | _describe_sizes(env)
 
     def write_index(self) -> None:

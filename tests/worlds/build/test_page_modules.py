@@ -7,7 +7,7 @@ from pathlib import Path
 import gymnasium
 import pytest
 
-from kernel_build.page_modules import LAYOUTS_MANIFEST, MANIFEST, PAGE, linker_version
+from kernel_build.page_modules import LAYOUTS_MANIFEST, MANIFEST, PAGE, keep_structure_sizes, linker_version
 from minihuman.worlds.catalogue import WORLDS, is_compiled_grid
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.source_digest import kernels_digest, layouts_digest
@@ -52,6 +52,12 @@ def test_the_committed_modules_name_no_folder_of_the_machine_that_built_them():
 def test_the_committed_modules_are_built_from_the_kernels_beside_them():
     assert _manifest()["sources"] == kernels_digest(), "run `python -m kernel_build`"
     assert _manifest(LAYOUTS_MANIFEST)["sources"] == layouts_digest(), "run `python -m kernel_build`"
+
+
+def test_a_structure_on_the_stack_has_room_for_fields_where_pointers_took_eight_bytes():
+    code = "  %.1 = alloca { ptr, i64, [2 x ptr] }, align 8\n  %.2 = alloca ptr, align 8\n  store ptr %.2, ptr %.1\n"
+    kept = "  %.1 = alloca { i64, i64, [2 x i64] }, align 8\n  %.2 = alloca ptr, align 8\n  store ptr %.2, ptr %.1\n"
+    assert keep_structure_sizes(code) == kept
 
 
 @pytest.mark.program
