@@ -9,9 +9,10 @@ from minihuman.web.world_pack import pack_worlds
 
 
 def write_gallery(folder: Path, seeds: int = 100, names: Collection[str] = ()) -> int:
-    """Write the gallery into a folder, the first states of so many seeds per world; how many worlds it has.
+    """Write the gallery into a folder; how many worlds it has.
 
-    ``names`` are the worlds to write; none: all that a page can compute.
+    ``names`` are the worlds to write; none: all that a page can compute. Of those that no page can lay out, it has the
+    first states of so many seeds.
     """
     shutil.copytree(Path(__file__).parent / "gallery-live", folder, dirs_exist_ok=True)
     return len(pack_worlds(folder, range(seeds), names).worlds)

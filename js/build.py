@@ -14,10 +14,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 TSC = ROOT / "tests/web/page/node_modules/typescript/bin/tsc"
-WORLDS = (  # that are in the package; `minihuman pack` packs others
-    *("MiniGrid-FourRooms-v0", "MiniGrid-Empty-8x8-v0", "MiniGrid-DoorKey-8x8-v0", "BabyAI-GoToLocal-v0"),
-)
-SEEDS = range(100)
+SEEDS = range(20)  # of the mazes, which no page lays out; `minihuman pack` packs others
 
 
 def build_package(folder: Path, *, with_types: bool = True) -> None:
@@ -27,32 +24,21 @@ def build_package(folder: Path, *, with_types: bool = True) -> None:
         SystemExit: if TypeScript is wanted and not here.
     """
     from minihuman.web.world_pack import pack_worlds
+    from minihuman.worlds.catalogue import BABYAI_WORLDS, GRID_WORLDS, is_compiled_grid
 
     shutil.rmtree(folder, ignore_errors=True)
-    pack_worlds(folder, SEEDS, WORLDS)
-    _drop_modules_without_simd(folder / "worlds")
+    worlds = [entry.name for entry in (*GRID_WORLDS, *BABYAI_WORLDS) if is_compiled_grid(entry.id, {})]
+    pack_worlds(folder, SEEDS, worlds)
     for source in sorted((HERE / "src").iterdir()):
         shutil.copy(source, folder)
     shutil.copy(ROOT / "LICENSE", folder)
     shutil.copy(HERE / "README.md", folder)
     modules = sorted(path.name for path in folder.glob("*.js"))
     package = json.loads((HERE / "package.json").read_text(encoding="utf-8"))
-    package["files"] = [*modules, "types", "worlds", "starts", "index.json", "atlas.z"]
+    package["files"] = [*modules, "types", "worlds", "starts", "index.z", "layouts.z", "atlas.z"]
     (folder / "package.json").write_text(json.dumps(package, indent=2) + "\n", encoding="utf-8")
     if with_types:
         _write_types(folder, modules)
-
-
-def _drop_modules_without_simd(folder: Path) -> None:
-    """Leave out the modules for browsers from before 2023, where there are others: they are a third of the package."""
-    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    for module in manifest["modules"].values():
-        if any(file["simd"] for file in module["files"]):
-            for file in module["files"]:
-                if not file["simd"]:
-                    (folder / file["file"]).unlink()
-            module["files"] = [file for file in module["files"] if file["simd"]]
-    (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
 
 
 def _write_types(folder: Path, modules: list[str]) -> None:

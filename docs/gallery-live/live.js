@@ -1,5 +1,5 @@
-// The gallery: worlds played in the page from packed first states, without a server. A game can be kept as a file that
-// `minihuman verify` accepts, and shared as a link that plays it again.
+// The gallery: worlds played in the page, laid out from a seed or from packed first states, without a server. A game can
+// be kept as a file that `minihuman verify` accepts, and shared as a link that plays it again.
 
 import {
   $, actionButtons, copyLink, keyMapOf, onActionKeys, outcomeOf, releaseClickedButtons, saveFile,

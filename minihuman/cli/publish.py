@@ -246,16 +246,19 @@ def pack(
         list[str], Argument("World ids, such as MiniGrid-FourRooms-v0; `minihuman worlds` lists them.", "WORLD...")
     ],
     out: Annotated[Path, Option(help="The folder to write to; files of an earlier pack in it are replaced.")],
-    seeds: Annotated[str, Option(help="The seeds to pack, such as 0-99.")] = "0-99",
+    seeds: Annotated[str, Option(help="Seeds of worlds that no page lays out, such as 0-99.")] = "0-99",
 ) -> None:
     """Pack worlds for web pages that run without a server.
 
-    The folder holds the worlds' compiled rules, their pictures, the first states of the seeds, and the JavaScript
-    modules that play them. Put it beside your page, on any web host.
+    The folder holds the worlds' compiled rules, their layouts, their pictures, and the JavaScript modules that play
+    them. Put it beside your page, on any web host. Grid worlds and BabyAI levels are laid out in the page, from any
+    seed. Of first-person worlds and the WFC mazes, it has the first states of the seeds that you name.
 
-    Example: minihuman pack MiniGrid-FourRooms-v0 --seeds 0-49 --out site/worlds
+    Example: minihuman pack MiniGrid-FourRooms-v0 MiniWorld-Hallway-v0 --seeds 0-49 --out site/worlds
     """
     from minihuman.web.world_pack import pack_worlds, parse_seeds
 
     packed = pack_worlds(out, parse_seeds(seeds), worlds)
     print(f"{len(packed.worlds)} worlds, {packed.size_bytes / 1e6:.1f} MB in {out}")
+    if packed.packed_states:
+        print(f"seeds {seeds} alone: {', '.join(packed.packed_states)}")

@@ -13,7 +13,10 @@ _HEAD = """\
 // Where in a world's first state what is. Generated: edit minihuman/worlds/grid/core/state.py or
 // minihuman/worlds/first_person/rules.py, then run `python -m minihuman.web.page_rows`.
 """
-_OF_ROW = ("WIDTH", "HEIGHT", "DIRECTION", "STEP", "MAX_STEPS", "PHASE", "ACTIONS", "HEADER", "PLAYING")
+_OF_ROW = (
+    *("WIDTH", "HEIGHT", "DIRECTION", "CARRYING", "STEP", "MAX_STEPS", "PHASE", "ACTIONS", "MISSION", "FAILED"),
+    *("HEADER", "PLAYING"),
+)
 _OF_NUMBERS = ("REWARD",)
 
 

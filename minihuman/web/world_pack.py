@@ -1,4 +1,6 @@
-"""Packs worlds for pages without a server: compiled rules, tiles, textures and the first states of some seeds.
+"""Packs worlds for pages without a server: compiled rules, tiles, textures, and how episodes begin.
+
+Most grid worlds are laid out in the page, from any seed. Of the others the first states of some seeds are packed.
 
 `minihuman pack` and the live gallery write these folders; `page/packed_world.js` plays from them, in a page or in Node.
 """
@@ -19,18 +21,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
+from minihuman.web.page_layouts import describe_language, describe_layout, find_layout_module, read_layout_modules
 from minihuman.worlds.catalogue import BABYAI_WORLDS, FIRST_PERSON_WORLDS, GRID_WORLDS, CatalogueEntry
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.page_scene import describe
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.pictures.drawing import atlas
 
-PACK_VERSION = 1
+PACK_VERSION = 2
 _MOST_SEEDS = 1_000_000
+_PAGE_SEEDS = 2**53  # the whole numbers that a page has
 TILE_PX = 32
 SIZE_PX = (640, 480)  # of a first-person picture, unless the page asks for another
 PAGE_SINE = {"trig": 1}  # the option by which a first-person world computes as a page does
-MODULES = ("packed_world.js", "episode_record.js", "world.js", "row.js")  # of the page, which play what is packed
+# of the page, which play what is packed
+MODULES = ("packed_world.js", "layouts.js", "episode_record.js", "world.js", "row.js")
 _PAGE = Path(__file__).with_name("page")
 _KINDS = (("Grid", GRID_WORLDS), ("BabyAI", BABYAI_WORLDS), ("First person", FIRST_PERSON_WORLDS))
 
@@ -41,48 +46,99 @@ class PackSummary:
 
     worlds: tuple[str, ...]
     skipped: tuple[str, ...]  # worlds whose rules are Python
+    packed_states: tuple[str, ...]  # worlds that have only the given seeds
     size_bytes: int
 
 
 def pack_worlds(folder: Path, seeds: range, names: Collection[str] = ()) -> PackSummary:
-    """Pack worlds into a folder, with their first states for the given seeds.
+    """Pack worlds into a folder.
 
     Args:
         folder: the folder, which is created if necessary; files of an earlier pack in it are replaced.
-        seeds: consecutive seeds, each 0 or more.
+        seeds: consecutive seeds, each 0 or more, whose first states are packed of worlds that no page can lay out.
         names: the worlds' names, with or without ``minihuman/``; empty for all that a page can compute.
 
     Raises:
-        WorldError: if there is no such world, or a named one has rules that a page cannot compute.
+        WorldError: if there is no such world, a named one has rules that a page cannot compute, or the compiled layouts
+            are of other sources.
     """
     entries = _find_entries(names)
     (folder / "starts").mkdir(parents=True, exist_ok=True)
-    shutil.copytree(_PAGE / "worlds", folder / "worlds", dirs_exist_ok=True)
     for module in MODULES:
         shutil.copy(_PAGE / module, folder)
-    packed: list[dict[str, Any]] = []
-    skipped: list[str] = []
+    writer = _PackWriter(folder, seeds)
     for kind, entry in entries:
+        writer.add_world(kind, entry)
+    if names and writer.skipped:
+        skipped = ", ".join(writer.skipped)
+        raise WorldError(f"{skipped}: the rules are Python, which no page computes; pack another world")
+    writer.write_index()
+    size_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    worlds = tuple(world["name"] for world in writer.worlds)
+    packed_states = tuple(name for name in worlds if name not in writer.layouts)
+    return PackSummary(worlds, tuple(writer.skipped), packed_states, size_bytes)
+
+
+class _PackWriter:
+    """Writes worlds into a folder, then the index of what is there."""
+
+    def __init__(self, folder: Path, seeds: range) -> None:
+        self.folder = folder
+        self.seeds = seeds
+        self.worlds: list[dict[str, Any]] = []
+        self.skipped: list[str] = []
+        self.layouts: dict[str, Any] = {}  # of the worlds that pages lay out
+        self._manifest = json.loads((_PAGE / "worlds/manifest.json").read_text(encoding="utf-8"))
+        self._layout_modules = read_layout_modules()
+        self._modules = {"grid"}  # that the worlds need, by name
+
+    def add_world(self, kind: str, world: CatalogueEntry) -> None:
+        """Write a world's first states, or note how a page lays it out; skip it if its rules are Python."""
         options: dict[str, Any] = {}
         if kind == "First person":
             options = PAGE_SINE
-        env = _make_world(entry, options)
+        env = _make_world(world, options)
         if not env.is_compiled:
-            skipped.append(entry.name)
-            continue
+            self.skipped.append(world.name)
+            return
+        title = {"kind": kind, "title": f"{world.name}: {world.summary}", "name": world.name, "options": options}
+        self.worlds.append(title | {"actions": list(env.action_names)} | self._write_starts(env, world))
+
+    def _write_starts(self, env: Any, world: CatalogueEntry) -> dict[str, Any]:
+        packed_seeds = {"first_seed": self.seeds.start, "seeds": len(self.seeds)}
         if isinstance(env, FirstPersonEnv):
-            starts = _write_scenes(folder, env, entry, seeds)
-        else:
-            starts = _write_rows(folder, env, entry, seeds)
-        title = {"kind": kind, "title": f"{entry.name}: {entry.summary}", "name": entry.name, "options": options}
-        seed_range = {"first_seed": seeds.start, "seeds": len(seeds)}
-        packed.append(title | seed_range | {"actions": list(env.action_names)} | starts)
-    if names and skipped:
-        raise WorldError(f"{', '.join(skipped)}: the rules are Python, which no page computes; pack another world")
-    index = {"version": PACK_VERSION, "atlas": _write_atlas(folder), "worlds": packed}
-    (folder / "index.json").write_text(json.dumps(index), encoding="utf-8", newline="\n")
-    size_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    return PackSummary(tuple(world["name"] for world in packed), tuple(skipped), size_bytes)
+            self._modules.add("first_person")
+            return packed_seeds | _write_scenes(self.folder, env, world, self.seeds)
+        layout_module = find_layout_module(env, self._layout_modules)
+        if layout_module is None:
+            return packed_seeds | _write_rows(self.folder, env, world, self.seeds)
+        self._modules.add(layout_module)
+        self.layouts[world.name] = describe_layout(env)
+        return {"first_seed": 0, "seeds": _PAGE_SEEDS, "layouts": layout_module} | _describe_sizes(env)
+
+    def write_index(self) -> None:
+        """Write the modules, the tiles, how worlds are laid out, and the index, all of them deflated."""
+        modules = self._manifest["modules"] | self._layout_modules
+        needed = {name: modules[name] for name in sorted(self._modules)}
+        (self.folder / "worlds").mkdir(exist_ok=True)
+        for file in (file["file"] for module in needed.values() for file in module["files"]):
+            _write_deflated(self.folder / f"worlds/{file}.z", (_PAGE / "worlds" / file).read_bytes())
+        if self.layouts:
+            _write_deflated(self.folder / "layouts.z", {"worlds": self.layouts, "language": describe_language()})
+        manifest = {"sources": self._manifest["sources"], "modules": needed}
+        index = {"version": PACK_VERSION, "atlas": _write_atlas(self.folder), "manifest": manifest}
+        _write_deflated(self.folder / "index.z", index | {"worlds": self.worlds})
+
+
+def _write_deflated(path: Path, content: bytes | dict[str, Any]) -> None:
+    """Write bytes, or an object as JSON, deflated."""
+    if isinstance(content, dict):
+        content = json.dumps(content, separators=(",", ":")).encode()
+    path.write_bytes(zlib.compress(content, 9))
+
+
+def _describe_sizes(env: GridEngine) -> dict[str, Any]:
+    return {"row_length": len(env.state.row), "view_size": env.image_shape[0]}
 
 
 def parse_seeds(text: str) -> range:
@@ -139,8 +195,8 @@ def _write_rows(folder: Path, env: GridEngine, entry: CatalogueEntry, seeds: Seq
     if len(set(missions)) == 1:
         distinct = missions[:1]
     content = np.stack(words).tobytes() + np.stack(rows).tobytes() + json.dumps(distinct).encode()
-    (folder / "starts" / f"{entry.name}.z").write_bytes(zlib.compress(content, 9))
-    return {"row_length": len(rows[0]), "view_size": env.image_shape[0]}
+    _write_deflated(folder / "starts" / f"{entry.name}.z", content)
+    return _describe_sizes(env)
 
 
 class _ArrayPool:
@@ -187,7 +243,7 @@ def _write_scenes(folder: Path, env: FirstPersonEnv, entry: CatalogueEntry, seed
         starts.append({"state": of_state, "tables": of_scene} | looks)
     head = json.dumps({"arrays": list(pool.extents()), "starts": starts}).encode()
     content = len(head).to_bytes(4, "little") + head + pool.join()
-    (folder / "starts" / f"{entry.name}.z").write_bytes(zlib.compress(content, 9))
+    _write_deflated(folder / "starts" / f"{entry.name}.z", content)
     return {"size_px": SIZE_PX}
 
 
@@ -197,7 +253,7 @@ def _write_texture(folder: Path, pixels: bytes) -> str:
     path = folder / f"{name}.z"
     if not path.exists():
         folder.mkdir(exist_ok=True)
-        path.write_bytes(zlib.compress(pixels, 9))
+        _write_deflated(path, pixels)
     return name
 
 
@@ -212,5 +268,5 @@ def _write_atlas(folder: Path) -> dict[str, Any]:
             array = array.view(np.uint8)
         arrays[name] = {"at": len(content), "bytes": array.nbytes, "kind": str(array.dtype)}
         content += array.tobytes()
-    (folder / "atlas.z").write_bytes(zlib.compress(content, 9))
+    _write_deflated(folder / "atlas.z", content)
     return {"tile_px": TILE_PX, "small_px": tile_atlas.carried.shape[1], "arrays": arrays}

@@ -29,7 +29,17 @@ def kernels_digest() -> str:
 
     A page whose modules were built from other sources does not compute worlds.
     """
-    names = _reached(f"{_OURS}.worlds.build.exports", f"{_OURS}.worlds.build.compilation")
+    return _digest_exports("exports")
+
+
+@cache
+def layouts_digest() -> str:
+    """Return the digest of all sources from which the page's layouts are built."""
+    return _digest_exports("layout_exports")
+
+
+def _digest_exports(module: str) -> str:
+    names = _reached(f"{_OURS}.worlds.build.{module}", f"{_OURS}.worlds.build.compilation")
     return _digest([(name, _source(name) or "") for name in sorted(names)])
 
 

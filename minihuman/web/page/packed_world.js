@@ -1,14 +1,17 @@
-// Worlds from a folder that `minihuman pack` wrote, in a page or in Node: reset to the seeds that were packed, stepped
-// and drawn by the rules that Python runs. Each step has the digest that Python has for it.
+// Worlds from a folder that `minihuman pack` wrote, in a page or in Node: reset to a seed, stepped and drawn by the rules
+// that Python runs. Each step has the digest that Python has for it.
 
+import { DrawnRows } from "./layouts.js";
 import { MAX_STEPS, STEP } from "./row.js";
 import { FirstPersonWorld, GridWorld, Kernels, Scene, chooseModule } from "./world.js";
 
-/** @import { Atlas, Manifest, Start, View } from "./world.js" */
+/** @import { LayoutTable } from "./layouts.js" */
+/** @import { Atlas, Manifest, ModuleEntry, Start, View } from "./world.js" */
 /**
  * @typedef {{ name: string, kind: string, title: string, actions: string[], first_seed: number, seeds: number,
- * options: Record<string, unknown>, row_length: number, view_size: number, size_px?: [number, number] }} PackedEntry
- * @typedef {{ version: number, worlds: PackedEntry[], atlas: { tile_px: number, small_px: number,
+ * options: Record<string, unknown>, row_length: number, view_size: number, size_px?: [number, number],
+ * layouts?: string }} PackedEntry whose first states are drawn from any seed by a module of layouts, or packed for some
+ * @typedef {{ version: number, worlds: PackedEntry[], manifest: Manifest, atlas: { tile_px: number, small_px: number,
  * arrays: Record<string, { at: number, bytes: number, kind: string }> } }} PackIndex
  * @typedef {{ image: Uint8Array, shape: [number, number, number], direction: number, mission: string }} GridObservation
  * @typedef {{ mission: string }} FirstPersonObservation what the agent sees is drawn, by `draw`
@@ -19,7 +22,7 @@ import { FirstPersonWorld, GridWorld, Kernels, Scene, chooseModule } from "./wor
  * @typedef {{ state: any, steps: number, ended: boolean, digest: string, mission: string, seed: number }} SavedWorld
  */
 
-const INDEX_VERSION = 1;
+const INDEX_VERSION = 2;
 const WORDS = 6, WORDS_BYTES = 48, ROW_BYTES = 4;
 const TERMINATED_BIT = 1, TRUNCATED_BIT = 2;
 const TERMINATED = 1, TRUNCATED = 2; // in a digest
@@ -53,14 +56,15 @@ export class WorldPack {
   /** @type {Map<string, Promise<WorldPack>>} by address */ static #packs = new Map();
   /** @type {Map<string, Promise<Kernels>>} by name of module */ #modules = new Map();
   /** @type {Map<string, Promise<any>>} by path */ #files = new Map();
-  /** @type {Kernels[]} grid modules whose world was closed */ #idle = [];
+  /** @type {Map<string, Kernels[]>} modules whose world was closed, by name */ #idle = new Map();
   /** @type {Promise<Atlas> | null} */ #atlas = null;
+  /** @type {Promise<LayoutTable> | null} */ #layouts = null;
 
-  /** @param {URL} folder @param {PackIndex} index @param {Manifest} manifest */
-  constructor(folder, index, manifest) {
+  /** @param {URL} folder @param {PackIndex} index */
+  constructor(folder, index) {
     this.folder = folder;
     this.index = index;
-    this.manifest = manifest;
+    this.manifest = index.manifest;
   }
 
   /** @param {URL | string} folder its address; the page's own where it is relative @returns {Promise<WorldPack>} */
@@ -77,10 +81,9 @@ export class WorldPack {
 
   /** @param {URL} address */
   static async #open(address) {
-    const [index, manifest] = await Promise.all(
-      ["index.json", "worlds/manifest.json"].map(async (name) => parse(await read(new URL(name, address)))));
+    /** @type {PackIndex} */ const index = parse(await inflate(await read(new URL("index.z", address))));
     if (index.version !== INDEX_VERSION) throw new Error(`${address} is of pack version ${index.version}, not ${INDEX_VERSION}; pack it again`);
-    return new WorldPack(address, index, manifest);
+    return new WorldPack(address, index);
   }
 
   /** @param {string} id with or without `minihuman/` @returns {PackedEntry} */
@@ -93,7 +96,7 @@ export class WorldPack {
 
   /** A module with a memory of its own. @param {string} name @returns {Promise<Kernels>} */
   async kernels(name) {
-    const idle = name === "grid" ? this.#idle.pop() : undefined;
+    const idle = this.#idle.get(name)?.pop();
     if (idle) return idle;
     let compiled = this.#modules.get(name);
     if (!compiled) {
@@ -105,14 +108,20 @@ export class WorldPack {
 
   /** @param {string} name */
   async #compile(name) {
-    const entry = this.manifest.modules[name];
-    return Kernels.compile(await read(new URL(`worlds/${chooseModule(entry, name).file}`, this.folder)), entry);
+    const entry = this.manifest.modules[name], { file } = chooseModule(entry, name);
+    return Kernels.compile(await this.file(`worlds/${file}.z`), /** @type {ModuleEntry} */ (entry));
   }
 
-  /** Keep a grid module for the next world. @param {Kernels} kernels */
-  release(kernels) {
+  /** Keep a module for the next world. @param {string} name @param {Kernels} kernels */
+  release(name, kernels) {
     kernels.free = kernels.base;
-    this.#idle.push(kernels);
+    this.#idle.set(name, [...this.#idle.get(name) ?? [], kernels]);
+  }
+
+  /** How grid worlds are laid out. @returns {Promise<LayoutTable>} */
+  layouts() {
+    this.#layouts ??= this.file("layouts.z").then(parse);
+    return this.#layouts;
   }
 
   /** The tiles of grids. @returns {Promise<Atlas>} */
@@ -137,7 +146,10 @@ export class WorldPack {
   }
 }
 
-/** @typedef {{ at(place: number): Start, mission(place: number): string }} FirstStates of a grid world, by place of the seed */
+/**
+ * @typedef {{ at(place: number): Start, mission(place: number): string }} FirstStates of a grid world, by place of the seed: a
+ * mission is asked for after its state
+ */
 
 /** A grid world's packed first states. */
 class PackedRows {
@@ -174,8 +186,18 @@ class GridGame {
 
   /** @param {WorldPack} pack @param {PackedEntry} entry @param {number} maxSteps */
   static async load(pack, entry, maxSteps) {
-    const [content, kernels, atlas] = await Promise.all([pack.file(`starts/${entry.name}.z`), pack.kernels("grid"), pack.atlas()]);
-    return new GridGame(pack, new PackedRows(entry, content), kernels, maxSteps, atlas);
+    const states = entry.layouts ? GridGame.#draw(pack, entry, entry.layouts) : GridGame.#unpack(pack, entry);
+    const [starts, kernels, atlas] = await Promise.all([states, pack.kernels("grid"), pack.atlas()]);
+    return new GridGame(pack, starts, kernels, maxSteps, atlas);
+  }
+
+  /** @param {WorldPack} pack @param {PackedEntry} entry @returns {Promise<FirstStates>} */
+  static async #unpack(pack, entry) { return new PackedRows(entry, await pack.file(`starts/${entry.name}.z`)); }
+
+  /** @param {WorldPack} pack @param {PackedEntry} entry @param {string} module @returns {Promise<FirstStates>} */
+  static async #draw(pack, entry, module) {
+    const [kernels, table] = await Promise.all([pack.kernels(module), pack.layouts()]);
+    return new DrawnRows(kernels, table, { ...entry, module });
   }
 
   /** @param {number} place */
@@ -189,7 +211,9 @@ class GridGame {
 
   /** @param {number} place @returns {string} the mission */
   reset(place) {
-    this.world.begin(this.#start(place));
+    const start = this.#start(place);
+    this.world.begin({ ...start, row: start.first_row ?? start.row });
+    this.world.restore(start);
     return this.starts.mission(place);
   }
 
@@ -204,7 +228,10 @@ class GridGame {
   /** @param {HTMLCanvasElement} canvas @param {DrawOptions} options */
   draw(canvas, { view = "partial", lit = true }) { paint(canvas, this.world.draw(view, this.atlas, lit)); }
 
-  close() { this.pack.release(this.world.kernels); }
+  close() {
+    this.pack.release("grid", this.world.kernels);
+    if (this.starts instanceof DrawnRows) this.pack.release(this.starts.module, this.starts.kernels);
+  }
 }
 
 /** @typedef {{ names: string, texels: any, kernels: Kernels }} UnpackedTextures */
@@ -359,12 +386,15 @@ export class World {
   get steps() { return this.#running.steps; }
   get isGrid() { return !this.#entry.size_px; }
 
-  /** The seeds that are packed, from the first up to, not including, the second. @returns {[number, number]} */
+  /** The seeds that it can be reset to, from the first up to, not including, the second. @returns {[number, number]} */
   get seeds() { return [this.#entry.first_seed, this.#entry.first_seed + this.#entry.seeds]; }
 
   /** Begin an episode, as Python's `reset` does. @param {{ seed?: number }} [options] @returns {Observation} */
   reset({ seed = this.#entry.first_seed } = {}) {
     const [first, end] = this.seeds;
+    if (this.#entry.layouts && !(Number.isSafeInteger(seed) && seed >= 0)) {
+      throw new Error(`${this.name}: seed ${seed} is no whole number from 0 to ${Number.MAX_SAFE_INTEGER}`);
+    }
     if (!Number.isInteger(seed) || seed < first || seed >= end) {
       throw new Error(`${this.name}: seed ${seed} is not packed, ${first} to ${end - 1} are; pack others with: minihuman pack ${this.name} --seeds`);
     }

@@ -3,10 +3,13 @@
 export const WIDTH = 0;
 export const HEIGHT = 1;
 export const DIRECTION = 4;
+export const CARRYING = 5;
 export const STEP = 6;
 export const MAX_STEPS = 7;
 export const PHASE = 8;
 export const ACTIONS = 10;
+export const MISSION = 19;
+export const FAILED = 23;
 export const HEADER = 24;
 export const PLAYING = 1;
 export const NUMBERS_REWARD = 24;

@@ -15,7 +15,8 @@ import { DIRECTION, HEIGHT, NUMBERS_REWARD, PHASE, PLAYING, WIDTH } from "./row.
  * tile_px: number, small_px: number }} Atlas
  */
 /**
- * An episode's first state. @typedef {{ row: Int32Array, words: BigUint64Array, view_size: number, in_view?: boolean }} Start
+ * An episode's first state. @typedef {{ row: Int32Array, words: BigUint64Array, view_size: number, in_view?: boolean,
+ * first_row?: Int32Array }} Start the first observation may be of another row, before the agent takes what it carries
  */
 
 const TYPES = {

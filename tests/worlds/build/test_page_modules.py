@@ -7,10 +7,10 @@ from pathlib import Path
 import gymnasium
 import pytest
 
-from kernel_build.page_modules import MANIFEST, PAGE, linker_version
+from kernel_build.page_modules import LAYOUTS_MANIFEST, MANIFEST, PAGE, keep_structure_sizes, linker_version
 from minihuman.worlds.catalogue import WORLDS, is_compiled_grid
 from minihuman.worlds.first_person.env import FirstPersonEnv
-from minihuman.worlds.source_digest import kernels_digest
+from minihuman.worlds.source_digest import kernels_digest, layouts_digest
 from tests.counts import PATIENCE_S, count
 from tests.machine import needs
 from tests.worlds.build.page_cases import Files, differing, page_case
@@ -18,21 +18,30 @@ from tests.worlds.build.player import PAGE_FOLDER, page_player
 
 MODULES = PAGE_FOLDER / "worlds"
 MOST_BYTES = 400_000
+MOST_LAYOUT_BYTES = 140_000
 LOOKS = ("classic", False), ("classic", True), ("display", False)  # and whether light, camera and shadows vary
 ROOT = Path(__file__).parents[3]
 FOREIGN = ["minihuman/MiniGrid-GoToObj-Transfer-v0"]  # grid worlds whose rules are Python
 
 
-def _manifest() -> dict:
-    return json.loads((MODULES / MANIFEST).read_text(encoding="utf-8"))
+def _manifest(name: str = MANIFEST, folder: Path = MODULES) -> dict:
+    return json.loads((folder / name).read_text(encoding="utf-8"))
 
 
 def test_the_committed_modules_are_those_of_the_manifest_and_small():
-    files = [file for module in _manifest()["modules"].values() for file in module["files"]]
+    modules = _manifest()["modules"] | _manifest(LAYOUTS_MANIFEST)["modules"]
+    files = [file for module in modules.values() for file in module["files"]]
     found = {file["file"]: hashlib.sha256((MODULES / file["file"]).read_bytes()).hexdigest() for file in files}
     assert found == {file["file"]: file["sha256"] for file in files}
-    assert {path.name for path in MODULES.iterdir()} == {MANIFEST, *found}
-    assert sum(path.stat().st_size for path in MODULES.iterdir()) <= MOST_BYTES
+    assert {path.name for path in MODULES.iterdir()} == {MANIFEST, LAYOUTS_MANIFEST, *found}
+    layouts = [file["bytes"] for module in _manifest(LAYOUTS_MANIFEST)["modules"].values() for file in module["files"]]
+    assert sum(layouts) <= MOST_LAYOUT_BYTES
+    assert sum(file["bytes"] for file in files) - sum(layouts) <= MOST_BYTES
+
+
+def test_the_participants_page_loads_no_layouts():
+    assert set(_manifest()["modules"]) == {"grid", "first_person"}
+    assert "layouts" not in (PAGE_FOLDER / "world.js").read_text(encoding="utf-8")
 
 
 def test_the_committed_modules_name_no_folder_of_the_machine_that_built_them():
@@ -42,6 +51,13 @@ def test_the_committed_modules_name_no_folder_of_the_machine_that_built_them():
 
 def test_the_committed_modules_are_built_from_the_kernels_beside_them():
     assert _manifest()["sources"] == kernels_digest(), "run `python -m kernel_build`"
+    assert _manifest(LAYOUTS_MANIFEST)["sources"] == layouts_digest(), "run `python -m kernel_build`"
+
+
+def test_a_structure_on_the_stack_has_room_for_fields_where_pointers_took_eight_bytes():
+    code = "  %.1 = alloca { ptr, i64, [2 x ptr] }, align 8\n  %.2 = alloca ptr, align 8\n  store ptr %.2, ptr %.1\n"
+    kept = "  %.1 = alloca { i64, i64, [2 x i64] }, align 8\n  %.2 = alloca ptr, align 8\n  store ptr %.2, ptr %.1\n"
+    assert keep_structure_sizes(code) == kept
 
 
 @pytest.mark.program
@@ -49,12 +65,13 @@ def test_building_again_gives_the_committed_modules(tmp_path):
     if linker_version(PAGE) is None:
         pytest.skip("wasm-ld is missing: apt-get install lld, or pip install ziglang")
     subprocess.run([sys.executable, "-m", "kernel_build", str(tmp_path)], check=True)
-    new, kept = json.loads((tmp_path / MANIFEST).read_text(encoding="utf-8")), _manifest()
-    tools = "numba", "llvmlite", "linker"
-    if any(new[tool] != kept[tool] for tool in tools):
-        pinned, here = (", ".join(f"{tool} {made[tool]}" for tool in tools) for made in (kept, new))
-        pytest.skip(f"the modules were built by {pinned}; here are {here}: install those to compare")
-    assert new == kept
+    for name in (MANIFEST, LAYOUTS_MANIFEST):
+        new, kept = _manifest(name, tmp_path), _manifest(name)
+        tools = "numba", "llvmlite", "linker"
+        if any(new[tool] != kept[tool] for tool in tools):
+            pinned, here = (", ".join(f"{tool} {made[tool]}" for tool in tools) for made in (kept, new))
+            pytest.skip(f"the modules were built by {pinned}; here are {here}: install those to compare")
+        assert new == kept
 
 
 def _played(folder: Path, cases: list[dict], *, simd: bool = False) -> dict[str, str]:
