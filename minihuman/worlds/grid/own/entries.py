@@ -1,0 +1,118 @@
+"""The two functions of translated source that Python calls, and the table of addresses that both read.
+
+The table is int64: addresses of arrays, lengths and numbers, in the places that this module names; at the end, a fault.
+Numbers of all worlds of a batch lie in matrices, one row each.
+"""
+
+from collections.abc import Mapping
+
+(
+    ROWS,
+    ROW_LENGTH,
+    OWN,
+    SETTINGS,
+    FLOAT_SETTINGS,
+    RNG,
+    MISSIONS,
+    ACTIONS,
+    REWARDS,
+    TERMINATED,
+    TRUNCATED,
+    STEPPED,
+    FIRST,
+    LAST,
+    WORLDS,
+    COUNT,
+    SCRATCH,
+) = range(17)
+FAULT = 20  # kind, place, two numbers, the world
+TABLE = 28
+
+_CONTEXT = """
+@rt.njit
+def context(t, i):
+    table = rt.I64(t, {TABLE})
+    n = table[{ROW_LENGTH}]
+    return (
+        rt.I32(table[{ROWS}] + 4 * n * i, n),
+        rt.I64(table[{OWN}] + 8 * {own} * i, {own}),
+        rt.F64(table[{OWN}] + 8 * {own} * i, {own}),
+        rt.I64(table[{SETTINGS}] + 8 * {settings} * i, {settings}),
+        rt.F64(table[{FLOAT_SETTINGS}] + 8 * {floats} * i, {floats}),
+        rt.U64(table[{RNG}] + 48 * i, 6),
+        rt.I64(t + 8 * {FAULT}, 8),
+        rt.I64(table[{MISSIONS}] + 8 * {mission} * i, {mission}),
+        rt.I64(table[{SCRATCH}], {scratch}),
+        rt.F64(table[{SCRATCH}], {scratch}),
+    )
+"""
+
+_LAYOUTS = """
+@rt.njit
+def layouts(t):
+    table = rt.I64(t, {TABLE})
+    worlds = rt.I64(table[{WORLDS}], table[{COUNT}])
+    for k in range(table[{COUNT}]):
+        c = context(t, worlds[k])
+        c[6][4] = worlds[k]
+        rt.clear_row(c[0])
+        rt.clear_bodies(c, {bodies})
+        rt.fill(c, 0, c[1], 0)
+        rt.fill(c, 0, c[7], 0)
+        {layout}(c)
+        if c[0][23] != 0:
+            rt.fail(c, -1, 5, 0, 0)
+        rt.check_bodies(c, -1, {bodies})
+        c[0][8] = 1
+    return np.int64(0)
+"""
+
+_STEPS = """
+@rt.njit
+def steps(t):
+    table = rt.I64(t, {TABLE})
+    last = table[{LAST}]
+    actions = rt.I64(table[{ACTIONS}], last * {bodies})
+    rewards = rt.F64(table[{REWARDS}], last * {bodies})
+    terminated = rt.U8(table[{TERMINATED}], last)
+    truncated = rt.U8(table[{TRUNCATED}], last)
+    stepped = rt.U8(table[{STEPPED}], last)
+    for i in range(table[{FIRST}], last):
+        if stepped[i]:
+            c = context(t, i)
+            c[6][4] = i
+            {call}
+            terminated[i] = ended
+            c[0][8] = 2 if ended or truncated[i] else 1
+            rt.check_bodies(c, -1, {bodies})
+    return np.int64(0)
+"""
+
+
+def write_entries(
+    *, layout: str, rule: str | None, bodies: int, is_team: bool, lengths: Mapping[str, int]
+) -> list[str]:
+    """Return the lines of the functions ``layouts`` and, if there is a rule, ``steps``.
+
+    Args:
+        layout: the name of the translated layout.
+        rule: the name of the translated `reward_and_done`.
+        bodies: how many bodies there are.
+        is_team: whether rules take actions and rewards of every body.
+        lengths: how many numbers a world has of its own, of settings, of its mission, and of scratch memory.
+    """
+    places = {name: number for name, number in globals().items() if name.isupper() and isinstance(number, int)}
+    text = _CONTEXT.format(**places, **lengths) + _LAYOUTS.format(**places, layout=layout, bodies=bodies)
+    if rule is not None:
+        text += _STEPS.format(**places, bodies=bodies, call=_call(rule, bodies, is_team=is_team))
+    return text.splitlines()
+
+
+def _call(rule: str, bodies: int, *, is_team: bool) -> str:
+    if not is_team:
+        return f"rewards[i], ended = {rule}(c, actions[i], rewards[i], terminated[i] != 0)"
+    places = [f"i * {bodies} + {body}" for body in range(bodies)]
+    actions = "".join(f"actions[{place}], " for place in places)
+    rewards = "".join(f"rewards[{place}], " for place in places)
+    stores = "\n            ".join(f"rewards[{place}] = earned[{body}]" for body, place in enumerate(places))
+    return f"earned, ended = {rule}(c, ({actions}), ({rewards}), terminated[i] != 0)\n            {stores}"
