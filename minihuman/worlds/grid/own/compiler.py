@@ -5,6 +5,7 @@ A process that makes worlds therefore never imports Numba.
 """
 # mypy: ignore-errors
 
+import math
 import re
 import sys
 from types import ModuleType
@@ -13,7 +14,8 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 from numba import int64
-from numba.core import errors
+from numba.core import config, errors
+from numba.core.codegen import CPUCodeLibrary
 from numba.core.registry import cpu_target
 
 from minihuman.worlds.grid.own import runtime
@@ -31,36 +33,52 @@ declare i32 @{called}(ptr, ptr, i64)
 """
 
 
+_LIBRARIES: dict[int, Any] = {}  # of all functions, by id: each is linked once, in the end
+
+
+def _collect(user: Any, library: Any) -> None:
+    """Note that one function's code calls another's, where Numba would copy the other's into it."""
+    library._ensure_finalized()
+    _LIBRARIES[id(library)] = library
+
+
+def _make_no_executable(library: Any, description: Any, environment: Any) -> Any:
+    """Do without machine code for this process: the functions are called in others."""
+    _collect(None, library)
+    return [].append
+
+
 def compile_text(text: str) -> bytes:
-    """Return the object file of translated source, with the functions ``layouts`` and ``steps``."""
+    """Return the object file of translated source, with the functions ``layouts`` and ``steps``.
+
+    Breaks if Numba renames ``get_executable`` or ``add_linking_library``: nothing is compiled then.
+    """
+    config.OPT = 0  # all functions are optimised together in the end
+    cpu_target.target_context.get_executable = _make_no_executable
+    CPUCodeLibrary.add_linking_library = _collect
+    CPUCodeLibrary._verify_declare_only_symbols = lambda library: None
     module = ModuleType("translated")
-    vars(module).update(rt=runtime, np=np, math=__import__("math"))
+    vars(module).update(rt=runtime, np=np, math=math)
     exec(compile(text, "<translated>", "exec"), vars(module))
-    codes = []
+    entries = []
     for name in ("layouts", "steps"):
         dispatcher: Any = vars(module).get(name)
-        if dispatcher is None:
-            continue
-        dispatcher.compile((int64,))
-        overload = dispatcher.overloads[(int64,)]
-        codes.append(overload.library.get_llvm_str())
-        codes.append(_ENTRY.format(name=f"minihuman_{name}", called=_quoted(overload.fndesc.llvm_func_name)))
-    return _emit(codes)
-
-
-def _quoted(name: str) -> str:
-    return f'"{name}"'
+        if dispatcher is not None:
+            dispatcher.compile((int64,))
+            function = dispatcher.overloads[(int64,)].fndesc.llvm_func_name
+            entries.append(_ENTRY.format(name=f"minihuman_{name}", called=f'"{function}"'))
+    return _emit([*(str(library._final_module) for library in _LIBRARIES.values()), *entries])
 
 
 def _emit(codes: list[str]) -> bytes:
     """Link and optimise LLVM codes, and return machine code in which only the entries have names."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    codegen = cpu_target.target_context.codegen()
-    machine = codegen._tm_for_object if hasattr(codegen, "_tm_for_object") else _machine()
+    machine = _machine()
     module = llvm.parse_assembly(_common_to_internal(codes[0]))
     for code in codes[1:]:
-        module.link_in(llvm.parse_assembly(_common_to_internal(code)))
+        other = llvm.parse_assembly(_common_to_internal(code))
+        module.link_in(other)
     for symbol in (*module.functions, *module.global_variables):
         if not symbol.is_declaration and not symbol.name.startswith("minihuman_"):
             symbol.linkage = "internal"

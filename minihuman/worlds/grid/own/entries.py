@@ -26,44 +26,41 @@ from collections.abc import Mapping
     SCRATCH,
 ) = range(17)
 FAULT = 20  # kind, place, two numbers, the world
-TABLE = 28
+BLOCK = 28
+TABLE = 40
 
 _CONTEXT = """
-@rt.njit
-def context(t, i):
-    table = rt.I64(t, {TABLE})
-    n = table[{ROW_LENGTH}]
-    return (
-        rt.I32(table[{ROWS}] + 4 * n * i, n),
-        rt.I64(table[{OWN}] + 8 * {own} * i, {own}),
-        rt.F64(table[{OWN}] + 8 * {own} * i, {own}),
-        rt.I64(table[{SETTINGS}] + 8 * {settings} * i, {settings}),
-        rt.F64(table[{FLOAT_SETTINGS}] + 8 * {floats} * i, {floats}),
-        rt.U64(table[{RNG}] + 48 * i, 6),
-        rt.I64(t + 8 * {FAULT}, 8),
-        rt.I64(table[{MISSIONS}] + 8 * {mission} * i, {mission}),
-        rt.I64(table[{SCRATCH}], {scratch}),
-        rt.F64(table[{SCRATCH}], {scratch}),
-    )
-"""
+            block[0] = table[{ROWS}] + 4 * n * i
+            block[1] = n
+            block[2] = table[{OWN}] + 8 * {own} * i
+            block[3] = table[{SETTINGS}] + 8 * {settings} * i
+            block[4] = table[{FLOAT_SETTINGS}] + 8 * {floats} * i
+            block[5] = table[{RNG}] + 48 * i
+            block[6] = t + 8 * {FAULT}
+            block[7] = table[{MISSIONS}] + 8 * {mission} * i
+            block[8] = table[{SCRATCH}]
+            table[{FAULT} + 4] = i"""
 
 _LAYOUTS = """
 @rt.njit
 def layouts(t):
     table = rt.I64(t, {TABLE})
+    n = table[{ROW_LENGTH}]
+    c = t + 8 * {BLOCK}
+    block = rt.I64(c, 9)
     worlds = rt.I64(table[{WORLDS}], table[{COUNT}])
     for k in range(table[{COUNT}]):
-        c = context(t, worlds[k])
-        c[6][4] = worlds[k]
-        rt.clear_row(c[0])
+        i = worlds[k]
+        if True:{context}
+        rt.clear_row(rt.row(c))
         rt.clear_bodies(c, {bodies})
-        rt.fill(c, 0, c[1], 0)
-        rt.fill(c, 0, c[7], 0)
+        rt.fill(c, 0, rt.view_1(rt.own(c), 0, {own}), 0)
+        rt.fill(c, 0, rt.view_1(rt.mission(c), 0, {mission}), 0)
         {layout}(c)
-        if c[0][23] != 0:
+        if rt.row(c)[23] != 0:
             rt.fail(c, -1, 5, 0, 0)
         rt.check_bodies(c, -1, {bodies})
-        c[0][8] = 1
+        rt.row(c)[8] = 1
     return np.int64(0)
 """
 
@@ -71,6 +68,9 @@ _STEPS = """
 @rt.njit
 def steps(t):
     table = rt.I64(t, {TABLE})
+    n = table[{ROW_LENGTH}]
+    c = t + 8 * {BLOCK}
+    block = rt.I64(c, 9)
     last = table[{LAST}]
     actions = rt.I64(table[{ACTIONS}], last * {bodies})
     rewards = rt.F64(table[{REWARDS}], last * {bodies})
@@ -79,11 +79,10 @@ def steps(t):
     stepped = rt.U8(table[{STEPPED}], last)
     for i in range(table[{FIRST}], last):
         if stepped[i]:
-            c = context(t, i)
-            c[6][4] = i
+{context}
             {call}
             terminated[i] = ended
-            c[0][8] = 2 if ended or truncated[i] else 1
+            rt.row(c)[8] = 2 if ended or truncated[i] else 1
             rt.check_bodies(c, -1, {bodies})
     return np.int64(0)
 """
@@ -102,9 +101,10 @@ def write_entries(
         lengths: how many numbers a world has of its own, of settings, of its mission, and of scratch memory.
     """
     places = {name: number for name, number in globals().items() if name.isupper() and isinstance(number, int)}
-    text = _CONTEXT.format(**places, **lengths) + _LAYOUTS.format(**places, layout=layout, bodies=bodies)
+    context = _CONTEXT.format(**places, **lengths)
+    text = _LAYOUTS.format(**places, **lengths, context=context, layout=layout, bodies=bodies)
     if rule is not None:
-        text += _STEPS.format(**places, bodies=bodies, call=_call(rule, bodies, is_team=is_team))
+        text += _STEPS.format(**places, context=context, bodies=bodies, call=_call(rule, bodies, is_team=is_team))
     return text.splitlines()
 
 

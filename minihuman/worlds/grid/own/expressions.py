@@ -34,6 +34,7 @@ _COMPARISONS = {ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.G
 _COMPARISONS |= {ast.Is: "is", ast.IsNot: "is not"}
 _STATE_NUMBERS = {"direction": 4, "carrying": 5, "step": 6, "max_steps": 7, "width": 0, "height": 1}
 _SELF_NUMBERS = {"width": 0, "height": 1, "agent_dir": 4, "step_count": 6, "max_steps": 7}
+CELLS = "rt.view_2(rt.row(c), 24, rt.row(c)[0], rt.row(c)[1])"
 _MATH = {math.sqrt: "math.sqrt", math.floor: "math.floor", math.ceil: "math.ceil", math.fabs: "abs"}
 
 
@@ -136,7 +137,7 @@ class Expressions:
 
     def _symbol_text(self, node: ast.AST, symbol: Symbol) -> str:
         if symbol.kind == "row":
-            return "c[0]"
+            return "rt.row(c)"
         if symbol.kind != "constant":
             self.refuse(node, f"{ast.unparse(node)} as a value", "read one of its attributes or elements")
         text = self.program.constant(symbol.value)
@@ -163,11 +164,11 @@ class Expressions:
             return self._own_attribute(node)
         if base.kind == "state":
             if node.attr == "position":
-                return "(np.int64(c[0][2]), np.int64(c[0][3]))"
+                return "(np.int64(rt.row(c)[2]), np.int64(rt.row(c)[3]))"
             if node.attr == "cells":
-                return "rt.cells(c)"
+                return CELLS
             if node.attr in _STATE_NUMBERS:
-                return f"np.int64(c[0][{_STATE_NUMBERS[node.attr]}])"
+                return f"np.int64(rt.row(c)[{_STATE_NUMBERS[node.attr]}])"
         if base.kind == "grid" and node.attr in ("width", "height"):
             return f"rt.{node.attr}(c)"
         self.refuse(node, f"{ast.unparse(node)}", "docs/grid-worlds.md lists what can be read")
@@ -175,9 +176,9 @@ class Expressions:
     def _own_attribute(self, node: ast.Attribute) -> str:
         name = node.attr
         if name in _SELF_NUMBERS and not self.program.is_team:
-            return f"np.int64(c[0][{_SELF_NUMBERS[name]}])"
+            return f"np.int64(rt.row(c)[{_SELF_NUMBERS[name]}])"
         if name == "agent_pos":
-            return "(np.int64(c[0][2]), np.int64(c[0][3]))"
+            return "(np.int64(rt.row(c)[2]), np.int64(rt.row(c)[3]))"
         field = self.program.fields.get(name)
         if field is not None:
             return self._field(field)
@@ -195,14 +196,14 @@ class Expressions:
     def _field(self, field: OwnField) -> str:
         at = field.offset
         if isinstance(field, Bool):
-            return f"(c[1][{at}] != 0)"
+            return f"(rt.own(c)[{at}] != 0)"
         if isinstance(field, Int):
-            return f"c[1][{at}]"
+            return f"rt.own(c)[{at}]"
         if isinstance(field, Float):
-            return f"c[2][{at}]"
+            return f"rt.own_floats(c)[{at}]"
         if isinstance(field, IntTuple):
-            return "(" + "".join(f"c[1][{at + k}], " for k in range(field.size)) + ")"
-        memory = "c[2]" if field.dtype is np.float64 else "c[1]"
+            return "(" + "".join(f"rt.own(c)[{at + k}], " for k in range(field.size)) + ")"
+        memory = "rt.own_floats(c)" if field.dtype is np.float64 else "rt.own(c)"
         shape: tuple[int, ...] = field.shape  # type: ignore[attr-defined]  # of an array
         return f"rt.view_{len(shape)}({memory}, {at}, {', '.join(map(str, shape))})"
 
@@ -264,14 +265,24 @@ class Expressions:
         place = self.place(node)
         if base is not None and base.kind in CELL_PARTS:
             i, j = self._pair(node)
-            return CELL_PARTS[base.kind].format(f"rt.at_2(c, {place}, rt.cells(c), {i}, {j})")
+            return CELL_PARTS[base.kind].format(f"rt.at_2(c, {place}, {CELLS}, {i}, {j})")
         values = self.expression(node.value)
         if isinstance(node.slice, ast.Slice):
             return f"{values}[{self._slice(node.slice)}]"
         if isinstance(node.slice, ast.Tuple):
             i, j = self._pair(node)
             return f"rt.at_2(c, {place}, {values}, {i}, {j})"
-        return f"rt.at(c, {place}, {values}, {self.expression(node.slice)})"
+        reads = "row_of" if self.rows_of(node.value) is not None else "at"
+        return f"rt.{reads}(c, {place}, {values}, {self.expression(node.slice)})"
+
+    def rows_of(self, node: ast.AST) -> Any:
+        """Return the declared array of two dimensions that an expression is, or None."""
+        if isinstance(node, ast.Attribute):
+            base = self.symbol(node.value)
+            field = self.program.fields.get(node.attr) if base is not None and base.kind == "self" else None
+            if field is not None and len(getattr(field, "shape", ())) == 2:
+                return field
+        return None
 
     def _slice(self, node: ast.Slice) -> str:
         parts = []
@@ -378,7 +389,7 @@ class Expressions:
     def _argument_text(self, node: ast.expr) -> str:
         symbol = self.symbol(node)
         if symbol is not None and symbol.kind == "rng":
-            return "c[5]"
+            return "rt.rng_state(c)"
         return self.expression(node)
 
     @staticmethod

@@ -1,7 +1,7 @@
 """What translated rules call, for Numba: checked arithmetic and indices, draws, and what `Layout` and `OwnRules` do.
 
-Only the process that compiles rules imports this module. Each function takes the context of a world, a tuple of arrays
-(see `translation`), and the number of a place in the author's source. Where Python would raise an error, the place and
+Only the process that compiles rules imports this module. Each function takes the context of a world, the address of a
+block of addresses (see `context`), and the number of a place in the author's source. Where Python would raise an error, the place and
 the kind of error are written into the context's fault array, and the function returns with Numba's error status.
 """
 # mypy: ignore-errors
@@ -17,11 +17,23 @@ from llvmlite import ir
 from numba import float64, int64, types
 from numba.core import cgutils
 from numba.extending import intrinsic, overload
+from numba.np.arrayobj import populate_array
 
 from minihuman.worlds import rng
 from minihuman.worlds.build.compilation import array_at
 from minihuman.worlds.grid.core import placement, state
 from minihuman.worlds.grid.core.bodies import BLOCK
+from minihuman.worlds.grid.own.context import (
+    FAULT,
+    FLOAT_SETTINGS,
+    MISSION,
+    OWN,
+    RNG,
+    ROW,
+    ROW_LENGTH_WORD,
+    SCRATCH,
+    SETTINGS,
+)
 from minihuman.worlds.grid.own.faults import (
     BAD_RANGE,
     INDEX,
@@ -36,11 +48,11 @@ from minihuman.worlds.grid.own.faults import (
     WRONG_COLOUR,
     ZERO_DIVISION,
 )
+from minihuman.worlds.grid.own.fields import MOST_NUMBERS
 from minihuman.worlds.kernel_sources import COMPILERS, KernelSource
 from minihuman.worlds.kernels import LateKernel
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True, "_nrt": False}
-ROW, OWN, OWN_FLOATS, SETTINGS, FLOAT_SETTINGS, RNG, FAULT, MISSION, SCRATCH, FLOAT_SCRATCH = range(10)  # of a context
 _NAMES: dict[int, dict[str, Any]] = {}
 _FORMS: dict[int, Any] = {}
 
@@ -53,8 +65,22 @@ def numba_form(kernel: Any) -> Any:
         names = _names_of(function.__globals__)
         copy = FunctionType(function.__code__, names, function.__name__, function.__defaults__)
         variables = {name: numba.from_dtype(np.dtype(kind)) for name, kind in source.variables.items()}
-        _FORMS[id(function)] = numba.njit(locals=variables, **OPTIONS)(copy)
+        _FORMS[id(function)] = _without_literals(numba.njit(locals=variables, **OPTIONS)(copy))
     return _FORMS[id(source.function)]
+
+
+def _without_literals(dispatcher: Any) -> Any:
+    """Compile a function once for all whole numbers, not once for each that is written out in a call.
+
+    Breaks, by compiling more, if Numba renames ``Dispatcher.get_call_template``.
+    """
+    template = dispatcher.get_call_template
+
+    def template_of_kinds(arguments: Any, named: Any) -> Any:
+        return template(tuple(map(types.unliteral, arguments)), named)
+
+    dispatcher.get_call_template = template_of_kinds
+    return dispatcher
 
 
 def _source_of(kernel: Any) -> KernelSource:
@@ -81,7 +107,7 @@ def _names_of(module_names: dict[str, Any]) -> dict[str, Any]:
 
 def njit(function: Any) -> Any:
     """Return a function for Numba, to be called from compiled code only."""
-    return numba.njit(**OPTIONS)(function)
+    return _without_literals(numba.njit(**OPTIONS)(function))
 
 
 put_code = numba_form(state.put)
@@ -100,29 +126,68 @@ I32 = array_at(np.int32)
 U8 = array_at(np.uint8)
 
 
+def _array_of(word: int, kind: type[np.generic]) -> Any:
+    """Return an intrinsic that returns one of a context's arrays. Only the row knows its length."""
+    dtype = numba.from_dtype(np.dtype(kind))
+    array = types.Array(dtype, 1, "C")
+
+    @intrinsic
+    def view(typing_context, c):
+        def code(context, builder, signature, values):
+            block = builder.inttoptr(values[0], ir.IntType(64).as_pointer())
+            index = ir.Constant(ir.IntType(64), word)
+            struct = context.make_array(array)(context, builder)
+            start = builder.inttoptr(builder.load(builder.gep(block, [index])), struct.data.type)
+            if word == ROW:
+                length = builder.load(builder.gep(block, [ir.Constant(ir.IntType(64), ROW_LENGTH_WORD)]))
+            else:
+                length = ir.Constant(ir.IntType(64), MOST_NUMBERS)
+            item = context.get_constant(types.intp, np.dtype(kind).itemsize)
+            populate_array(struct, data=start, shape=[length], strides=[item], itemsize=item, meminfo=None)
+            return struct._getvalue()
+
+        return array(int64), code
+
+    return view
+
+
+row = _array_of(ROW, np.int32)
+own = _array_of(OWN, np.int64)
+own_floats = _array_of(OWN, np.float64)
+settings = _array_of(SETTINGS, np.int64)
+float_settings = _array_of(FLOAT_SETTINGS, np.float64)
+rng_state = _array_of(RNG, np.uint64)
+fault = _array_of(FAULT, np.int64)
+mission = _array_of(MISSION, np.int64)
+scratch = _array_of(SCRATCH, np.int64)
+float_scratch = _array_of(SCRATCH, np.float64)
+
+
 # --- faults ---
 
 
-def _store_fault(context: Any, builder: Any, context_type: Any, values: Any, kind: int) -> None:
-    fault = context.make_array(context_type[FAULT])(context, builder, builder.extract_value(values[0], FAULT))
-    words = builder.bitcast(fault.data, ir.IntType(64).as_pointer())
-    builder.store(ir.Constant(ir.IntType(64), kind), words)
-    builder.store(values[1], builder.gep(words, [ir.Constant(ir.IntType(64), 1)]))
+def _store_fault(builder: Any, values: Any, kind: int) -> None:
+    word = ir.IntType(64)
+    block = builder.inttoptr(values[0], word.as_pointer())
+    start = builder.load(builder.gep(block, [ir.Constant(word, FAULT)]))
+    words = builder.inttoptr(start, word.as_pointer())
+    builder.store(ir.Constant(word, kind), words)
+    builder.store(values[1], builder.gep(words, [ir.Constant(word, 1)]))
 
 
 def _fail_if(context: Any, builder: Any, signature: Any, values: Any, condition: Any, kind: int) -> None:
     with builder.if_then(condition, likely=False):
-        _store_fault(context, builder, signature.args[0], values, kind)
+        _store_fault(builder, values, kind)
         context.call_conv.return_user_exc(builder, ValueError, ("fault",))
 
 
 @njit
 def fail(c, place, kind, a, b):
     """Record a fault with two numbers, and end the call."""
-    c[6][0] = kind
-    c[6][1] = place
-    c[6][2] = a
-    c[6][3] = b
+    fault(c)[0] = kind
+    fault(c)[1] = place
+    fault(c)[2] = a
+    fault(c)[3] = b
     raise ValueError("fault")
 
 
@@ -363,12 +428,14 @@ def index_in(c, place, i, n):
 @_overloaded
 def at(c, place, values, i):
     """Return an element of a tuple or array, or a row of an array. A pair is the index of an array's element."""
+    if isinstance(values, types.Optional):
+        return lambda c, place, values, i: at(c, place, unwrapped(c, place, values), i)
     if isinstance(i, types.BaseTuple):
         return lambda c, place, values, i: at_2(c, place, values, i[0], i[1])
     if isinstance(values, types.BaseTuple):
         return lambda c, place, values, i: values[index_in(c, place, i, len(values))]
     if isinstance(values, types.Array) and values.ndim == 2:
-        return lambda c, place, values, i: values[index_in(c, place, i, values.shape[0])]
+        raise numba.core.errors.TypingError("one index of an array with two lengths; give two, or loop over the rows")
     if isinstance(values.dtype, types.Float):
         return lambda c, place, values, i: values[np.uint64(index_in(c, place, i, len(values)))]
     return lambda c, place, values, i: np.int64(values[np.uint64(index_in(c, place, i, len(values)))])
@@ -391,7 +458,7 @@ def at_2(c, place, values, i, j):
 
 @njit
 def _check_code(c, place, code):
-    if code < 0 or code >> 9 > c[0][11]:
+    if code < 0 or code >> 9 > np.int64(row(c)[11]):
         fail(c, place, OUTSIDE, -1, code)
 
 
@@ -405,11 +472,11 @@ def set_at(c, place, values, i, value):
     if values.ndim == 2:
 
         def write_row(c, place, values, i, value):
-            row = index_in(c, place, i, values.shape[0])
+            first = index_in(c, place, i, values.shape[0])
             if len(value) != values.shape[1]:
                 fail(c, place, UNPACK, len(value), values.shape[1])
             for j in range(len(value)):
-                values[row, j] = value[j]
+                values[first, j] = value[j]
 
         return write_row
     if isinstance(values.dtype, types.Float):
@@ -505,9 +572,7 @@ def _view(dimensions: int) -> Any:
         item = context.get_constant(types.intp, size)
         shape = list(arguments[2:])
         strides = [item] if dimensions == 1 else [builder.mul(shape[1], item), item]
-        numba.np.arrayobj.populate_array(
-            view, data=start, shape=shape, strides=strides, itemsize=item, meminfo=None
-        )
+        populate_array(view, data=start, shape=shape, strides=strides, itemsize=item, meminfo=None)
         return view._getvalue()
 
     if dimensions == 1:
@@ -527,6 +592,29 @@ def _view(dimensions: int) -> Any:
 
 view_1 = _view(1)
 view_2 = _view(2)
+
+
+@intrinsic
+def row_of(typing_context, c, place, values, i):
+    """Return a row of an array of two dimensions, as a view."""
+    kind = types.Array(values.dtype, 1, "C")
+
+    def code(context, builder, signature, arguments):
+        source = context.make_array(signature.args[2])(context, builder, arguments[2])
+        rows, columns = cgutils.unpack_tuple(builder, source.shape)
+        last = arguments[3]
+        zero = ir.Constant(last.type, 0)
+        index = builder.select(builder.icmp_signed("<", last, zero), builder.add(last, rows), last)
+        outside = builder.icmp_unsigned(">=", index, rows)
+        _fail_if(context, builder, signature, arguments, outside, INDEX)
+        view = context.make_array(signature.return_type)(context, builder)
+        start = builder.gep(source.data, [builder.mul(index, columns)])
+        size = context.get_abi_sizeof(context.get_data_type(signature.args[2].dtype))
+        item = context.get_constant(types.intp, size)
+        populate_array(view, data=start, shape=[columns], strides=[item], itemsize=item, meminfo=None)
+        return view._getvalue()
+
+    return kind(c, int64, values, int64), code
 
 
 @intrinsic
@@ -580,13 +668,13 @@ def draw(c, place, low, high):
     """Draw a whole number in [low, high), as NumPy's generator does."""
     if low >= high or high - low > 4294967295:
         fail(c, place, BAD_RANGE, low, high)
-    return draw_integer(c[5], low, high)
+    return draw_integer(rng_state(c), low, high)
 
 
 @njit
 def draw_random(c, place):
     """Draw a number in [0, 1), as NumPy's generator does."""
-    return draw_unit(c[5]) * (1.0 / 9007199254740992.0)
+    return draw_unit(rng_state(c)) * (1.0 / 9007199254740992.0)
 
 
 @njit
@@ -601,48 +689,42 @@ def choice(c, place, options):
 @njit
 def width(c):
     """Return the number of columns."""
-    return np.int64(c[0][0])
+    return np.int64(row(c)[0])
 
 
 @njit
 def height(c):
     """Return the number of rows."""
-    return np.int64(c[0][1])
-
-
-@njit
-def cells(c):
-    """Return the codes of the cells, as a view."""
-    return view_2(c[0], 24, c[0][0], c[0][1])
+    return np.int64(row(c)[1])
 
 
 @njit
 def code_at(c, x, y):
     """Return the code in a cell; outside the grid are walls."""
-    return np.int64(cell_code(c[0], x, y))
+    return np.int64(cell_code(row(c), x, y))
 
 
 @njit
 def is_inside(c, x, y):
     """Return whether a cell is in the grid."""
-    return 0 <= x < c[0][0] and 0 <= y < c[0][1]
+    return 0 <= x < np.int64(row(c)[0]) and 0 <= y < np.int64(row(c)[1])
 
 
 @njit
 def find(c, place, identity):
     """Return the cell of an object, or None."""
-    if identity < 1 or identity > c[0][0] * c[0][1]:
-        fail(c, place, INDEX, identity, c[0][0] * c[0][1])
-    cell = np.int64(c[0][24 + c[0][0] * c[0][1] + identity - 1])
+    if identity < 1 or identity > np.int64(row(c)[0]) * np.int64(row(c)[1]):
+        fail(c, place, INDEX, identity, np.int64(row(c)[0]) * np.int64(row(c)[1]))
+    cell = np.int64(row(c)[24 + np.int64(row(c)[0]) * np.int64(row(c)[1]) + identity - 1])
     if cell == -1:
         return None
-    return cell // np.int64(c[0][1]), cell % np.int64(c[0][1])
+    return cell // np.int64(row(c)[1]), cell % np.int64(row(c)[1])
 
 
 @njit
 def body_start(c, bodies, body):
     """Return where a body's column, row, direction and hand are in the row."""
-    return np.int64(2) if body == 0 else c[0].shape[0] - BLOCK * (bodies - body)
+    return np.int64(2) if body == 0 else row(c).shape[0] - BLOCK * (bodies - body)
 
 
 @njit
@@ -650,7 +732,7 @@ def is_body_at(c, bodies, x, y):
     """Return whether a body stands in a cell."""
     for body in range(bodies):
         start = body_start(c, bodies, body)
-        if c[0][start] == x and c[0][start + 1] == y:
+        if np.int64(row(c)[start]) == x and np.int64(row(c)[start + 1]) == y:
             return True
     return False
 
@@ -660,17 +742,17 @@ def remove(c, x, y):
     """Empty a cell and return its code."""
     if not is_inside(c, x, y):
         return np.int64(1)
-    return np.int64(lift_code(c[0], x, y))
+    return np.int64(lift_code(row(c), x, y))
 
 
 @njit
 def move(c, bodies, identity, x, y):
     """Move an object into an empty cell; return whether it was moved."""
-    if identity < 1 or identity > c[0][11] or not is_inside(c, x, y) or is_body_at(c, bodies, x, y):
+    if identity < 1 or identity > np.int64(row(c)[11]) or not is_inside(c, x, y) or is_body_at(c, bodies, x, y):
         return False
-    if c[0][24 + c[0][0] * c[0][1] + identity - 1] < 0 or cell_code(c[0], x, y) != 1:
+    if row(c)[24 + np.int64(row(c)[0]) * np.int64(row(c)[1]) + identity - 1] < 0 or cell_code(row(c), x, y) != 1:
         return False
-    move_code(c[0], identity, x * c[0][1] + y)
+    move_code(row(c), identity, x * np.int64(row(c)[1]) + y)
     return True
 
 
@@ -679,9 +761,9 @@ def make_item(c, place, kind, colour, door_state, has_identity):
     """Return the code of a new object."""
     if has_identity == 0:
         return kind | colour << 4
-    if c[0][11] >= c[0][0] * c[0][1] or c[0][11] >= 4194303:
-        fail(c, place, TOO_MANY, c[0][11], 0)
-    return np.int64(make_code(c[0], kind, colour, door_state))
+    if np.int64(row(c)[11]) >= np.int64(row(c)[0]) * np.int64(row(c)[1]) or np.int64(row(c)[11]) >= 4194303:
+        fail(c, place, TOO_MANY, np.int64(row(c)[11]), 0)
+    return np.int64(make_code(row(c), kind, colour, door_state))
 
 
 @njit
@@ -692,8 +774,8 @@ def put(c, place, item, x, y):
     code = make_item(c, place, item[0], item[1], item[2], item[3])
     if item[4] >= 0:
         inside = make_item(c, place, item[4], item[5], item[6], item[7])
-        c[0][24 + 2 * c[0][0] * c[0][1] + (code >> 9) - 1] = inside
-    put_code(c[0], x, y, code)
+        row(c)[24 + 2 * np.int64(row(c)[0]) * np.int64(row(c)[1]) + (code >> 9) - 1] = inside
+    put_code(row(c), x, y, code)
     return code >> 9, np.int64(x), np.int64(y)
 
 
@@ -708,7 +790,7 @@ def put_line(c, place, item, x, y, dx, dy, length):
 def put_code_checked(c, place, x, y, code):
     """Put a code into a cell, as the kernel `put` does."""
     _check_code(c, place, code)
-    put_code(c[0], x, y, code)
+    put_code(row(c), x, y, code)
 
 
 @njit
@@ -719,11 +801,11 @@ def wall_rect(c, place, x, y, w, h):
     if not is_inside(c, x + w - 1, y + h - 1):
         fail(c, place, OUTSIDE, x + w - 1, y + h - 1)
     for i in range(w):
-        put_code(c[0], x + i, y, 82)
-        put_code(c[0], x + i, y + h - 1, 82)
+        put_code(row(c), x + i, y, 82)
+        put_code(row(c), x + i, y + h - 1, 82)
     for j in range(h):
-        put_code(c[0], x, y + j, 82)
-        put_code(c[0], x + w - 1, y + j, 82)
+        put_code(row(c), x, y + j, 82)
+        put_code(row(c), x + w - 1, y + j, 82)
 
 
 @njit
@@ -731,7 +813,7 @@ def clear_cell(c, place, x, y):
     """Make a cell empty."""
     if not is_inside(c, x, y):
         fail(c, place, OUTSIDE, x, y)
-    put_code(c[0], x, y, 1)
+    put_code(row(c), x, y, 1)
 
 
 @njit
@@ -739,7 +821,7 @@ def is_taken(c, bodies, x, y):
     """Return whether a body other than the first stands in a cell."""
     for body in range(1, bodies):
         start = body_start(c, bodies, body)
-        if c[0][start] == x and c[0][start + 1] == y:
+        if np.int64(row(c)[start]) == x and np.int64(row(c)[start + 1]) == y:
             return True
     return False
 
@@ -748,9 +830,9 @@ def is_taken(c, bodies, x, y):
 def draw_cell(c, place, bodies, top, size, tries):
     """Draw a free cell of a rectangle."""
     for _ in range(tries):
-        x, y = draw_place(c[0], c[5], top[0], top[1], size[0], size[1], 1 << 30)
+        x, y = draw_place(row(c), rng_state(c), top[0], top[1], size[0], size[1], 1 << 30)
         if x < 0:
-            c[0][23] = 0
+            row(c)[23] = 0
             fail(c, place, NO_PLACE, size[0], size[1])
         if not is_taken(c, bodies, x, y):
             return np.int64(x), np.int64(y)
@@ -771,9 +853,9 @@ def stand(c, place, bodies, body, x, y, direction):
     if body < 0 or body >= bodies:
         fail(c, place, INDEX, body, bodies)
     start = body_start(c, bodies, body)
-    c[0][start] = x
-    c[0][start + 1] = y
-    c[0][start + 2] = direction
+    row(c)[start] = x
+    row(c)[start + 1] = y
+    row(c)[start + 2] = direction
 
 
 @njit
@@ -789,7 +871,7 @@ def place_agent(c, place, bodies, top, size, direction, body):
     """Put a body into a random free cell; a direction of -1 is drawn."""
     stand(c, place, bodies, body, -1, -1, -1)
     x, y = draw_cell(c, place, bodies, top, size, 1 if bodies == 1 else 10_000)
-    way = draw_integer(c[5], 0, 4) if direction == -1 else direction
+    way = draw_integer(rng_state(c), 0, 4) if direction == -1 else direction
     stand(c, place, bodies, body, x, y, way)
     return x, y
 
@@ -812,15 +894,15 @@ def text_part(c, place, nth, value):
     if isinstance(value, types.UniTuple) and len(value) == 1:
 
         def record_text(c, place, nth, value):
-            c[7][1 + 2 * nth] = 1
-            c[7][2 + 2 * nth] = value[0]
+            mission(c)[1 + 2 * nth] = 1
+            mission(c)[2 + 2 * nth] = value[0]
 
         return record_text
     if isinstance(value, types.Integer):
 
         def record_number(c, place, nth, value):
-            c[7][1 + 2 * nth] = 0
-            c[7][2 + 2 * nth] = value
+            mission(c)[1 + 2 * nth] = 0
+            mission(c)[2 + 2 * nth] = value
 
         return record_number
     raise numba.core.errors.TypingError("a mission's placeholder takes a text or a whole number")
@@ -829,7 +911,7 @@ def text_part(c, place, nth, value):
 @njit
 def set_task(c, nth, number):
     """Set the task's number, or one of what it is about."""
-    c[0][12 + nth] = number
+    row(c)[12 + nth] = number
 
 
 
@@ -842,20 +924,20 @@ def ahead(x, y, direction):
 @njit
 def move_to_cell(c, place, identity, cell):
     """Move an object to an empty cell, as the kernel `move` does."""
-    count = c[0][0] * c[0][1]
-    if identity < 1 or identity > c[0][11] or cell < 0 or cell >= count:
+    count = np.int64(row(c)[0]) * np.int64(row(c)[1])
+    if identity < 1 or identity > np.int64(row(c)[11]) or cell < 0 or cell >= count:
         fail(c, place, OUTSIDE, identity, cell)
-    if c[0][24 + count + identity - 1] < 0:
+    if np.int64(row(c)[24 + count + identity - 1]) < 0:
         fail(c, place, OUTSIDE, identity, cell)
-    move_code(c[0], identity, cell)
+    move_code(row(c), identity, cell)
 
 
 @njit
 def draw_once(c, place, top, size):
     """Draw a cell in which nothing lies and the first body does not stand."""
-    x, y = draw_place(c[0], c[5], top[0], top[1], size[0], size[1], 1 << 30)
+    x, y = draw_place(row(c), rng_state(c), top[0], top[1], size[0], size[1], 1 << 30)
     if x < 0:
-        c[0][23] = 0
+        row(c)[23] = 0
         fail(c, place, NO_PLACE, size[0], size[1])
     return np.int64(x), np.int64(y)
 
@@ -865,13 +947,13 @@ def check_bodies(c, place, bodies):
     """Check that every body stands in a cell of its own and looks in a direction."""
     for body in range(bodies):
         start = body_start(c, bodies, body)
-        x = c[0][start]
-        y = c[0][start + 1]
-        if not is_inside(c, x, y) or c[0][start + 2] < 0 or c[0][start + 2] > 3:
+        x = np.int64(row(c)[start])
+        y = np.int64(row(c)[start + 1])
+        if not is_inside(c, x, y) or np.int64(row(c)[start + 2]) < 0 or np.int64(row(c)[start + 2]) > 3:
             fail(c, place, NO_AGENT, x, y)
         for other in range(body):
             at = body_start(c, bodies, other)
-            if c[0][at] == x and c[0][at + 1] == y:
+            if np.int64(row(c)[at]) == x and np.int64(row(c)[at + 1]) == y:
                 fail(c, place, NO_AGENT, x, y)
 
 
@@ -880,10 +962,10 @@ def clear_bodies(c, bodies):
     """Remove every body but the first."""
     for body in range(1, bodies):
         start = body_start(c, bodies, body)
-        c[0][start] = -1
-        c[0][start + 1] = -1
-        c[0][start + 2] = -1
-        c[0][start + 3] = 1
+        row(c)[start] = -1
+        row(c)[start + 1] = -1
+        row(c)[start + 2] = -1
+        row(c)[start + 3] = 1
 
 
 @njit
@@ -892,5 +974,5 @@ def body(c, place, bodies, nth):
     if nth < 0 or nth >= bodies:
         fail(c, place, INDEX, nth, bodies)
     start = body_start(c, bodies, nth)
-    return np.int64(c[0][start]), np.int64(c[0][start + 1]), np.int64(c[0][start + 2]), np.int64(c[0][start + 3])
+    return np.int64(row(c)[start]), np.int64(row(c)[start + 1]), np.int64(row(c)[start + 2]), np.int64(row(c)[start + 3])
 

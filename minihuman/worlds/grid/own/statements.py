@@ -197,7 +197,7 @@ class Statements(Calls):
             self.emit(f"rt.text_part(c, {self.place(value)}, {nth}, {self.expression(inner)})", value)
             template.append(None)
             nth += 1
-        self.emit(f"c[7][0] = {self.program.number_template(tuple(template))}", value)
+        self.emit(f"rt.mission(c)[0] = {self.program.number_template(tuple(template))}", value)
         return True
 
     def _assign_tuple(self, target: ast.Tuple | ast.List, value: ast.expr, node: ast.AST) -> None:
@@ -250,13 +250,13 @@ class Statements(Calls):
         place = self.place(node)
         at = field.offset
         if isinstance(field, Bool):
-            self.emit(f"c[1][{at}] = 1 if {text} else 0", node)
+            self.emit(f"rt.own(c)[{at}] = 1 if {text} else 0", node)
         elif isinstance(field, Int):
-            self.emit(f"c[1][{at}] = rt.declared_whole(c, {place}, {text})", node)
+            self.emit(f"rt.own(c)[{at}] = rt.declared_whole(c, {place}, {text})", node)
         elif isinstance(field, Float):
-            self.emit(f"c[2][{at}] = float({text})", node)
+            self.emit(f"rt.own_floats(c)[{at}] = float({text})", node)
         elif isinstance(field, IntTuple):
-            self.emit(f"rt.copy_into(c, {place}, rt.view_1(c[1], {at}, {field.size}), {text})", node)
+            self.emit(f"rt.copy_into(c, {place}, rt.view_1(rt.own(c), {at}, {field.size}), {text})", node)
         else:
             self.emit(f"rt.copy_into(c, {place}, {self._field(field)}, {text})", node)
 
@@ -321,21 +321,12 @@ class Statements(Calls):
         self._temporaries += 1
         name = f"_e{self._temporaries}"
         self._elements = (target, name)
-        field = self._rows_of(iterated)
+        field = self.rows_of(iterated)
         if field is not None:
             self.emit(f"for {name}_row in range({field.shape[0]}):", node)
-            self._elements = (target, f"rt.at(c, {self.place(node)}, {self._field(field)}, {name}_row)")
+            self._elements = (target, f"rt.row_of(c, {self.place(node)}, {self._field(field)}, {name}_row)")
             return
         self.emit(f"for {name} in {self.expression(iterated)}:", node)
-
-    def _rows_of(self, node: ast.expr) -> Any:
-        """Return the declared array of two dimensions over whose rows a loop goes, or None."""
-        if isinstance(node, ast.Attribute):
-            base = self.symbol(node.value)
-            field = self.program.fields.get(node.attr) if base is not None and base.kind == "self" else None
-            if field is not None and len(getattr(field, "shape", ())) == 2:
-                return field
-        return None
 
     def _bind_targets(self, node: ast.AST) -> None:
         target, text = self._elements

@@ -211,12 +211,12 @@ class Translation:
         if isinstance(value, bool | int) and -(2**63) <= value < 2**63:
             if name not in self._settings:
                 self._settings.append(name)
-            text = f"c[3][{self._settings.index(name)}]"
+            text = f"rt.settings(c)[{self._settings.index(name)}]"
             return f"({text} != 0)" if isinstance(value, bool) else text
         if isinstance(value, float):
             if name not in self._float_settings:
                 self._float_settings.append(name)
-            return f"c[4][{self._float_settings.index(name)}]"
+            return f"rt.float_settings(c)[{self._float_settings.index(name)}]"
         return None
 
     def property_of(self, name: str) -> tuple[FunctionType, type] | None:
@@ -365,7 +365,7 @@ class Translation:
         self._scratch += length
         if self._scratch > SCRATCH_NUMBERS:
             raise Refusal(f"lists of over {SCRATCH_NUMBERS} numbers cannot be translated; declare an IntArray field")
-        return f"rt.view_1(c[{9 if is_float else 8}], {start}, {length})"
+        return f"rt.view_1(rt.{'float_scratch' if is_float else 'scratch'}(c), {start}, {length})"
 
 
 class _DiagramWriter:
