@@ -264,7 +264,7 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
             # imported by name: no kernel depends on the translation, so none is compiled anew when it changes
             self._compiled_rules = import_module("minihuman.worlds.grid.own.programs").load_rules(self)
             if self._compiled_rules is not None and self._compiled_rules.has_layout:
-                self.mission = self._compiled_rules.lay_out(self._stream(), self.mission_space.first())
+                self.mission = self._compiled_rules.lay_out(self, self._stream())
                 return
         grid = Layout(self._row, self.np_random, self.mission_space.first(), self.kinds)
         self.layout(grid)
@@ -290,9 +290,8 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
         if self._has_own_reward:
             number = self._number_of(action)
             if self._compiled_rules is not None and self._compiled_rules.has_reward:
-                if self._compiled_rules.draws:
-                    self._stream()
-                return *self._compiled_rules.judge(number, reward, terminated), truncated
+                rng_state = self._stream() if self._compiled_rules.draws else self._rng_state
+                return *self._compiled_rules.judge(self, rng_state, number, reward, terminated), truncated
             reward, terminated = self.reward_and_done(number, reward, terminated)
             self._row[PHASE] = OVER if terminated or truncated else PLAYING
         return float(reward), bool(terminated), truncated

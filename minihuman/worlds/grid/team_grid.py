@@ -41,7 +41,7 @@ from minihuman.worlds.options import MAX_CELLS, check_bool, check_one_of, check_
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.step_limit import check_max_steps
-from minihuman.worlds.team import TeamStep, TeamWorld
+from minihuman.worlds.team import TeamBatch, TeamStep, TeamWorld
 
 
 class TeamSnapshot(NamedTuple):
@@ -133,6 +133,11 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         return rewards, terminated
 
     @property
+    def first_mission(self) -> str:
+        """Return the mission of every episode in which the layout sets none."""
+        return self._first_mission
+
+    @property
     def state(self) -> State:
         """Return the state, with named fields. Its agent is body 0."""
         return State(self._row)
@@ -171,7 +176,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         rules = self._compiled_rules
         if rules is not None:
             read_rng_state(self.np_random, self._rng_state)
-            self.mission = rules.lay_out(self._rng_state, self._first_mission)
+            self.mission = rules.lay_out(self, self._rng_state)
             write_rng_state(self._rng_state, self.np_random)
             return
         grid = Layout(self._row, self.np_random, self._first_mission, self.kinds, self.bodies)
@@ -193,6 +198,12 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         """Return the code of the object that a body carries, or None."""
         code = self._body(body)[3]
         return None if code == EMPTY else code
+
+    def batch(self, num_worlds: int) -> TeamBatch:
+        """Return a batch of copies of this world, whose rules are compiled where they can be translated."""
+        make_batch = import_module("minihuman.worlds.grid.own.team_batch").make_team_batch
+        batch: TeamBatch = make_batch(self, num_worlds)
+        return batch
 
     def step(self, actions: Sequence[int]) -> TeamStep:
         """Make one joint step, with one action per body."""

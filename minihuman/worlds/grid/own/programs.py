@@ -93,6 +93,7 @@ def compile_rules(world: Any) -> None:
         Refusal: if they cannot be translated or compiled; the message names the line and what to write instead.
     """
     program = translate_rules(world)
+    vars(world).pop("_has_no_rules", None)
     try:
         compile_library(program.text, has_steps=program.has_reward)
     except Refusal as refusal:
@@ -126,6 +127,15 @@ def load_rules(world: Any) -> "WorldRules | None":
     bound: WorldRules | None = world._compiled_rules
     if bound is not None and bound.is_of(world):
         return bound
+    if "_has_no_rules" in vars(world) or type(world).__module__.startswith(_OURS):
+        return None
+    rules = _find_rules(world)
+    if rules is None:
+        vars(world)["_has_no_rules"] = True  # not looked for again at each reset
+    return rules
+
+
+def _find_rules(world: Any) -> "WorldRules | None":
     if not can_load():
         return None
     try:
@@ -165,6 +175,13 @@ def mission_of(program: Program, parts: NDArray[np.int64], first: str) -> str:
         else:
             sentence.append(part)
     return "".join(sentence)
+
+
+def first_mission_of(world: Any) -> str:
+    """Return the mission of a world's episodes in which the layout sets none."""
+    if hasattr(world, "mission_space"):
+        return str(world.mission_space.first())
+    return str(world.first_mission)
 
 
 def setting_arrays(world: Any, program: Program) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -234,12 +251,12 @@ class WorldRules:
         table[entries.COUNT] = 1
         table[entries.SCRATCH] = self._scratch.ctypes.data
 
-    def lay_out(self, rng_state: NDArray[np.uint64], first_mission: str) -> str:
-        """Lay out an episode, and return its mission: the first one, unless the layout sets another."""
+    def lay_out(self, world: Any, rng_state: NDArray[np.uint64]) -> str:
+        """Lay out an episode, and return its mission: the world's first one, unless the layout sets another."""
         self._table[entries.RNG] = rng_state.ctypes.data
         if self._library.layout_of_one(self._address):
             raise_fault(self._program, self._table)
-        return mission_of(self._program, self._missions, first_mission)
+        return mission_of(self._program, self._missions, first_mission_of(world))
 
     def judge_team(
         self, actions: NDArray[np.int64], rewards: tuple[float, ...], terminated: bool
@@ -250,7 +267,9 @@ class WorldRules:
         self._run_rules(terminated)
         return tuple(self._rewards.tolist()), bool(self._flags[0])
 
-    def judge(self, action: int, reward: float, terminated: bool) -> tuple[float, bool]:
+    def judge(
+        self, world: Any, rng_state: NDArray[np.uint64], action: int, reward: float, terminated: bool
+    ) -> tuple[float, bool]:
         """Run `reward_and_done` after an action; return the reward, and whether the episode has ended."""
         self._action_view[0] = action
         self._reward_view[0] = reward
