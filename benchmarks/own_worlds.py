@@ -90,8 +90,9 @@ def measure(world_class: Any) -> str:
     )
     single = measured["single"] / measured["single plain"]
     many = measured["batch"] / measured["sync plain"]
+    name = f"{world_class.__name__} ({type(batch).__name__}, made in {batch_s:.2f} s)"
     return (
-        f"| {world_class.__name__} ({type(batch).__name__}, made in {batch_s:.2f} s) | {measured['single plain']:,.0f} | "
+        f"| {name} | {measured['single plain']:,.0f} | "
         f"{measured['single']:,.0f} ({single:.1f}x) | {measured['sync plain']:,.0f} | "
         f"{measured['batch']:,.0f} ({many:.0f}x) |"
     )

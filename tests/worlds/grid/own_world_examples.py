@@ -3,9 +3,9 @@
 from minihuman.worlds.grid.core.cells import EMPTY, kind_of
 from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.layout import from_text
+from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.object_kinds import ObjectKind, ball, door, goal, key
 from minihuman.worlds.grid.own import Bool, Float, Int, IntArray, IntTuple
-from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.team_grid import TeamGrid
 
 COIN = ObjectKind("coin", "C", stepped_on=True)
@@ -255,7 +255,7 @@ class Harvest(TeamGrid):
     def reward_and_done(self, actions, rewards, terminated):
         earned = [0.0] * 4
         for body in range(self.bodies):
-            x, y, direction, carried = self.body(body)
+            x, y, _direction, _carried = self.body(body)
             if self.is_kind(self.code_at(x, y), BERRY):
                 self.remove(x, y)
                 self.eaten[body] += 1

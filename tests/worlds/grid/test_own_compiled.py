@@ -12,8 +12,7 @@ import pytest
 
 from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.object_kinds import ball
-from minihuman.worlds.grid.own import Bool, Float, Int, IntArray, IntTuple
-from minihuman.worlds.grid.own import library, programs
+from minihuman.worlds.grid.own import Bool, Float, Int, IntArray, IntTuple, library, programs
 from minihuman.worlds.grid.own.batch import OwnBatch, make_batch
 from minihuman.worlds.grid.own.names import Refusal
 from minihuman.worlds.grid.own.team_batch import OwnTeamBatch

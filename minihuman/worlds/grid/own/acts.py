@@ -10,7 +10,7 @@ import numpy as np
 from minihuman.worlds.grid.core import state as fields
 from minihuman.worlds.grid.core.bodies import body_index
 from minihuman.worlds.grid.core.cells import EMPTY
-from minihuman.worlds.grid.core.state import Row, State, cell_at, lift, move, put
+from minihuman.worlds.grid.core.state import Row, State, cell_at, lift, move
 from minihuman.worlds.grid.layout import Layout
 from minihuman.worlds.grid.object_kinds import Item
 
@@ -58,12 +58,9 @@ class OwnRules:
         move(row, int(identity), int(x * row[fields.HEIGHT] + y))
         return True
 
-
     def _is_inside(self, x: int, y: int) -> bool:
         return bool(0 <= x < self._row[fields.WIDTH] and 0 <= y < self._row[fields.HEIGHT])
 
     def _is_body_at(self, x: int, y: int) -> bool:
         starts = (body_index(self._row, body) for body in range(self.bodies))
         return any(self._row[at] == x and self._row[at + 1] == y for at in starts)
-
-

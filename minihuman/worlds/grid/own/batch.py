@@ -100,9 +100,7 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
     )
     settable: ClassVar[frozenset[str]] = frozenset({"agent_dir", "agent_pos", "carrying", "max_steps", "step_count"})
 
-    def __init__(
-        self, worlds: list[Any], *, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP
-    ) -> None:
+    def __init__(self, worlds: list[Any], *, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP) -> None:
         self._world = worlds[0]
         self._check_alike(worlds)
         self._program = translate_rules(self._world)

@@ -46,7 +46,9 @@ class Calls(Expressions):
         argument = node.args[0]
         if not isinstance(argument, ast.GeneratorExp | ast.ListComp):
             if called in (min, max):
-                self.refuse(node, f"{called.__name__} of one argument", "give it the numbers one by one, or a generator")
+                self.refuse(
+                    node, f"{called.__name__} of one argument", "give it the numbers one by one, or a generator"
+                )
             name = ast.Name("_element", ast.Load())
             generator = ast.comprehension(ast.Name("_element", ast.Store()), argument, [], 0)
             argument = ast.fix_missing_locations(

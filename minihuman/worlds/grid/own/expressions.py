@@ -128,7 +128,7 @@ class Expressions:
         symbol = self.symbol(node)
         if symbol is not None:
             return self._symbol_text(node, symbol)
-        method = getattr(self, f"_{type(node).__name__}", None)
+        method = getattr(self, f"_translate_{type(node).__name__.lower()}", None)
         if method is None:
             name = type(node).__name__
             self.refuse(node, f"an expression of the kind {name}", "use numbers, tuples, declared fields and loops")
@@ -146,15 +146,15 @@ class Expressions:
             self.refuse(node, what, "use numbers, texts, items and tuples of them")
         return str(text)
 
-    def _Name(self, node: ast.Name) -> str:
+    def _translate_name(self, node: ast.Name) -> str:
         return f"v_{node.id}"
 
-    def _Tuple(self, node: ast.Tuple) -> str:
+    def _translate_tuple(self, node: ast.Tuple) -> str:
         if any(isinstance(element, ast.Starred) for element in node.elts):
             self.refuse(node, "a starred element", "write the elements one by one")
         return "(" + "".join(f"{self.expression(element)}, " for element in node.elts) + ")"
 
-    def _Attribute(self, node: ast.Attribute) -> str:
+    def _translate_attribute(self, node: ast.Attribute) -> str:
         base = self.symbol(node.value)
         if base is None:
             if node.attr in ("identity", "x", "y"):
@@ -189,7 +189,9 @@ class Expressions:
         setting = self.program.setting(name)
         if setting is None:
             self.refuse(
-                node, f"self.{name}", f"declare it in the class, such as {name} = Int(), or set it in __init__ and leave it"
+                node,
+                f"self.{name}",
+                f"declare it in the class, such as {name} = Int(), or set it in __init__ and leave it",
             )
         return str(setting)
 
@@ -207,7 +209,7 @@ class Expressions:
         shape: tuple[int, ...] = field.shape  # type: ignore[attr-defined]  # of an array
         return f"rt.view_{len(shape)}({memory}, {at}, {', '.join(map(str, shape))})"
 
-    def _UnaryOp(self, node: ast.UnaryOp) -> str:
+    def _translate_unaryop(self, node: ast.UnaryOp) -> str:
         operand = self.expression(node.operand)
         if isinstance(node.op, ast.Not):
             return f"(not {operand})"
@@ -215,7 +217,7 @@ class Expressions:
             return f"rt.neg(c, {self.place(node)}, {operand})"
         return f"({'~' if isinstance(node.op, ast.Invert) else '+'}{operand})"
 
-    def _BinOp(self, node: ast.BinOp) -> str:
+    def _translate_binop(self, node: ast.BinOp) -> str:
         left = self.expression(node.left)
         right = self.expression(node.right)
         return self.operation(node, node.op, left, right)
@@ -228,15 +230,15 @@ class Expressions:
             self.refuse(node, "this operator", "use + - * / // % ** << >> & | ^")
         return f"rt.{_OPERATORS[type(operator)]}(c, {self.place(node)}, {left}, {right})"
 
-    def _BoolOp(self, node: ast.BoolOp) -> str:
+    def _translate_boolop(self, node: ast.BoolOp) -> str:
         word = " and " if isinstance(node.op, ast.And) else " or "
         return "(" + word.join(self.expression(value) for value in node.values) + ")"
 
-    def _IfExp(self, node: ast.IfExp) -> str:
+    def _translate_ifexp(self, node: ast.IfExp) -> str:
         parts = (self.expression(part) for part in (node.body, node.test, node.orelse))
         return "({} if {} else {})".format(*parts)
 
-    def _Compare(self, node: ast.Compare) -> str:
+    def _translate_compare(self, node: ast.Compare) -> str:
         clauses = []
         left = node.left
         if len(node.ops) > 1 and not all(self._is_simple(part) for part in node.comparators[:-1]):
@@ -260,7 +262,7 @@ class Expressions:
             right = ast.copy_location(ast.Tuple(right.elts, ast.Load()), right)
         return f"({negation}rt.is_in(c, {self.place(node)}, {self.expression(left)}, {self.expression(right)}))"
 
-    def _Subscript(self, node: ast.Subscript) -> str:
+    def _translate_subscript(self, node: ast.Subscript) -> str:
         base = self.symbol(node.value)
         place = self.place(node)
         if base is not None and base.kind in CELL_PARTS:
@@ -304,8 +306,10 @@ class Expressions:
 
     # --- calls ---
 
-    def _Call(self, node: ast.Call) -> str:
-        if any(isinstance(argument, ast.Starred) for argument in node.args) or any(k.arg is None for k in node.keywords):
+    def _translate_call(self, node: ast.Call) -> str:
+        if any(isinstance(argument, ast.Starred) for argument in node.args) or any(
+            k.arg is None for k in node.keywords
+        ):
             self.refuse(node, "a call with * or **", "write the arguments one by one")
         if isinstance(node.func, ast.Attribute):
             base = self.symbol(node.func.value)
@@ -400,7 +404,9 @@ class Expressions:
 
     def _author_call(self, node: ast.Call, function: FunctionType, owner: type | None) -> str:
         bound: list[Any] = [] if owner is None else [SELF]
-        parameters = function.__code__.co_varnames[: function.__code__.co_argcount + function.__code__.co_kwonlyargcount]
+        parameters = function.__code__.co_varnames[
+            : function.__code__.co_argcount + function.__code__.co_kwonlyargcount
+        ]
         given: dict[str, Any] = dict(zip(parameters, [*bound, *node.args], strict=False))
         given |= {keyword.arg: keyword.value for keyword in node.keywords if keyword.arg}
         defaults = self._defaults(function)
@@ -449,7 +455,9 @@ class Expressions:
         contents = arguments[1] if len(arguments) > 1 else None
         contents = next((k.value for k in node.keywords if k.arg == "contains"), contents)
         options = {
-            name: symbol.value for name, symbol in named.items() if symbol is not None and name not in ("colour", "contains")
+            name: symbol.value
+            for name, symbol in named.items()
+            if symbol is not None and name not in ("colour", "contains")
         }
         if len(options) + ("colour" in named) + ("contains" in named) != len(named):
             self.refuse(node, "an item with a computed state", "write one call for each state, in an if")
@@ -523,9 +531,7 @@ class Expressions:
                 f"rt.place_item(c, {place}, {self.program.bodies}, {item}, {self._rectangle(node)}, {tries})"
             )
         placing, captured = self.program.placement(self, node, reject)
-        return self.draw(
-            f"{placing}({', '.join(['c', str(place), item, self._rectangle(node), tries, *captured])})"
-        )
+        return self.draw(f"{placing}({', '.join(['c', str(place), item, self._rectangle(node), tries, *captured])})")
 
     def _grid_put_agent(self, node: ast.Call, place: int) -> str:
         parts = [self._argument(node, nth, name, "0") for nth, name in enumerate(("x", "y", "direction"))]
@@ -561,4 +567,3 @@ class Expressions:
         if len(symbols) != 2 or symbols[0] is None or not isinstance(symbols[0].value, str) or symbols[1] != GRID:
             self.refuse(node, "from_text with a computed diagram", "name a constant")
         return self.program.diagram(symbols[0].value, self.place(node))
-

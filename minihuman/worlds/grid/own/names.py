@@ -37,7 +37,12 @@ class Symbol:
 
 SELF = Symbol("self")
 GRID = Symbol("grid")
-CELL_PARTS = {"kinds": "({} & 15)", "colours": "(({} >> 4) & 7)", "states": "(({} >> 7) & 3)", "identities": "({} >> 9)"}
+CELL_PARTS = {
+    "kinds": "({} & 15)",
+    "colours": "(({} >> 4) & 7)",
+    "states": "(({} >> 7) & 3)",
+    "identities": "({} >> 9)",
+}
 
 ITEM_FUNCTIONS = (wall, floor, lava, goal, door, key, ball, box)
 # functions of ours that rules may call, by what stands in modules for them; each is written with its arguments

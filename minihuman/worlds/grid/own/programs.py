@@ -108,7 +108,9 @@ def compile_rules(world: Any) -> None:
 def _reason(text: str) -> str:
     """Return the lines of Numba's message that say what is wrong."""
     lines = [re.sub(r"\x1b\[[0-9;]*m", "", line).strip() for line in text.splitlines()]
-    telling = [line for line in lines if line and not line.startswith(("Failed in", "During", "File", "<source", "[", "-"))]
+    telling = [
+        line for line in lines if line and not line.startswith(("Failed in", "During", "File", "<source", "[", "-"))
+    ]
     said = "; ".join(telling[:2]) or "Numba cannot compile this"
     return f"this cannot be compiled ({said[:300]}); give each variable values of one kind"
 
@@ -261,7 +263,7 @@ class WorldRules:
     def judge_team(
         self, actions: NDArray[np.int64], rewards: tuple[float, ...], terminated: bool
     ) -> tuple[tuple[float, ...], bool]:
-        """Run a team's `reward_and_done` after a joint action; return the rewards, and whether the episode has ended."""
+        """Run a team's `reward_and_done` after a joint action; return the rewards and whether the episode ended."""
         self._actions[:] = actions
         self._rewards[:] = rewards
         self._run_rules(terminated)

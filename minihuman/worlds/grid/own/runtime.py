@@ -1,8 +1,9 @@
 """What translated rules call, for Numba: checked arithmetic and indices, draws, and what `Layout` and `OwnRules` do.
 
 Only the process that compiles rules imports this module. Each function takes the context of a world, the address of a
-block of addresses (see `context`), and the number of a place in the author's source. Where Python would raise an error, the place and
-the kind of error are written into the context's fault array, and the function returns with Numba's error status.
+block of addresses (see `context`), and the number of a place in the author's source. Where Python would raise an error,
+the place and the kind of error are written into the context's fault array, and the function returns with Numba's error
+status.
 """
 # mypy: ignore-errors
 
@@ -914,7 +915,6 @@ def set_task(c, nth, number):
     row(c)[12 + nth] = number
 
 
-
 @njit
 def ahead(x, y, direction):
     """Return the next cell in a direction."""
@@ -974,5 +974,9 @@ def body(c, place, bodies, nth):
     if nth < 0 or nth >= bodies:
         fail(c, place, INDEX, nth, bodies)
     start = body_start(c, bodies, nth)
-    return np.int64(row(c)[start]), np.int64(row(c)[start + 1]), np.int64(row(c)[start + 2]), np.int64(row(c)[start + 3])
-
+    return (
+        np.int64(row(c)[start]),
+        np.int64(row(c)[start + 1]),
+        np.int64(row(c)[start + 2]),
+        np.int64(row(c)[start + 3]),
+    )

@@ -54,7 +54,7 @@ class Statements(Calls):
     def body(self, statements: Iterable[ast.stmt]) -> None:
         """Translate statements one after the other."""
         for statement in statements:
-            method = getattr(self, f"_{type(statement).__name__}", None)
+            method = getattr(self, f"_translate_{type(statement).__name__.lower()}", None)
             if method is None:
                 name = type(statement).__name__
                 self.refuse(statement, f"a statement of the kind {name}", "use assignments, if, for, while and return")
@@ -69,16 +69,16 @@ class Statements(Calls):
             self.emit("pass", node)
         self._depth -= 1
 
-    def _Pass(self, node: ast.Pass) -> None:
+    def _translate_pass(self, node: ast.Pass) -> None:
         self.emit("pass", node)
 
-    def _Break(self, node: ast.Break) -> None:
+    def _translate_break(self, node: ast.Break) -> None:
         self.emit("break", node)
 
-    def _Continue(self, node: ast.Continue) -> None:
+    def _translate_continue(self, node: ast.Continue) -> None:
         self.emit("continue", node)
 
-    def _Expr(self, node: ast.Expr) -> None:
+    def _translate_expr(self, node: ast.Expr) -> None:
         if isinstance(node.value, ast.Constant):
             return  # a docstring
         if isinstance(node.value, ast.Call):
@@ -89,7 +89,7 @@ class Statements(Calls):
                 return
         self.emit(self.expression(node.value), node)
 
-    def _Return(self, node: ast.Return) -> None:
+    def _translate_return(self, node: ast.Return) -> None:
         if self.returns == "any":
             self.emit("return" if node.value is None else f"return {self.expression(node.value)}", node)
         elif node.value is None:
@@ -119,11 +119,11 @@ class Statements(Calls):
 
     # --- assignments ---
 
-    def _AnnAssign(self, node: ast.AnnAssign) -> None:
+    def _translate_annassign(self, node: ast.AnnAssign) -> None:
         if node.value is not None:
-            self._Assign(ast.copy_location(ast.Assign([node.target], node.value), node))
+            self._translate_assign(ast.copy_location(ast.Assign([node.target], node.value), node))
 
-    def _Assign(self, node: ast.Assign) -> None:
+    def _translate_assign(self, node: ast.Assign) -> None:
         if len(node.targets) > 1:
             name = self._temporary()
             self.emit(f"{name} = {self.expression(node.value)}", node)
@@ -141,7 +141,7 @@ class Statements(Calls):
         self._assign_text(target, self.expression(node.value), node)
 
     def _assign_name(self, target: ast.Name, value: ast.expr, node: ast.AST) -> bool:
-        """Assign what needs no code or code of its own: an alias of the state, or a list; return whether it was that."""
+        """Assign an alias of the state, or a list, and return True; return False for another value."""
         symbol = self.symbol(value)
         if symbol is not None and symbol.kind != "constant":
             self.symbols[target.id] = symbol
@@ -264,7 +264,9 @@ class Statements(Calls):
         values = self.expression(target.value)
         if isinstance(target.slice, ast.Slice):
             if any((target.slice.lower, target.slice.upper, target.slice.step)):
-                self.refuse(node, "an assignment to a slice with ends", "assign the elements one by one, or all with [:]")
+                self.refuse(
+                    node, "an assignment to a slice with ends", "assign the elements one by one, or all with [:]"
+                )
             self.emit(f"rt.copy_into(c, {place}, {values}, {text})", node)
         elif isinstance(target.slice, ast.Tuple):
             i, j = self._pair(target)
@@ -272,7 +274,7 @@ class Statements(Calls):
         else:
             self.emit(f"rt.set_at(c, {place}, {values}, {self.expression(target.slice)}, {text})", node)
 
-    def _AugAssign(self, node: ast.AugAssign) -> None:
+    def _translate_augassign(self, node: ast.AugAssign) -> None:
         target = node.target
         if isinstance(target, ast.Subscript):
             indices = target.slice.elts if isinstance(target.slice, ast.Tuple) else [target.slice]
@@ -294,20 +296,20 @@ class Statements(Calls):
 
     # --- control ---
 
-    def _If(self, node: ast.If) -> None:
+    def _translate_if(self, node: ast.If) -> None:
         self.emit(f"if {self.expression(node.test)}:", node)
         self.block(node.body, node)
         if node.orelse:
             self.emit("else:", node)
             self.block(node.orelse, node)
 
-    def _While(self, node: ast.While) -> None:
+    def _translate_while(self, node: ast.While) -> None:
         if node.orelse:
             self.refuse(node, "else after while", "set a variable before break")
         self.emit(f"while {self.expression(node.test)}:", node)
         self.block(node.body, node)
 
-    def _For(self, node: ast.For) -> None:
+    def _translate_for(self, node: ast.For) -> None:
         if node.orelse:
             self.refuse(node, "else after for", "set a variable before break")
         self.loop(node.target, node.iter, node)

@@ -140,7 +140,7 @@ class Translation:
         function, owner = self._look_up(name, None)
         source = read_function(function)
         parameters = [argument.arg for argument in source.node.args.args]
-        renamed = {parameter: symbol for parameter, symbol in zip(parameters, symbols.values(), strict=False)}
+        renamed = dict(zip(parameters, symbols.values(), strict=False))
         return self._write(function, owner, source, renamed, returns)
 
     def _write(
@@ -154,7 +154,9 @@ class Translation:
         arguments = source.node.args
         if arguments.vararg or arguments.kwarg or arguments.posonlyargs:
             line = source.node.lineno + source.offset
-            raise Refusal(f"{source.path}:{line}: * and / in {source.node.name}'s arguments cannot be translated; name them")
+            raise Refusal(
+                f"{source.path}:{line}: * and / in {source.node.name}'s arguments cannot be translated; name them"
+            )
         runtime = [a.arg for a in [*arguments.args, *arguments.kwonlyargs] if a.arg not in symbols]
         bound = {n.id for n in ast.walk(source.node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
         statements = Statements(self, function, owner, source, symbols, {*runtime, *bound}, returns)
