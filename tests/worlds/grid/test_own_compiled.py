@@ -206,6 +206,13 @@ def test_importing_worlds_loads_neither_numba_nor_the_translation():
     assert completed.stdout.strip() == "[]"
 
 
+def test_worlds_of_ours_without_a_batch_are_stepped_in_turn_by_make_vec():
+    batch = gymnasium.make_vec("minihuman/MiniGrid-GoToObj-Transfer-v0", 2, "vector_entry_point")
+    observations, _ = batch.reset(seed=3)
+    alone, _ = gymnasium.make("minihuman/MiniGrid-GoToObj-Transfer-v0").reset(seed=4)
+    assert np.array_equal(observations["image"][1], alone["image"])
+
+
 class Fields(GridWorld):
     observed = ("count", "near", "energy", "place", "grid_of")
     count = Int()

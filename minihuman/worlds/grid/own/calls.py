@@ -6,9 +6,9 @@ from typing import Any
 from minihuman.worlds.grid.own.expressions import Expressions
 from minihuman.worlds.grid.own.names import Symbol
 
-_PLAIN = {min: "min", max: "max", float: "float", bool: "bool", len: "len", range: "range", enumerate: "enumerate"}
+_PLAIN = {min: "min", max: "max", bool: "bool", len: "len", range: "range", enumerate: "enumerate"}
 _PLAIN |= {zip: "zip"}
-_CHECKED = {abs: "absolute", int: "whole", round: "rounded"}
+_CHECKED = {abs: "absolute", int: "whole", float: "real", round: "rounded"}
 
 
 class Calls(Expressions):

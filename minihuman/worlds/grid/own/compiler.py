@@ -107,7 +107,7 @@ def main() -> int:
     except errors.NumbaError as error:
         lines = re.findall(r'File "<translated>", line (\d+)', str(error))
         reasons = [line.strip() for line in str(error).splitlines() if line.strip()]
-        sys.stderr.write(f"LINE {lines[-1] if lines else 0}\n" + "\n".join(reasons))
+        sys.stderr.write(f"LINE {lines[0] if lines else 0}\n" + "\n".join(reasons))
         return 3
     sys.stdout.buffer.write(code)
     return 0

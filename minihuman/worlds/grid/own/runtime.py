@@ -322,9 +322,16 @@ def mod(c, place, a, b):
     return lambda c, place, a, b: _float_mod(c, place, float(a), float(b))
 
 
-@njit
+@_overloaded
 def power(c, place, base, exponent):
     """Raise a whole number to a whole power of 0 or more."""
+    if not (_is_whole(base) and _is_whole(exponent)):
+        raise numba.core.errors.TypingError("a power of floats differs between machines; multiply instead")
+    return lambda c, place, base, exponent: _whole_power(c, place, np.int64(base), np.int64(exponent))
+
+
+@njit
+def _whole_power(c, place, base, exponent):
     if exponent < 0:
         fail(c, place, BAD_RANGE, 0, exponent)
     product = np.int64(1)
@@ -381,6 +388,16 @@ def whole(c, place, a):
         return np.int64(a)
 
     return from_float if isinstance(a, types.Float) else None
+
+
+@_overloaded
+def real(c, place, a):
+    """Return ``float(a)``."""
+    if isinstance(a, types.Boolean):
+        return lambda c, place, a: 1.0 if a else 0.0
+    if not _is_number(a):
+        raise numba.core.errors.TypingError("a number is wanted here")
+    return lambda c, place, a: np.float64(a)
 
 
 @_overloaded
@@ -486,8 +503,10 @@ def set_at(c, place, values, i, value):
 
         def write_code(c, place, values, i, value):
             where = index_in(c, place, i, len(values))
-            if where < 2 or declared_whole(c, place, value) != np.int32(value):
+            if where < 2 or 5 < where < 13 or where > 22 or declared_whole(c, place, value) != np.int32(value):
                 fail(c, place, OVERFLOW, value, 0)
+            if where == 5:
+                _check_code(c, place, value)
             values[where] = value
 
         return write_code

@@ -111,10 +111,10 @@ class Statements(Calls):
             self.emit(f"_pair = {self.expression(value)}", node)
             reward, ended = "_pair[0]", "_pair[1]"
         if self.returns == "reward":
-            self.emit(f"return float({reward}), bool({ended})", node)
+            self.emit(f"return rt.real(c, {self.place(node)}, {reward}), bool({ended})", node)
             return
         self.emit(f"_rewards = {reward}", node)
-        floats = "".join(f"float(_rewards[{body}]), " for body in range(self.program.bodies))
+        floats = "".join(f"rt.real(c, {self.place(node)}, _rewards[{body}]), " for body in range(self.program.bodies))
         self.emit(f"return ({floats}), bool({ended})", node)
 
     # --- assignments ---
@@ -254,7 +254,7 @@ class Statements(Calls):
         elif isinstance(field, Int):
             self.emit(f"rt.own(c)[{at}] = rt.declared_whole(c, {place}, {text})", node)
         elif isinstance(field, Float):
-            self.emit(f"rt.own_floats(c)[{at}] = float({text})", node)
+            self.emit(f"rt.own_floats(c)[{at}] = rt.real(c, {place}, {text})", node)
         elif isinstance(field, IntTuple):
             self.emit(f"rt.copy_into(c, {place}, rt.view_1(rt.own(c), {at}, {field.size}), {text})", node)
         else:
