@@ -3,7 +3,7 @@
 import ast
 from typing import Any
 
-from minihuman.worlds.grid.own.expressions import Expressions
+from minihuman.worlds.grid.own.layout_calls import LayoutCalls
 from minihuman.worlds.grid.own.names import Symbol
 
 _PLAIN = {min: "min", max: "max", bool: "bool", len: "len", range: "range", enumerate: "enumerate"}
@@ -11,7 +11,7 @@ _PLAIN |= {zip: "zip"}
 _CHECKED = {abs: "absolute", int: "whole", float: "real", round: "rounded"}
 
 
-class Calls(Expressions):
+class Calls(LayoutCalls):
     """The translation of calls of Python's own functions, and of generators and lambdas."""
 
     def _constant_call(self, node: ast.Call, called: Any) -> str:
