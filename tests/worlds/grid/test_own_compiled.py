@@ -14,7 +14,7 @@ from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.object_kinds import ball
 from minihuman.worlds.grid.own import Bool, Float, Int, IntArray, IntTuple, library, programs
 from minihuman.worlds.grid.own.batch import OwnBatch, make_batch
-from minihuman.worlds.grid.own.names import Refusal
+from minihuman.worlds.grid.own.source_names import TranslationError
 from minihuman.worlds.grid.own.team_batch import OwnTeamBatch
 from minihuman.worlds.team import TeamBatch
 from tests.worlds.grid import own_world_examples as examples
@@ -177,7 +177,7 @@ class OwnObservation(Undeclared):
     ],
 )
 def test_what_cannot_be_translated_is_named_and_runs_as_plain_python(world_class, reason, caplog):
-    with pytest.raises(Refusal, match=reason):
+    with pytest.raises(TranslationError, match=reason):
         programs.translate_rules(world_class())
     with caplog.at_level(logging.WARNING, "minihuman"):
         batch = make_batch(world_class, num_envs=2)

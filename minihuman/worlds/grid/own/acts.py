@@ -3,7 +3,7 @@
 Translated rules do the same in compiled code (`runtime`).
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -19,7 +19,7 @@ class OwnRules:
     """Mixin with what `reward_and_done` may do to a grid, for worlds with one body or several."""
 
     bodies: int = 1
-    kinds: Any
+    kinds: ClassVar[Any]
     np_random: np.random.Generator
     _row: Row
 

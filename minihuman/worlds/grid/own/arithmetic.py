@@ -170,7 +170,7 @@ def neg(c, place, a):
 
 @overloaded
 def absolute(c, place, a):
-    """Return the absolute value."""
+    """Return the absolute number."""
     if is_whole(a):
         return lambda c, place, a: neg(c, place, a) if a < 0 else np.int64(a)
     return lambda c, place, a: abs(a)
@@ -210,7 +210,7 @@ def declared_whole(c, place, a):
 
 @overloaded
 def is_in(c, place, a, options):
-    """Return whether a value is one of a tuple's."""
+    """Return whether a number is one of a tuple's."""
     if isinstance(options, types.BaseTuple) and len(options) == 0:
         return lambda c, place, a, options: False
 

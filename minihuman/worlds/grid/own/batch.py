@@ -22,7 +22,6 @@ from minihuman.worlds.grid.own import entries
 from minihuman.worlds.grid.own.entries import FAULT, TABLE
 from minihuman.worlds.grid.own.fields import Bool, field_named, numbers_length, own_numbers
 from minihuman.worlds.grid.own.library import compile_library
-from minihuman.worlds.grid.own.names import Refusal
 from minihuman.worlds.grid.own.passes import act_many, see_many
 from minihuman.worlds.grid.own.programs import (
     compile_rules,
@@ -31,6 +30,7 @@ from minihuman.worlds.grid.own.programs import (
     setting_arrays,
     translate_rules,
 )
+from minihuman.worlds.grid.own.source_names import TranslationError
 from minihuman.worlds.options import BatchSeeds, seeds_per_world
 from minihuman.worlds.rng import read_rng_state, write_rng_state
 from minihuman.worlds.vector_names import VectorNames
@@ -63,7 +63,7 @@ def make_batch(
         for world in worlds.values():
             compile_rules(world)
         return OwnBatch([worlds[str(sorted(own.items()))] for own in per_world], autoreset_mode=autoreset_mode)
-    except Refusal as refusal:
+    except TranslationError as refusal:
         LOG.warning("%s is stepped in plain Python: %s", getattr(world_class, "__name__", world_class), refusal)
     makers = [lambda own=own: world_class(**{**options, **own}) for own in per_world]
     return SyncVectorEnv(makers, autoreset_mode=autoreset_mode)
@@ -87,7 +87,7 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         autoreset_mode: Gymnasium's name for the behaviour after an episode's end: "NextStep", "SameStep" or "Disabled".
 
     Raises:
-        Refusal: if the rules of some worlds are translated differently, as other attributes are part of them.
+        TranslationError: if the rules of some worlds are translated differently, as other attributes are part of them.
         WorldError: if the worlds differ in their sizes or spaces.
     """
 
@@ -124,7 +124,7 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
             if not alike or world.image_shape != self._world.image_shape:
                 raise WorldError("the worlds of a batch differ in their sizes or spaces; make a batch of each kind")
             if translate_rules(world) is not translate_rules(self._world):
-                raise Refusal("the worlds of a batch differ in texts or tuples that their rules read")
+                raise TranslationError("the worlds of a batch differ in texts or tuples that their rules read")
 
     def _make_memory(self, worlds: list[Any]) -> None:
         n = self.num_envs
@@ -141,8 +141,8 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         self._table = np.zeros(TABLE, np.int64)
         for place, array in (
             (entries.ROWS, self._rows),
-            (entries.OWN, self._own),
-            (entries.SETTINGS, self._settings),
+            (entries.OWN_NUMBERS, self._own),
+            (entries.INT_SETTINGS, self._settings),
             (entries.FLOAT_SETTINGS, self._float_settings),
             (entries.RNG, self._rng_states),
             (entries.MISSIONS, self._mission_parts),
@@ -219,26 +219,35 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         status = act_many(self._rows, numbers, self._rng_states, rewards, *ends, next_step)
         if status < 0:
             raise self._refusal(~status, action_array)
-        if self._library.steps is not None:
-            table = self._table
-            table[entries.ACTIONS] = numbers.ctypes.data
-            table[entries.REWARDS] = rewards.ctypes.data
-            table[entries.TERMINATED] = terminated.ctypes.data
-            table[entries.TRUNCATED] = truncated.ctypes.data
-            if self._library.steps(table.ctypes.data):
-                raise_fault(self._program, table, world=int(table[FAULT + 4]))
+        self._run_rules(numbers, rewards, terminated, truncated)
         info: dict[str, Any] = {}
+        ended = np.zeros(0, np.int64)
         if next_step:
             ended = np.flatnonzero(~self._stepped)
-        elif self._mode is AutoresetMode.SAME_STEP:
+        elif self._mode is AutoresetMode.SAME_STEP and (terminated | truncated).any():
             ended = np.flatnonzero(terminated | truncated)
-            if len(ended):
-                info = self._final(terminated | truncated)
-        else:
-            ended = np.zeros(0, np.int64)
+            info = self._final(terminated | truncated)
         if len(ended):
             self._lay_out(ended)
         return self._observe(), rewards, terminated, truncated, info
+
+    def _run_rules(
+        self,
+        actions: NDArray[np.int64],
+        rewards: NDArray[np.float64],
+        terminated: NDArray[np.bool_],
+        truncated: NDArray[np.bool_],
+    ) -> None:
+        """Run the author's `reward_and_done` in every world that was stepped."""
+        if self._library.steps is None:
+            return
+        table = self._table
+        table[entries.ACTIONS] = actions.ctypes.data
+        table[entries.REWARDS] = rewards.ctypes.data
+        table[entries.TERMINATED] = terminated.ctypes.data
+        table[entries.TRUNCATED] = truncated.ctypes.data
+        if self._library.steps(table.ctypes.data):
+            raise_fault(self._program, table, world=int(table[FAULT + 4]))
 
     def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
         phase = self._rows[world, PHASE]

@@ -4,7 +4,7 @@ import ast
 from typing import Any
 
 from minihuman.worlds.grid.own.layout_calls import LayoutCalls
-from minihuman.worlds.grid.own.names import Symbol
+from minihuman.worlds.grid.own.source_names import Symbol
 
 _PLAIN = {min: "min", max: "max", bool: "bool", len: "len", range: "range", enumerate: "enumerate"}
 _PLAIN |= {zip: "zip"}
@@ -14,47 +14,47 @@ _CHECKED = {abs: "absolute", int: "whole", float: "real", round: "rounded"}
 class Calls(LayoutCalls):
     """The translation of calls of Python's own functions, and of generators and lambdas."""
 
-    def _constant_call(self, node: ast.Call, called: Any) -> str:
+    def _constant_call(self, node: ast.Call, callee: Any) -> str:
         try:
-            known = called in _PLAIN or called in _CHECKED or called in (any, all, sum, divmod, tuple, list)
+            known = callee in _PLAIN or callee in _CHECKED or callee in (any, all, sum, divmod, tuple, list)
         except TypeError:
             known = False
         if not known:
-            return super()._constant_call(node, called)
+            return super()._constant_call(node, callee)
         if node.keywords:
-            self.refuse(node, f"{called.__name__} with named arguments", "give them in order")
-        if called in (any, all, sum):
-            return self._over_generator(node, called)
-        if called is tuple:
+            self.refuse(node, f"{callee.__name__} with named arguments", "give them in order")
+        if callee in (any, all, sum):
+            return self._over_generator(node, callee)
+        if callee is tuple:
             return self._tuple(node)
-        if called is list:
+        if callee is list:
             self.refuse(node, "a list here", "give the list a name of its own: values = list(rewards)")
         arguments = [self.expression(argument) for argument in node.args]
-        if called in _CHECKED:
+        if callee in _CHECKED:
             if len(arguments) != 1:
-                self.refuse(node, f"{called.__name__} with {len(arguments)} arguments", "give one")
-            return f"rt.{_CHECKED[called]}(c, {self.place(node)}, {arguments[0]})"
-        if called is divmod:
+                self.refuse(node, f"{callee.__name__} with {len(arguments)} arguments", "give one")
+            return f"rt.{_CHECKED[callee]}(c, {self.place(node)}, {arguments[0]})"
+        if callee is divmod:
             place = self.place(node)
             first, second = arguments
             return f"(rt.floordiv(c, {place}, {first}, {second}), rt.mod(c, {place}, {first}, {second}))"
-        if called in (min, max) and len(arguments) == 1:
-            return self._over_generator(node, called)
-        return f"{_PLAIN[called]}({', '.join(arguments)})"
+        if callee in (min, max) and len(arguments) == 1:
+            return self._over_generator(node, callee)
+        return f"{_PLAIN[callee]}({', '.join(arguments)})"
 
-    def _over_generator(self, node: ast.Call, called: Any) -> str:
+    def _over_generator(self, node: ast.Call, callee: Any) -> str:
         argument = node.args[0]
         if not isinstance(argument, ast.GeneratorExp | ast.ListComp):
-            if called in (min, max):
+            if callee in (min, max):
                 self.refuse(
-                    node, f"{called.__name__} of one argument", "give it the numbers one by one, or a generator"
+                    node, f"{callee.__name__} of one argument", "give it the numbers one by one, or a generator"
                 )
             name = ast.Name("_element", ast.Load())
-            generator = ast.comprehension(ast.Name("_element", ast.Store()), argument, [], 0)
+            generator = ast.comprehension(ast.Name("_element"), argument, [], 0)
             argument = ast.fix_missing_locations(
                 ast.copy_location(ast.GeneratorExp(ast.copy_location(name, node), [generator]), node)
             )
-        lifted, captured = self.program.lift_generator(self, argument, called)
+        lifted, captured = self.program.lift_generator(self, argument, callee)
         return f"{lifted}({', '.join(['c', *captured])})"
 
     def _tuple(self, node: ast.Call) -> str:
@@ -77,8 +77,8 @@ class Calls(LayoutCalls):
         assert isinstance(clause.target, ast.Name)
         texts = []
         before = self.symbols.get(clause.target.id)
-        for value in values:
-            self.symbols[clause.target.id] = Symbol("constant", value)
+        for constant in values:
+            self.symbols[clause.target.id] = Symbol("constant", constant)
             texts.append(self.expression(generator.elt))
         self.symbols.pop(clause.target.id)
         if before is not None:

@@ -25,11 +25,11 @@ define i64 @{name}(i64 %table) {{
   %result = alloca i64
   %exception = alloca ptr
   store i64 0, ptr %result
-  %status = call i32 @{called}(ptr %result, ptr %exception, i64 %table)
+  %status = call i32 @{callee}(ptr %result, ptr %exception, i64 %table)
   %status64 = sext i32 %status to i64
   ret i64 %status64
 }}
-declare i32 @{called}(ptr, ptr, i64)
+declare i32 @{callee}(ptr, ptr, i64)
 """
 
 
@@ -66,7 +66,7 @@ def compile_text(text: str) -> bytes:
         if dispatcher is not None:
             dispatcher.compile((int64,))
             function = dispatcher.overloads[(int64,)].fndesc.llvm_func_name
-            entries.append(_ENTRY.format(name=f"minihuman_{name}", called=f'"{function}"'))
+            entries.append(_ENTRY.format(name=f"minihuman_{name}", callee=f'"{function}"'))
     return _emit([*(str(library._final_module) for library in _LIBRARIES.values()), *entries])
 
 

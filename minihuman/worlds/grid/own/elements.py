@@ -67,63 +67,63 @@ def check_code(c, place, code):
 
 
 @overloaded
-def set_at(c, place, values, i, value):
+def set_at(c, place, values, i, element):
     """Set an element of an array, or a row of it."""
     if not isinstance(values, types.Array):
         raise numba.core.errors.TypingError("a tuple cannot be changed; assign a new one")
     if isinstance(i, types.BaseTuple):
-        return lambda c, place, values, i, value: set_at_2(c, place, values, i[0], i[1], value)
+        return lambda c, place, values, i, element: set_at_2(c, place, values, i[0], i[1], element)
     if values.ndim == 2:
 
-        def write_row(c, place, values, i, value):
+        def write_row(c, place, values, i, element):
             first = index_in(c, place, i, values.shape[0])
-            if len(value) != values.shape[1]:
-                fail(c, place, UNPACK, len(value), values.shape[1])
-            for j in range(len(value)):
-                values[first, j] = value[j]
+            if len(element) != values.shape[1]:
+                fail(c, place, UNPACK, len(element), values.shape[1])
+            for j in range(len(element)):
+                values[first, j] = element[j]
 
         return write_row
     if isinstance(values.dtype, types.Float):
-        return lambda c, place, values, i, value: _write(values, index_in(c, place, i, len(values)), float(value))
+        return lambda c, place, values, i, element: _write(values, index_in(c, place, i, len(values)), float(element))
     if values.dtype is types.int32:
 
-        def write_code(c, place, values, i, value):
+        def write_code(c, place, values, i, element):
             where = index_in(c, place, i, len(values))
-            if where < 2 or 5 < where < 13 or where > 22 or declared_whole(c, place, value) != np.int32(value):
-                fail(c, place, OVERFLOW, value, 0)
+            if where < 2 or 5 < where < 13 or where > 22 or declared_whole(c, place, element) != np.int32(element):
+                fail(c, place, OVERFLOW, element, 0)
             if where == 5:
-                check_code(c, place, value)
-            values[where] = value
+                check_code(c, place, element)
+            values[where] = element
 
         return write_code
-    return lambda c, place, values, i, value: _write(
-        values, index_in(c, place, i, len(values)), declared_whole(c, place, value)
+    return lambda c, place, values, i, element: _write(
+        values, index_in(c, place, i, len(values)), declared_whole(c, place, element)
     )
 
 
 @njit
-def _write(values, i, value):
-    values[np.uint64(i)] = value
+def _write(values, i, element):
+    values[np.uint64(i)] = element
 
 
 @overloaded
-def set_at_2(c, place, values, i, j, value):
+def set_at_2(c, place, values, i, j, element):
     """Set an element of an array of two dimensions."""
     is_code = values.dtype is types.int32
     is_float = isinstance(values.dtype, types.Float)
 
-    def write_float(c, place, values, i, j, value):
+    def write_float(c, place, values, i, j, element):
         first = index_in(c, place, i, values.shape[0])
-        values[first, index_in(c, place, j, values.shape[1])] = float(value)
+        values[first, index_in(c, place, j, values.shape[1])] = float(element)
 
-    def write_code(c, place, values, i, j, value):
-        check_code(c, place, value)
+    def write_code(c, place, values, i, j, element):
+        check_code(c, place, element)
         first = index_in(c, place, i, values.shape[0])
-        values[first, index_in(c, place, j, values.shape[1])] = value
+        values[first, index_in(c, place, j, values.shape[1])] = element
 
-    def write_whole(c, place, values, i, j, value):
+    def write_whole(c, place, values, i, j, element):
         first = index_in(c, place, i, values.shape[0])
-        values[first, index_in(c, place, j, values.shape[1])] = declared_whole(c, place, value)
+        values[first, index_in(c, place, j, values.shape[1])] = declared_whole(c, place, element)
 
     if is_float:
         return write_float
@@ -131,20 +131,20 @@ def set_at_2(c, place, values, i, j, value):
 
 
 @overloaded
-def fill(c, place, values, value):
+def fill(c, place, values, element):
     """Set all elements of an array to a number."""
     if values.ndim == 1:
 
-        def fill_1(c, place, values, value):
+        def fill_1(c, place, values, element):
             for i in range(len(values)):
-                values[i] = value
+                values[i] = element
 
         return fill_1
 
-    def fill_2(c, place, values, value):
+    def fill_2(c, place, values, element):
         for i in range(values.shape[0]):
             for j in range(values.shape[1]):
-                values[i, j] = value
+                values[i, j] = element
 
     return fill_2
 
@@ -175,10 +175,10 @@ def _view(dimensions: int) -> Any:
         view = context.make_array(signature.return_type)(context, builder)
         start = builder.gep(source.data, [arguments[1]])
         size = context.get_abi_sizeof(context.get_data_type(signature.args[0].dtype))
-        item = context.get_constant(types.intp, size)
+        item_bytes = context.get_constant(types.intp, size)
         shape = list(arguments[2:])
-        strides = [item] if dimensions == 1 else [builder.mul(shape[1], item), item]
-        populate_array(view, data=start, shape=shape, strides=strides, itemsize=item, meminfo=None)
+        strides = [item_bytes] if dimensions == 1 else [builder.mul(shape[1], item_bytes), item_bytes]
+        populate_array(view, data=start, shape=shape, strides=strides, itemsize=item_bytes, meminfo=None)
         return view._getvalue()
 
     if dimensions == 1:
@@ -216,18 +216,18 @@ def row_of(typing_context, c, place, values, i):
         view = context.make_array(signature.return_type)(context, builder)
         start = builder.gep(source.data, [builder.mul(index, columns)])
         size = context.get_abi_sizeof(context.get_data_type(signature.args[2].dtype))
-        item = context.get_constant(types.intp, size)
-        populate_array(view, data=start, shape=[columns], strides=[item], itemsize=item, meminfo=None)
+        item_bytes = context.get_constant(types.intp, size)
+        populate_array(view, data=start, shape=[columns], strides=[item_bytes], itemsize=item_bytes, meminfo=None)
         return view._getvalue()
 
     return kind(c, int64, values, int64), code
 
 
 @intrinsic
-def unwrapped(typing_context, c, place, value):
+def unwrapped(typing_context, c, place, element):
     """Return what is not None of what may be."""
-    if not isinstance(value, types.Optional):
-        return value(c, int64, value), lambda context, builder, signature, values: values[2]
+    if not isinstance(element, types.Optional):
+        return element(c, int64, element), lambda context, builder, signature, values: values[2]
 
     def code(context, builder, signature, values):
         optional = context.make_helper(builder, signature.args[2], value=values[2])
@@ -235,7 +235,7 @@ def unwrapped(typing_context, c, place, value):
         fail_if(context, builder, signature, values, missing, UNPACK)
         return optional.data
 
-    return value.type(c, int64, value), code
+    return element.type(c, int64, element), code
 
 
 @overloaded

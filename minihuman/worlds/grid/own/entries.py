@@ -9,8 +9,8 @@ from collections.abc import Mapping
 (
     ROWS,
     ROW_LENGTH,
-    OWN,
-    SETTINGS,
+    OWN_NUMBERS,
+    INT_SETTINGS,
     FLOAT_SETTINGS,
     RNG,
     MISSIONS,
@@ -32,8 +32,8 @@ TABLE = 40
 _CONTEXT = """
             block[0] = table[{ROWS}] + 4 * n * i
             block[1] = n
-            block[2] = table[{OWN}] + 8 * {own} * i
-            block[3] = table[{SETTINGS}] + 8 * {settings} * i
+            block[2] = table[{OWN_NUMBERS}] + 8 * {own} * i
+            block[3] = table[{INT_SETTINGS}] + 8 * {settings} * i
             block[4] = table[{FLOAT_SETTINGS}] + 8 * {floats} * i
             block[5] = table[{RNG}] + 48 * i
             block[6] = t + 8 * {FAULT}

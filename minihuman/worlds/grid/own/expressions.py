@@ -13,14 +13,14 @@ import numpy as np
 
 from minihuman.worlds.grid.object_kinds import ObjectKind
 from minihuman.worlds.grid.own.fields import Bool, Float, Int, IntTuple, OwnField
-from minihuman.worlds.grid.own.names import (
+from minihuman.worlds.grid.own.source_names import (
     CELL_PARTS,
     CODE_FUNCTIONS,
     ITEM_FUNCTIONS,
     SELF,
     FunctionSource,
-    Refusal,
     Symbol,
+    TranslationError,
     find_global,
 )
 
@@ -36,10 +36,10 @@ _MATH = {math.sqrt: "math.sqrt", math.floor: "math.floor", math.ceil: "math.ceil
 
 
 class Expressions:
-    """The translation of one function's expressions. `statements.Statements` adds its statements."""
+    """The translation of one function's expressions. `rule_statements.Statements` adds its statements."""
 
     program: Any  # the `translation.Translation` of which this is a function
-    function: FunctionType
+    function: Any  # the author's, of the kind FunctionType
     owner: type | None
     source: FunctionSource
     symbols: dict[str, Symbol]  # parameters and local names that stand for `self`, `grid` and such
@@ -55,10 +55,16 @@ class Expressions:
         """Raise the refusal of a node.
 
         Raises:
-            Refusal: always.
+            TranslationError: always.
         """
         line = getattr(node, "lineno", 1) + self.source.offset
-        raise Refusal(f"{self.source.path}:{line}: {what} cannot be translated; {instead}")
+        raise TranslationError(f"{self.source.path}:{line}: {what} cannot be translated; {instead}")
+
+    def _item(self, node: ast.Call, callee: Any) -> str:
+        raise NotImplementedError
+
+    def _layout_call(self, node: ast.Call, name: str) -> str:
+        raise NotImplementedError
 
     # --- what names stand for ---
 
@@ -115,8 +121,8 @@ class Expressions:
             return Symbol("row")
         if node.attr in _SELF_NUMBERS or node.attr in ("agent_pos", "mission"):
             return None
-        known, value = self.program.fixed_attribute(node.attr)
-        return Symbol("constant", value) if known else None
+        known, operand = self.program.fixed_attribute(node.attr)
+        return Symbol("constant", operand) if known else None
 
     # --- expressions ---
 
@@ -136,7 +142,7 @@ class Expressions:
         if symbol.kind == "row":
             return "rt.row(c)"
         if symbol.kind != "constant":
-            self.refuse(node, f"{ast.unparse(node)} as a value", "read one of its attributes or elements")
+            self.refuse(node, f"{ast.unparse(node)} as a operand", "read one of its attributes or elements")
         text = self.program.constant(symbol.value)
         if text is None:
             what = f"{ast.unparse(node)}, a {type(symbol.value).__name__},"
@@ -229,7 +235,7 @@ class Expressions:
 
     def _translate_boolop(self, node: ast.BoolOp) -> str:
         word = " and " if isinstance(node.op, ast.And) else " or "
-        return "(" + word.join(self.expression(value) for value in node.values) + ")"
+        return "(" + word.join(self.expression(operand) for operand in node.values) + ")"
 
     def _translate_ifexp(self, node: ast.IfExp) -> str:
         parts = (self.expression(part) for part in (node.body, node.test, node.orelse))
@@ -271,10 +277,10 @@ class Expressions:
         if isinstance(node.slice, ast.Tuple):
             i, j = self._pair(node)
             return f"rt.at_2(c, {place}, {values}, {i}, {j})"
-        reads = "row_of" if self.rows_of(node.value) is not None else "at"
+        reads = "row_of" if self.matrix_field(node.value) is not None else "at"
         return f"rt.{reads}(c, {place}, {values}, {self.expression(node.slice)})"
 
-    def rows_of(self, node: ast.AST) -> Any:
+    def matrix_field(self, node: ast.AST) -> Any:
         """Return the declared array of two dimensions that an expression is, or None."""
         if isinstance(node, ast.Attribute):
             base = self.symbol(node.value)
@@ -312,10 +318,10 @@ class Expressions:
             base = self.symbol(node.func.value)
             if base is not None and base.kind != "constant":
                 return self._method(node, base, node.func.attr)
-        called = self.symbol(node.func)
-        if called is None:
+        callee = self.symbol(node.func)
+        if callee is None:
             self.refuse(node, f"a call of {ast.unparse(node.func)}", "call functions of the module and methods of self")
-        return self._constant_call(node, called.value)
+        return self._constant_call(node, callee.value)
 
     def _method(self, node: ast.Call, base: Symbol, name: str) -> str:
         if base.kind == "self":
@@ -371,21 +377,21 @@ class Expressions:
     def _super_call(self, node: ast.Call, name: str, owner: type | None) -> str:
         return self._author_call(node, *self.program.find_method(self, node, name, after=owner))
 
-    def _constant_call(self, node: ast.Call, called: Any) -> str:
-        if isinstance(called, ObjectKind) or called in ITEM_FUNCTIONS:
-            return self._item(node, called)
-        if isinstance(called, FunctionType) and not str(called.__module__).startswith("minihuman.worlds."):
-            return self._author_call(node, called, None)
+    def _constant_call(self, node: ast.Call, callee: Any) -> str:
+        if isinstance(callee, ObjectKind) or callee in ITEM_FUNCTIONS:
+            return self._item(node, callee)
+        if isinstance(callee, FunctionType) and not str(callee.__module__).startswith("minihuman.worlds."):
+            return self._author_call(node, callee, None)
         place = self.place(node)
-        if id(called) in CODE_FUNCTIONS and not node.keywords:
+        if id(callee) in CODE_FUNCTIONS and not node.keywords:
             arguments = [self._argument_text(argument) for argument in node.args]
-            text = CODE_FUNCTIONS[id(called)].format(*arguments, place=place)
+            text = CODE_FUNCTIONS[id(callee)].format(*arguments, place=place)
             return self.draw(text) if "rt.draw" in text else text
-        if called in _MATH:
-            wraps = called in (math.floor, math.ceil)
-            text = f"{_MATH[called]}({self.expression(node.args[0])})"
+        if callee in _MATH:
+            wraps = callee in (math.floor, math.ceil)
+            text = f"{_MATH[callee]}({self.expression(node.args[0])})"
             return f"rt.whole(c, {place}, {text})" if wraps else text
-        self.refuse(node, f"a call of {ast.unparse(node.func)}", self._instead(called))
+        self.refuse(node, f"a call of {ast.unparse(node.func)}", self._instead(callee))
 
     def _argument_text(self, node: ast.expr) -> str:
         symbol = self.symbol(node)
@@ -394,8 +400,8 @@ class Expressions:
         return self.expression(node)
 
     @staticmethod
-    def _instead(called: Any) -> str:
-        if getattr(called, "__module__", "") == "math":
+    def _instead(callee: Any) -> str:
+        if getattr(callee, "__module__", "") == "math":
             return "write it with + - * / and sqrt, which are the same on every machine"
         return "docs/grid-worlds.md lists what rules may call"
 
@@ -420,8 +426,8 @@ class Expressions:
                 texts.append(self._symbol_text(node, argument))
             else:
                 texts.append(self.expression(argument))
-        called = self.program.function(self, node, function, owner, symbols)
-        return f"{called}({', '.join(['c', *texts])})"
+        callee = self.program.function(self, node, function, owner, symbols)
+        return f"{callee}({', '.join(['c', *texts])})"
 
     @staticmethod
     def _defaults(function: FunctionType) -> Mapping[str, Any]:

@@ -43,14 +43,14 @@ class OwnField:
             return self
         return self.read(own_numbers(world))
 
-    def __set__(self, world: Any, value: Any) -> None:
-        self.write(own_numbers(world), value)
+    def __set__(self, world: Any, content: Any) -> None:
+        self.write(own_numbers(world), content)
 
     def read(self, numbers: OwnNumbers) -> Any:
         """Return the field as Python's number, tuple or array."""
         raise NotImplementedError
 
-    def write(self, numbers: OwnNumbers, value: Any) -> None:
+    def write(self, numbers: OwnNumbers, content: Any) -> None:
         """Set the field."""
         raise NotImplementedError
 
@@ -66,21 +66,21 @@ class Int(OwnField):
         """Return the number."""
         return int(numbers[self.offset])
 
-    def write(self, numbers: OwnNumbers, value: Any) -> None:
+    def write(self, numbers: OwnNumbers, content: Any) -> None:
         """Set the number; raise TypeError if it is not whole, OverflowError if it has over 64 bits."""
-        numbers[self.offset] = index(value)
+        numbers[self.offset] = index(content)
 
 
 class Bool(OwnField):
     """True or False."""
 
     def read(self, numbers: OwnNumbers) -> bool:
-        """Return the truth value."""
+        """Return the truth content."""
         return bool(numbers[self.offset])
 
-    def write(self, numbers: OwnNumbers, value: Any) -> None:
-        """Set the truth value."""
-        numbers[self.offset] = bool(value)
+    def write(self, numbers: OwnNumbers, content: Any) -> None:
+        """Set the truth content."""
+        numbers[self.offset] = bool(content)
 
 
 class Float(OwnField):
@@ -92,9 +92,9 @@ class Float(OwnField):
         """Return the number."""
         return float(self.places(numbers)[0])
 
-    def write(self, numbers: OwnNumbers, value: Any) -> None:
+    def write(self, numbers: OwnNumbers, content: Any) -> None:
         """Set the number."""
-        self.places(numbers)[0] = value
+        self.places(numbers)[0] = content
 
 
 class IntTuple(OwnField):
@@ -111,9 +111,9 @@ class IntTuple(OwnField):
         """Return the numbers."""
         return tuple(numbers[self.offset : self.offset + self.size].tolist())
 
-    def write(self, numbers: OwnNumbers, value: Any) -> None:
+    def write(self, numbers: OwnNumbers, content: Any) -> None:
         """Set all numbers; raise ValueError if there are more or fewer."""
-        values = tuple(value)
+        values = tuple(content)
         if len(values) != self.size:
             raise ValueError(f"{self.name} takes {self.size} numbers, not {len(values)}")
         numbers[self.offset : self.offset + self.size] = [index(number) for number in values]
@@ -136,9 +136,9 @@ class _Array(OwnField):
         """Return the array as a view: writing to it changes the field."""
         return self.places(numbers).reshape(self.shape)
 
-    def write(self, numbers: OwnNumbers, value: Any) -> None:
+    def write(self, numbers: OwnNumbers, content: Any) -> None:
         """Set all elements."""
-        self.read(numbers)[...] = value
+        self.read(numbers)[...] = content
 
 
 class IntArray(_Array):
@@ -168,8 +168,8 @@ def declare_fields(world_class: Any) -> None:
     """
     bases = [base for base in world_class.__bases__ if getattr(base, "own_fields", ())]
     if len({base.own_fields for base in bases}) > 1:
-        names = " and ".join(base.__name__ for base in bases)
-        raise WorldError(f"{world_class.__name__} inherits fields from {names}; inherit them from one class")
+        base_names = " and ".join(base.__name__ for base in bases)
+        raise WorldError(f"{world_class.__name__} inherits fields from {base_names}; inherit them from one class")
     inherited: Sequence[OwnField] = bases[0].own_fields if bases else ()
     names = {field.name for field in inherited}
     fields = [*inherited]
@@ -208,8 +208,8 @@ def field_named(world_class: Any, name: str) -> OwnField:
     """
     for field in world_class.own_fields:
         if field.name == name:
-            found: OwnField = field
-            return found
+            declared: OwnField = field
+            return declared
     names = ", ".join(field.name for field in world_class.own_fields) or "none"
     raise WorldError(f"{world_class.__name__}.observed has {name!r}; its declared fields are: {names}")
 

@@ -128,23 +128,23 @@ def make_item(c, place, kind, colour, door_state, has_identity):
 
 
 @njit
-def put(c, place, item, x, y):
+def put(c, place, item_fields, x, y):
     """Put an item into a cell; return its identity and the cell."""
     if not is_inside(c, x, y):
         fail(c, place, OUTSIDE, x, y)
-    code = make_item(c, place, item[0], item[1], item[2], item[3])
-    if item[4] >= 0:
-        inside = make_item(c, place, item[4], item[5], item[6], item[7])
+    code = make_item(c, place, item_fields[0], item_fields[1], item_fields[2], item_fields[3])
+    if item_fields[4] >= 0:
+        inside = make_item(c, place, item_fields[4], item_fields[5], item_fields[6], item_fields[7])
         row(c)[24 + 2 * np.int64(row(c)[0]) * np.int64(row(c)[1]) + (code >> 9) - 1] = inside
     put_code(row(c), x, y, code)
     return code >> 9, np.int64(x), np.int64(y)
 
 
 @njit
-def put_line(c, place, item, x, y, dx, dy, length):
+def put_line(c, place, item_fields, x, y, dx, dy, length):
     """Put an item into each cell of a line."""
     for i in range(length):
-        put(c, place, item, x + i * dx, y + i * dy)
+        put(c, place, item_fields, x + i * dx, y + i * dy)
 
 
 @njit
@@ -202,10 +202,10 @@ def draw_cell(c, place, bodies, top, size, tries):
 
 
 @njit
-def place_item(c, place, bodies, item, top, size, tries):
+def place_item(c, place, bodies, item_fields, top, size, tries):
     """Put an item into a random free cell of a rectangle."""
     x, y = draw_cell(c, place, bodies, top, size, tries)
-    return put(c, place, item, x, y)
+    return put(c, place, item_fields, x, y)
 
 
 @njit
@@ -250,20 +250,20 @@ def colour_number(c, place, colour, numbers):
 
 
 @overloaded
-def text_part(c, place, nth, value):
+def text_part(c, place, nth, part):
     """Record what fills a placeholder of the mission: a text, or a whole number."""
-    if isinstance(value, types.UniTuple) and len(value) == 1:
+    if isinstance(part, types.UniTuple) and len(part) == 1:
 
-        def record_text(c, place, nth, value):
+        def record_text(c, place, nth, part):
             mission(c)[1 + 2 * nth] = 1
-            mission(c)[2 + 2 * nth] = value[0]
+            mission(c)[2 + 2 * nth] = part[0]
 
         return record_text
-    if isinstance(value, types.Integer):
+    if isinstance(part, types.Integer):
 
-        def record_number(c, place, nth, value):
+        def record_number(c, place, nth, part):
             mission(c)[1 + 2 * nth] = 0
-            mission(c)[2 + 2 * nth] = value
+            mission(c)[2 + 2 * nth] = part
 
         return record_number
     raise numba.core.errors.TypingError("a mission's placeholder takes a text or a whole number")

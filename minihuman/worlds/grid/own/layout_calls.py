@@ -6,13 +6,13 @@ from typing import Any
 
 from minihuman.worlds.grid.layout import MOST_TRIES, from_text
 from minihuman.worlds.grid.own.expressions import Expressions
-from minihuman.worlds.grid.own.names import GRID, Symbol, item_numbers
+from minihuman.worlds.grid.own.source_names import GRID, Symbol, item_numbers
 
 
 class LayoutCalls(Expressions):
     """The translation of items and of calls of a layout's methods."""
 
-    def _item(self, node: ast.Call, called: Any) -> str:
+    def _item(self, node: ast.Call, callee: Any) -> str:
         """Return an item: a constant if all its arguments are, else its numbers with a colour that is looked up."""
         symbols = [self.symbol(argument) for argument in node.args]
         named = {keyword.arg: self.symbol(keyword.value) for keyword in node.keywords if keyword.arg}
@@ -20,13 +20,13 @@ class LayoutCalls(Expressions):
         if len(known) == len(symbols) + len(named):
             try:
                 options = {name: symbol.value for name, symbol in named.items() if symbol is not None}
-                item = called(*(symbol.value for symbol in symbols if symbol is not None), **options)
+                item_text = callee(*(symbol.value for symbol in symbols if symbol is not None), **options)
             except TypeError as error:
                 self.refuse(node, f"{ast.unparse(node)}: {error}", "correct the call")
-            return self._symbol_text(node, Symbol("constant", item))
-        return self._coloured_item(node, called, named)
+            return self._symbol_text(node, Symbol("constant", item_text))
+        return self._coloured_item(node, callee, named)
 
-    def _coloured_item(self, node: ast.Call, called: Any, named: Mapping[str, Symbol | None]) -> str:
+    def _coloured_item(self, node: ast.Call, callee: Any, named: Mapping[str, Symbol | None]) -> str:
         arguments = list(node.args)
         colour = arguments[0] if arguments else next((k.value for k in node.keywords if k.arg == "colour"), None)
         contents = arguments[1] if len(arguments) > 1 else None
@@ -38,7 +38,7 @@ class LayoutCalls(Expressions):
         }
         if len(options) + ("colour" in named) + ("contains" in named) != len(named):
             self.refuse(node, "an item with a computed state", "write one call for each state, in an if")
-        numbers = item_numbers(called("red", **options), self.program.kind_number)
+        numbers = item_numbers(callee("red", **options), self.program.kind_number)
         colour_text = "0" if colour is None else self._colour(colour)
         inside = "(-1, -1, -1, -1)" if contents is None else f"{self.expression(contents)}[:4]"
         return f"(({numbers[0]}, {colour_text}, {numbers[2]}, {numbers[3]}) + {inside})"
@@ -74,10 +74,10 @@ class LayoutCalls(Expressions):
         y = self._argument(node, 1, "y", "0")
         rest = f"(rt.width(c) - {x})" if dx else f"(rt.height(c) - {y})"
         length = self._argument(node, 2, "length", rest)
-        item = self._argument(node, 3, "item", repr((2, 5, 0, 0, -1, -1, -1, -1)))
-        if "None" in (length, item):
+        item_text = self._argument(node, 3, "item", repr((2, 5, 0, 0, -1, -1, -1, -1)))
+        if "None" in (length, item_text):
             self.refuse(node, "None as an argument", "leave it out")
-        return f"rt.put_line(c, {place}, {item}, {x}, {y}, {dx}, {1 - dx}, {length})"
+        return f"rt.put_line(c, {place}, {item_text}, {x}, {y}, {dx}, {1 - dx}, {length})"
 
     def _grid_across(self, node: ast.Call, place: int) -> str:
         return self._line(node, place, 1)
@@ -99,16 +99,18 @@ class LayoutCalls(Expressions):
         return f"{self._argument(node, 9, 'top', '(0, 0)')}, {size}"
 
     def _grid_place(self, node: ast.Call, place: int) -> str:
-        item = self._argument(node, 0, "item", "0")
+        item_text = self._argument(node, 0, "item", "0")
         tries = self._argument(node, 9, "tries", str(MOST_TRIES))
         reject = next((keyword.value for keyword in node.keywords if keyword.arg == "reject"), None)
         symbol = None if reject is None else self.symbol(reject)
         if reject is None or (symbol is not None and symbol.kind == "constant" and symbol.value is None):
             return self.draw(
-                f"rt.place_item(c, {place}, {self.program.bodies}, {item}, {self._rectangle(node)}, {tries})"
+                f"rt.place_item(c, {place}, {self.program.bodies}, {item_text}, {self._rectangle(node)}, {tries})"
             )
         placing, captured = self.program.placement(self, node, reject)
-        return self.draw(f"{placing}({', '.join(['c', str(place), item, self._rectangle(node), tries, *captured])})")
+        return self.draw(
+            f"{placing}({', '.join(['c', str(place), item_text, self._rectangle(node), tries, *captured])})"
+        )
 
     def _grid_put_agent(self, node: ast.Call, place: int) -> str:
         parts = [self._argument(node, nth, name, "0") for nth, name in enumerate(("x", "y", "direction"))]
@@ -137,8 +139,8 @@ class LayoutCalls(Expressions):
 
     def diagram(self, node: ast.Call) -> list[str] | None:
         """Return the statements of ``from_text("...", grid)``, or None if a call is another."""
-        called = self.symbol(node.func)
-        if called is None or called.kind != "constant" or called.value is not from_text:
+        callee = self.symbol(node.func)
+        if callee is None or callee.kind != "constant" or callee.value is not from_text:
             return None
         symbols = [self.symbol(argument) for argument in node.args]
         if len(symbols) != 2 or symbols[0] is None or not isinstance(symbols[0].value, str) or symbols[1] != GRID:

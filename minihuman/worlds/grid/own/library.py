@@ -18,7 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from minihuman.worlds.grid.own.names import Refusal
+from minihuman.worlds.grid.own.source_names import TranslationError
 from minihuman.worlds.library_manifest import source_digest
 from minihuman.worlds.source_digest import import_closure
 
@@ -29,7 +29,7 @@ _SOURCES = ("compiler", "runtime")
 _COMPILER = "minihuman.worlds.grid.own.compiler"
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
-Entry = Callable[[int], int]
+CompiledFunction = Callable[[int], int]
 
 
 class RulesLibrary:
@@ -48,11 +48,11 @@ class RulesLibrary:
         self.layout_of_one = self._function("minihuman_layouts", ctypes.PYFUNCTYPE)
         self.step_of_one = self._function("minihuman_steps", ctypes.PYFUNCTYPE) if has_steps else None
 
-    def _function(self, name: str, kind: Any) -> Entry:
+    def _function(self, name: str, kind: Any) -> CompiledFunction:
         address = self._engine.get_function_address(name)
         if address == 0:
             raise OSError(f"the compiled rules have no {name}")
-        function: Entry = kind(ctypes.c_int64, ctypes.c_int64)(address)
+        function: CompiledFunction = kind(ctypes.c_int64, ctypes.c_int64)(address)
         return function
 
 
@@ -97,20 +97,20 @@ def compile_library(text: str, *, has_steps: bool) -> RulesLibrary:
     """Return the compiled form of translated source, which is compiled if it is not in the cache.
 
     Raises:
-        Refusal: if it does not compile; the message begins with ``LINE`` and the line of the source.
+        TranslationError: if it does not compile; the message begins with ``LINE`` and the line of the source.
     """
     library = find_library(text, has_steps=has_steps)
     if library is not None:
         return library
     if not can_load() or find_spec("numba") is None:
-        raise Refusal(NO_COMPILER)
+        raise TranslationError(NO_COMPILER)
     # LLVM code is optimised once, in the end
     environment = {**os.environ, "MINIHUMAN_BUILDING": "1", "NUMBA_OPT": "0"}
     environment["PYTHONPATH"] = os.pathsep.join([str(Path(__file__).parents[4]), os.environ.get("PYTHONPATH", "")])
     command = [sys.executable, "-m", _COMPILER]
     completed = subprocess.run(command, input=text.encode(), capture_output=True, env=environment, check=False)
     if completed.returncode:
-        raise Refusal(completed.stderr.decode(errors="replace").strip()[-4000:])
+        raise TranslationError(completed.stderr.decode(errors="replace").strip()[-4000:])
     key = _digest(text)
     _write(key, completed.stdout)
     _LIBRARIES[key] = RulesLibrary(completed.stdout, has_steps=has_steps)

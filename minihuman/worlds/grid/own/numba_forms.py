@@ -19,13 +19,13 @@ from minihuman.worlds.build.compilation import array_at
 from minihuman.worlds.grid.own.context import (
     FAULT,
     FLOAT_SETTINGS,
+    INT_SETTINGS,
     MISSION,
-    OWN,
+    OWN_NUMBERS,
     RNG,
     ROW,
     ROW_LENGTH_WORD,
     SCRATCH,
-    SETTINGS,
 )
 from minihuman.worlds.grid.own.fields import MOST_NUMBERS
 from minihuman.worlds.kernel_sources import COMPILERS, KernelSource
@@ -112,8 +112,8 @@ def _array_of(word: int, kind: type[np.generic]) -> Any:
                 length = builder.load(builder.gep(block, [ir.Constant(ir.IntType(64), ROW_LENGTH_WORD)]))
             else:
                 length = ir.Constant(ir.IntType(64), MOST_NUMBERS)
-            item = context.get_constant(types.intp, np.dtype(kind).itemsize)
-            populate_array(struct, data=start, shape=[length], strides=[item], itemsize=item, meminfo=None)
+            item_bytes = context.get_constant(types.intp, np.dtype(kind).itemsize)
+            populate_array(struct, data=start, shape=[length], strides=[item_bytes], itemsize=item_bytes, meminfo=None)
             return struct._getvalue()
 
         return array(int64), code
@@ -122,9 +122,9 @@ def _array_of(word: int, kind: type[np.generic]) -> Any:
 
 
 row = _array_of(ROW, np.int32)
-own = _array_of(OWN, np.int64)
-own_floats = _array_of(OWN, np.float64)
-settings = _array_of(SETTINGS, np.int64)
+own = _array_of(OWN_NUMBERS, np.int64)
+own_floats = _array_of(OWN_NUMBERS, np.float64)
+settings = _array_of(INT_SETTINGS, np.int64)
 float_settings = _array_of(FLOAT_SETTINGS, np.float64)
 rng_state = _array_of(RNG, np.uint64)
 fault = _array_of(FAULT, np.int64)

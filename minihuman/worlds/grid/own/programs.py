@@ -19,7 +19,7 @@ from minihuman.worlds.grid.own.entries import FAULT, TABLE
 from minihuman.worlds.grid.own.faults import error_of
 from minihuman.worlds.grid.own.fields import own_numbers
 from minihuman.worlds.grid.own.library import RulesLibrary, can_load, compile_library, find_library
-from minihuman.worlds.grid.own.names import Refusal
+from minihuman.worlds.grid.own.source_names import TranslationError
 from minihuman.worlds.grid.own.translation import Program, Translation
 
 _KEPT: "WeakKeyDictionary[type, list[_Translated]]" = WeakKeyDictionary()
@@ -40,7 +40,7 @@ class _Translated:
         if self.program is None:
             return True
         attributes = vars(world)
-        same = all(attributes.get(name) == value for name, value in self.program.fixed.items())
+        same = all(attributes.get(name) == part_number for name, part_number in self.program.fixed.items())
         return same and all(type(attributes.get(name)) is kind for name, kind in self.kinds.items())
 
 
@@ -48,7 +48,7 @@ def translate_rules(world: Any) -> Program:
     """Return a world's rules as translated source.
 
     Raises:
-        Refusal: if they cannot be translated; the message names the line and what to write instead.
+        TranslationError: if they cannot be translated; the message names the line and what to write instead.
     """
     known = _KEPT.setdefault(type(world), [])
     for translated in known:
@@ -58,7 +58,7 @@ def translate_rules(world: Any) -> Program:
         translated = _translate(world)
         known.append(translated)
     if translated.program is None:
-        raise Refusal(translated.refusal)
+        raise TranslationError(translated.refusal)
     return translated.program
 
 
@@ -66,7 +66,7 @@ def _translate(world: Any) -> _Translated:
     try:
         _check_methods(world)
         program = Translation(world).translate()
-    except Refusal as refusal:
+    except TranslationError as refusal:
         return _Translated(None, str(refusal), {})
     names = (*program.settings, *program.float_settings)
     return _Translated(program, "", {name: type(vars(world)[name]) for name in names})
@@ -78,31 +78,31 @@ def _check_methods(world: Any) -> None:
             break
         for name in _PLAIN_METHODS:
             if name in vars(owner):
-                raise Refusal(
+                raise TranslationError(
                     f"{owner.__name__} has its own {name}, which cannot be translated; write layout and "
                     "reward_and_done, and name the fields that agents see in `observed`"
                 )
     if isinstance(getattr(world, "mission_space", None), InstructionSpace):
-        raise Refusal(f"{type(world).__name__} has an instruction as its mission, which cannot be translated")
+        raise TranslationError(f"{type(world).__name__} has an instruction as its mission, which cannot be translated")
 
 
 def compile_rules(world: Any) -> None:
     """Compile a world's rules, unless the user's cache has them, so that worlds of the class run them from now on.
 
     Raises:
-        Refusal: if they cannot be translated or compiled; the message names the line and what to write instead.
+        TranslationError: if they cannot be translated or compiled; the message names the line and the way out.
     """
     program = translate_rules(world)
     vars(world).pop("_has_no_rules", None)
     try:
         compile_library(program.text, has_steps=program.has_reward)
-    except Refusal as refusal:
+    except TranslationError as refusal:
         match = re.match(r"LINE (\d+)\n(.*)", str(refusal), re.DOTALL)
         if match is None:
             raise
         line = int(match[1])
         place = program.place(program.lines[line - 1]) if 0 < line <= len(program.lines) else "the rules"
-        raise Refusal(f"{place}: {_reason(match[2])}") from refusal
+        raise TranslationError(f"{place}: {_reason(match[2])}") from refusal
 
 
 def _reason(text: str) -> str:
@@ -119,7 +119,7 @@ def describe_rules(world: Any) -> str:
     """Compile a world's rules and return "compiled", or "not compiled, because ..."."""
     try:
         compile_rules(world)
-    except Refusal as refusal:
+    except TranslationError as refusal:
         return f"not compiled, because {refusal}"
     return "compiled"
 
@@ -142,7 +142,7 @@ def _find_rules(world: Any) -> "WorldRules | None":
         return None
     try:
         program = translate_rules(world)
-    except Refusal:
+    except TranslationError:
         return None
     library = find_library(program.text, has_steps=program.has_reward)
     if library is None:
@@ -172,8 +172,8 @@ def mission_of(program: Program, parts: NDArray[np.int64], first: str) -> str:
     sentence = []
     for part in program.templates[number - 1]:
         if part is None:
-            is_text, value = next(values)
-            sentence.append(program.texts[value] if is_text else str(value))
+            is_text, part_number = next(values)
+            sentence.append(program.texts[part_number] if is_text else str(part_number))
         else:
             sentence.append(part)
     return "".join(sentence)
@@ -214,9 +214,9 @@ class WorldRules:
         self._address = self._table.ctypes.data
         self._worlds = np.zeros(1, np.int64)
         self._refresh(world)
-        self._action_view = memoryview(self._actions)
-        self._reward_view = memoryview(self._rewards)
-        self._flag_view = memoryview(self._flags)
+        self._action_view: Any = self._actions.data
+        self._reward_view: Any = self._rewards.data
+        self._flag_view: Any = self._flags.data
 
     def __reduce__(self) -> tuple[Any, tuple[()]]:
         return type(None), ()
@@ -228,7 +228,7 @@ class WorldRules:
         try:
             if translate_rules(world) is not self._program:
                 return False
-        except Refusal:
+        except TranslationError:
             return False
         self._refresh(world)
         return True
@@ -238,8 +238,8 @@ class WorldRules:
         table = self._table
         table[entries.ROWS] = self._row.ctypes.data
         table[entries.ROW_LENGTH] = len(self._row)
-        table[entries.OWN] = self._own.ctypes.data
-        table[entries.SETTINGS] = self._settings.ctypes.data
+        table[entries.OWN_NUMBERS] = self._own.ctypes.data
+        table[entries.INT_SETTINGS] = self._settings.ctypes.data
         table[entries.FLOAT_SETTINGS] = self._float_settings.ctypes.data
         table[entries.RNG] = self._rng_state.ctypes.data
         table[entries.MISSIONS] = self._missions.ctypes.data

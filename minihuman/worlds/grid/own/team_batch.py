@@ -15,9 +15,9 @@ from minihuman.worlds.grid.own import entries
 from minihuman.worlds.grid.own.entries import FAULT, TABLE
 from minihuman.worlds.grid.own.fields import numbers_length
 from minihuman.worlds.grid.own.library import compile_library
-from minihuman.worlds.grid.own.names import Refusal
 from minihuman.worlds.grid.own.passes import act_teams, see_teams
 from minihuman.worlds.grid.own.programs import compile_rules, raise_fault, setting_arrays, translate_rules
+from minihuman.worlds.grid.own.source_names import TranslationError
 from minihuman.worlds.rng import read_rng_state
 from minihuman.worlds.team import TeamBatch
 
@@ -30,7 +30,7 @@ def make_team_batch(world: Any, num_worlds: int) -> TeamBatch:
         try:
             compile_rules(world)
             return OwnTeamBatch(world, num_worlds)
-        except Refusal as refusal:
+        except TranslationError as refusal:
             LOG.warning("%s is stepped in plain Python: %s", type(world).__name__, refusal)
     return TeamBatch(world, num_worlds)
 
@@ -64,8 +64,8 @@ class OwnTeamBatch(TeamBatch):
         self._table = np.zeros(TABLE, np.int64)
         for place, array in (
             (entries.ROWS, self._rows),
-            (entries.OWN, self._own),
-            (entries.SETTINGS, self._settings),
+            (entries.OWN_NUMBERS, self._own),
+            (entries.INT_SETTINGS, self._settings),
             (entries.FLOAT_SETTINGS, self._float_settings),
             (entries.RNG, self._rng_states),
             (entries.MISSIONS, self._mission_parts),

@@ -19,18 +19,18 @@ from minihuman.worlds.grid.layout import from_text
 from minihuman.worlds.grid.object_kinds import Item, ObjectKind
 from minihuman.worlds.grid.own.entries import write_entries
 from minihuman.worlds.grid.own.fields import numbers_length
-from minihuman.worlds.grid.own.names import (
+from minihuman.worlds.grid.own.rule_statements import Statements
+from minihuman.worlds.grid.own.source_names import (
     GRID,
     SELF,
     FunctionSource,
-    Refusal,
     Symbol,
+    TranslationError,
     item_numbers,
     number_kind,
     read_function,
     write_constant,
 )
-from minihuman.worlds.grid.own.statements import Statements
 
 _OURS = "minihuman."
 SCRATCH_NUMBERS = 4096  # of a world's short lists
@@ -102,7 +102,7 @@ class Translation:
         """Return the translated rules.
 
         Raises:
-            Refusal: if something cannot be translated.
+            TranslationError: if something cannot be translated.
         """
         layout = self._method("layout", {"self": SELF, "grid": GRID}, "any")
         rule = None
@@ -154,11 +154,11 @@ class Translation:
         arguments = source.node.args
         if arguments.vararg or arguments.kwarg or arguments.posonlyargs:
             line = source.node.lineno + source.offset
-            raise Refusal(
+            raise TranslationError(
                 f"{source.path}:{line}: * and / in {source.node.name}'s arguments cannot be translated; name them"
             )
         runtime = [a.arg for a in [*arguments.args, *arguments.kwonlyargs] if a.arg not in symbols]
-        bound = {n.id for n in ast.walk(source.node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+        bound = {n.id for n in ast.walk(source.node) if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load)}
         statements = Statements(self, function, owner, source, symbols, {*runtime, *bound}, returns)
         statements.body(source.node.body)
         name = self._name("f")
@@ -179,43 +179,43 @@ class Translation:
         """Return the number of a place in the author's source."""
         return self._places.setdefault((path, line), len(self._places))
 
-    def constant(self, value: Any) -> str | None:
+    def constant(self, content: Any) -> str | None:
         """Return a constant as source, or None if rules cannot use it."""
-        return write_constant(value, self._texts, self.kind_number)
+        return write_constant(content, self._texts, self.kind_number)
 
-    def kind_number(self, item: Item) -> int:
+    def kind_number(self, thing: Item) -> int:
         """Return the number of an item's kind."""
-        return number_kind(item, self.world.kinds)
+        return number_kind(thing, self.world.kinds)
 
     def own_kind_number(self, kind: ObjectKind) -> int:
         """Return the number of a kind of the world's own; -1 if the world does not have it."""
         return FIRST_OWN_KIND + self.world.kinds.index(kind) if kind in self.world.kinds else -1
 
     def fixed_attribute(self, name: str) -> tuple[bool, Any]:
-        """Return whether an attribute of the world is a constant, and its value."""
+        """Return whether an attribute of the world is a constant, and its content."""
         if name in self.fields:
             return False, None
         if name in vars(self.world):
-            value = vars(self.world)[name]
-            if isinstance(value, bool | int | float) or self.constant(value) is None:
+            content = vars(self.world)[name]
+            if isinstance(content, bool | int | float) or self.constant(content) is None:
                 return False, None
-            self._fixed[name] = value
-            return True, value
+            self._fixed[name] = content
+            return True, content
         for owner in type(self.world).__mro__:
             if name in vars(owner):
-                value = vars(owner)[name]
-                return not (callable(value) or isinstance(value, property | staticmethod | classmethod)), value
+                content = vars(owner)[name]
+                return not (callable(content) or isinstance(content, property | staticmethod | classmethod)), content
         return False, None
 
     def setting(self, name: str) -> str | None:
         """Return how the rules read a number that `__init__` has set, or None if there is no such number."""
-        value = vars(self.world).get(name)
-        if isinstance(value, bool | int) and -(2**63) <= value < 2**63:
+        content = vars(self.world).get(name)
+        if isinstance(content, bool | int) and -(2**63) <= content < 2**63:
             if name not in self._settings:
                 self._settings.append(name)
             text = f"rt.settings(c)[{self._settings.index(name)}]"
-            return f"({text} != 0)" if isinstance(value, bool) else text
-        if isinstance(value, float):
+            return f"({text} != 0)" if isinstance(content, bool) else text
+        if isinstance(content, float):
             if name not in self._float_settings:
                 self._float_settings.append(name)
             return f"rt.float_settings(c)[{self._float_settings.index(name)}]"
@@ -225,9 +225,9 @@ class Translation:
         """Return the function of a property that the author wrote, and its class."""
         for owner in type(self.world).__mro__:
             if name in vars(owner):
-                value = vars(owner)[name]
-                is_own = isinstance(value, property) and not owner.__module__.startswith(_OURS)
-                return (value.fget, owner) if is_own else None
+                content = vars(owner)[name]
+                is_own = isinstance(content, property) and not owner.__module__.startswith(_OURS)
+                return (content.fget, owner) if is_own else None
         return None
 
     def is_base_method(self, name: str) -> bool:
@@ -243,11 +243,12 @@ class Translation:
             classes = classes[classes.index(after) + 1 :]
         for owner in classes:
             if name in vars(owner):
-                value = vars(owner)[name]
-                if isinstance(value, staticmethod):
-                    return value.__func__, None
-                if isinstance(value, FunctionType):
-                    return value, owner
+                content = vars(owner)[name]
+                if isinstance(content, staticmethod):
+                    function: Any = content.__func__
+                    return function, None
+                if isinstance(content, FunctionType):
+                    return content, owner
                 break
         raise KeyError(name)
 
@@ -278,13 +279,13 @@ class Translation:
         return self._functions[key]
 
     def lift_generator(
-        self, asking: Statements, generator: ast.GeneratorExp | ast.ListComp, called: Callable[..., Any]
+        self, asking: Statements, generator: ast.GeneratorExp | ast.ListComp, callee: Callable[..., Any]
     ) -> tuple[str, list[str]]:
         """Return the name of a function for ``any``, ``all``, ``sum``, ``min`` or ``max``, and what it takes."""
         inner, captured = self._inner(asking, generator)
         place = inner.place(generator)
         starts = {any: [], all: [], sum: ["total = 0"], min: ["known = False", "best = 0"]}
-        for start in starts.get(called, starts[min]):  # type: ignore[call-overload]
+        for start in starts.get(callee, starts[min]):
             inner.emit(start, generator)
         for clause in generator.generators:
             inner.loop(clause.target, clause.iter, generator)
@@ -294,21 +295,21 @@ class Translation:
                 inner.emit(f"if {inner.expression(test)}:", generator)
                 inner._depth += 1
         inner.emit(f"element = {inner.expression(generator.elt)}", generator)
-        if called is any:
+        if callee is any:
             inner.emit("if element: return True", generator)
-        elif called is all:
+        elif callee is all:
             inner.emit("if not element: return False", generator)
-        elif called is sum:
+        elif callee is sum:
             inner.emit(f"total = rt.add(c, {place}, total, element)", generator)
         else:
-            inner.emit(f"if not known or element {'<' if called is min else '>'} best:", generator)
+            inner.emit(f"if not known or element {'<' if callee is min else '>'} best:", generator)
             inner.emit("    best = element", generator)
             inner.emit("known = True", generator)
         inner._depth = 1
-        if called in (min, max):
+        if callee in (min, max):
             inner.emit(f"if not known: rt.fail(c, {place}, 7, 0, 1)", generator)
         results = {any: "False", all: "True", sum: "total"}
-        inner.emit(f"return {results.get(called, 'best')}", generator)  # type: ignore[call-overload]
+        inner.emit(f"return {results.get(callee, 'best')}", generator)
         name = self._name("g")
         self._add(name, ["c", *captured], inner.lines)
         return name, captured
@@ -316,14 +317,14 @@ class Translation:
     def _inner(self, asking: Statements, node: ast.AST) -> tuple[Statements, list[str]]:
         inner = Statements(self, asking.function, asking.owner, asking.source, asking.symbols, asking.variables)
         inner.lengths = dict(asking.lengths)
-        stored = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+        stored = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load)}
         if isinstance(node, ast.Lambda):
             stored |= {argument.arg for argument in node.args.args}
         for name in stored:
             inner.symbols.pop(name, None)
         inner.variables |= stored
-        loaded = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
-        captured = sorted((loaded & asking.variables) - stored - asking.symbols.keys())
+        names_read = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
+        captured = sorted((names_read & asking.variables) - stored - asking.symbols.keys())
         return inner, [f"v_{name}" for name in captured]
 
     def placement(self, asking: Statements, node: ast.AST, reject: ast.expr) -> tuple[str, list[str]]:
@@ -366,7 +367,9 @@ class Translation:
         start = self._scratch
         self._scratch += length
         if self._scratch > SCRATCH_NUMBERS:
-            raise Refusal(f"lists of over {SCRATCH_NUMBERS} numbers cannot be translated; declare an IntArray field")
+            raise TranslationError(
+                f"lists of over {SCRATCH_NUMBERS} numbers cannot be translated; declare an IntArray field"
+            )
         return f"rt.view_1(rt.{'float_scratch' if is_float else 'scratch'}(c), {start}, {length})"
 
 
@@ -379,8 +382,8 @@ class _DiagramWriter:
         self._translation = translation
         self._place = place
 
-    def put(self, item: Item, x: int, y: int) -> None:
-        numbers = item_numbers(item, self._translation.kind_number)
+    def put(self, thing: Item, x: int, y: int) -> None:
+        numbers = item_numbers(thing, self._translation.kind_number)
         self.lines.append(f"rt.put(c, {self._place}, {numbers!r}, {x}, {y})")
 
     def put_agent(self, x: int, y: int, direction: int) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from minihuman.worlds.grid.own.calls import Calls
 from minihuman.worlds.grid.own.fields import Bool, Float, Int, IntTuple, OwnField
-from minihuman.worlds.grid.own.names import FunctionSource, Symbol
+from minihuman.worlds.grid.own.source_names import FunctionSource, Symbol
 
 _INDENT = "    "
 
@@ -97,18 +97,18 @@ class Statements(Calls):
         else:
             self._return_reward(node.value, node)
 
-    def _return_reward(self, value: ast.expr, node: ast.AST) -> None:
-        if isinstance(value, ast.IfExp):
-            self.emit(f"if {self.expression(value.test)}:", node)
+    def _return_reward(self, right_side: ast.expr, node: ast.AST) -> None:
+        if isinstance(right_side, ast.IfExp):
+            self.emit(f"if {self.expression(right_side.test)}:", node)
             self._depth += 1
-            self._return_reward(value.body, node)
+            self._return_reward(right_side.body, node)
             self._depth -= 1
-            self._return_reward(value.orelse, node)
+            self._return_reward(right_side.orelse, node)
             return
-        if isinstance(value, ast.Tuple) and len(value.elts) == 2:
-            reward, ended = (self.expression(element) for element in value.elts)
+        if isinstance(right_side, ast.Tuple) and len(right_side.elts) == 2:
+            reward, ended = (self.expression(element) for element in right_side.elts)
         else:
-            self.emit(f"_pair = {self.expression(value)}", node)
+            self.emit(f"_pair = {self.expression(right_side)}", node)
             reward, ended = "_pair[0]", "_pair[1]"
         if self.returns == "reward":
             self.emit(f"return rt.real(c, {self.place(node)}, {reward}), bool({ended})", node)
@@ -140,51 +140,57 @@ class Statements(Calls):
             return
         self._assign_text(target, self.expression(node.value), node)
 
-    def _assign_name(self, target: ast.Name, value: ast.expr, node: ast.AST) -> bool:
-        """Assign an alias of the state, or a list, and return True; return False for another value."""
-        symbol = self.symbol(value)
+    def _assign_name(self, target: ast.Name, right_side: ast.expr, node: ast.AST) -> bool:
+        """Assign an alias of the state, or a list, and return True; return False for another right_side."""
+        symbol = self.symbol(right_side)
         if symbol is not None and symbol.kind != "constant":
             self.symbols[target.id] = symbol
             self.variables.discard(target.id)
             return True
-        return self._assign_list(target, value, node)
+        return self._assign_list(target, right_side, node)
 
-    def _assign_list(self, target: ast.Name, value: ast.expr, node: ast.AST) -> bool:
+    def _assign_list(self, target: ast.Name, right_side: ast.expr, node: ast.AST) -> bool:
         elements: str | None = None
         length = 0
-        if isinstance(value, ast.List):
-            length = len(value.elts)
-            elements = "(" + "".join(f"{self.expression(element)}, " for element in value.elts) + ")"
-        elif isinstance(value, ast.BinOp) and isinstance(value.op, ast.Mult) and isinstance(value.left, ast.List):
-            times = self.symbol(value.right)
-            if times is None or not isinstance(times.value, int) or len(value.left.elts) != 1:
+        if isinstance(right_side, ast.List):
+            length = len(right_side.elts)
+            elements = "(" + "".join(f"{self.expression(element)}, " for element in right_side.elts) + ")"
+        elif (
+            isinstance(right_side, ast.BinOp)
+            and isinstance(right_side.op, ast.Mult)
+            and isinstance(right_side.left, ast.List)
+        ):
+            times = self.symbol(right_side.right)
+            if times is None or not isinstance(times.value, int) or len(right_side.left.elts) != 1:
                 self.refuse(node, "a list of computed length", "declare an IntArray or FloatArray field")
             length = times.value
-            elements = self.expression(value.left.elts[0])
-        elif isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == "list":
+            elements = self.expression(right_side.left.elts[0])
+        elif (
+            isinstance(right_side, ast.Call) and isinstance(right_side.func, ast.Name) and right_side.func.id == "list"
+        ):
             length = self.program.bodies
-            elements = self.expression(value.args[0])
+            elements = self.expression(right_side.args[0])
         if elements is None:
             return False
         if length == 0:
             self.refuse(node, "an empty list", "declare an IntArray field and a count")
-        array = self.program.scratch(length, is_float=self._has_floats(value))
+        array = self.program.scratch(length, is_float=self._has_floats(right_side))
         self.lengths[target.id] = length
         self.emit(f"v_{target.id} = {array}", node)
         self.emit(f"rt.copy_into(c, {self.place(node)}, v_{target.id}, {elements})", node)
         return True
 
-    def _has_floats(self, value: ast.expr) -> bool:
+    def _has_floats(self, right_side: ast.expr) -> bool:
         """Return whether a list is of floats: of rewards, or with a float written out."""
-        parts = list(ast.walk(value))
+        parts = list(ast.walk(right_side))
         floats = any(isinstance(part, ast.Constant) and isinstance(part.value, float) for part in parts)
         return floats or any(isinstance(part, ast.Name) and "reward" in part.id for part in parts)
 
-    def _assign_mission(self, target: ast.Attribute, value: ast.expr) -> bool:
+    def _assign_mission(self, target: ast.Attribute, right_side: ast.expr) -> bool:
         base = self.symbol(target.value)
         if base is None or base.kind != "grid" or target.attr != "mission":
             return False
-        parts = value.values if isinstance(value, ast.JoinedStr) else [value]
+        parts = right_side.values if isinstance(right_side, ast.JoinedStr) else [right_side]
         template: list[str | None] = []
         nth = 0
         for part in parts:
@@ -193,21 +199,21 @@ class Statements(Calls):
                 continue
             inner = part.value if isinstance(part, ast.FormattedValue) else part
             if isinstance(part, ast.FormattedValue) and (part.format_spec is not None or part.conversion != -1):
-                self.refuse(value, "a placeholder with a format", "write {name} alone")
-            self.emit(f"rt.text_part(c, {self.place(value)}, {nth}, {self.expression(inner)})", value)
+                self.refuse(right_side, "a placeholder with a format", "write {name} alone")
+            self.emit(f"rt.text_part(c, {self.place(right_side)}, {nth}, {self.expression(inner)})", right_side)
             template.append(None)
             nth += 1
-        self.emit(f"rt.mission(c)[0] = {self.program.number_template(tuple(template))}", value)
+        self.emit(f"rt.mission(c)[0] = {self.program.number_template(tuple(template))}", right_side)
         return True
 
-    def _assign_tuple(self, target: ast.Tuple | ast.List, value: ast.expr, node: ast.AST) -> None:
+    def _assign_tuple(self, target: ast.Tuple | ast.List, right_side: ast.expr, node: ast.AST) -> None:
         count = len(target.elts)
-        if isinstance(value, ast.Tuple) and len(value.elts) == count:
+        if isinstance(right_side, ast.Tuple) and len(right_side.elts) == count:
             names = [self._temporary() for _ in range(count)]
-            for name, element in zip(names, value.elts, strict=True):
+            for name, element in zip(names, right_side.elts, strict=True):
                 self.emit(f"{name} = {self.expression(element)}", node)
         else:
-            text = self.expression(value)
+            text = self.expression(right_side)
             if count in (2, 3):
                 text = f"rt.unpack_{count}(c, {self.place(node)}, {text})"
             names = [self._temporary() for _ in range(count)]
@@ -231,8 +237,8 @@ class Statements(Calls):
             self._assign_element(target, text, place, node)
         elif isinstance(target, ast.Tuple | ast.List):
             names = [self._temporary() for _ in target.elts]
-            unpacked = f"rt.unpack_{len(names)}(c, {place}, {text})" if len(names) in (2, 3) else text
-            self.emit(f"{', '.join(names)} = {unpacked}", node)
+            elements = f"rt.unpack_{len(names)}(c, {place}, {text})" if len(names) in (2, 3) else text
+            self.emit(f"{', '.join(names)} = {elements}", node)
             for element, name in zip(target.elts, names, strict=True):
                 self._assign_text(element, name, node)
         else:
@@ -323,7 +329,7 @@ class Statements(Calls):
         self._temporaries += 1
         name = f"_e{self._temporaries}"
         self._elements = (target, name)
-        field = self.rows_of(iterated)
+        field = self.matrix_field(iterated)
         if field is not None:
             self.emit(f"for {name}_row in range({field.shape[0]}):", node)
             self._elements = (target, f"rt.row_of(c, {self.place(node)}, {self._field(field)}, {name}_row)")

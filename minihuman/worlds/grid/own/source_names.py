@@ -18,7 +18,7 @@ from minihuman.worlds.grid.core.cells import DOOR_STATES, KINDS
 from minihuman.worlds.grid.object_kinds import Item, ObjectKind, ball, box, door, floor, goal, key, lava, wall
 
 
-class Refusal(WorldError):  # noqa: N818  # it is no error of the author's
+class TranslationError(WorldError):
     """Something in the author's source that cannot be translated: its line, and what to write instead."""
 
 
@@ -62,30 +62,26 @@ CODE_FUNCTIONS: dict[int, str] = {
 }
 
 
-def write_constant(value: Any, texts: list[str], numbers_of_kinds: Callable[[Item], int]) -> str | None:
+def write_constant(constant: Any, texts: list[str], numbers_of_kinds: Callable[[Item], int]) -> str | None:
     """Return a constant as translated source, or None if rules cannot use such a constant.
 
     Args:
-        value: the constant.
+        constant: the constant.
         texts: the program's texts, to which a new one is added; a text is written as a tuple of its number.
         numbers_of_kinds: a function that returns the number of an item's kind in the world.
     """
-    if value is None or isinstance(value, bool):
-        return repr(value)
-    if isinstance(value, int | np.integer):
-        return f"({int(value)})" if -(2**63) <= value < 2**63 else None
-    if isinstance(value, float | np.floating):
-        return f"({float(value)!r})" if np.isfinite(value) else None
-    if isinstance(value, str):
-        if value not in texts:
-            texts.append(value)
-        return f"({texts.index(value)},)"
-    if isinstance(value, Item):
-        return repr(item_numbers(value, numbers_of_kinds))
-    if isinstance(value, np.ndarray) and value.size <= 4096:
-        return write_constant(value.tolist(), texts, numbers_of_kinds)
-    if isinstance(value, tuple | list | frozenset | range):
-        ordered = sorted(value) if isinstance(value, frozenset) else value
+    if constant is None or isinstance(constant, bool | int | float | np.integer | np.floating):
+        return _write_number(constant)
+    if isinstance(constant, str):
+        if constant not in texts:
+            texts.append(constant)
+        return f"({texts.index(constant)},)"
+    if isinstance(constant, Item):
+        return repr(item_numbers(constant, numbers_of_kinds))
+    if isinstance(constant, np.ndarray) and constant.size <= 4096:
+        return write_constant(constant.tolist(), texts, numbers_of_kinds)
+    if isinstance(constant, tuple | list | frozenset | range):
+        ordered = sorted(constant) if isinstance(constant, frozenset) else constant
         written = [write_constant(element, texts, numbers_of_kinds) for element in ordered]
         if any(text is None for text in written):
             return None
@@ -93,33 +89,41 @@ def write_constant(value: Any, texts: list[str], numbers_of_kinds: Callable[[Ite
     return None
 
 
-def item_numbers(item: Item, numbers_of_kinds: Callable[[Item], int]) -> tuple[int, ...]:
+def _write_number(constant: Any) -> str | None:
+    if constant is None or isinstance(constant, bool):
+        return repr(constant)
+    if isinstance(constant, int | np.integer):
+        return f"({int(constant)})" if -(2**63) <= constant < 2**63 else None
+    return f"({float(constant)!r})" if np.isfinite(constant) else None
+
+
+def item_numbers(thing: Item, numbers_of_kinds: Callable[[Item], int]) -> tuple[int, ...]:
     """Return an item as eight numbers: kind, colour, state and whether it has an identity; likewise what it contains.
 
     Without contents, the last four are -1.
     """
     numbers = (
-        numbers_of_kinds(item),
-        COLOURS.index(item.colour),
-        DOOR_STATES.index(item.state),
-        int(item.has_identity),
+        numbers_of_kinds(thing),
+        COLOURS.index(thing.colour),
+        DOOR_STATES.index(thing.state),
+        int(thing.has_identity),
     )
-    if item.contains is None:
+    if thing.contains is None:
         return (*numbers, -1, -1, -1, -1)
-    return (*numbers, *item_numbers(item.contains, numbers_of_kinds)[:4])
+    return (*numbers, *item_numbers(thing.contains, numbers_of_kinds)[:4])
 
 
-def number_kind(item: Item, kinds: tuple[ObjectKind, ...]) -> int:
+def number_kind(thing: Item, kinds: tuple[ObjectKind, ...]) -> int:
     """Return the number of an item's kind in a world with these kinds of its own.
 
     Raises:
         WorldError: if the kind is none of the world's.
     """
-    if item.own is None:
-        return KINDS.index(item.kind)
-    if item.own not in kinds:
-        raise WorldError(f"unknown kind {item.kind!r}; add it to the world's kinds = (...)")
-    return state.FIRST_OWN_KIND + kinds.index(item.own)
+    if thing.own is None:
+        return KINDS.index(thing.kind)
+    if thing.own not in kinds:
+        raise WorldError(f"unknown kind {thing.kind!r}; add it to the world's kinds = (...)")
+    return state.FIRST_OWN_KIND + kinds.index(thing.own)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,17 +145,19 @@ def read_function(function: FunctionType) -> FunctionSource:
     """Return the syntax tree of an author's function.
 
     Raises:
-        Refusal: if there is no source, or it is no plain function.
+        TranslationError: if there is no source, or it is no plain function.
     """
     path = function.__code__.co_filename
     try:
         lines, first = inspect.getsourcelines(function)
         tree = ast.parse(textwrap.dedent("".join(lines)))
     except (OSError, TypeError, SyntaxError) as error:
-        raise Refusal(f"{path}: the source of {function.__qualname__} cannot be read; write it in a file") from error
+        raise TranslationError(
+            f"{path}: the source of {function.__qualname__} cannot be read; write it in a file"
+        ) from error
     node = tree.body[0]
     if not isinstance(node, ast.FunctionDef):
-        raise Refusal(f"{path}:{first}: {function.__qualname__} is no plain function; write it with def")
+        raise TranslationError(f"{path}:{first}: {function.__qualname__} is no plain function; write it with def")
     return FunctionSource(node, path, first - 1)
 
 
