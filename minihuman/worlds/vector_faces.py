@@ -29,7 +29,7 @@ def step_in_turn(
     """
     if num_envs < 1:
         raise WorldError(f"num_envs is {num_envs!r}; use 1 or more")
-    make = load_env_creator(entry_point)
+    make: Any = load_env_creator(entry_point)
     return SyncVectorEnv([partial(make, **options)] * num_envs, autoreset_mode=AutoresetMode(autoreset_mode))
 
 

@@ -49,11 +49,12 @@ class Calls(LayoutCalls):
                 self.refuse(
                     node, f"{callee.__name__} of one argument", "give it the numbers one by one, or a generator"
                 )
-            name = ast.Name("_element", ast.Load())
-            generator = ast.comprehension(ast.Name("_element"), argument, [], 0)
-            argument = ast.fix_missing_locations(
-                ast.copy_location(ast.GeneratorExp(ast.copy_location(name, node), [generator]), node)
-            )
+            elements = ast.parse("(_element for _element in ())", mode="eval").body
+            assert isinstance(elements, ast.GeneratorExp)
+            for part in ast.walk(elements):
+                ast.copy_location(part, node)
+            elements.generators[0].iter = argument
+            argument = elements
         lifted, captured = self.program.lift_generator(self, argument, callee)
         return f"{lifted}({', '.join(['c', *captured])})"
 

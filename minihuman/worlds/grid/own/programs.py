@@ -68,6 +68,9 @@ def _translate(world: Any) -> _Translated:
         program = Translation(world).translate()
     except TranslationError as refusal:
         return _Translated(None, str(refusal), {})
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        # source of a form that nobody thought of: the world still runs, as plain Python
+        return _Translated(None, f"the rules of {type(world).__name__} cannot be translated ({error!r})", {})
     names = (*program.settings, *program.float_settings)
     return _Translated(program, "", {name: type(vars(world)[name]) for name in names})
 
