@@ -26,7 +26,7 @@ from minihuman.worlds.grid.core.bodies import (
     step_team,
     team_row_length,
 )
-from minihuman.worlds.grid.core.cells import EMPTY
+from minihuman.worlds.grid.core.cells import EMPTY, kind_of
 from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED
 from minihuman.worlds.grid.core.state import Row, State, clear
 from minihuman.worlds.grid.core.view import see_size
@@ -244,6 +244,11 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         """Return a body's column, row, direction and the code of the object that it carries, EMPTY for none."""
         x, y, direction, carried = self._body(body)
         return x, y, direction, carried
+
+    def is_kind(self, code: int, kind: ObjectKind) -> bool:
+        """Return whether a code, of a cell or of what a body carries, is of one of the world's own kinds."""
+        number = kind_of(int(code)) - fields.FIRST_OWN_KIND
+        return number >= 0 and self.kinds[number] == kind
 
     def observation(self, body: int) -> NDArray[np.uint8]:
         """Return a body's view, uint8[size, size, 3]: kind, colour, state. Other bodies have the kind "agent"."""
