@@ -10,6 +10,8 @@ import gymnasium
 import numpy as np
 import pytest
 
+from minihuman.experiment.plan.dry_run import _describe_rules
+from minihuman.experiment.protocol.model import BlockSpec
 from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.object_kinds import ball
 from minihuman.worlds.grid.own import Bool, Float, Int, IntArray, IntTuple, library, programs
@@ -132,8 +134,8 @@ def test_errors_name_the_line_and_the_world_and_leave_the_process_alive():
 
 
 class Undeclared(GridWorld):
-    def __init__(self):
-        super().__init__(width=5, height=5, max_steps=9)
+    def __init__(self, **options):
+        super().__init__(width=5, height=5, max_steps=9, **options)
 
     def layout(self, grid):
         grid.place_agent()
@@ -184,6 +186,17 @@ def test_what_cannot_be_translated_is_named_and_runs_as_plain_python(world_class
     assert isinstance(batch, gymnasium.vector.SyncVectorEnv)
     assert len(caplog.records) == 1
     assert batch.reset(seed=1)[0]["image"].shape == (2, 7, 7, 3)
+
+
+def test_check_says_of_each_block_why_its_rules_are_not_compiled():
+    block = BlockSpec(name="own", world="lab/Undeclared-v0", episodes=1, actions=("left",), max_steps=9)
+    gymnasium.register("lab/Undeclared-v0", entry_point=Undeclared, disable_env_checker=True, order_enforce=False)
+    try:
+        (line,) = _describe_rules(block)
+    finally:
+        gymnasium.registry.pop("lab/Undeclared-v0")
+    assert line.startswith("block 'own': layout and rules of Undeclared: not compiled, because ")
+    assert "declare it in the class: score = Int()" in line
 
 
 def test_without_numba_worlds_run_as_plain_python_and_say_so_once(monkeypatch, tmp_path, caplog):
