@@ -159,6 +159,7 @@ GRID_WORLDS: tuple[CatalogueEntry, ...] = (
     CatalogueEntry(
         "MiniGrid-GoToObj-Transfer-v0",
         "minihuman.worlds.inside.entry_points:make_go_to_obj_world",
+        vector_entry_point="minihuman.worlds.vector_faces:make_go_to_obj_batch",
         summary="go to one of four objects, the 3D one's pair",
     ),
 )
@@ -370,6 +371,7 @@ FIRST_PERSON_WORLDS: tuple[CatalogueEntry, ...] = (
 DRAWN_LEVEL = CatalogueEntry(
     "Level-v0",
     "minihuman.worlds.inside.entry_points:make_drawn_level",
+    vector_entry_point="minihuman.worlds.vector_faces:make_level_batch",
     summary="a level of your own, drawn as a diagram",
     guards_itself=True,
 )

@@ -350,6 +350,20 @@ def describe_worlds(protocol: Protocol, notices: Sequence[str] | None = None) ->
                 f"block {block.name!r}: the shortest path to success uses {', '.join(missing_actions)}, which its "
                 "actions lack; add them unless success needs none of them"
             )
+    for block in protocol.blocks:
+        yield from _describe_rules(block)
+
+
+def _describe_rules(block: BlockSpec) -> Iterator[str]:
+    """Yield whether the rules of a block's world are compiled, if they were written in Python for a grid."""
+    with closing(World(block.world, block.options)) as world:
+        env = world.unwrapped
+        if world.is_built_in or not hasattr(env, "own_fields"):
+            return
+        # imported here: the translation is for those who wrote a world
+        from minihuman.worlds.grid.own.programs import describe_rules
+
+        yield f"block {block.name!r}: layout and rules of {type(env).__name__}: {describe_rules(env)}"
 
 
 def _find_missed_actions(block: BlockSpec) -> set[str]:

@@ -7,8 +7,11 @@ them, to a recipe. `docs/grid-worlds.md` writes a `GridWorld` in fifteen lines.
 import abc
 import sys
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from inspect import signature
 from typing import Any, ClassVar
+
+from gymnasium import spaces
 
 from minihuman.worlds.grid.babyai.binding import instruct
 from minihuman.worlds.grid.core.state import FAILED, OVER, PHASE, PLAYING
@@ -17,6 +20,8 @@ from minihuman.worlds.grid.families import FAMILIES, recipe
 from minihuman.worlds.grid.family_names import INSTEAD
 from minihuman.worlds.grid.layout import Layout, Recipe
 from minihuman.worlds.grid.minigrid_compat import MinigridCompat
+from minihuman.worlds.grid.own.acts import OwnRules
+from minihuman.worlds.grid.own.fields import OwnField, declare_fields, observed_number, observed_space, own_numbers
 from minihuman.worlds.upstream_names import (
     WorldAttributeError,
     define_names,
@@ -192,23 +197,45 @@ class GridEnvOnScreen(GridEnv):
     path_length_bounds = GridEngine.path_length_bounds
 
 
-class GridWorld(GridEngine, abc.ABC):
+class GridWorld(OwnRules, GridEngine, abc.ABC):
     """A grid world laid out in plain Python. Actions and the agent's view are compiled.
 
-    A subclass writes `layout`, and also `reward_and_done` unless its task is a goal, lava or one of `rewards`.
+    A subclass writes `layout`, and also `reward_and_done` unless its task is a goal, lava or one of `rewards`. What
+    changes in an episode beside the grid is declared: ``coins = Int()``. Then `layout` and `reward_and_done` can be
+    translated and compiled, too (`minihuman.worlds.grid.own`).
     """
 
     own_steps: ClassVar[bool] = True  # of an instruction: judge each part by its own steps
     done_required: ClassVar[bool] = False  # a clause ends when "done" is said right after it was done
+    own_fields: ClassVar[tuple[OwnField, ...]] = ()  # that the class and its bases declare
+    observed: ClassVar[tuple[str, ...]] = ()  # names of declared fields that are part of each observation
+    is_translated: ClassVar[bool] = True  # False: run `layout` and `reward_and_done` as plain Python
     _has_own_reward: ClassVar[bool] = False
     _has_own_step_values: ClassVar[bool] = False  # a reward or an observation that kernels do not make
+    _compiled_rules: Any = None  # compiled `layout` and `reward_and_done` of this world, once they are loaded
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Record whether the subclass has a reward or an observation of its own."""
+        """Record whether the subclass has a reward or an observation of its own, and place its fields."""
         super().__init_subclass__(**kwargs)
+        declare_fields(cls)
         cls._has_own_reward = cls.reward_and_done is not GridWorld.reward_and_done
-        looks_otherwise = any(getattr(cls, name) is not getattr(GridEngine, name) for name in ("observation", "look"))
-        cls._has_own_step_values = cls._has_own_reward or looks_otherwise
+        looks_otherwise = cls.observation is not GridWorld.observation or cls.look is not GridEngine.look
+        cls._has_own_step_values = cls._has_own_reward or looks_otherwise or bool(cls.observed)
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        if self.observed:
+            self.observation_space = spaces.Dict(
+                {**self.observation_space.spaces, **{name: observed_space(self, name) for name in self.observed}}  # type: ignore[attr-defined]
+            )
+
+    @classmethod
+    def vector(cls, num_envs: int = 1, **options: Any) -> Any:
+        """Return a batch of such worlds, for ``gymnasium.register(..., vector_entry_point=Patrol.vector)``.
+
+        Where the rules can be translated, the worlds are stepped together in compiled code.
+        """
+        return import_module("minihuman.worlds.grid.own.batch").make_batch(cls, num_envs=num_envs, **options)
 
     @abc.abstractmethod
     def layout(self, grid: Layout) -> None:
@@ -218,20 +245,27 @@ class GridWorld(GridEngine, abc.ABC):
         """Return the reward of a step that was made, and whether it ended the episode.
 
         The arguments have what the goal, lava and the task imply. The method may change the world (through
-        ``self.state``); the observation is made afterwards.
+        ``self.state``, `put`, `remove` and `move`); the observation is made afterwards.
         """
         return reward, terminated
 
     @property
     def is_compiled(self) -> bool:
         """Return whether compiled kernels alone step and draw the world; False with a `reward_and_done` of its own."""
-        return not self._has_own_reward and self._is_plain(GridWorld)
+        return not self._has_own_reward and not self.observed and self._is_plain(GridWorld)
 
     def _has_own_rules(self) -> bool:
         own_steps = any(getattr(type(self), name) is not getattr(GridWorld, name) for name in ("step", "advance"))
         return self._has_own_reward or own_steps
 
     def _lay_out(self) -> None:
+        own_numbers(self)[:] = 0
+        if self.is_translated:
+            # imported by name: no kernel depends on the translation, so none is compiled anew when it changes
+            self._compiled_rules = import_module("minihuman.worlds.grid.own.programs").load_rules(self)
+            if self._compiled_rules is not None and self._compiled_rules.has_layout:
+                self.mission = self._compiled_rules.lay_out(self, self._stream())
+                return
         grid = Layout(self._row, self.np_random, self.mission_space.first(), self.kinds)
         self.layout(grid)
         self.mission = grid.mission
@@ -254,9 +288,20 @@ class GridWorld(GridEngine, abc.ABC):
         """Make a step without computing the observation; return the reward, terminated and truncated."""
         reward, terminated, truncated = super().advance(action)
         if self._has_own_reward:
-            reward, terminated = self.reward_and_done(self._number_of(action), reward, terminated)
+            number = self._number_of(action)
+            if self._compiled_rules is not None and self._compiled_rules.has_reward:
+                rng_state = self._stream() if self._compiled_rules.draws else self._rng_state
+                return *self._compiled_rules.judge(self, rng_state, number, reward, terminated), truncated
+            reward, terminated = self.reward_and_done(number, reward, terminated)
             self._row[PHASE] = OVER if terminated or truncated else PLAYING
         return float(reward), bool(terminated), truncated
+
+    def observation(self) -> dict[str, Any]:
+        """Return the agent's current observation, with the declared fields that are `observed`."""
+        observation = super().observation()
+        for name in self.observed:
+            observation[name] = observed_number(self, name)
+        return observation
 
     shortest_path = GridEngine.shortest_path
     path_length_bounds = GridEngine.path_length_bounds

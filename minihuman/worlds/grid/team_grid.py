@@ -6,6 +6,7 @@ A subclass sets `bodies` and writes `layout`, which places each of them. `core.b
 import abc
 from collections.abc import Sequence
 from copy import deepcopy
+from importlib import import_module
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -25,20 +26,22 @@ from minihuman.worlds.grid.core.bodies import (
     step_team,
     team_row_length,
 )
-from minihuman.worlds.grid.core.cells import EMPTY
+from minihuman.worlds.grid.core.cells import EMPTY, kind_of
 from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED
 from minihuman.worlds.grid.core.state import Row, State, clear
 from minihuman.worlds.grid.core.view import see_size
 from minihuman.worlds.grid.engine import YAWS_RAD, floor_plan
 from minihuman.worlds.grid.layout import Layout
 from minihuman.worlds.grid.object_kinds import ObjectKind, check_kinds
+from minihuman.worlds.grid.own.acts import OwnRules
+from minihuman.worlds.grid.own.fields import OwnField, declare_fields, own_numbers
 from minihuman.worlds.grid.pictures.team_pictures import draw_team
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.options import MAX_CELLS, check_bool, check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.step_limit import check_max_steps
-from minihuman.worlds.team import TeamStep, TeamWorld
+from minihuman.worlds.team import TeamBatch, TeamStep, TeamWorld
 
 
 class TeamSnapshot(NamedTuple):
@@ -50,7 +53,7 @@ class TeamSnapshot(NamedTuple):
     kept: dict[str, Any]
 
 
-class TeamGrid(TeamWorld, abc.ABC):
+class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     """A grid with several bodies, each of which has its own view.
 
     Args:
@@ -68,8 +71,18 @@ class TeamGrid(TeamWorld, abc.ABC):
     kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # things of its own, at most five kinds
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
     shared_reward: ClassVar[bool] = True  # each body earns what all earn together; otherwise its own
+    own_fields: ClassVar[tuple[OwnField, ...]] = ()  # that the class and its bases declare
+    is_translated: ClassVar[bool] = True  # False: run `layout` and `reward_and_done` as plain Python
     action_names = TEAM_ACTION_NAMES
     idle_action = STAY
+    _has_own_reward: ClassVar[bool] = False
+    _compiled_rules: Any = None  # compiled `layout` and `reward_and_done` of this world, once they are loaded
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Record whether the subclass has rewards of its own, and place its declared fields."""
+        super().__init_subclass__(**kwargs)
+        declare_fields(cls)
+        cls._has_own_reward = cls.reward_and_done is not TeamGrid.reward_and_done
 
     def __init__(
         self,
@@ -102,6 +115,7 @@ class TeamGrid(TeamWorld, abc.ABC):
         self._images = np.zeros((self.bodies, size, size, 3), np.uint8)
         self._rewards = np.zeros(self.bodies)
         self._actions = np.zeros(self.bodies, np.int64)
+        self._rng_state: RngState = np.zeros(6, np.uint64)
         self.np_random = np.random.default_rng(0)
 
     @abc.abstractmethod
@@ -119,6 +133,11 @@ class TeamGrid(TeamWorld, abc.ABC):
         return rewards, terminated
 
     @property
+    def first_mission(self) -> str:
+        """Return the mission of every episode in which the layout sets none."""
+        return self._first_mission
+
+    @property
     def state(self) -> State:
         """Return the state, with named fields. Its agent is body 0."""
         return State(self._row)
@@ -133,9 +152,8 @@ class TeamGrid(TeamWorld, abc.ABC):
         self.np_random = np.random.default_rng(seed)
         clear(self._row)
         clear_bodies(self._row)
-        grid = Layout(self._row, self.np_random, self._first_mission, self.kinds, self.bodies)
-        self.layout(grid)
-        self.mission = grid.mission
+        own_numbers(self)[:] = 0
+        self._lay_out()
         if self._row[fields.FAILED]:
             raise WorldError(
                 f"{type(self).__name__} with seed {seed!r} has no free cell for something it places; make the grid "
@@ -151,6 +169,19 @@ class TeamGrid(TeamWorld, abc.ABC):
                 )
         self._row[fields.PHASE] = fields.PLAYING
         self._look()
+
+    def _lay_out(self) -> None:
+        if self.is_translated:
+            self._compiled_rules = import_module("minihuman.worlds.grid.own.programs").load_rules(self)
+        rules = self._compiled_rules
+        if rules is not None:
+            read_rng_state(self.np_random, self._rng_state)
+            self.mission = rules.lay_out(self, self._rng_state)
+            write_rng_state(self._rng_state, self.np_random)
+            return
+        grid = Layout(self._row, self.np_random, self._first_mission, self.kinds, self.bodies)
+        self.layout(grid)
+        self.mission = grid.mission
 
     def _look(self) -> None:
         for body in range(self.bodies):
@@ -168,6 +199,12 @@ class TeamGrid(TeamWorld, abc.ABC):
         code = self._body(body)[3]
         return None if code == EMPTY else code
 
+    def batch(self, num_worlds: int) -> TeamBatch:
+        """Return a batch of copies of this world, whose rules are compiled where they can be translated."""
+        make_batch = import_module("minihuman.worlds.grid.own.team_batch").make_team_batch
+        batch: TeamBatch = make_batch(self, num_worlds)
+        return batch
+
     def step(self, actions: Sequence[int]) -> TeamStep:
         """Make one joint step, with one action per body."""
         if len(actions) != self.bodies:
@@ -181,13 +218,37 @@ class TeamGrid(TeamWorld, abc.ABC):
             )
         rewards = tuple(self._rewards.tolist())
         terminated = status & TERMINATED != 0
-        if type(self).reward_and_done is not TeamGrid.reward_and_done:
-            rewards, terminated = self.reward_and_done(actions, rewards, terminated)
+        if self._has_own_reward:
+            rewards, terminated = self._judge(actions, rewards, terminated)
             self._row[fields.PHASE] = fields.OVER if terminated or status & TRUNCATED else fields.PLAYING
             self._look()
         if self.shared_reward:
             rewards = (sum(rewards),) * self.bodies
         return TeamStep(rewards, terminated, status & TRUNCATED != 0)
+
+    def _judge(
+        self, actions: Sequence[int], rewards: tuple[float, ...], terminated: bool
+    ) -> tuple[tuple[float, ...], bool]:
+        rules = self._compiled_rules
+        if rules is None or not rules.has_reward:
+            return self.reward_and_done(actions, rewards, terminated)
+        if not rules.draws:
+            earned: tuple[tuple[float, ...], bool] = rules.judge_team(self._actions, rewards, terminated)
+            return earned
+        read_rng_state(self.np_random, self._rng_state)
+        earned = rules.judge_team(self._actions, rewards, terminated)
+        write_rng_state(self._rng_state, self.np_random)
+        return earned
+
+    def body(self, body: int) -> tuple[int, int, int, int]:
+        """Return a body's column, row, direction and the code of the object that it carries, EMPTY for none."""
+        x, y, direction, carried = self._body(body)
+        return x, y, direction, carried
+
+    def is_kind(self, code: int, kind: ObjectKind) -> bool:
+        """Return whether a code, of a cell or of what a body carries, is of one of the world's own kinds."""
+        number = kind_of(int(code)) - fields.FIRST_OWN_KIND
+        return number >= 0 and self.kinds[number] == kind
 
     def observation(self, body: int) -> NDArray[np.uint8]:
         """Return a body's view, uint8[size, size, 3]: kind, colour, state. Other bodies have the kind "agent"."""
@@ -218,7 +279,7 @@ class TeamGrid(TeamWorld, abc.ABC):
 
     def save(self) -> TeamSnapshot:
         """Return an exact copy of the state in mid-episode."""
-        rng_state = np.zeros(6, np.uint64)
+        rng_state: RngState = np.zeros(6, np.uint64)
         read_rng_state(self.np_random, rng_state)
         attributes = {name: deepcopy(getattr(self, name)) for name in self.kept}
         return TeamSnapshot(self._row.copy(), rng_state, self.mission, attributes)

@@ -1,0 +1,66 @@
+"""What the rules of a world of one's own may do with its grid beside reading it: draw, put, remove and move.
+
+Translated rules do the same in compiled code (`runtime`).
+"""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from minihuman.worlds.grid.core import state as fields
+from minihuman.worlds.grid.core.bodies import body_index
+from minihuman.worlds.grid.core.cells import EMPTY
+from minihuman.worlds.grid.core.state import Row, State, cell_at, lift, move
+from minihuman.worlds.grid.layout import Layout
+from minihuman.worlds.grid.object_kinds import Item
+
+
+class OwnRules:
+    """Mixin with what `reward_and_done` may do to a grid, for worlds with one body or several."""
+
+    bodies: int = 1
+    kinds: ClassVar[Any]
+    np_random: np.random.Generator
+    _row: Row
+
+    def draw(self, low: int, high: int) -> int:
+        """Draw a whole number in [low, high) from the world's random stream."""
+        return int(self.np_random.integers(low, high))
+
+    def code_at(self, x: int, y: int) -> int:
+        """Return the code in a cell. All cells outside the grid are walls."""
+        return int(cell_at(self._row, int(x), int(y)))
+
+    def put(self, item: Item, x: int, y: int) -> int:
+        """Put a new object into a cell, replacing whatever is there; return its identity, 0 for scenery.
+
+        Raises:
+            WorldError: if the cell is outside the grid.
+        """
+        return Layout(self._row, self.np_random, "", self.kinds, self.bodies).put(item, int(x), int(y)).identity
+
+    def remove(self, x: int, y: int) -> int:
+        """Empty a cell and return the code that was in it; EMPTY for a cell outside the grid."""
+        if not self._is_inside(x, y):
+            return EMPTY
+        return int(lift(self._row, int(x), int(y)))
+
+    def move(self, identity: int, x: int, y: int) -> bool:
+        """Move an object into an empty cell in which no body stands; return whether it was moved.
+
+        An object that lies in no cell, as it is carried, in a box or gone, is not moved.
+        """
+        row = self._row
+        if not 1 <= identity <= row[fields.OBJECTS] or not self._is_inside(x, y) or self._is_body_at(x, y):
+            return False
+        if State(row).find(int(identity)) is None or cell_at(row, int(x), int(y)) != EMPTY:
+            return False
+        move(row, int(identity), int(x * row[fields.HEIGHT] + y))
+        return True
+
+    def _is_inside(self, x: int, y: int) -> bool:
+        return bool(0 <= x < self._row[fields.WIDTH] and 0 <= y < self._row[fields.HEIGHT])
+
+    def _is_body_at(self, x: int, y: int) -> bool:
+        starts = (body_index(self._row, body) for body in range(self.bodies))
+        return any(self._row[at] == x and self._row[at + 1] == y for at in starts)

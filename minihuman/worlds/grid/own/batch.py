@@ -1,0 +1,339 @@
+"""OwnBatch: many worlds of a class of one's own, whose rules are compiled, as a Gymnasium vector environment.
+
+A step is three passes over all worlds: the grid's own rules, the author's compiled rules, and the views. Each world of
+a batch behaves as it would alone. Worlds whose rules are not translated are stepped one after the other.
+"""
+
+import logging
+from collections.abc import Callable, Iterator
+from typing import Any, ClassVar, NamedTuple
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.grid.core.state import ACTIONS, NEW, OVER, PHASE, State
+from minihuman.worlds.grid.engine import GridSnapshot
+from minihuman.worlds.grid.own import entries
+from minihuman.worlds.grid.own.entries import FAULT, TABLE
+from minihuman.worlds.grid.own.fields import Bool, field_named, numbers_length, own_numbers
+from minihuman.worlds.grid.own.library import compile_library
+from minihuman.worlds.grid.own.passes import act_many, see_many
+from minihuman.worlds.grid.own.programs import (
+    compile_rules,
+    mission_of,
+    raise_fault,
+    setting_arrays,
+    translate_rules,
+)
+from minihuman.worlds.grid.own.source_names import TranslationError
+from minihuman.worlds.options import BatchSeeds, seeds_per_world
+from minihuman.worlds.rng import read_rng_state, write_rng_state
+from minihuman.worlds.vector_names import VectorNames
+
+LOG = logging.getLogger("minihuman")
+
+
+def make_batch(
+    world_class: Callable[..., Any],
+    *,
+    num_envs: int = 1,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    options_per_world: list[dict[str, Any]] | None = None,
+    **options: Any,
+) -> Any:
+    """Return a batch of worlds of a class: compiled where its rules can be translated, else one world after the other.
+
+    Args:
+        world_class: the class.
+        num_envs: the number of worlds.
+        autoreset_mode: Gymnasium's name for the behaviour after an episode's end.
+        options_per_world: for each world, options of its own beside ``options``; spaces must stay equal.
+        options: the options of every world.
+    """
+    per_world = options_per_world or [{}] * num_envs
+    if num_envs < 1 or len(per_world) != num_envs:
+        raise WorldError(f"num_envs is {num_envs!r} and there are {len(per_world)} sets of options; give one per world")
+    worlds = {str(sorted(own.items())): world_class(**{**options, **own}) for own in per_world}
+    try:
+        for world in worlds.values():
+            compile_rules(world)
+        return OwnBatch([worlds[str(sorted(own.items()))] for own in per_world], autoreset_mode=autoreset_mode)
+    except TranslationError as refusal:
+        LOG.warning("%s is stepped in plain Python: %s", getattr(world_class, "__name__", world_class), refusal)
+    makers = [lambda own=own: world_class(**{**options, **own}) for own in per_world]
+    return SyncVectorEnv(makers, autoreset_mode=autoreset_mode)
+
+
+class OwnBatchSnapshot(NamedTuple):
+    """An exact copy of a batch's worlds in mid-episode. Only ``save`` makes it, and only ``restore`` reads it."""
+
+    rows: NDArray[np.int32]
+    own: NDArray[np.int64]
+    rng_states: NDArray[np.uint64]
+    missions: tuple[str, ...]
+    seeds: list[int]
+
+
+class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDArray[Any]], VectorNames):
+    """A batch of worlds of one class, stepped together in compiled code.
+
+    Args:
+        worlds: one per world of the batch, as it was made; equal ones may be the same. Their rules are compiled.
+        autoreset_mode: Gymnasium's name for the behaviour after an episode's end: "NextStep", "SameStep" or "Disabled".
+
+    Raises:
+        TranslationError: if the rules of some worlds are translated differently, as other attributes are part of them.
+        WorldError: if the worlds differ in their sizes or spaces.
+    """
+
+    readable: ClassVar[frozenset[str]] = frozenset(
+        {"action_names", "agent_dir", "agent_pos", "carrying", "height", "max_steps", "mission", "state", "step_count"}
+        | {"width", "render_mode"}
+    )
+    methods: ClassVar[frozenset[str]] = frozenset(
+        {"frame", "map", "observation", "picture", "pose", "render", "save", "scene_hash", "state_hash", "text"}
+    )
+    settable: ClassVar[frozenset[str]] = frozenset({"agent_dir", "agent_pos", "carrying", "max_steps", "step_count"})
+
+    def __init__(self, worlds: list[Any], *, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP) -> None:
+        self._world = worlds[0]
+        self._check_alike(worlds)
+        self._program = translate_rules(self._world)
+        self._library = compile_library(self._program.text, has_steps=self._program.has_reward)
+        self._mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self._world.metadata, "autoreset_mode": self._mode}
+        self.num_envs = len(worlds)
+        self.render_mode = self._world.render_mode
+        self.single_action_space = self._world.action_space
+        self.single_observation_space = self._world.observation_space
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._first_missions = [world.mission_space.first() for world in worlds]
+        self._missions: tuple[str, ...] = tuple(self._first_missions)
+        self._seeds = [-1] * self.num_envs
+        self._make_memory(worlds)
+
+    def _check_alike(self, worlds: list[Any]) -> None:
+        for world in worlds[1:]:
+            alike = world.action_space == self._world.action_space and world._row.shape == self._world._row.shape
+            if not alike or world.image_shape != self._world.image_shape:
+                raise WorldError("the worlds of a batch differ in their sizes or spaces; make a batch of each kind")
+            if translate_rules(world) is not translate_rules(self._world):
+                raise TranslationError("the worlds of a batch differ in texts or tuples that their rules read")
+
+    def _make_memory(self, worlds: list[Any]) -> None:
+        n = self.num_envs
+        program = self._program
+        self._rows: NDArray[np.int32] = np.ascontiguousarray([world._row for world in worlds])
+        self._own = np.zeros((n, numbers_length(type(self._world))), np.int64)
+        self._rng_states = np.zeros((n, 6), np.uint64)
+        self._mission_parts = np.zeros((n, program.mission_length), np.int64)
+        settings = [setting_arrays(world, program) for world in worlds]
+        self._settings = np.ascontiguousarray([whole for whole, _ in settings])
+        self._float_settings = np.ascontiguousarray([floats for _, floats in settings])
+        self._scratch = np.zeros(max(program.scratch, 1), np.int64)
+        self._stepped = np.ones(n, np.bool_)
+        self._table = np.zeros(TABLE, np.int64)
+        for place, array in (
+            (entries.ROWS, self._rows),
+            (entries.OWN_NUMBERS, self._own),
+            (entries.INT_SETTINGS, self._settings),
+            (entries.FLOAT_SETTINGS, self._float_settings),
+            (entries.RNG, self._rng_states),
+            (entries.MISSIONS, self._mission_parts),
+            (entries.STEPPED, self._stepped),
+            (entries.SCRATCH, self._scratch),
+        ):
+            self._table[place] = array.ctypes.data
+        self._table[entries.ROW_LENGTH] = self._rows.shape[1]
+        self._table[entries.LAST] = n
+
+    @property
+    def states(self) -> list[State]:
+        """Return a copy of each world's state, with named fields."""
+        return [State(row.copy()) for row in self._rows]
+
+    @property  # type: ignore[misc]  # Gymnasium's can be set
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """Return a copy of each world's random generator. Drawing from it does not affect the world."""
+        generators = tuple(np.random.default_rng(0) for _ in self._rng_states)
+        for rng_state, generator in zip(self._rng_states, generators, strict=True):
+            if rng_state.any():
+                write_rng_state(rng_state, generator)
+        return generators
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Return the seed that each world was last given or drew; -1 before its first reset."""
+        return tuple(self._seeds)
+
+    def reset(
+        self, *, seed: BatchSeeds = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begin a new episode in all worlds, or in those selected by ``options["reset_mask"]`` (bool[n]).
+
+        World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without a seed its random stream continues.
+        """
+        seeds = seeds_per_world(seed, self.num_envs)
+        mask = np.ones(self.num_envs, np.bool_)
+        if options is not None and "reset_mask" in options:
+            mask = np.asarray(options["reset_mask"])
+            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
+                raise WorldError(
+                    f"reset_mask has dtype {mask.dtype} and shape {mask.shape}; use bool and ({self.num_envs},)"
+                )
+        for i in np.flatnonzero(mask).tolist():
+            if seeds[i] is not None or not self._rng_states[i].any():
+                generator, self._seeds[i] = seeding.np_random(seeds[i])
+                read_rng_state(generator, self._rng_states[i])
+        self._lay_out(np.flatnonzero(mask))
+        return self._observe(), {}
+
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[dict[str, Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Take one action in every world.
+
+        Raises:
+            WorldError: if there is not one valid action per world, before `reset`, and, with autoreset disabled, after
+                an episode's end. No world is changed then.
+            Exception: what the rules raise; the message names the line and the world. Reset the batch then.
+        """
+        action_array = np.asarray(actions)
+        if action_array.shape != (self.num_envs,) or action_array.dtype.kind not in "iu":
+            raise WorldError(
+                f"actions must be {self.num_envs} whole numbers, not {action_array.dtype}{action_array.shape}"
+            )
+        n = self.num_envs
+        rewards = np.empty(n)
+        terminated = np.empty(n, np.bool_)
+        truncated = np.empty(n, np.bool_)
+        numbers = np.ascontiguousarray(action_array, np.int64)
+        next_step = self._mode is AutoresetMode.NEXT_STEP
+        ends = terminated, truncated, self._stepped
+        status = act_many(self._rows, numbers, self._rng_states, rewards, *ends, next_step)
+        if status < 0:
+            raise self._refusal(~status, action_array)
+        self._run_rules(numbers, rewards, terminated, truncated)
+        info: dict[str, Any] = {}
+        ended = np.zeros(0, np.int64)
+        if next_step:
+            ended = np.flatnonzero(~self._stepped)
+        elif self._mode is AutoresetMode.SAME_STEP and (terminated | truncated).any():
+            ended = np.flatnonzero(terminated | truncated)
+            info = self._final(terminated | truncated)
+        if len(ended):
+            self._lay_out(ended)
+        return self._observe(), rewards, terminated, truncated, info
+
+    def _run_rules(
+        self,
+        actions: NDArray[np.int64],
+        rewards: NDArray[np.float64],
+        terminated: NDArray[np.bool_],
+        truncated: NDArray[np.bool_],
+    ) -> None:
+        """Run the author's `reward_and_done` in every world that was stepped."""
+        if self._library.steps is None:
+            return
+        table = self._table
+        table[entries.ACTIONS] = actions.ctypes.data
+        table[entries.REWARDS] = rewards.ctypes.data
+        table[entries.TERMINATED] = terminated.ctypes.data
+        table[entries.TRUNCATED] = truncated.ctypes.data
+        if self._library.steps(table.ctypes.data):
+            raise_fault(self._program, table, world=int(table[FAULT + 4]))
+
+    def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
+        phase = self._rows[world, PHASE]
+        if phase == NEW or (phase == OVER and self._mode is not AutoresetMode.NEXT_STEP):
+            return WorldError(f"world {world} is not in an episode; call reset() before step()")
+        last = self._rows[world, ACTIONS] - 1
+        return WorldError(f"action {int(actions[world])} does not exist in world {world}; actions are 0 to {last}")
+
+    def _lay_out(self, worlds: NDArray[np.int64]) -> None:
+        numbers = np.ascontiguousarray(worlds, np.int64)
+        self._table[entries.WORLDS] = numbers.ctypes.data
+        self._table[entries.COUNT] = len(numbers)
+        if self._library.layouts(self._table.ctypes.data):
+            raise_fault(self._program, self._table, world=int(self._table[FAULT + 4]))
+        if self._program.templates:
+            missions = list(self._missions)
+            for i in numbers.tolist():
+                missions[i] = mission_of(self._program, self._mission_parts[i], self._first_missions[i])
+            self._missions = tuple(missions)
+
+    def _observe(self) -> dict[str, Any]:
+        images = np.empty((self.num_envs, *self._world.image_shape), np.uint8)
+        directions = np.empty(self.num_envs, np.int64)
+        see_many(self._rows, images, directions)
+        observation = {"image": images, "direction": directions, "mission": self._missions}
+        for name in self._world.observed:
+            observation[name] = self._observed(name)
+        return observation
+
+    def _observed(self, name: str) -> NDArray[Any]:
+        """Return a declared field of all worlds."""
+        field = field_named(type(self._world), name)
+        places = self._own[:, field.offset : field.offset + field.size]
+        if isinstance(field, Bool):
+            return places[:, 0].copy()
+        shape = np.shape(field.read(self._own[0]))
+        return np.ascontiguousarray(places).view(field.dtype).reshape(self.num_envs, *shape)
+
+    def _final(self, over: NDArray[np.bool_]) -> dict[str, Any]:
+        observations = np.full(self.num_envs, None, object)
+        last = self._observe()
+        for i in np.flatnonzero(over).tolist():
+            observations[i] = {name: numbers[i] for name, numbers in last.items()}
+            observations[i]["direction"] = int(last["direction"][i])
+        return {"final_obs": observations, "_final_obs": over, "final_info": {}, "_final_info": over.copy()}
+
+    def worlds_in_turn(self) -> Iterator[Any]:
+        """Yield each world in turn, as one environment. Changes made to it are written back to the batch."""
+        world = self._world
+        for i in range(self.num_envs):
+            kept = dict.fromkeys(world.kept)
+            own_numbers(world)[:] = self._own[i]
+            for name in kept:
+                kept[name] = getattr(world, name)
+            world.restore(GridSnapshot(self._rows[i], self._rng_states[i], self._missions[i], kept))
+            yield world
+            saved = world.save()
+            self._rows[i] = saved.row
+            self._rng_states[i] = saved.rng_state
+            self._own[i] = own_numbers(world)
+
+    def is_readable(self, name: str) -> bool:
+        """Return whether `get_attr` supports an attribute: named ones, and declared fields."""
+        return name in self.readable or any(field.name == name for field in self._world.own_fields)
+
+    def save(self) -> OwnBatchSnapshot:
+        """Return an exact copy of every world in mid-episode, which can be pickled."""
+        arrays = self._rows.copy(), self._own.copy(), self._rng_states.copy()
+        return OwnBatchSnapshot(*arrays, self._missions, [*self._seeds])
+
+    def restore(self, saved: OwnBatchSnapshot) -> None:
+        """Restore a saved state. The copy is not consumed.
+
+        Raises:
+            WorldError: if a batch of another size saved it.
+        """
+        if not isinstance(saved, OwnBatchSnapshot) or saved.rows.shape != self._rows.shape:
+            raise WorldError(f"this was not saved by a batch of {self.num_envs} such worlds; pass what save() returned")
+        self._rows[:] = saved.rows
+        self._own[:] = saved.own
+        self._rng_states[:] = saved.rng_states
+        self._missions = saved.missions
+        self._seeds = [*saved.seeds]
+
+    def render(self) -> tuple[NDArray[np.uint8] | str | None, ...] | None:  # type: ignore[override]
+        """Return the rendering of each world, or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        return self.call("render")

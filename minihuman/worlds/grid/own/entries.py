@@ -1,0 +1,118 @@
+"""The two functions of translated source that Python calls, and the table of addresses that both read.
+
+The table is int64: addresses of arrays, lengths and numbers, in the places that this module names; at the end, a fault.
+Numbers of all worlds of a batch lie in matrices, one row each.
+"""
+
+from collections.abc import Mapping
+
+(
+    ROWS,
+    ROW_LENGTH,
+    OWN_NUMBERS,
+    INT_SETTINGS,
+    FLOAT_SETTINGS,
+    RNG,
+    MISSIONS,
+    ACTIONS,
+    REWARDS,
+    TERMINATED,
+    TRUNCATED,
+    STEPPED,
+    FIRST,
+    LAST,
+    WORLDS,
+    COUNT,
+    SCRATCH,
+) = range(17)
+FAULT = 20  # kind, place, two numbers, the world
+BLOCK = 28
+TABLE = 40
+
+_CONTEXT = """
+            block[0] = table[{ROWS}] + 4 * n * i
+            block[1] = n
+            block[2] = table[{OWN_NUMBERS}] + 8 * {own} * i
+            block[3] = table[{INT_SETTINGS}] + 8 * {settings} * i
+            block[4] = table[{FLOAT_SETTINGS}] + 8 * {floats} * i
+            block[5] = table[{RNG}] + 48 * i
+            block[6] = t + 8 * {FAULT}
+            block[7] = table[{MISSIONS}] + 8 * {mission} * i
+            block[8] = table[{SCRATCH}]
+            table[{FAULT} + 4] = i"""
+
+_LAYOUTS = """
+@rt.njit
+def layouts(t):
+    table = rt.I64(t, {TABLE})
+    n = table[{ROW_LENGTH}]
+    c = t + 8 * {BLOCK}
+    block = rt.I64(c, 9)
+    worlds = rt.I64(table[{WORLDS}], table[{COUNT}])
+    for k in range(table[{COUNT}]):
+        i = worlds[k]
+        if True:{context}
+        rt.clear_row(rt.row(c))
+        rt.clear_bodies(c, {bodies})
+        rt.fill(c, 0, rt.view_1(rt.own(c), 0, {own}), 0)
+        rt.fill(c, 0, rt.view_1(rt.mission(c), 0, {mission}), 0)
+        {layout}(c)
+        if rt.row(c)[23] != 0:
+            rt.fail(c, -1, 5, 0, 0)
+        rt.check_bodies(c, -1, {bodies})
+        rt.row(c)[8] = 1
+    return np.int64(0)
+"""
+
+_STEPS = """
+@rt.njit
+def steps(t):
+    table = rt.I64(t, {TABLE})
+    n = table[{ROW_LENGTH}]
+    c = t + 8 * {BLOCK}
+    block = rt.I64(c, 9)
+    last = table[{LAST}]
+    actions = rt.I64(table[{ACTIONS}], last * {bodies})
+    rewards = rt.F64(table[{REWARDS}], last * {bodies})
+    terminated = rt.U8(table[{TERMINATED}], last)
+    truncated = rt.U8(table[{TRUNCATED}], last)
+    stepped = rt.U8(table[{STEPPED}], last)
+    for i in range(table[{FIRST}], last):
+        if stepped[i]:
+{context}
+            {call}
+            terminated[i] = ended
+            rt.row(c)[8] = 2 if ended or truncated[i] else 1
+            rt.check_bodies(c, -1, {bodies})
+    return np.int64(0)
+"""
+
+
+def write_entries(
+    *, layout: str, rule: str | None, bodies: int, is_team: bool, lengths: Mapping[str, int]
+) -> list[str]:
+    """Return the lines of the functions ``layouts`` and, if there is a rule, ``steps``.
+
+    Args:
+        layout: the name of the translated layout.
+        rule: the name of the translated `reward_and_done`.
+        bodies: how many bodies there are.
+        is_team: whether rules take actions and rewards of every body.
+        lengths: how many numbers a world has of its own, of settings, of its mission, and of scratch memory.
+    """
+    places = {name: number for name, number in globals().items() if name.isupper() and isinstance(number, int)}
+    context = _CONTEXT.format(**places, **lengths)
+    text = _LAYOUTS.format(**places, **lengths, context=context, layout=layout, bodies=bodies)
+    if rule is not None:
+        text += _STEPS.format(**places, context=context, bodies=bodies, call=_call(rule, bodies, is_team=is_team))
+    return text.splitlines()
+
+
+def _call(rule: str, bodies: int, *, is_team: bool) -> str:
+    if not is_team:
+        return f"rewards[i], ended = {rule}(c, actions[i], rewards[i], terminated[i] != 0)"
+    places = [f"i * {bodies} + {body}" for body in range(bodies)]
+    actions = "".join(f"actions[{place}], " for place in places)
+    rewards = "".join(f"rewards[{place}], " for place in places)
+    stores = "\n            ".join(f"rewards[{place}] = earned[{body}]" for body, place in enumerate(places))
+    return f"earned, ended = {rule}(c, ({actions}), ({rewards}), terminated[i] != 0)\n            {stores}"

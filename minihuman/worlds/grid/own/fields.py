@@ -1,0 +1,235 @@
+"""Fields that a grid world of one's own declares: numbers that change in an episode, beside the grid itself.
+
+    class Patrol(GridWorld):
+        coins = Int()
+        guards = IntArray(3)
+
+Each episode begins with all of them at 0. They are saved, restored and hashed with the world. All fields of a world are
+one vector of int64, of which compiled rules work on the same memory; a `Float` lies there with its own bits.
+"""
+
+from collections.abc import Sequence
+from operator import index
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+
+OwnNumbers = NDArray[np.int64]
+
+
+class OwnField:
+    """A declared field: where it lies in the vector, and how Python reads and writes it.
+
+    Args:
+        size: the number of places in the vector.
+    """
+
+    dtype: ClassVar[type[np.generic]] = np.int64
+
+    def __init__(self, size: int = 1) -> None:
+        self.name = ""
+        self.size = size
+        self.offset = -1
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, world: Any, owner: type | None = None) -> Any:
+        if world is None:
+            return self
+        return self.read(own_numbers(world))
+
+    def __set__(self, world: Any, content: Any) -> None:
+        self.write(own_numbers(world), content)
+
+    def read(self, numbers: OwnNumbers) -> Any:
+        """Return the field as Python's number, tuple or array."""
+        raise NotImplementedError
+
+    def write(self, numbers: OwnNumbers, content: Any) -> None:
+        """Set the field."""
+        raise NotImplementedError
+
+    def places(self, numbers: OwnNumbers) -> NDArray[Any]:
+        """Return the field's places of the vector, as a view with the field's dtype."""
+        return numbers[self.offset : self.offset + self.size].view(self.dtype)
+
+
+class Int(OwnField):
+    """A whole number, from -2**63 to 2**63 - 1."""
+
+    def read(self, numbers: OwnNumbers) -> int:
+        """Return the number."""
+        return int(numbers[self.offset])
+
+    def write(self, numbers: OwnNumbers, content: Any) -> None:
+        """Set the number; raise TypeError if it is not whole, OverflowError if it has over 64 bits."""
+        numbers[self.offset] = index(content)
+
+
+class Bool(OwnField):
+    """True or False."""
+
+    def read(self, numbers: OwnNumbers) -> bool:
+        """Return the truth content."""
+        return bool(numbers[self.offset])
+
+    def write(self, numbers: OwnNumbers, content: Any) -> None:
+        """Set the truth content."""
+        numbers[self.offset] = bool(content)
+
+
+class Float(OwnField):
+    """A floating-point number of 64 bits."""
+
+    dtype = np.float64
+
+    def read(self, numbers: OwnNumbers) -> float:
+        """Return the number."""
+        return float(self.places(numbers)[0])
+
+    def write(self, numbers: OwnNumbers, content: Any) -> None:
+        """Set the number."""
+        self.places(numbers)[0] = content
+
+
+class IntTuple(OwnField):
+    """A fixed number of whole numbers, set and read together as a tuple, such as a place.
+
+    Args:
+        length: how many numbers.
+    """
+
+    def __init__(self, length: int) -> None:
+        super().__init__(_check_length("IntTuple", length))
+
+    def read(self, numbers: OwnNumbers) -> tuple[int, ...]:
+        """Return the numbers."""
+        return tuple(numbers[self.offset : self.offset + self.size].tolist())
+
+    def write(self, numbers: OwnNumbers, content: Any) -> None:
+        """Set all numbers; raise ValueError if there are more or fewer."""
+        values = tuple(content)
+        if len(values) != self.size:
+            raise ValueError(f"{self.name} takes {self.size} numbers, not {len(values)}")
+        numbers[self.offset : self.offset + self.size] = [index(number) for number in values]
+
+
+class _Array(OwnField):
+    """An array whose shape never changes.
+
+    Args:
+        shape: one or two lengths.
+    """
+
+    def __init__(self, *shape: int) -> None:
+        if not 1 <= len(shape) <= 2:
+            raise WorldError(f"{type(self).__name__} has {len(shape)} lengths; give one or two")
+        self.shape = tuple(_check_length(type(self).__name__, length) for length in shape)
+        super().__init__(int(np.prod(self.shape)))
+
+    def read(self, numbers: OwnNumbers) -> NDArray[Any]:
+        """Return the array as a view: writing to it changes the field."""
+        return self.places(numbers).reshape(self.shape)
+
+    def write(self, numbers: OwnNumbers, content: Any) -> None:
+        """Set all elements."""
+        self.read(numbers)[...] = content
+
+
+class IntArray(_Array):
+    """An array of whole numbers, int64, with one or two lengths: ``IntArray(3)``, ``IntArray(3, 2)``."""
+
+
+class FloatArray(_Array):
+    """An array of floating-point numbers, float64, with one or two lengths."""
+
+    dtype = np.float64
+
+
+MOST_NUMBERS = 65_536  # of a world
+
+
+def _check_length(name: str, length: Any) -> int:
+    if not isinstance(length, int) or not 1 <= length <= MOST_NUMBERS:
+        raise WorldError(f"a length of {name} is {length!r}; use a whole number from 1 to {MOST_NUMBERS}")
+    return length
+
+
+def declare_fields(world_class: Any) -> None:
+    """Give each field of a class its places, and add the fields to what the class keeps.
+
+    Raises:
+        WorldError: if two base classes both declare fields, or there are too many numbers.
+    """
+    bases = [base for base in world_class.__bases__ if getattr(base, "own_fields", ())]
+    if len({base.own_fields for base in bases}) > 1:
+        base_names = " and ".join(base.__name__ for base in bases)
+        raise WorldError(f"{world_class.__name__} inherits fields from {base_names}; inherit them from one class")
+    inherited: Sequence[OwnField] = bases[0].own_fields if bases else ()
+    names = {field.name for field in inherited}
+    fields = [*inherited]
+    for name, field in vars(world_class).items():
+        if isinstance(field, OwnField):
+            if name in names:
+                raise WorldError(f"{world_class.__name__}.{name} is declared in a base class already; rename it")
+            field.offset = sum(other.size for other in fields)
+            fields.append(field)
+    if sum(field.size for field in fields) > MOST_NUMBERS:
+        raise WorldError(f"the fields of {world_class.__name__} have over {MOST_NUMBERS} numbers; declare smaller ones")
+    world_class.own_fields = tuple(fields)
+    added = [field.name for field in fields if field.name not in world_class.kept]
+    world_class.kept = (*world_class.kept, *added)
+
+
+def numbers_length(world_class: Any) -> int:
+    """Return how many numbers the fields of a class have together."""
+    return sum(field.size for field in world_class.own_fields)
+
+
+def own_numbers(world: Any) -> OwnNumbers:
+    """Return the vector of a world's fields, int64; all 0 before the first episode."""
+    numbers: OwnNumbers | None = vars(world).get("_own_numbers")
+    if numbers is None:
+        numbers = np.zeros(numbers_length(type(world)), np.int64)
+        vars(world)["_own_numbers"] = numbers
+    return numbers
+
+
+def field_named(world_class: Any, name: str) -> OwnField:
+    """Return a declared field of a class.
+
+    Raises:
+        WorldError: if the class declares no such field.
+    """
+    for field in world_class.own_fields:
+        if field.name == name:
+            declared: OwnField = field
+            return declared
+    names = ", ".join(field.name for field in world_class.own_fields) or "none"
+    raise WorldError(f"{world_class.__name__}.observed has {name!r}; its declared fields are: {names}")
+
+
+def observed_space(world: Any, name: str) -> spaces.Space[Any]:
+    """Return the observation space of a declared field: as many numbers of its dtype as it has."""
+    field = field_named(type(world), name)
+    shape = np.shape(field.read(own_numbers(world)))
+    if isinstance(field, Bool):
+        return spaces.Discrete(2)
+    if field.dtype is np.float64:
+        return spaces.Box(-np.inf, np.inf, shape, np.float64)
+    limits = np.iinfo(np.int64)
+    return spaces.Box(limits.min, limits.max, shape, np.int64)
+
+
+def observed_number(world: Any, name: str) -> Any:
+    """Return what an observation has of a declared field: a copy, of its space's shape and dtype."""
+    field = field_named(type(world), name)
+    places = field.places(own_numbers(world))
+    if isinstance(field, Bool):
+        return np.int64(places[0])
+    return places.reshape(np.shape(field.read(own_numbers(world)))).copy()

@@ -1,0 +1,148 @@
+"""Items, and calls of `Layout`'s methods, in an author's rules."""
+
+import ast
+from collections.abc import Mapping
+from typing import Any
+
+from minihuman.worlds.grid.layout import MOST_TRIES, from_text
+from minihuman.worlds.grid.own.expressions import Expressions
+from minihuman.worlds.grid.own.source_names import GRID, Symbol, item_numbers
+
+
+class LayoutCalls(Expressions):
+    """The translation of items and of calls of a layout's methods."""
+
+    def _item(self, node: ast.Call, callee: Any) -> str:
+        """Return an item: a constant if all its arguments are, else its numbers with a colour that is looked up."""
+        symbols = [self.symbol(argument) for argument in node.args]
+        named = {keyword.arg: self.symbol(keyword.value) for keyword in node.keywords if keyword.arg}
+        known = [symbol for symbol in [*symbols, *named.values()] if symbol is not None and symbol.kind == "constant"]
+        if len(known) == len(symbols) + len(named):
+            try:
+                options = {name: symbol.value for name, symbol in named.items() if symbol is not None}
+                item_text = callee(*(symbol.value for symbol in symbols if symbol is not None), **options)
+            except TypeError as error:
+                self.refuse(node, f"{ast.unparse(node)}: {error}", "correct the call")
+            return self._symbol_text(node, Symbol("constant", item_text))
+        return self._coloured_item(node, callee, named)
+
+    def _coloured_item(self, node: ast.Call, callee: Any, named: Mapping[str, Symbol | None]) -> str:
+        arguments = list(node.args)
+        colour = arguments[0] if arguments else next((k.value for k in node.keywords if k.arg == "colour"), None)
+        contents = arguments[1] if len(arguments) > 1 else None
+        contents = next((k.value for k in node.keywords if k.arg == "contains"), contents)
+        options = {
+            name: symbol.value
+            for name, symbol in named.items()
+            if symbol is not None and name not in ("colour", "contains")
+        }
+        if len(options) + ("colour" in named) + ("contains" in named) != len(named):
+            self.refuse(node, "an item with a computed state", "write one call for each state, in an if")
+        numbers = item_numbers(callee("red", **options), self.program.kind_number)
+        colour_text = "0" if colour is None else self._colour(colour)
+        inside = "(-1, -1, -1, -1)" if contents is None else f"{self.expression(contents)}[:4]"
+        return f"(({numbers[0]}, {colour_text}, {numbers[2]}, {numbers[3]}) + {inside})"
+
+    def _colour(self, node: ast.AST) -> str:
+        self.program.needs_colours = True
+        return f"rt.colour_number(c, {self.place(node)}, {self.expression(node)}, COLOURS)"
+
+    def _argument(self, node: ast.Call, nth: int, name: str, default: str) -> str:
+        if nth < len(node.args):
+            return self.expression(node.args[nth])
+        for keyword in node.keywords:
+            if keyword.arg == name:
+                return self.expression(keyword.value)
+        return default
+
+    def _layout_call(self, node: ast.Call, name: str) -> str:
+        method = getattr(self, f"_grid_{name}", None)
+        if method is None:
+            self.refuse(node, f"grid.{name}(...)", "docs/grid-worlds.md lists what a layout may call")
+        text: str = method(node, self.place(node))
+        return text
+
+    def _grid_wall_rect(self, node: ast.Call, place: int) -> str:
+        x = self._argument(node, 0, "x", "0")
+        y = self._argument(node, 1, "y", "0")
+        w = self._argument(node, 2, "width", f"(rt.width(c) - {x})")
+        h = self._argument(node, 3, "height", f"(rt.height(c) - {y})")
+        return f"rt.wall_rect(c, {place}, {x}, {y}, {w}, {h})"
+
+    def _line(self, node: ast.Call, place: int, dx: int) -> str:
+        x = self._argument(node, 0, "x", "0")
+        y = self._argument(node, 1, "y", "0")
+        rest = f"(rt.width(c) - {x})" if dx else f"(rt.height(c) - {y})"
+        length = self._argument(node, 2, "length", rest)
+        item_text = self._argument(node, 3, "item", repr((2, 5, 0, 0, -1, -1, -1, -1)))
+        if "None" in (length, item_text):
+            self.refuse(node, "None as an argument", "leave it out")
+        return f"rt.put_line(c, {place}, {item_text}, {x}, {y}, {dx}, {1 - dx}, {length})"
+
+    def _grid_across(self, node: ast.Call, place: int) -> str:
+        return self._line(node, place, 1)
+
+    def _grid_down(self, node: ast.Call, place: int) -> str:
+        return self._line(node, place, 0)
+
+    def _grid_put(self, node: ast.Call, place: int) -> str:
+        parts = [self._argument(node, nth, name, "0") for nth, name in enumerate(("item", "x", "y"))]
+        return f"rt.put(c, {place}, {', '.join(parts)})"
+
+    def _grid_clear(self, node: ast.Call, place: int) -> str:
+        return f"rt.clear_cell(c, {place}, {self._argument(node, 0, 'x', '0')}, {self._argument(node, 1, 'y', '0')})"
+
+    def _rectangle(self, node: ast.Call) -> str:
+        size = self._argument(node, 9, "size", "None")
+        if size == "None":
+            size = "(rt.width(c), rt.height(c))"
+        return f"{self._argument(node, 9, 'top', '(0, 0)')}, {size}"
+
+    def _grid_place(self, node: ast.Call, place: int) -> str:
+        item_text = self._argument(node, 0, "item", "0")
+        tries = self._argument(node, 9, "tries", str(MOST_TRIES))
+        reject = next((keyword.value for keyword in node.keywords if keyword.arg == "reject"), None)
+        symbol = None if reject is None else self.symbol(reject)
+        if reject is None or (symbol is not None and symbol.kind == "constant" and symbol.value is None):
+            return self.draw(
+                f"rt.place_item(c, {place}, {self.program.bodies}, {item_text}, {self._rectangle(node)}, {tries})"
+            )
+        placing, captured = self.program.placement(self, node, reject)
+        return self.draw(
+            f"{placing}({', '.join(['c', str(place), item_text, self._rectangle(node), tries, *captured])})"
+        )
+
+    def _grid_put_agent(self, node: ast.Call, place: int) -> str:
+        parts = [self._argument(node, nth, name, "0") for nth, name in enumerate(("x", "y", "direction"))]
+        body = self._argument(node, 9, "body", "0")
+        return f"rt.put_agent(c, {place}, {self.program.bodies}, {', '.join(parts)}, {body})"
+
+    def _grid_place_agent(self, node: ast.Call, place: int) -> str:
+        direction = self._argument(node, 9, "direction", "-1")
+        direction = "-1" if direction == "None" else direction
+        rest = f"{self._rectangle(node)}, {direction}, {self._argument(node, 9, 'body', '0')}"
+        return self.draw(f"rt.place_agent(c, {place}, {self.program.bodies}, {rest})")
+
+    def _grid_integer(self, node: ast.Call, place: int) -> str:
+        low = self._argument(node, 0, "low", "0")
+        return self.draw(f"rt.draw(c, {place}, {low}, {self._argument(node, 1, 'high', '0')})")
+
+    def _grid_choice(self, node: ast.Call, place: int) -> str:
+        options = node.args[0]
+        if isinstance(options, ast.List):
+            options = ast.copy_location(ast.Tuple(options.elts, ast.Load()), options)
+        return self.draw(f"rt.choice(c, {place}, {self.expression(options)})")
+
+    def _grid_task(self, node: ast.Call, place: int) -> str:
+        arguments = [self.expression(argument) for argument in node.args]
+        return "(" + "".join(f"rt.set_task(c, {nth}, {text}), " for nth, text in enumerate(arguments)) + ")"
+
+    def diagram(self, node: ast.Call) -> list[str] | None:
+        """Return the statements of ``from_text("...", grid)``, or None if a call is another."""
+        callee = self.symbol(node.func)
+        if callee is None or callee.kind != "constant" or callee.value is not from_text:
+            return None
+        symbols = [self.symbol(argument) for argument in node.args]
+        if len(symbols) != 2 or symbols[0] is None or not isinstance(symbols[0].value, str) or symbols[1] != GRID:
+            self.refuse(node, "from_text with a computed diagram", "name a constant")
+        return self.program.diagram(symbols[0].value, self.place(node))

@@ -1,0 +1,192 @@
+"""Compiled rules on disk and in memory: object files in the user's cache, loaded through llvmlite and without Numba.
+
+A file is named by the digest of all that it was made of. What does not agree with its own digest, or is not the
+user's own, counts as missing.
+"""
+
+import ctypes
+import hashlib
+import os
+import stat
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from minihuman.worlds.grid.own.source_names import TranslationError
+from minihuman.worlds.library_manifest import source_digest
+from minihuman.worlds.source_digest import import_closure
+
+CACHE_VARIABLE = "MINIHUMAN_WORLDS_CACHE"  # names the folder; empty, nothing is kept
+NO_COMPILER = "Numba, which compiles them, is not installed: pip install 'minihuman-lab[own]'"
+MOST_FILES = 256
+_SOURCES = ("compiler", "runtime")
+_COMPILER = "minihuman.worlds.grid.own.compiler"
+_WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+
+CompiledFunction = Callable[[int], int]
+
+
+class RulesLibrary:
+    """The compiled functions of a program.
+
+    Args:
+        code: an object file.
+        has_steps: whether it has `reward_and_done`, beside the layout.
+    """
+
+    def __init__(self, code: bytes, *, has_steps: bool) -> None:
+        self._engine = _load(code)
+        self.layouts = self._function("minihuman_layouts", ctypes.CFUNCTYPE)
+        self.steps = self._function("minihuman_steps", ctypes.CFUNCTYPE) if has_steps else None
+        # for one world: so short that giving up the interpreter lock would take longer
+        self.layout_of_one = self._function("minihuman_layouts", ctypes.PYFUNCTYPE)
+        self.step_of_one = self._function("minihuman_steps", ctypes.PYFUNCTYPE) if has_steps else None
+
+    def _function(self, name: str, kind: Any) -> CompiledFunction:
+        address = self._engine.get_function_address(name)
+        if address == 0:
+            raise OSError(f"the compiled rules have no {name}")
+        function: CompiledFunction = kind(ctypes.c_int64, ctypes.c_int64)(address)
+        return function
+
+
+def _load(code: bytes) -> Any:
+    llvm = _llvm()
+    machine = llvm.Target.from_default_triple().create_target_machine()
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine
+
+
+@cache
+def _llvm() -> Any:
+    from minihuman.worlds.build.loading import llvm_binding  # it comes with Numba, and loads in a twentieth of a second
+
+    return llvm_binding()
+
+
+def can_load() -> bool:
+    """Return whether llvmlite, which loads compiled rules, is installed, and kernels are not switched off."""
+    return os.environ.get("NUMBA_DISABLE_JIT", "0") == "0" and find_spec("llvmlite") is not None
+
+
+_LIBRARIES: dict[str, RulesLibrary] = {}
+
+
+def find_library(text: str, *, has_steps: bool) -> RulesLibrary | None:
+    """Return the compiled form of translated source if it is in memory or in the user's cache."""
+    if not can_load():
+        return None
+    key = _digest(text)
+    if key not in _LIBRARIES:
+        code = _read(key)
+        if code is None:
+            return None
+        _LIBRARIES[key] = RulesLibrary(code, has_steps=has_steps)
+    return _LIBRARIES[key]
+
+
+def compile_library(text: str, *, has_steps: bool) -> RulesLibrary:
+    """Return the compiled form of translated source, which is compiled if it is not in the cache.
+
+    Raises:
+        TranslationError: if it does not compile; the message begins with ``LINE`` and the line of the source.
+    """
+    library = find_library(text, has_steps=has_steps)
+    if library is not None:
+        return library
+    if not can_load() or find_spec("numba") is None:
+        raise TranslationError(NO_COMPILER)
+    # LLVM code is optimised once, in the end
+    environment = {**os.environ, "MINIHUMAN_BUILDING": "1", "NUMBA_OPT": "0"}
+    environment["PYTHONPATH"] = os.pathsep.join([str(Path(__file__).parents[4]), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, "-m", _COMPILER]
+    completed = subprocess.run(command, input=text.encode(), capture_output=True, env=environment, check=False)
+    if completed.returncode:
+        raise TranslationError(completed.stderr.decode(errors="replace").strip()[-4000:])
+    key = _digest(text)
+    _write(key, completed.stdout)
+    _LIBRARIES[key] = RulesLibrary(completed.stdout, has_steps=has_steps)
+    return _LIBRARIES[key]
+
+
+def _digest(text: str) -> str:
+    llvm = _llvm()
+    machine = f"{llvm.get_process_triple()} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
+    return hashlib.sha256("\n".join([text, machine, _sources_digest()]).encode()).hexdigest()[:40]
+
+
+@cache
+def _sources_digest() -> str:
+    paths = import_closure(*(f"minihuman.worlds.grid.own.{name}" for name in _SOURCES))
+    return " ".join(source_digest(path) for path in paths)
+
+
+def cache_folder() -> Path | None:
+    """Return the folder of the user's compiled rules; None where it is switched off, or the user has no home."""
+    override = os.environ.get(CACHE_VARIABLE)
+    if override is not None:
+        return Path(override).absolute() if override else None
+    try:
+        if sys.platform == "win32":
+            return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "minihuman" / "worlds"
+        if sys.platform == "darwin":
+            return Path.home() / "Library" / "Caches" / "minihuman" / "worlds"
+        named = Path(os.environ.get("XDG_CACHE_HOME", ""))
+        return (named if named.is_absolute() else Path.home() / ".cache") / "minihuman" / "worlds"
+    except RuntimeError:  # no home
+        return None
+
+
+def _read(key: str) -> bytes | None:
+    folder = cache_folder()
+    if folder is None or not _is_private(folder):
+        return None
+    path = folder / f"{key}.o"
+    try:
+        if not _is_private(path):
+            return None
+        digest, _, code = path.read_bytes().partition(b"\n")
+    except OSError:
+        return None
+    if hashlib.sha256(code).hexdigest().encode() != digest:
+        return None
+    with suppress(OSError):
+        os.utime(path)  # the longest unused goes first
+    return code
+
+
+def _write(key: str, code: bytes) -> None:
+    folder = cache_folder()
+    if folder is None:
+        return
+    with suppress(OSError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not _is_private(folder):
+            return
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".") as scratch:
+            new = Path(scratch, "new")
+            new.touch(mode=0o600)
+            new.write_bytes(hashlib.sha256(code).hexdigest().encode() + b"\n" + code)
+            os.replace(new, folder / f"{key}.o")
+        files = sorted(folder.glob("*.o"), key=lambda path: path.stat().st_mtime)
+        for path in files[:-MOST_FILES]:
+            path.unlink(missing_ok=True)
+
+
+def _is_private(path: Path) -> bool:
+    """Return whether a file or folder is the user's own, no link, and writable by no other: its code will run."""
+    try:
+        status = path.lstat()
+    except OSError:
+        return False
+    if stat.S_ISLNK(status.st_mode):
+        return False
+    return sys.platform == "win32" or (status.st_uid == os.geteuid() and not status.st_mode & _WRITABLE_BY_OTHERS)

@@ -1,0 +1,291 @@
+"""The compiled rules of a world: whether there are any, and how one world uses them.
+
+A batch compiles its rules when it is made, `minihuman check` and `compile_rules` when they are asked to. A world alone
+uses what was compiled before and otherwise runs as plain Python, which gives the same numbers.
+"""
+
+import re
+from dataclasses import dataclass
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
+from minihuman.worlds.grid.core.state import MAX_STEPS, STEP
+from minihuman.worlds.grid.own import entries
+from minihuman.worlds.grid.own.entries import FAULT, TABLE
+from minihuman.worlds.grid.own.faults import error_of
+from minihuman.worlds.grid.own.fields import own_numbers
+from minihuman.worlds.grid.own.library import RulesLibrary, can_load, compile_library, find_library
+from minihuman.worlds.grid.own.source_names import TranslationError
+from minihuman.worlds.grid.own.translation import Program, Translation
+
+_KEPT: "WeakKeyDictionary[type, list[_Translated]]" = WeakKeyDictionary()
+_PLAIN_METHODS = ("step", "advance", "reset", "observation", "look", "_lay_out", "save", "restore")
+_OURS = "minihuman."
+
+
+@dataclass(frozen=True, slots=True)
+class _Translated:
+    """What came of translating a class's rules, for worlds with certain attributes."""
+
+    program: Program | None
+    refusal: str
+    kinds: dict[str, type]
+
+    def fits(self, world: Any) -> bool:
+        """Return whether a world's attributes are those with which the rules were translated."""
+        if self.program is None:
+            return True
+        attributes = vars(world)
+        same = all(attributes.get(name) == part_number for name, part_number in self.program.fixed.items())
+        return same and all(type(attributes.get(name)) is kind for name, kind in self.kinds.items())
+
+
+def translate_rules(world: Any) -> Program:
+    """Return a world's rules as translated source.
+
+    Raises:
+        TranslationError: if they cannot be translated; the message names the line and what to write instead.
+    """
+    known = _KEPT.setdefault(type(world), [])
+    for translated in known:
+        if translated.fits(world):
+            break
+    else:
+        translated = _translate(world)
+        known.append(translated)
+    if translated.program is None:
+        raise TranslationError(translated.refusal)
+    return translated.program
+
+
+def _translate(world: Any) -> _Translated:
+    try:
+        _check_methods(world)
+        program = Translation(world).translate()
+    except TranslationError as refusal:
+        return _Translated(None, str(refusal), {})
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        # source of a form that nobody thought of: the world still runs, as plain Python
+        return _Translated(None, f"the rules of {type(world).__name__} cannot be translated ({error!r})", {})
+    names = (*program.settings, *program.float_settings)
+    return _Translated(program, "", {name: type(vars(world)[name]) for name in names})
+
+
+def _check_methods(world: Any) -> None:
+    for owner in type(world).__mro__:
+        if owner.__module__.startswith(_OURS) and not owner.__module__.startswith("minihuman.worlds.grid.layouts."):
+            break
+        for name in _PLAIN_METHODS:
+            if name in vars(owner):
+                raise TranslationError(
+                    f"{owner.__name__} has its own {name}, which cannot be translated; write layout and "
+                    "reward_and_done, and name the fields that agents see in `observed`"
+                )
+    if isinstance(getattr(world, "mission_space", None), InstructionSpace):
+        raise TranslationError(f"{type(world).__name__} has an instruction as its mission, which cannot be translated")
+
+
+def compile_rules(world: Any) -> None:
+    """Compile a world's rules, unless the user's cache has them, so that worlds of the class run them from now on.
+
+    Raises:
+        TranslationError: if they cannot be translated or compiled; the message names the line and the way out.
+    """
+    program = translate_rules(world)
+    vars(world).pop("_has_no_rules", None)
+    try:
+        compile_library(program.text, has_steps=program.has_reward)
+    except TranslationError as refusal:
+        match = re.match(r"LINE (\d+)\n(.*)", str(refusal), re.DOTALL)
+        if match is None:
+            raise
+        line = int(match[1])
+        place = program.place(program.lines[line - 1]) if 0 < line <= len(program.lines) else "the rules"
+        raise TranslationError(f"{place}: {_reason(match[2])}") from refusal
+
+
+def _reason(text: str) -> str:
+    """Return the lines of Numba's message that say what is wrong."""
+    lines = [re.sub(r"\x1b\[[0-9;]*m", "", line).strip() for line in text.splitlines()]
+    telling = [
+        line for line in lines if line and not line.startswith(("Failed in", "During", "File", "<source", "[", "-"))
+    ]
+    said = "; ".join(telling[:2]) or "Numba cannot compile this"
+    return f"this cannot be compiled ({said[:300]}); give each variable values of one kind"
+
+
+def describe_rules(world: Any) -> str:
+    """Compile a world's rules and return "compiled", or "not compiled, because ..."."""
+    try:
+        compile_rules(world)
+    except TranslationError as refusal:
+        return f"not compiled, because {refusal}"
+    return "compiled"
+
+
+def load_rules(world: Any) -> "WorldRules | None":
+    """Return a world's rules if they were compiled before; None if they run as plain Python."""
+    bound: WorldRules | None = world._compiled_rules
+    if bound is not None and bound.is_of(world):
+        return bound
+    if "_has_no_rules" in vars(world) or type(world).__module__.startswith(_OURS):
+        return None
+    rules = _find_rules(world)
+    if rules is None:
+        vars(world)["_has_no_rules"] = True  # not looked for again at each reset
+    return rules
+
+
+def _find_rules(world: Any) -> "WorldRules | None":
+    if not can_load():
+        return None
+    try:
+        program = translate_rules(world)
+    except TranslationError:
+        return None
+    library = find_library(program.text, has_steps=program.has_reward)
+    if library is None:
+        return None
+    return WorldRules(world, program, library)
+
+
+def raise_fault(program: Program, table: NDArray[np.int64], *, world: int | None = None) -> None:
+    """Raise the error that compiled rules recorded.
+
+    Raises:
+        Exception: what Python would have raised; the message begins with the author's file and line.
+    """
+    kind, place, first, second = table[FAULT : FAULT + 4].tolist()
+    where = program.place(place)
+    if world is not None:
+        where = f"{where} (world {world})"
+    raise error_of(kind, first, second, where)
+
+
+def mission_of(program: Program, parts: NDArray[np.int64], first: str) -> str:
+    """Return the mission that a layout has set, or the first mission if it set none."""
+    number = int(parts[0])
+    if number == 0:
+        return first
+    values = iter(zip(parts[1::2].tolist(), parts[2::2].tolist(), strict=True))
+    sentence = []
+    for part in program.templates[number - 1]:
+        if part is None:
+            is_text, part_number = next(values)
+            sentence.append(program.texts[part_number] if is_text else str(part_number))
+        else:
+            sentence.append(part)
+    return "".join(sentence)
+
+
+def first_mission_of(world: Any) -> str:
+    """Return the mission of a world's episodes in which the layout sets none."""
+    if hasattr(world, "mission_space"):
+        return str(world.mission_space.first())
+    return str(world.first_mission)
+
+
+def setting_arrays(world: Any, program: Program) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the numbers that the rules read of a world's attributes, as whole numbers and as floats."""
+    whole = np.array([int(getattr(world, name)) for name in program.settings], np.int64)
+    return whole, np.array([getattr(world, name) for name in program.float_settings], np.float64)
+
+
+class WorldRules:
+    """The compiled rules of one world, on its own memory. A copy of the world begins without them."""
+
+    def __init__(self, world: Any, program: Program, library: RulesLibrary) -> None:
+        self.has_layout = program.has_layout
+        self.has_reward = program.has_reward
+        self.draws = program.draws
+        self._program = program
+        self._library = library
+        self._row = world._row
+        self._own = own_numbers(world)
+        self._rng_state = getattr(world, "_rng_state", np.zeros(6, np.uint64))
+        self._missions = np.zeros(program.mission_length, np.int64)
+        self._scratch = np.zeros(max(program.scratch, 1), np.int64)
+        bodies = int(getattr(world, "bodies", 1))
+        self._actions = np.zeros(bodies, np.int64)
+        self._rewards = np.zeros(bodies)
+        self._flags = np.array([0, 0, 1], np.uint8)  # terminated, truncated, stepped
+        self._table = np.zeros(TABLE, np.int64)
+        self._address = self._table.ctypes.data
+        self._worlds = np.zeros(1, np.int64)
+        self._refresh(world)
+        self._action_view: Any = self._actions.data
+        self._reward_view: Any = self._rewards.data
+        self._flag_view: Any = self._flags.data
+
+    def __reduce__(self) -> tuple[Any, tuple[()]]:
+        return type(None), ()
+
+    def is_of(self, world: Any) -> bool:
+        """Return whether these are the rules of a world as it is now, and read its settings again."""
+        if self._row is not world._row or self._own is not own_numbers(world):
+            return False
+        try:
+            if translate_rules(world) is not self._program:
+                return False
+        except TranslationError:
+            return False
+        self._refresh(world)
+        return True
+
+    def _refresh(self, world: Any) -> None:
+        self._settings, self._float_settings = setting_arrays(world, self._program)
+        table = self._table
+        table[entries.ROWS] = self._row.ctypes.data
+        table[entries.ROW_LENGTH] = len(self._row)
+        table[entries.OWN_NUMBERS] = self._own.ctypes.data
+        table[entries.INT_SETTINGS] = self._settings.ctypes.data
+        table[entries.FLOAT_SETTINGS] = self._float_settings.ctypes.data
+        table[entries.RNG] = self._rng_state.ctypes.data
+        table[entries.MISSIONS] = self._missions.ctypes.data
+        table[entries.ACTIONS] = self._actions.ctypes.data
+        table[entries.REWARDS] = self._rewards.ctypes.data
+        table[entries.TERMINATED] = self._flags.ctypes.data
+        table[entries.TRUNCATED] = self._flags.ctypes.data + 1
+        table[entries.STEPPED] = self._flags.ctypes.data + 2
+        table[entries.LAST] = 1
+        table[entries.WORLDS] = self._worlds.ctypes.data
+        table[entries.COUNT] = 1
+        table[entries.SCRATCH] = self._scratch.ctypes.data
+
+    def lay_out(self, world: Any, rng_state: NDArray[np.uint64]) -> str:
+        """Lay out an episode, and return its mission: the world's first one, unless the layout sets another."""
+        self._table[entries.RNG] = rng_state.ctypes.data
+        if self._library.layout_of_one(self._address):
+            raise_fault(self._program, self._table)
+        return mission_of(self._program, self._missions, first_mission_of(world))
+
+    def judge_team(
+        self, actions: NDArray[np.int64], rewards: tuple[float, ...], terminated: bool
+    ) -> tuple[tuple[float, ...], bool]:
+        """Run a team's `reward_and_done` after a joint action; return the rewards and whether the episode ended."""
+        self._actions[:] = actions
+        self._rewards[:] = rewards
+        self._run_rules(terminated)
+        return tuple(self._rewards.tolist()), bool(self._flags[0])
+
+    def judge(
+        self, world: Any, rng_state: NDArray[np.uint64], action: int, reward: float, terminated: bool
+    ) -> tuple[float, bool]:
+        """Run `reward_and_done` after an action; return the reward, and whether the episode has ended."""
+        self._action_view[0] = action
+        self._reward_view[0] = reward
+        self._run_rules(terminated)
+        return self._reward_view[0], self._flag_view[0] != 0
+
+    def _run_rules(self, terminated: bool) -> None:
+        row = self._row
+        flags = self._flag_view
+        flags[0] = 1 if terminated else 0
+        flags[1] = 1 if row[STEP] >= row[MAX_STEPS] else 0
+        assert self._library.step_of_one is not None
+        if self._library.step_of_one(self._address):
+            raise_fault(self._program, self._table)
