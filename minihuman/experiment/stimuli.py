@@ -47,6 +47,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         size: the size of the stimulus as a fraction of the picture's height.
         correct: the response that earns 1; ``none`` for no response, "" if the reward is probabilistic.
         language: the language of the text, which selects its typefaces.
+        delay_ms: a time in the trial's timeline that a design chooses, such as a stop signal's delay; not shown here.
         **chances: options ``chance_RESPONSE``, the probability that a response earns 1.
 
     Raises:
@@ -58,6 +59,8 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
     picture_size_px = (640, 480)  # set by who draws
     last_reward = 0.0  # of the last response
     choice = 0  # which of several choices in a trial is on the screen
+    stop_delay_ms: float | None = None  # of a trial's stop signal, for simulated participants; None without one
+    go_response = ""  # the response that would be correct without the stop signal
 
     def __init__(
         self,
@@ -74,6 +77,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         size: float = 0.2,
         correct: str = "",
         language: str = "en",
+        delay_ms: float = 0.0,
         **chances: float,
     ) -> None:
         self.render_mode = render_mode
@@ -89,13 +93,14 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         for name in self._chances:
             _require_choice("correct", name, self.action_names)
         self._language = _require_language(language)
-        self._ink = _read_colour(colour)
+        self._ink = read_colour(colour)
         self._text = str(text)
         cards = {"left": left, "right": right}
         self._cards = tuple((str(label), _CARDS[place]) for place, label in cards.items() if label != "")
         self._shape = shape
         self._side = SIDES[side]
         self._size = _read_number("size", size, low=0.0, high=10.0)
+        _read_number("delay_ms", delay_ms, low=0.0, high=3_600_000.0)
         self._image = _read_image(image)
         named = str(text).strip().lower()
         self.prompted_responses = tuple(name for name in self.action_names if name.lower() in (named, side))
@@ -252,7 +257,12 @@ def _require_language(language: object) -> str:
     return language
 
 
-def _read_colour(colour: str) -> Any:
+def read_colour(colour: str) -> Any:
+    """Return a colour as (red, green, blue).
+
+    Raises:
+        WorldError: if it is no CSS name and no "#rrggbb".
+    """
     try:
         return ImageColor.getrgb(str(colour))[:3]
     except ValueError as error:

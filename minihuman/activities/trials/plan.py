@@ -1,4 +1,4 @@
-"""Plans of blocks of trials, and the tables that their options come from."""
+"""Plans of blocks of trials, the tables that their options come from, and the time course of a trial."""
 
 from typing import Literal
 
@@ -6,9 +6,8 @@ import msgspec
 
 from minihuman.activities.play.plan import PlayPlan
 
-
-class TrialsPlan(PlayPlan, frozen=True):
-    """The plan of a block of trials."""
+TimeSpec = float | tuple[float, float] | str  # ms; drawn from a range; or "{column}"
+PlaceSpec = float | str  # a number, or "{column}"
 
 
 class StimuliSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -20,3 +19,45 @@ class StimuliSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     labels: tuple[str, ...] = ()  # columns that say what kind of trial a row is, where the world's options do not tell
     balanced_by: tuple[str, ...] = ()  # columns whose levels keep their shares where part of the table is played
     max_run: dict[str, int] = {}  # column -> how often one of its levels comes in a row at most
+
+
+class TimelineStimulus(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One stimulus of a timeline: what it shows, where, and from when to when.
+
+    A text, shape, image, colour, number or time may be ``"{column}"``, a cell of the trial's row or a world option. A
+    stimulus whose text, shape or image comes from an empty cell is not shown and keeps its time.
+    """
+
+    name: str
+    text: str = ""
+    shape: str = ""  # "circle", "square", "diamond"
+    image: str = ""  # a picture beside the protocol
+    colour: str = "#e8e6e1"
+    size: PlaceSpec = 0.2  # of the picture's height
+    x: PlaceSpec = 0.5  # of the width: a number, or "left", "centre", "right"
+    y: PlaceSpec = 0.5  # of the height, from the top
+    layout: Literal["line", "ring"] = "line"  # "ring": the words of the text stand around the centre
+    layer: int = 0  # a higher one is in front
+    onset_ms: TimeSpec | None = None  # since the trial's first picture; absent: when the stimulus before it ends
+    after: str = ""  # onset_ms counts from this stimulus's end
+    since: str = ""  # onset_ms counts from this stimulus's onset
+    duration_ms: TimeSpec | None = None
+    each_ms: TimeSpec | None = None  # the words of the text come one after the other, each for so long
+    until: Literal["", "response", "end"] = ""  # it goes at the response, or stays to the trial's end
+
+
+class TimelineSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The time course of a block's trials, ``[blocks.timeline]`` in the protocol."""
+
+    stimuli: tuple[TimelineStimulus, ...]
+    target: str = ""  # response times count from its onset; "": the last stimulus
+    opens_ms: float = 0.0  # responses are taken from so long after the target's onset
+    responses: int = 1  # how many are taken; the last of them counts
+    ends: Literal["response", "time"] = "response"  # "time": a response does not end the trial
+    soa_ms: float = 0.0  # from one trial's first picture to the next one's, by the clock; 0: no rhythm
+
+
+class TrialsPlan(PlayPlan, frozen=True):
+    """The plan of a block of trials."""
+
+    timeline: TimelineSpec | msgspec.UnsetType = msgspec.UNSET  # unset where a trial is a single picture

@@ -6,6 +6,7 @@ on every toolkit and desktop), and the picture of a screen. Laboratories can reg
 """
 
 import abc
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -38,7 +39,7 @@ from minihuman.experiment.machine.inputs import (
     ScreenShown,
     TextInput,
 )
-from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
+from minihuman.experiment.machine.screens import ActivityScreen, PlayScreen, Screen, TextScreen
 from minihuman.plugins import call_plugin, list_plugin_names
 
 REPEAT_DELAY_NS = 500_000_000  # the usual desktop's: half a second, then 30 a second
@@ -220,10 +221,34 @@ class BlockingWindow(Window):
             self._screen = None  # never shown: the next is drawn anew
             self._frame = self._frame[:0]
             raise
+        if isinstance(screen, ActivityScreen) and screen.due_ns is not None:
+            self._await_flip(screen.due_ns)
         submit_ns = self._clock()
         self._flip(self._frame, changed)
         flip_ns = self._clock()
         return ScreenShown(t_ns=flip_ns, submit_ns=submit_ns, flip_ns=flip_ns)
+
+    def _await_flip(self, due_ns: int) -> None:
+        """Wait until a frame has to be handed over to be on the display at a time.
+
+        A display that waits for its refresh shows the frame at the next one, so that half a period before the time
+        leads to the refresh that is nearest to it.
+        """
+        left_ns = due_ns - self.refresh_period_ns // 2 - self._clock()
+        if left_ns > 0:
+            time.sleep(left_ns * 1e-9)
+
+    @property
+    def refresh_period_ns(self) -> int:
+        """The time between two refreshes of a display for which flips wait; 0 if they return at once."""
+        facts = self.facts()
+        try:
+            refresh_hz = float(facts.get("refresh_hz_reported", ""))
+        except ValueError:
+            return 0
+        if facts.get("vsync") != "on" or refresh_hz <= 0:
+            return 0
+        return round(1e9 / refresh_hz)
 
     def _repaint(self) -> None:
         """Display the whole current screen again, after it was covered or the window's size changed."""

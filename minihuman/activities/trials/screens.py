@@ -1,0 +1,107 @@
+"""The screen of a trial with a time course: the stimuli that are visible now, and those that follow."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.activities.trials.schedule import StimulusContent
+from minihuman.activities.trials.trial_run import TrialRun
+from minihuman.experiment.machine.activity import SessionContext
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import FilmsScreen, PageView
+
+PAGE_PICTURE_PX = (640, 480)
+
+
+class TrialFilm(Sequence[NDArray[np.uint8]]):
+    """The pictures of a trial for a page, uint8[H, W, 3], each drawn when it is read."""
+
+    def __init__(self, pictures: Sequence[tuple[StimulusContent, ...]], files: Mapping[str, bytes], language: str):
+        self._pictures = pictures
+        self._files = files
+        self._language = language
+
+    def __len__(self) -> int:
+        return len(self._pictures)
+
+    def __getitem__(self, place: int) -> NDArray[np.uint8]:  # type: ignore[override]
+        from minihuman.activities.trials.drawing import draw_stimuli
+
+        return draw_stimuli(self._pictures[place], PAGE_PICTURE_PX, self._files, self._language)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrialScreen(FilmsScreen):
+    """A screen of a trial's stimuli.
+
+    The page has every picture of the trial, the empty one first: those before the response, then those after it.
+    """
+
+    drawing: ClassVar[str] = "minihuman.activities.trials.drawing:draw_trial"
+    page_view: ClassVar[PageView | None] = PageView(
+        "trial", "minihuman.activities.trials.page_values:build_page_values", "minihuman.activities.trials:page.js"
+    )
+    contents: tuple[StimulusContent, ...]  # what is visible, the front one last
+    files: Mapping[str, bytes]  # of images, by name
+    legend: str  # keys and what they do; "" where it is not shown
+    flip_ns: int | None  # when it is to be on the display, in session time; None: at once
+    film: TrialFilm
+    dues_ns: tuple[int, ...]  # of the film's pictures before the response, since the first; the empty one's is 0
+    step: int  # the place of the present picture in the film
+    episode: tuple[int, int]  # the part and the episode
+    start_ns: int | None  # when the first picture is due; None: at once
+    response_keys: tuple[str, ...]
+
+    @property
+    def due_ns(self) -> int | None:
+        """When the screen is to be on the display, in session time; None: at once."""
+        return self.flip_ns
+
+    @property
+    def films(self) -> tuple[Sequence[NDArray[np.uint8]], ...]:
+        """The trial's pictures."""
+        return (self.film,)
+
+    @property
+    def shown_step(self) -> int:
+        """The place of the present picture in the film."""
+        return self.step
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """The trial: two of its screens differ in the shown picture alone."""
+        return (self.episode, self.start_ns)
+
+
+def build_trial_screen(context: SessionContext, play: RunningEpisode, run: TrialRun) -> TrialScreen:
+    """Build the screen of a running trial."""
+    words = context.words
+    frames = range(len(run.changes_ns))
+    pictures: list[tuple[StimulusContent, ...]] = [()]
+    for has_response in (False, True):
+        pictures += [
+            tuple(stimulus.content for stimulus in run.find_visible(frame, has_response=has_response))
+            for frame in frames
+        ]
+    legend = ""
+    if play.plan.show_keys:
+        keys = sorted(play.plan.key_map.keys.items())
+        caps = {key: cap for key, cap, _ in words.labels(tuple(key for key, _ in keys))}
+        legend = "     ".join(f"{caps[key]}: {words.action(action)}" for key, action in keys)
+    files = context.plan.files
+    return TrialScreen(
+        contents=tuple(stimulus.content for stimulus in run.visible),
+        files=files,
+        legend=legend,
+        flip_ns=None if run.is_seen else run.find_due_ns(run.frame),
+        film=TrialFilm(pictures, files, words.locale.language),
+        dues_ns=(0, *run.changes_ns),
+        step=run.frame + 1 + len(frames) * run.has_response,
+        episode=(play.plan.block, play.plan.episode),
+        start_ns=run.find_due_ns(0),
+        response_keys=tuple(play.plan.key_map.keys),
+        locale=words.locale,
+    )
