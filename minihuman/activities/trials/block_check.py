@@ -4,9 +4,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from minihuman.activities.trials.plan import TimelineSpec, TimelineStimulus
-from minihuman.activities.trials.schedule import LONGEST_MS
+from minihuman.activities.trials.schedule import LONGEST_MS, PREPARATION_MS
 
-_PREPARATION_MS = 100.0  # the next trial is prepared in it
 _UNUSED = ("inter_trial_interval_ms", "fixation_ms", "feedback_ms")  # in a block with a rhythm of its own
 
 
@@ -56,8 +55,8 @@ def _check_settings(timeline: TimelineSpec) -> Iterator[tuple[str, str]]:
 def _check_rhythm(block: Any, timeline: TimelineSpec) -> Iterator[tuple[str, str]]:
     if not timeline.soa_ms:
         return
-    if not _PREPARATION_MS <= timeline.soa_ms <= LONGEST_MS:
-        yield "timeline.soa_ms", f"is {timeline.soa_ms:g}; use {_PREPARATION_MS:g} or more"
+    if not PREPARATION_MS <= timeline.soa_ms <= LONGEST_MS:
+        yield "timeline.soa_ms", f"is {timeline.soa_ms:g}; use {PREPARATION_MS:g} or more"
     if block.ready == "each":
         yield "ready", "is 'each', but trials follow each other by the clock; use 'first' or 'none'"
     for field in _UNUSED:
@@ -65,8 +64,8 @@ def _check_rhythm(block: Any, timeline: TimelineSpec) -> Iterator[tuple[str, str
             yield field, "does not fit into a rhythm; remove it, or show it in the timeline"
     if not block.response_deadline_ms and timeline.ends == "response":
         yield "response_deadline_ms", "is missing; trials with soa_ms end by the clock"
-    elif block.response_deadline_ms > timeline.soa_ms - _PREPARATION_MS:
-        longest_ms = timeline.soa_ms - _PREPARATION_MS
+    elif block.response_deadline_ms > timeline.soa_ms - PREPARATION_MS:
+        longest_ms = timeline.soa_ms - PREPARATION_MS
         yield (
             "response_deadline_ms",
             f"is {block.response_deadline_ms:g}; use at most {longest_ms:g}, as the next trial is prepared before it",

@@ -15,6 +15,7 @@ from minihuman.errors import WorldError
 
 NS_PER_MS = 1_000_000
 LONGEST_MS = 3_600_000.0
+PREPARATION_MS = 100.0  # of a block with a rhythm: the next trial is prepared in it
 MOST_STIMULI = 500  # of a trial
 _REFERENCE = re.compile(r"\{([^{}]+)\}")
 _PLACES = {"left": 0.25, "centre": 0.5, "right": 0.75}

@@ -53,7 +53,10 @@ class TrialScreen(FilmsScreen):
     step: int  # the place of the present picture in the film
     episode: tuple[int, int]  # the part and the episode
     start_ns: int | None  # when the first picture is due; None: at once
+    first_flip_ns: int | None  # when it was there
     response_keys: tuple[str, ...]
+    target_step: int  # the place in the film from which on responses are taken
+    foresees_responses: bool  # whether every press from then on is a response, so that the page need not ask
 
     @property
     def due_ns(self) -> int | None:
@@ -62,8 +65,8 @@ class TrialScreen(FilmsScreen):
 
     @property
     def films(self) -> tuple[Sequence[NDArray[np.uint8]], ...]:
-        """The trial's pictures."""
-        return (self.film,)
+        """None that come later: a page has all pictures before the first is shown."""
+        return ()
 
     @property
     def shown_step(self) -> int:
@@ -79,6 +82,7 @@ class TrialScreen(FilmsScreen):
 def build_trial_screen(context: SessionContext, play: RunningEpisode, run: TrialRun) -> TrialScreen:
     """Build the screen of a running trial."""
     words = context.words
+    schedule = run.schedule
     frames = range(len(run.changes_ns))
     pictures: list[tuple[StimulusContent, ...]] = [()]
     for has_response in (False, True):
@@ -102,6 +106,9 @@ def build_trial_screen(context: SessionContext, play: RunningEpisode, run: Trial
         step=run.frame + 1 + len(frames) * run.has_response,
         episode=(play.plan.block, play.plan.episode),
         start_ns=run.find_due_ns(0),
+        first_flip_ns=run.first_flip_ns,
+        target_step=run.changes_ns.index(schedule.target_ns) + 1 if schedule.target_ns in run.changes_ns else 1,
+        foresees_responses=schedule.opens_ns == schedule.target_ns and schedule.closes_ns in (None, schedule.end_ns),
         response_keys=tuple(play.plan.key_map.keys),
         locale=words.locale,
     )

@@ -2,7 +2,7 @@
 
 import difflib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from typing import Any
 
@@ -18,6 +18,7 @@ from minihuman.activities.trials.stimulus_table import (
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.plan.part_plans import list_world_options
 from minihuman.experiment.plan.session_plan import name_label_column
+from minihuman.experiment.plan.timeline_check import find_timeline_mistakes, list_shown_columns
 from minihuman.experiment.plan.trials import TrialStimulus, list_label_columns, read_stimuli
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import apply_overrides
@@ -46,6 +47,8 @@ def check_stimuli(protocol: Protocol, source: str) -> list[str]:
             if block_of_group.stimuli is not None:
                 _check_table(protocol, block_of_group, place)
                 notices |= dict.fromkeys(_list_notices(protocol, block_of_group))
+            elif mistakes := find_timeline_mistakes(protocol, block_of_group):
+                _refuse(f"{source}: $.blocks[{number}].timeline", mistakes)
     return list(notices)
 
 
@@ -53,8 +56,17 @@ def _check_table(protocol: Protocol, block: BlockSpec, place: str) -> None:
     mistakes = [*_find_misspelt_columns(protocol, block), *_find_unnameable_labels(protocol, block)]
     mistakes += _find_empty_rows(protocol, block)
     mistakes += _find_unplayable_rows(block, read_stimuli(protocol, block))
-    if not mistakes:
-        return
+    mistakes += find_timeline_mistakes(protocol, block)
+    if mistakes:
+        _refuse(place, mistakes)
+
+
+def _refuse(place: str, mistakes: Sequence[str]) -> None:
+    """Refuse a block for its mistakes.
+
+    Raises:
+        ProtocolError: always, with a line for each of the first mistakes.
+    """
     lines = [f"{place}: {mistake}" for mistake in mistakes[:_MOST_LINES]]
     if len(mistakes) > _MOST_LINES:
         lines.append(f"{place}: {len(mistakes) - _MOST_LINES} more mistakes of this table are not listed")
@@ -134,7 +146,7 @@ def _find_misspelt_columns(protocol: Protocol, block: BlockSpec) -> Iterator[str
     first = read_table(block.stimuli, protocol.files)[:1]
     for column in list_label_columns(protocol, block):
         close = difflib.get_close_matches(column.strip().lower(), known, n=1, cutoff=_CLOSE)
-        if column not in block.stimuli.labels and close:
+        if column not in (*block.stimuli.labels, *list_shown_columns(block)) and close:
             place = _name_header(block.stimuli, first[0].place)
             yield (
                 f"{place}: column {column!r}: {block.world} has no such option; did you mean {close[0]!r}? If it is a "
@@ -212,7 +224,8 @@ def _play_trial(world: World, action: int, most_steps: int) -> None:
 
 def _list_notices(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
     assert block.stimuli is not None
-    if labels := list_label_columns(protocol, block):
+    shown = list_shown_columns(block)
+    if labels := [column for column in list_label_columns(protocol, block) if column not in shown]:
         yield f"block {block.name!r}: its table of stimuli has labels, which are not shown: {', '.join(labels)}"
     for row in read_table(block.stimuli, protocol.files):
         correct = row.cells.get("correct")
