@@ -19,6 +19,7 @@ from minihuman.activities.trials.trial_measures import (
     measure_quarters,
     read_labels,
 )
+from minihuman.activities.trials.stop_signal_report import tabulate_stop_signals
 from minihuman.figures.figure_data import draw_figure_files
 from minihuman.reporting.activity_sections import CaptionedTable, ReportSection, SectionSource
 from minihuman.reporting.template import (
@@ -63,6 +64,7 @@ def build_section(source: SectionSource) -> ReportSection | None:
     tables = (
         *_tabulate_conditions(people),
         *_tabulate_detection(people),
+        *tabulate_stop_signals(trials),
         *_tabulate_differences(people),
         *_tabulate_group_differences(people),
         *_tabulate_quarters(average_sessions(measure_quarters(trials))),
