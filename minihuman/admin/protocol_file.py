@@ -22,6 +22,7 @@ from PIL import Image
 
 from minihuman.activities.agent_blocks.plan import LATEST_POLICY
 from minihuman.activities.team.plan import SIMULATED
+from minihuman.activities.trials.plan import IMAGE_FORMATS
 from minihuman.agents.agent import is_registered_agent, make_policy_agent
 from minihuman.errors import MinihumanError, ProtocolError
 from minihuman.experiment.keys import DIGITS, assign_usual_keys, find_noop, find_period_ms

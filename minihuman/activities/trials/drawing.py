@@ -3,6 +3,7 @@
 import io
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from minihuman.activities.trials.plan import IMAGE_FORMATS
 from minihuman.activities.trials.schedule import StimulusContent
 from minihuman.activities.trials.screens import TrialScreen
 from minihuman.display.drawing import sheet as theme
@@ -18,22 +20,42 @@ from minihuman.display.shaping import is_rtl
 from minihuman.display.text import draw_line
 from minihuman.display.typefaces import select_typefaces
 from minihuman.errors import WorldError
+from minihuman.experiment.machine.screens import TextLocale
 from minihuman.experiment.stimuli import BACKGROUND, SHAPES, read_colour
 
-IMAGE_FORMATS = ("PNG", "JPEG", "WEBP")
+_MOST_KEPT = 64  # pictures, of some megabytes each
 _RING_RADIUS = 0.34  # of the picture's height
 _WIDEST = 0.9  # of the picture's width: how wide an image is at most
 
 
-def draw_trial(screen: TrialScreen, size_px: Size) -> Sheet:
-    """Draw what is visible in a window, with the keys below where they are shown."""
-    sheet = Sheet(size_px, screen.locale)
-    picture = _draw(screen.contents, size_px, _Files(screen.files), screen.locale.language)
-    sheet.page.paste(picture, (0, 0))
-    if screen.legend:
+@dataclass(frozen=True, slots=True)
+class DrawnSheet:
+    """A sheet that has been drawn before, uint8[H, W, 3], so that it takes a copy alone to show it."""
+
+    page: NDArray[np.uint8]
+
+
+def draw_trial(screen: TrialScreen, size_px: Size) -> DrawnSheet:
+    """Draw what is visible in a window, with the keys below where they are shown.
+
+    The trial's other pictures are drawn, too, and kept: before its first picture there is time for that.
+    """
+    files = _Files(screen.files)
+    for contents in screen.film.pictures[: _MOST_KEPT // 2]:
+        _draw_sheet(contents, size_px, files, screen.legend, screen.locale)
+    return _draw_sheet(screen.contents, size_px, files, screen.legend, screen.locale)
+
+
+@lru_cache(maxsize=_MOST_KEPT)
+def _draw_sheet(
+    contents: tuple[StimulusContent, ...], size_px: Size, files: "_Files", legend: str, locale: TextLocale
+) -> DrawnSheet:
+    sheet = Sheet(size_px, locale)
+    sheet.page.paste(_draw(contents, size_px, files, locale.language), (0, 0))
+    if legend:
         width, height = size_px
-        sheet.put_line((width / 2, height * 0.95), screen.legend, round(height / 32), width * 0.95, theme.MUTED_INK)
-    return sheet
+        sheet.put_line((width / 2, height * 0.95), legend, round(height / 32), width * 0.95, theme.MUTED_INK)
+    return DrawnSheet(np.array(sheet.page))
 
 
 def draw_stimuli(
@@ -60,7 +82,6 @@ class _Files:
         return isinstance(other, _Files) and other.files is self.files
 
 
-@lru_cache(maxsize=48)
 def _draw(contents: tuple[StimulusContent, ...], size_px: Size, files: _Files, language: str) -> Image.Image:
     picture = Image.new("RGB", size_px, BACKGROUND)
     for content in contents:
@@ -86,7 +107,14 @@ def _draw_content(picture: Image.Image, content: StimulusContent, files: _Files,
         places = _find_ring(at, len(words), _RING_RADIUS * height)
     for word, place in zip(words, places, strict=True):
         draw_line(
-            draw, place, word, faces=select_typefaces(language), size_px=size_px, colour=ink, anchor="m", rtl=is_rtl(word)
+            draw,
+            place,
+            word,
+            faces=select_typefaces(language),
+            size_px=size_px,
+            colour=ink,
+            anchor="m",
+            rtl=is_rtl(word),
         )
 
 

@@ -7,6 +7,7 @@ import msgspec
 from minihuman.activities.play.plan import PlayPlan
 
 TimeSpec = float | tuple[float, float] | str  # ms; drawn from a range; or "{column}"
+IMAGE_FORMATS = ("PNG", "JPEG", "WEBP")  # of a timeline's images
 PlaceSpec = float | str  # a number, or "{column}"
 
 

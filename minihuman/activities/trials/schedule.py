@@ -197,7 +197,9 @@ class _Spans:
             )
         return begin_ns
 
-    def _read_time(self, spec: TimelineStimulus, field: Literal["onset_ms", "duration_ms", "each_ms"], kind: int) -> float:
+    def _read_time(
+        self, spec: TimelineStimulus, field: Literal["onset_ms", "duration_ms", "each_ms"], kind: int
+    ) -> float:
         written: TimeSpec | None = getattr(spec, field)
         if written is None:
             return 0.0

@@ -20,17 +20,17 @@ class TrialFilm(Sequence[NDArray[np.uint8]]):
     """The pictures of a trial for a page, uint8[H, W, 3], each drawn when it is read."""
 
     def __init__(self, pictures: Sequence[tuple[StimulusContent, ...]], files: Mapping[str, bytes], language: str):
-        self._pictures = pictures
+        self.pictures = tuple(pictures)
         self._files = files
         self._language = language
 
     def __len__(self) -> int:
-        return len(self._pictures)
+        return len(self.pictures)
 
     def __getitem__(self, place: int) -> NDArray[np.uint8]:  # type: ignore[override]
         from minihuman.activities.trials.drawing import draw_stimuli
 
-        return draw_stimuli(self._pictures[place], PAGE_PICTURE_PX, self._files, self._language)
+        return draw_stimuli(self.pictures[place], PAGE_PICTURE_PX, self._files, self._language)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

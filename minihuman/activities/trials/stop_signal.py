@@ -37,7 +37,10 @@ class StopSignalEstimate:
 
 
 def estimate_stop_signal(
-    go_ms: NDArray[np.float64], is_go_correct: NDArray[np.bool_], stop_ms: NDArray[np.float64], delays_ms: NDArray[np.float64]
+    go_ms: NDArray[np.float64],
+    is_go_correct: NDArray[np.bool_],
+    stop_ms: NDArray[np.float64],
+    delays_ms: NDArray[np.float64],
 ) -> StopSignalEstimate:
     """Estimate the stop-signal reaction time of one participant.
 

@@ -6,9 +6,9 @@ on every toolkit and desktop), and the picture of a screen. Laboratories can reg
 """
 
 import abc
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
@@ -141,6 +141,8 @@ class BlockingWindow(Window):
         self._moves_from_ns = 0
         self._pointer_at = (0.0, 0.0)  # where it was last while the button was down
         self._pressed_in: str | None = None  # the spot in which a mouse button is down
+        self._awaits_flip = False  # of a frame that is drawn and not due yet
+        self._early_inputs: list[Input] = []  # that arrived meanwhile
 
     @property
     @abc.abstractmethod
@@ -229,16 +231,18 @@ class BlockingWindow(Window):
         return ScreenShown(t_ns=flip_ns, submit_ns=submit_ns, flip_ns=flip_ns)
 
     def _await_flip(self, due_ns: int) -> None:
-        """Wait until a frame has to be handed over to be on the display at a time.
+        """Wait until a frame has to be handed over to be on the display at a time; inputs are received meanwhile.
 
         A display that waits for its refresh shows the frame at the next one, so that half a period before the time
         leads to the refresh that is nearest to it.
         """
-        left_ns = due_ns - self.refresh_period_ns // 2 - self._clock()
-        if left_ns > 0:
-            time.sleep(left_ns * 1e-9)
+        hand_over_ns = due_ns - self.refresh_period_ns // 2
+        while (left_ns := hand_over_ns - self._clock()) > 0:
+            self._awaits_flip = True
+            self._early_inputs += self._arrived(left_ns)
+        self._awaits_flip = False
 
-    @property
+    @cached_property
     def refresh_period_ns(self) -> int:
         """The time between two refreshes of a display for which flips wait; 0 if they return at once."""
         facts = self.facts()
@@ -252,7 +256,7 @@ class BlockingWindow(Window):
 
     def _repaint(self) -> None:
         """Display the whole current screen again, after it was covered or the window's size changed."""
-        if self._screen is None:
+        if self._screen is None or self._awaits_flip:  # what is not due yet is not to be seen
             return
         width, height = self.size_px
         self._frame = compose_screen(self._screen, (width, height))
@@ -260,6 +264,10 @@ class BlockingWindow(Window):
 
     def wait(self, until_ns: int | None) -> list[Input]:
         """Wait until inputs arrive or the clock reaches ``until_ns``, and return the inputs, [] if there are none."""
+        if self._early_inputs:
+            arrived = self._early_inputs
+            self._early_inputs = []
+            return arrived
         while True:
             due_ns = min((t for t in (until_ns, self._repeater.next_repeat_ns) if t is not None), default=None)
             timeout_ns = None

@@ -1,4 +1,4 @@
-"""Trials with a time course: resolved before the first picture, timed from it, and proven; in the protocol's check too."""
+"""Trials with a time course: resolved before the first picture, timed from it, proven, and checked row by row."""
 
 import msgspec
 import pytest
@@ -67,7 +67,9 @@ def plan_of(timeline: str = PRIMING, rows: str = ROWS, *, more: str = ""):
     return expand_protocol(protocol, enrol_participant(protocol, 0))
 
 
-def resolve(stimuli: list[dict[str, object]], cells: dict[str, object], *, share: float = 0.5, **settings) -> TrialSchedule:
+def resolve(
+    stimuli: list[dict[str, object]], cells: dict[str, object], *, share: float = 0.5, **settings
+) -> TrialSchedule:
     timeline = msgspec.convert({"stimuli": stimuli} | settings, TimelineSpec)
     return resolve_trial(timeline, cells, 1000, lambda place: share)
 
@@ -107,7 +109,10 @@ def test_times_count_from_the_trial_another_onset_or_another_end():
         {"soa": 250},
         target="c",
     )
-    spans_ms = {stimulus.name: (stimulus.onset_ns / MS, stimulus.end_ns and stimulus.end_ns / MS) for stimulus in schedule.stimuli}
+    spans_ms = {
+        stimulus.name: (stimulus.onset_ns / MS, stimulus.end_ns and stimulus.end_ns / MS)
+        for stimulus in schedule.stimuli
+    }
     assert spans_ms == {"a": (0, 100), "b": (100, 120), "c": (350, None), "d": (105, 106), "e": (400, 450)}
     assert (schedule.opens_ns, schedule.closes_ns) == (350 * MS, 1350 * MS)
 
@@ -137,7 +142,9 @@ def test_an_empty_cell_shows_nothing_and_keeps_its_time():
 
 
 def test_the_words_of_a_stream_come_one_after_the_other():
-    schedule = resolve([{"name": "s", "text": "{w}", "each_ms": 100}, {"name": "q", "text": "?", "until": "response"}], {"w": "A B C"})
+    schedule = resolve(
+        [{"name": "s", "text": "{w}", "each_ms": 100}, {"name": "q", "text": "?", "until": "response"}], {"w": "A B C"}
+    )
     assert [(stimulus.name, stimulus.onset_ns // MS) for stimulus in schedule.stimuli] == [
         ("s-1", 0),
         ("s-2", 100),
@@ -277,9 +284,16 @@ STOP = """
 timeline = { target = "go", stimuli = [
   { name = "go", text = "{go}", until = "response" },
   { name = "stop", text = "{stop}", since = "go", onset_ms = "{delay_ms}", until = "response" } ] }
-design = { name = "staircase", settings = { option = "delay_ms", down = 1, start = 1, only = { correct = "none" }, values = [100, 200, 300] } }
+design.name = "staircase"
+design.settings.option = "delay_ms"
+design.settings.only.correct = "none"
+design.settings.values = [100, 200, 300]
+design.settings.down = 1
+design.settings.start = 1
 """
-STOP_ROWS = 'stimuli = { order = "fixed", rows = [{ go = "<", stop = "X", correct = "none" }, { go = "<", correct = "left" }] }'
+STOP_ROWS = (
+    'stimuli = { order = "fixed", rows = [{ go = "<", stop = "X", correct = "none" }, { go = "<", correct = "left" }] }'
+)
 
 
 def test_a_stop_signals_delay_follows_the_stop_trials_alone():
@@ -340,9 +354,10 @@ def test_each_row_whose_timeline_cannot_be_shown_is_named(table, stimulus, messa
 
 def test_a_trial_that_is_longer_than_the_rhythm_is_refused_with_its_row():
     rows = 'stimuli = { rows = [{ go = "<", ms = 100 }, { go = ">", ms = 1500 }] }'
-    timeline = 'timeline = { ends = "time", soa_ms = 1500, stimuli = [{ name = "a", text = "{go}", duration_ms = "{ms}" }] }'
+    stimulus = '{ name = "a", text = "{go}", duration_ms = "{ms}" }'
+    protocol = decode(f'timeline = {{ ends = "time", soa_ms = 1500, stimuli = [{stimulus}] }}', rows)
     with pytest.raises(ProtocolError, match=r"rows\[1\]: timeline: the trial lasts 1500 ms; .* 1400 at most"):
-        check_worlds(decode(timeline, rows), "p.toml")
+        check_worlds(protocol, "p.toml")
 
 
 def test_columns_that_a_timeline_shows_are_not_taken_for_labels_that_nobody_sees():
@@ -351,11 +366,14 @@ def test_columns_that_a_timeline_shows_are_not_taken_for_labels_that_nobody_sees
 
 
 def test_the_methods_say_what_a_trial_showed_and_when():
-    timeline = msgspec.convert(
-        {"stimuli": [{"name": "cue", "text": "<", "duration_ms": 100}, {"name": "star", "text": "*", "since": "cue", "onset_ms": "{soa}", "until": "response"}]},
-        TimelineSpec,
-    )  # fmt: skip
-    assert list(describe_timeline(timeline, 1500)) == [
-        "each trial showed 'cue' for 100 ms, 'star' the time in column 'soa' after the onset of 'cue' until the response",
-        "response times count from the onset of 'star'; responses were taken after it, at most 1500 ms",
-    ]
+    cue = {"name": "cue", "text": "<", "duration_ms": 100}
+    star = {"name": "star", "text": "*", "since": "cue", "onset_ms": "{soa}", "until": "response"}
+    timeline = msgspec.convert({"stimuli": [cue, star]}, TimelineSpec)
+    shown, responses = describe_timeline(timeline, 1500)
+    assert shown == (
+        "each trial showed 'cue' for 100 ms, 'star' the time in column 'soa' after the onset of 'cue' until the "
+        "response"
+    )
+    assert responses == (
+        "response times count from the onset of 'star'; responses were taken after it, at most 1500 ms"
+    )
