@@ -57,8 +57,8 @@ _STOP_HEADS = (
 _STOP_CAPTION = (
     "Stop signals: go RT, mean of all go responses; delay, mean of the presented ones; failed stop RT, mean of "
     "responses in stop trials; SSRT, by integration with go omissions replaced by the slowest go response, wrong and "
-    f"premature go responses included (Verbruggen et al., 2019). None with fewer than {FEWEST_STOP_TRIALS} stop trials, or where "
-    "failed stops are not faster than go responses. Last row of a group: mean (standard deviation) over participants."
+    f"premature go responses included (Verbruggen et al., 2019). None with fewer than {FEWEST_STOP_TRIALS} stop "
+    "trials, or where failed stops are not faster than go responses. Last row of a group: mean (standard deviation) over participants."
 )
 
 
@@ -157,9 +157,8 @@ def _tabulate_stop_signals(trials: pd.DataFrame) -> list[CaptionedTable]:
         rows.append((block, group, participant, *_format_stop_estimate(estimate)))
         is_last = place + 1 == len(estimates) or estimates[place + 1][:2] != (block, group)
         if is_last:
-            rows.append(
-                _summarise_stop_signals(block, group, [other for *of, _, other in estimates if of == [block, group]])
-            )
+            of_group = [other[3] for other in estimates if other[:2] == (block, group)]
+            rows.append(_summarise_stop_signals(block, group, of_group))
     if rows:
         return [CaptionedTable(Table(_STOP_HEADS, rows, words=3), _STOP_CAPTION)]
     return []
