@@ -58,7 +58,8 @@ _STOP_CAPTION = (
     "Stop signals: go RT, mean of all go responses; delay, mean of the presented ones; failed stop RT, mean of "
     "responses in stop trials; SSRT, by integration with go omissions replaced by the slowest go response, wrong and "
     f"premature go responses included (Verbruggen et al., 2019). None with fewer than {FEWEST_STOP_TRIALS} stop "
-    "trials, or where failed stops are not faster than go responses. Last row of a group: mean (standard deviation) over participants."
+    "trials, or where failed stops are not faster than go responses. Last row of a group: mean (standard deviation) "
+    "over participants."
 )
 
 
