@@ -8,6 +8,7 @@ from minihuman.activities.trials.plan import TimelineSpec
 from minihuman.activities.trials.schedule import TrialSchedule, resolve_trial
 from minihuman.activities.trials.timeline_methods import describe_timeline
 from minihuman.errors import ProtocolError, WorldError
+from minihuman.experiment.machine.event_rules import find_violations
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, KeyPressed, Stepped
 from minihuman.experiment.machine.inputs import FocusChanged, ScreenShown
 from minihuman.experiment.machine.transitions import Phase
@@ -268,6 +269,7 @@ def test_a_pause_voids_the_trial_which_is_repeated_with_the_same_times():
     show_to_target(desk)
     desk.press("f")
     assert [event.outcome for event in desk.of(EpisodeEnded)] == ["abandoned", "goal"]
+    assert find_violations(desk.events) == []
     assert list(compare_replay(desk.events, World)) == []
 
 
