@@ -45,6 +45,7 @@ class TrialScreen(FilmsScreen):
         "trial", "minihuman.activities.trials.page_values:build_page_values", "minihuman.activities.trials:page.js"
     )
     contents: tuple[StimulusContent, ...]  # what is visible, the front one last
+    body: str  # the names of the visible stimuli, by which screenshots tell screens apart
     files: Mapping[str, bytes]  # of images, by name
     legend: str  # keys and what they do; "" where it is not shown
     flip_ns: int | None  # when it is to be on the display, in session time; None: at once
@@ -98,6 +99,7 @@ def build_trial_screen(context: SessionContext, play: RunningEpisode, run: Trial
     files = context.plan.files
     return TrialScreen(
         contents=tuple(stimulus.content for stimulus in run.visible),
+        body=", ".join(stimulus.name for stimulus in run.visible),
         files=files,
         legend=legend,
         flip_ns=None if run.is_seen else run.find_due_ns(run.frame),

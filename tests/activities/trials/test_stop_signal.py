@@ -66,7 +66,7 @@ def test_a_planted_race_is_recovered():
     go_ms = rng.normal(400, 40, 20_000) + rng.exponential(100, 20_000)
     racing_ms = rng.normal(400, 40, 20_000) + rng.exponential(100, 20_000)
     # One delay and one stop time: with a staircase the mean delay hides their spread, and the guide's estimate is low.
-    stop_ms = np.where(250.0 + 220.0 < racing_ms, math.nan, racing_ms)
+    stop_ms = np.where(racing_ms > 250.0 + 220.0, math.nan, racing_ms)
     estimate = estimate_stop_signal(go_ms, np.ones(20_000, bool), stop_ms, np.full(20_000, 250.0))
     assert estimate.response_rate == pytest.approx(0.45, abs=0.1)
     assert estimate.ssrt_ms == pytest.approx(220, abs=2)

@@ -1,5 +1,7 @@
 """Trials with a time course: resolved before the first picture, timed from it, proven, and checked row by row."""
 
+import re
+
 import msgspec
 import pytest
 
@@ -7,6 +9,10 @@ from minihuman.activities.trials.events import ResponseTaken, StimuliShown, Tria
 from minihuman.activities.trials.plan import TimelineSpec
 from minihuman.activities.trials.schedule import TrialSchedule, resolve_trial
 from minihuman.activities.trials.timeline_methods import describe_timeline
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.admin.verify.log import verify_session
+from minihuman.dataset.tables import select
+from minihuman.display.drawing.screen import compose_screen
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.machine.event_rules import find_violations
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, KeyPressed, Stepped
@@ -18,7 +24,12 @@ from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.replay import compare_replay
 from minihuman.log.codec import decode_event, encode_event
 from minihuman.log.segment_schema import has_timelines
+from minihuman.reporting.build import build_report
+from minihuman.runtime.simulated_session import simulate
 from minihuman.worlds.adapters.world import World
+from tests.activities.trials.test_stimulus_tables import N_MUTANTS, check_or_refuse, mutate, write_picture
+from tests.activities.trials.test_trials import SHIPPED
+from tests.counts import count
 from tests.study.sessions import MS, Desk
 
 TOML = """
@@ -379,3 +390,55 @@ def test_the_methods_say_what_a_trial_showed_and_when():
     assert responses == (
         "response times count from the onset of 'star'; responses were taken after it, at most 1500 ms"
     )
+
+
+MUTABLE = """
+timeline.stimuli = [
+  { name = "cue", text = "{side}", duration_ms = "{soa}" },
+  { name = "word", text = "{text}", colour = "{colour}", size = "{size}", x = "{side}", since = "cue", onset_ms = "{soa}", until = "response" },
+]
+"""  # noqa: E501 - TOML's
+
+
+@pytest.mark.nightly(sample=True)
+@pytest.mark.parametrize("seed", range(count(12, N_MUTANTS)))
+def test_a_timeline_of_a_mutated_table_is_refused_by_check_or_played_to_its_end(seed, tmp_path):
+    (tmp_path / "words.csv").write_bytes(mutate(seed))
+    write_picture(tmp_path / "face.png")
+    (tmp_path / "p.toml").write_text(TOML.format(timeline=MUTABLE, rows='stimuli.file = "words.csv"'))
+    protocol, refusal = check_or_refuse(tmp_path / "p.toml")
+    if protocol is None:
+        assert re.search(r"words\.csv:\d+: .*(column|this row|header|stimulus|colour)|there is no column", refusal), (
+            refusal
+        )
+        return
+    desk = Desk(expand_protocol(protocol, enrol_participant(protocol, 0)))
+    for _ in range(100):
+        if len(desk.of(EpisodeEnded)) == 4:
+            break
+        assert compose_screen(desk.session.screen, (160, 120)).shape == (120, 160, 3)
+        desk.show()
+        if desk.session.next_tick_ns is not None:
+            desk.pass_ms(max(0, desk.session.next_tick_ns - desk.now_ns) / MS)
+    assert [event.outcome for event in desk.of(EpisodeEnded) if event.outcome == "abandoned"] == []
+    assert len(desk.of(EpisodeEnded)) == 4
+    assert desk.session.failure is None
+
+
+@pytest.mark.program
+@pytest.mark.nightly(by_day=["priming"])
+@pytest.mark.parametrize(
+    "name", ["flanker", "go-no-go", "n-back", "posner", "priming", "rsvp", "simon", "stroop", "visual-search"]
+)
+def test_a_classic_is_simulated_by_default_proven_and_reported(name, tmp_path):
+    toml = (SHIPPED / f"{name}.toml").read_text()
+    (tmp_path / f"{name}.toml").write_text(re.sub(r"(?m)^episodes = .*", "episodes = 12", toml))
+    for table in SHIPPED.glob(f"{name}.csv"):
+        (tmp_path / table.name).write_bytes(table.read_bytes())
+    protocol = read_protocol(tmp_path / f"{name}.toml", trust=True)
+    for log in simulate(protocol, tmp_path / "data", participants=2, seed=1, player="human-like"):
+        assert all(is_proven for _, is_proven in verify_session(log))
+    with select(tmp_path / "data" / name) as tables:
+        build_report(tables, tmp_path / "out")
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "RT median (ms)" in page
