@@ -45,11 +45,12 @@ def _find_missing_columns(block: BlockSpec, columns: set[str]) -> list[str]:
         known.add(str(block.design.settings.get("option", "")))
     options = find_option_names(block.world)
     mistakes = []
+    place = f"{block.stimuli.file}:1: " if block.stimuli is not None and block.stimuli.file else ""
     for column, user in list_shown_columns(block).items():
         has_default = column == "delay_ms" and options is not None
         if column not in known and not has_default:
             names = ", ".join(sorted(known - {COUNT, "", "responses"})) or "none"
-            mistakes.append(f"timeline: {user}: there is no column {column!r}; the columns are {names}")
+            mistakes.append(f"{place}timeline: {user}: there is no column {column!r}; the columns are {names}")
     return mistakes
 
 

@@ -408,9 +408,7 @@ def test_a_timeline_of_a_mutated_table_is_refused_by_check_or_played_to_its_end(
     (tmp_path / "p.toml").write_text(TOML.format(timeline=MUTABLE, rows='stimuli.file = "words.csv"'))
     protocol, refusal = check_or_refuse(tmp_path / "p.toml")
     if protocol is None:
-        assert re.search(r"words\.csv:\d+: .*(column|this row|header|stimulus|colour)|there is no column", refusal), (
-            refusal
-        )
+        assert re.search(r"words\.csv:\d+: .*(column|this row|header|stimulus|colour)", refusal), refusal
         return
     desk = Desk(expand_protocol(protocol, enrol_participant(protocol, 0)))
     for _ in range(100):
