@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from minihuman.activities.trials.schedule import NS_PER_MS, ScheduledStimulus, TrialSchedule
 
-PREPARATION_NS = 20 * NS_PER_MS  # a picture is handed over so long before it is due, to be drawn
+PREPARATION_NS = 40 * NS_PER_MS  # a picture is handed over so long before it is due, to be drawn
 _BEFORE_FIRST = -1  # the screen is empty until the first picture is due
 
 

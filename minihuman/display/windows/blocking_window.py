@@ -6,6 +6,7 @@ on every toolkit and desktop), and the picture of a screen. Laboratories can reg
 """
 
 import abc
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -120,6 +121,7 @@ class KeyRepeater:
 
 DEFAULT_SIZE_PX: Size = (1280, 720)
 TITLE = "minihuman"
+_FLIPS = 9  # by which the next one is estimated
 _FRAME_NS = 16_666_667  # at 60 Hz: a view that moves is drawn for the next frame
 
 
@@ -141,6 +143,7 @@ class BlockingWindow(Window):
         self._moves_from_ns = 0
         self._pointer_at = (0.0, 0.0)  # where it was last while the button was down
         self._pressed_in: str | None = None  # the spot in which a mouse button is down
+        self._flip_times_ns: deque[int] = deque(maxlen=_FLIPS)  # how long the latest flips of a kind's screens took
         self._awaits_flip = False  # of a frame that is drawn and not due yet
         self._early_inputs: list[Input] = []  # that arrived meanwhile
 
@@ -228,15 +231,20 @@ class BlockingWindow(Window):
         submit_ns = self._clock()
         self._flip(self._frame, changed)
         flip_ns = self._clock()
+        if isinstance(screen, ActivityScreen):
+            self._flip_times_ns.append(flip_ns - submit_ns)
         return ScreenShown(t_ns=flip_ns, submit_ns=submit_ns, flip_ns=flip_ns)
 
     def _await_flip(self, due_ns: int) -> None:
         """Wait until a frame has to be handed over to be on the display at a time; inputs are received meanwhile.
 
         A display that waits for its refresh shows the frame at the next one, so that half a period before the time
-        leads to the refresh that is nearest to it.
+        leads to the refresh that is nearest to it. On another display a flip takes as long as the latest ones.
         """
-        hand_over_ns = due_ns - self.refresh_period_ns // 2
+        lead_ns = self.refresh_period_ns // 2
+        if not lead_ns and self._flip_times_ns:
+            lead_ns = sorted(self._flip_times_ns)[len(self._flip_times_ns) // 2]
+        hand_over_ns = due_ns - lead_ns
         while (left_ns := hand_over_ns - self._clock()) > 0:
             self._awaits_flip = True
             self._early_inputs += self._arrived(left_ns)
