@@ -14,7 +14,7 @@ from minihuman.activities.trials.events import ResponseTaken, StimuliShown, Tria
 from minihuman.activities.trials.plan import TimelineSpec, TrialsPlan
 from minihuman.activities.trials.schedule import NS_PER_MS, resolve_trial
 from minihuman.activities.trials.screens import TrialScreen, build_trial_screen
-from minihuman.activities.trials.trial_run import TrialResponse, TrialRun
+from minihuman.activities.trials.trial_run import ResponseRecord, TrialRun
 from minihuman.experiment.machine.activity import ActivityKind, SessionContext
 from minihuman.experiment.machine.events import ActivityEvent, PauseReason
 from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
@@ -173,9 +173,9 @@ class TrialsActivity(PlayActivity):
             emit_key(press, "not_playing", self.phase, action)
         else:
             emit_key(press, "accepted", self.phase, action)
-            self._take_response(run, TrialResponse(press.key, action, press.t_ns))
+            self._take_response(run, ResponseRecord(press.key, action, press.t_ns))
 
-    def _take_response(self, run: TrialRun, response: TrialResponse) -> None:
+    def _take_response(self, run: TrialRun, response: ResponseRecord) -> None:
         run.responses.append(response)
         assert run.target_flip_ns is not None  # responses are taken from then on
         self.context.emit(

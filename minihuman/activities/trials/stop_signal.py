@@ -119,9 +119,9 @@ def estimate_people(trials: pd.DataFrame) -> Iterator[tuple[str, str, str, StopS
             str(group),
             str(participant),
             estimate_stop_signal(
-                go["response_ms"].to_numpy(float),
+                go["response_ms"].to_numpy(np.float64),
                 go["is_correct"].eq(True).to_numpy(bool),
-                part.loc[is_stop, "response_ms"].to_numpy(float),
-                own_delays[is_stop].to_numpy(float),
+                part.loc[is_stop, "response_ms"].to_numpy(np.float64),
+                own_delays[is_stop].to_numpy().astype(np.float64),
             ),
         )

@@ -9,7 +9,7 @@ _BEFORE_FIRST = -1  # the screen is empty until the first picture is due
 
 
 @dataclass(frozen=True, slots=True)
-class TrialResponse:
+class ResponseRecord:
     """A response that was taken."""
 
     key: str
@@ -32,7 +32,7 @@ class TrialRun:
         self.schedule = schedule
         self.changes_ns = schedule.changes_ns
         self.frame = 0 if start_ns is None else _BEFORE_FIRST
-        self.responses: list[TrialResponse] = []
+        self.responses: list[ResponseRecord] = []
         self.first_flip_ns: int | None = None
         self.target_flip_ns: int | None = None
         self._start_ns = start_ns
