@@ -7,7 +7,7 @@ Probabilistic rewards are drawn from the seed of the reset, so a trial replays l
 import base64
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import gymnasium
@@ -90,20 +90,23 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
             self._chances = {self.correct_response: 1.0}
         _require_choice("side", side, tuple(SIDES))
         _require_choice("shape", shape, ("", *SHAPES))
-        for name in self._chances:
-            _require_choice("correct", name, self.action_names)
+        _require_choices("correct", self._chances, self.action_names)
         self._language = _require_language(language)
         self._ink = read_colour(colour)
         self._text = str(text)
-        cards = {"left": left, "right": right}
-        self._cards = tuple((str(label), _CARDS[place]) for place, label in cards.items() if label != "")
+        cards = ((left, _CARDS["left"]), (right, _CARDS["right"]))
+        self._cards = tuple((str(label), place) for label, place in cards if label != "")
         self._shape = shape
         self._side = SIDES[side]
         self._size = _read_number("size", size, low=0.0, high=10.0)
         _read_number("delay_ms", delay_ms, low=0.0, high=3_600_000.0)
         self._image = _read_image(image)
-        named = str(text).strip().lower()
-        self.prompted_responses = tuple(name for name in self.action_names if name.lower() in (named, side))
+        self.prompted_responses = self._find_responses(str(text), side)
+
+    def _find_responses(self, *words: str) -> tuple[str, ...]:
+        """Return the responses that any of the words names."""
+        named = {word.strip().lower() for word in words}
+        return tuple(name for name in self.action_names if name.lower() in named)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -249,6 +252,11 @@ class TwoStep(Stimulus):
 def _require_choice(name: str, choice: str, known: Sequence[str]) -> None:
     if choice not in known:
         raise WorldError(f"{name} is {choice!r}; use one of {', '.join(filter(None, known))}")
+
+
+def _require_choices(name: str, choices: Iterable[str], known: Sequence[str]) -> None:
+    for choice in choices:
+        _require_choice(name, choice, known)
 
 
 def _require_language(language: object) -> str:
