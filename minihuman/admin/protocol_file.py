@@ -22,12 +22,11 @@ from PIL import Image
 
 from minihuman.activities.agent_blocks.plan import LATEST_POLICY
 from minihuman.activities.team.plan import SIMULATED
-from minihuman.activities.trials.plan import IMAGE_FORMATS
 from minihuman.agents.agent import is_registered_agent, make_policy_agent
 from minihuman.errors import MinihumanError, ProtocolError
 from minihuman.experiment.keys import DIGITS, assign_usual_keys, find_noop, find_period_ms
 from minihuman.experiment.plan.stated_outcomes import find_world_rule
-from minihuman.experiment.plan.trials import read_images, read_timeline_images
+from minihuman.experiment.plan.trials import TIMELINE_IMAGE_FORMATS, read_images, read_timeline_images
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol, list_old_names
 from minihuman.experiment.protocol.specs import Overridable, apply_overrides
 from minihuman.experiment.words import ENGLISH, load_words
@@ -310,7 +309,7 @@ def _read_stimuli(protocol: Protocol, folder: Path, path: Path) -> dict[str, byt
                 contents[image] = _read_picture(folder, image, f"{field}: {place}: column 'image'")
         for image, place in read_timeline_images(block, contents):
             field = f"{path}: $.blocks[{number}].timeline: {place}"
-            contents[image] = _read_picture(folder, image, field, formats=IMAGE_FORMATS)
+            contents[image] = _read_picture(folder, image, field, formats=TIMELINE_IMAGE_FORMATS)
     return contents
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 
-from minihuman.activities.trials.timeline_methods import describe_timeline
 from minihuman.experiment.machine.activity import find_installed_kind
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.protocol.model import BlockSpec
@@ -69,7 +68,7 @@ def _describe_clock(plan: EpisodePlan, spec: BlockSpec | None) -> Iterator[str]:
     if before:
         yield f"before each {' and '.join(before)}"
     if spec is not None and spec.timeline is not None:
-        yield from describe_timeline(spec.timeline, plan.response_deadline_ms)
+        yield from spec.timeline.describe(plan.response_deadline_ms)
     elif plan.response_deadline_ms:
         yield f"the stimulus stayed until the response, at most {plan.response_deadline_ms:g} ms"
     elif plan.pace == "on_key":

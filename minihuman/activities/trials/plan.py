@@ -1,5 +1,6 @@
 """Plans of blocks of trials, the tables that their options come from, and the time course of a trial."""
 
+from collections.abc import Iterator
 from typing import Literal
 
 import msgspec
@@ -57,8 +58,47 @@ class TimelineSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ends: Literal["response", "time"] = "response"  # "time": a response does not end the trial
     soa_ms: float = 0.0  # from one trial's first picture to the next one's, by the clock; 0: no rhythm
 
+    def describe(self, deadline_ms: float) -> Iterator[str]:
+        """Yield, for a methods section, what a trial shows and when, and when responses are taken."""
+        yield "each trial showed " + ", ".join(_describe_stimulus(stimulus) for stimulus in self.stimuli)
+        target = self.target or self.stimuli[-1].name
+        opens = f" from {self.opens_ms:g} ms on" if self.opens_ms else ""
+        until = f", at most {deadline_ms:g} ms" if deadline_ms else ""
+        yield f"response times count from the onset of {target!r}; responses were taken{opens} after it{until}"
+        if self.ends == "time":
+            yield "a response did not end the trial"
+        if self.soa_ms:
+            yield f"one trial began every {self.soa_ms:g} ms"
+
 
 class TrialsPlan(PlayPlan, frozen=True):
     """The plan of a block of trials."""
 
     timeline: TimelineSpec | msgspec.UnsetType = msgspec.UNSET  # unset where a trial is a single picture
+
+
+def _describe_stimulus(stimulus: TimelineStimulus) -> str:
+    parts = [f"{stimulus.name!r}"]
+    if stimulus.since:
+        parts.append(f"{_describe_time(stimulus.onset_ms)} after the onset of {stimulus.since!r}")
+    elif stimulus.after:
+        parts.append(f"{_describe_time(stimulus.onset_ms)} after the end of {stimulus.after!r}")
+    elif stimulus.onset_ms is not None:
+        parts.append(f"from {_describe_time(stimulus.onset_ms)} on")
+    if stimulus.each_ms is not None:
+        parts.append(f"{_describe_time(stimulus.each_ms)} for each of its words")
+    if stimulus.duration_ms is not None:
+        parts.append(f"for {_describe_time(stimulus.duration_ms)}")
+    if stimulus.until == "response":
+        parts.append("until the response")
+    elif stimulus.until == "end":
+        parts.append("until the end of the trial")
+    return " ".join(parts)
+
+
+def _describe_time(time: TimeSpec | None) -> str:
+    if isinstance(time, tuple):
+        return f"{time[0]:g} to {time[1]:g} ms (drawn)"
+    if isinstance(time, str):
+        return f"the time in column {time.strip('{}')!r}"
+    return f"{time or 0:g} ms"

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 
 from minihuman.activities.play.plan import TrialRules
-from minihuman.activities.trials.plan import StimuliSpec
+from minihuman.activities.trials.plan import IMAGE_FORMATS, StimuliSpec
 from minihuman.activities.trials.schedule import fill_references, list_columns
 from minihuman.activities.trials.stimulus_table import (
     COUNT,
@@ -25,6 +25,7 @@ from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import apply_overrides
 from minihuman.worlds.hashing import refer_to_file
 
+TIMELINE_IMAGE_FORMATS = IMAGE_FORMATS
 _MAX_ROWS = 10_000
 
 

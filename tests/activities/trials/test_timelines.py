@@ -8,7 +8,6 @@ import pytest
 from minihuman.activities.trials.events import ResponseTaken, StimuliShown, TrialResolved
 from minihuman.activities.trials.plan import TimelineSpec
 from minihuman.activities.trials.schedule import TrialSchedule, resolve_trial
-from minihuman.activities.trials.timeline_methods import describe_timeline
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.tables import select
@@ -382,7 +381,7 @@ def test_the_methods_say_what_a_trial_showed_and_when():
     cue = {"name": "cue", "text": "<", "duration_ms": 100}
     star = {"name": "star", "text": "*", "since": "cue", "onset_ms": "{soa}", "until": "response"}
     timeline = msgspec.convert({"stimuli": [cue, star]}, TimelineSpec)
-    shown, responses = describe_timeline(timeline, 1500)
+    shown, responses = timeline.describe(1500)
     assert shown == (
         "each trial showed 'cue' for 100 ms, 'star' the time in column 'soa' after the onset of 'cue' until the "
         "response"
