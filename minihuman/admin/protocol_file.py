@@ -313,7 +313,7 @@ def _read_stimuli(protocol: Protocol, folder: Path, path: Path) -> dict[str, byt
     return contents
 
 
-def _read_picture(folder: Path, name: str, field: str, *, formats: Sequence[str] = ("PNG",)) -> bytes:
+def _read_picture(folder: Path, name: str, field: str, *, formats: tuple[str, ...] = ("PNG",)) -> bytes:
     content = _read_beside(folder, name, field, MAX_PICTURE_BYTES, "copy it into the protocol's folder")
     try:
         with warnings.catch_warnings(), Image.open(io.BytesIO(content), formats=formats) as image:

@@ -34,7 +34,7 @@ class TrialsActivity(PlayActivity):
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
         super().__init__(number, part, context)
         self.run: TrialRun | None = None  # the trial with a time course that is played
-        self.can_copy = not self.plan.timeline  # type: ignore[misc]
+        self.can_copy = not self.plan.timeline
         self._rhythm_start: tuple[int, int] | None = None  # a trial's place in the block, and its first flip
         self._latest_trial_screen: tuple[object, TrialScreen] | None = None
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from minihuman.activities.trials.drawing import draw_stimuli
 from minihuman.activities.trials.plan import StimuliSpec
-from minihuman.activities.trials.schedule import PREPARATION_MS, TrialSchedule, list_columns, resolve_trial
+from minihuman.activities.trials.schedule import PREPARATION_MS, DrawShare, TrialSchedule, list_columns, resolve_trial
 from minihuman.activities.trials.stimulus_table import (
     COUNT,
     IMAGE,
@@ -286,7 +286,7 @@ def _find_row_mistakes(protocol: Protocol, block: BlockSpec, cells: dict[str, An
     mistakes: dict[str, None] = {}
     for share in _SHARES:
         try:
-            schedule = resolve_trial(block.timeline, cells, block.response_deadline_ms, lambda _, share=share: share)
+            schedule = resolve_trial(block.timeline, cells, block.response_deadline_ms, _draw_always(share))
             for time_ns in schedule.changes_ns:
                 contents = [stimulus.content for stimulus in schedule.find_visible(time_ns)]
                 draw_stimuli(contents, _DRAWN_PX, protocol.files, protocol.study.language)
@@ -296,6 +296,11 @@ def _find_row_mistakes(protocol: Protocol, block: BlockSpec, cells: dict[str, An
         if excess := _find_excess(block, schedule):
             mistakes[f"{place}: {excess}"] = None
     return list(mistakes)
+
+
+def _draw_always(share: float) -> DrawShare:
+    """Return a draw whose every share is the same."""
+    return lambda place: share
 
 
 def _find_excess(block: BlockSpec, schedule: TrialSchedule) -> str:
