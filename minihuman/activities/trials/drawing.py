@@ -41,7 +41,7 @@ def draw_trial(screen: TrialScreen, size_px: Size) -> DrawnSheet:
     The trial's other pictures are drawn, too, and kept: before its first picture there is time for that.
     """
     files = _Files(screen.files)
-    for contents in screen.film.pictures[: _MOST_KEPT // 2]:
+    for contents in screen.pictures[: _MOST_KEPT // 2]:
         _draw_sheet(contents, size_px, files, screen.legend, screen.locale)
     return _draw_sheet(screen.contents, size_px, files, screen.legend, screen.locale)
 

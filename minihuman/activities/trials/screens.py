@@ -13,25 +13,6 @@ from minihuman.experiment.machine.activity import SessionContext
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import FilmsScreen, PageView
 
-PAGE_PICTURE_PX = (640, 480)
-
-
-class TrialFilm(Sequence[NDArray[np.uint8]]):
-    """The pictures of a trial for a page, uint8[H, W, 3], each drawn when it is read."""
-
-    def __init__(self, pictures: Sequence[tuple[StimulusContent, ...]], files: Mapping[str, bytes], language: str):
-        self.pictures = tuple(pictures)
-        self._files = files
-        self._language = language
-
-    def __len__(self) -> int:
-        return len(self.pictures)
-
-    def __getitem__(self, place: int) -> NDArray[np.uint8]:  # type: ignore[override]
-        from minihuman.activities.trials.drawing import draw_stimuli
-
-        return draw_stimuli(self.pictures[place], PAGE_PICTURE_PX, self._files, self._language)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialScreen(FilmsScreen):
@@ -49,14 +30,14 @@ class TrialScreen(FilmsScreen):
     files: Mapping[str, bytes]  # of images, by name
     legend: str  # keys and what they do; "" where it is not shown
     flip_ns: int | None  # when it is to be on the display, in session time; None: at once
-    film: TrialFilm
-    dues_ns: tuple[int, ...]  # of the film's pictures before the response, since the first; the empty one's is 0
-    step: int  # the place of the present picture in the film
+    pictures: tuple[tuple[StimulusContent, ...], ...]  # of the trial: the empty one, before and after the response
+    dues_ns: tuple[int, ...]  # of the pictures before the response, since the first; the empty one's is 0
+    step: int  # the place of the present picture
     episode: tuple[int, int]  # the part and the episode
     start_ns: int | None  # when the first picture is due; None: at once
     first_flip_ns: int | None  # when it was there
     response_keys: tuple[str, ...]
-    target_step: int  # the place in the film from which on responses are taken
+    target_step: int  # the place of the picture from which on responses are taken
     foresees_responses: bool  # whether every press from then on is a response, so that the page need not ask
 
     @property
@@ -71,7 +52,7 @@ class TrialScreen(FilmsScreen):
 
     @property
     def shown_step(self) -> int:
-        """The place of the present picture in the film."""
+        """The place of the present picture."""
         return self.step
 
     @property
@@ -96,14 +77,13 @@ def build_trial_screen(context: SessionContext, play: RunningEpisode, run: Trial
         keys = sorted(play.plan.key_map.keys.items())
         caps = {key: cap for key, cap, _ in words.labels(tuple(key for key, _ in keys))}
         legend = "     ".join(f"{caps[key]}: {words.action(action)}" for key, action in keys)
-    files = context.plan.files
     return TrialScreen(
         contents=tuple(stimulus.content for stimulus in run.visible),
         body=", ".join(stimulus.name for stimulus in run.visible),
-        files=files,
+        files=context.plan.files,
         legend=legend,
         flip_ns=None if run.is_seen else run.find_due_ns(run.frame),
-        film=TrialFilm(pictures, files, words.locale.language),
+        pictures=tuple(pictures),
         dues_ns=(0, *run.changes_ns),
         step=run.frame + 1 + len(frames) * run.has_response,
         episode=(play.plan.block, play.plan.episode),
