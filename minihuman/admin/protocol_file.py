@@ -26,7 +26,7 @@ from minihuman.agents.agent import is_registered_agent, make_policy_agent
 from minihuman.errors import MinihumanError, ProtocolError
 from minihuman.experiment.keys import DIGITS, assign_usual_keys, find_noop, find_period_ms
 from minihuman.experiment.plan.stated_outcomes import find_world_rule
-from minihuman.experiment.plan.trials import read_images
+from minihuman.experiment.plan.trials import TIMELINE_IMAGE_FORMATS, read_images, read_timeline_images
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol, list_old_names
 from minihuman.experiment.protocol.specs import Overridable, apply_overrides
 from minihuman.experiment.words import ENGLISH, load_words
@@ -330,20 +330,23 @@ def _read_stimuli(protocol: Protocol, folder: Path, path: Path) -> dict[str, byt
                 )
             for image, place in read_images(block.stimuli, contents):
                 contents[image] = _read_picture(folder, image, f"{field}: {place}: column 'image'")
+        for image, place in read_timeline_images(block, contents):
+            field = f"{path}: $.blocks[{number}].timeline: {place}"
+            contents[image] = _read_picture(folder, image, field, formats=TIMELINE_IMAGE_FORMATS)
     return contents
 
 
-def _read_picture(folder: Path, name: str, field: str) -> bytes:
+def _read_picture(folder: Path, name: str, field: str, *, formats: tuple[str, ...] = ("PNG",)) -> bytes:
     content = _read_beside(folder, name, field, MAX_PICTURE_BYTES, "copy it into the protocol's folder")
     try:
-        with warnings.catch_warnings(), Image.open(io.BytesIO(content), formats=("PNG",)) as image:
+        with warnings.catch_warnings(), Image.open(io.BytesIO(content), formats=formats) as image:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # larger ones are refused here
             if image.width * image.height <= MAX_PICTURE_PIXELS:
                 image.load()
                 return content
             problem = f"has {image.width} x {image.height} pixels; use {MAX_PICTURE_PIXELS} at most"
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        cut = "damaged" if content.startswith(b"\x89PNG") else "not a PNG"
+        cut = "damaged" if content.startswith(b"\x89PNG") else f"not a {' or '.join(formats)}"
         problem = f"is {cut} ({type(error).__name__}); save it as a PNG"
     raise ProtocolError(f"{field}: {folder / name} {problem}")
 

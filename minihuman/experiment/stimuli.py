@@ -7,7 +7,7 @@ Probabilistic rewards are drawn from the seed of the reset, so a trial replays l
 import base64
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import gymnasium
@@ -47,6 +47,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         size: the size of the stimulus as a fraction of the picture's height.
         correct: the response that earns 1; ``none`` for no response, "" if the reward is probabilistic.
         language: the language of the text, which selects its typefaces.
+        delay_ms: a time in the trial's timeline that a design chooses, such as a stop signal's delay; not shown here.
         **chances: options ``chance_RESPONSE``, the probability that a response earns 1.
 
     Raises:
@@ -58,6 +59,8 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
     picture_size_px = (640, 480)  # set by who draws
     last_reward = 0.0  # of the last response
     choice = 0  # which of several choices in a trial is on the screen
+    stop_delay_ms: float | None = None  # of a trial's stop signal, for simulated participants; None without one
+    go_response = ""  # the response that would be correct without the stop signal
 
     def __init__(
         self,
@@ -74,6 +77,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         size: float = 0.2,
         correct: str = "",
         language: str = "en",
+        delay_ms: float = 0.0,
         **chances: float,
     ) -> None:
         self.render_mode = render_mode
@@ -86,19 +90,23 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
             self._chances = {self.correct_response: 1.0}
         _require_choice("side", side, tuple(SIDES))
         _require_choice("shape", shape, ("", *SHAPES))
-        for name in self._chances:
-            _require_choice("correct", name, self.action_names)
+        _require_choices("correct", self._chances, self.action_names)
         self._language = _require_language(language)
-        self._ink = _read_colour(colour)
+        self._ink = read_colour(colour)
         self._text = str(text)
-        cards = {"left": left, "right": right}
-        self._cards = tuple((str(label), _CARDS[place]) for place, label in cards.items() if label != "")
+        cards = ((left, _CARDS["left"]), (right, _CARDS["right"]))
+        self._cards = tuple((str(label), place) for label, place in cards if label != "")
         self._shape = shape
         self._side = SIDES[side]
         self._size = _read_number("size", size, low=0.0, high=10.0)
+        _read_number("delay_ms", delay_ms, low=0.0, high=3_600_000.0)
         self._image = _read_image(image)
-        named = str(text).strip().lower()
-        self.prompted_responses = tuple(name for name in self.action_names if name.lower() in (named, side))
+        self.prompted_responses = self._find_responses(str(text), side)
+
+    def _find_responses(self, *words: str) -> tuple[str, ...]:
+        """Return the responses that any of the words names."""
+        named = {word.strip().lower() for word in words}
+        return tuple(name for name in self.action_names if name.lower() in named)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -246,13 +254,23 @@ def _require_choice(name: str, choice: str, known: Sequence[str]) -> None:
         raise WorldError(f"{name} is {choice!r}; use one of {', '.join(filter(None, known))}")
 
 
+def _require_choices(name: str, choices: Iterable[str], known: Sequence[str]) -> None:
+    for choice in choices:
+        _require_choice(name, choice, known)
+
+
 def _require_language(language: object) -> str:
     if not isinstance(language, str):
         raise WorldError(f"language is {language!r}; use a code such as 'en'")
     return language
 
 
-def _read_colour(colour: str) -> Any:
+def read_colour(colour: str) -> Any:
+    """Return a colour as (red, green, blue).
+
+    Raises:
+        WorldError: if it is no CSS name and no "#rrggbb".
+    """
     try:
         return ImageColor.getrgb(str(colour))[:3]
     except ValueError as error:

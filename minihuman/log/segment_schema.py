@@ -11,7 +11,7 @@ from minihuman.worlds.outcomes import LAST_REWARD
 
 def find_schema_version(plan: SessionPlan) -> int:
     """Return the schema version of a segment; each rule names what a reader of version 2 would misread."""
-    if has_outcome_rules(plan):
+    if has_outcome_rules(plan) or has_timelines(plan):
         return SCHEMA_VERSION
     return PLAIN_SCHEMA_VERSION
 
@@ -19,3 +19,8 @@ def find_schema_version(plan: SessionPlan) -> int:
 def has_outcome_rules(plan: SessionPlan) -> bool:
     """Return whether an outcome may differ from what the last reward says: ``ended``, or a goal at a step limit."""
     return any(episode.outcome_rule != LAST_REWARD for episode in plan.episodes)
+
+
+def has_timelines(plan: SessionPlan) -> bool:
+    """Return whether a trial's pictures may be the timeline's, which are no pictures of its world's steps."""
+    return any(getattr(part.plan, "timeline", None) for part in plan.parts)

@@ -67,7 +67,9 @@ def _describe_clock(plan: EpisodePlan, spec: BlockSpec | None) -> Iterator[str]:
     before = list(_describe_waits(spec)) if spec is not None else []
     if before:
         yield f"before each {' and '.join(before)}"
-    if plan.response_deadline_ms:
+    if spec is not None and spec.timeline is not None:
+        yield from spec.timeline.describe(plan.response_deadline_ms)
+    elif plan.response_deadline_ms:
         yield f"the stimulus stayed until the response, at most {plan.response_deadline_ms:g} ms"
     elif plan.pace == "on_key":
         yield "the stimulus stayed until the response"

@@ -16,7 +16,7 @@ from minihuman.experiment.machine.inputs import (
     TextInput,
 )
 from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
-from minihuman.experiment.machine.screens import PageScreen, PlayScreen, Screen, TextScreen
+from minihuman.experiment.machine.screens import ActivityScreen, PageScreen, PlayScreen, Screen, TextScreen
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.simulation.part_simulation import (
@@ -76,7 +76,12 @@ class SimulatedWindow(Window, SimulatedPerson):
         """Show a screen to the player; it counts as displayed one frame later."""
         self._screen = screen
         submit_ns = self._last_ns = self._clock()
-        self._clock.advance_to(submit_ns + FRAME_NS)
+        due_ns = None
+        if isinstance(screen, ActivityScreen):
+            due_ns = screen.due_ns
+        if due_ns is None or due_ns < submit_ns:
+            due_ns = submit_ns + FRAME_NS
+        self._clock.advance_to(due_ns)
         if not isinstance(screen, PlayScreen):
             self._at_rest()
         return ScreenShown(t_ns=self._clock(), submit_ns=submit_ns, flip_ns=self._clock())

@@ -30,6 +30,8 @@ class ResponseParameters:
     learning_rate: float = 0.3  # of Q-learning
     inverse_temperature: float = 5.0
     lapse: float = 0.015  # probability of any response
+    stop_ms: float = 220.0  # mean of the stop process's time; the same for everybody, as its standard deviation is
+    stop_sd_ms: float = 30.0
 
 
 _SPREADS = {  # the standard deviation of each parameter's logarithm between people
@@ -90,15 +92,22 @@ class TrialResponder:
             arrival_ms = float(self._rng.uniform(200, 900))
         else:
             response, arrival_ms = self._race(self._find_drifts(stimulus, responses, choice))
-        if deadline_ms and arrival_ms >= deadline_ms:
+        if self._is_stopped(stimulus, arrival_ms) or (deadline_ms and arrival_ms >= deadline_ms):
             response = NO_RESPONSE
         elif not stimulus.correct_response:
             self._last = stimulus, choice, response
         return TrialResponse(response, arrival_ms)
 
+    def _is_stopped(self, stimulus: Stimulus, arrival_ms: float) -> bool:
+        """Return whether the stop process ends before the response: an independent race (Logan and Cowan, 1984)."""
+        if stimulus.stop_delay_ms is None:
+            return False
+        stop_ms = self._rng.normal(self.parameters.stop_ms, self.parameters.stop_sd_ms)
+        return bool(stimulus.stop_delay_ms + stop_ms < arrival_ms)
+
     def _find_drifts(self, stimulus: Stimulus, responses: Sequence[str], choice: int) -> dict[str, float]:
         parameters = self.parameters
-        correct = stimulus.correct_response
+        correct = stimulus.go_response or stimulus.correct_response
         if not correct:
             values = {name: self._values.get((choice, name), 0.5) for name in responses}
             weights = {name: math.exp(parameters.inverse_temperature * value) for name, value in values.items()}

@@ -18,6 +18,7 @@ from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.activities.questions.question import QuestionItemSpec
 from minihuman.activities.rating.events import Rated
 from minihuman.activities.team import events as team_events, message_events
+from minihuman.activities.trials import events as trial_events
 from minihuman.experiment.machine import events
 from minihuman.experiment.plan.designs import GroupAssignment, PlayedEpisode
 from minihuman.experiment.plan.session_plan import (
@@ -264,6 +265,13 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
         st.sampled_from(get_args(agent_events.Controller)),
         st.sampled_from(get_args(agent_events.ControlReason)),
         TIMES,
+    ),
+    trial_events.TrialResolved: st.builds(trial_events.TrialResolved, TIMES, COUNTS, COUNTS, TEXTS, TIMES),
+    trial_events.StimuliShown: st.builds(
+        trial_events.StimuliShown, TIMES, COUNTS, COUNTS, COUNTS, st.lists(TEXTS).map(tuple), TIMES, TIMES, TIMES
+    ),
+    trial_events.ResponseTaken: st.builds(
+        trial_events.ResponseTaken, TIMES, COUNTS, COUNTS, COUNTS, TEXTS, COUNTS, TIMES, TIMES
     ),
     Rated: st.builds(Rated, TIMES, COUNTS, COUNTS, st.sampled_from((1.0, -1.0)), TIMES),
     preference_events.StretchShown: st.builds(

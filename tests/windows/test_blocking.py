@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from minihuman.activities.trials.screens import TrialScreen
 from minihuman.display.drawing.play_screens import Box
 from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.drawing.sheet import Size
@@ -12,6 +13,8 @@ from minihuman.display.windows.window import Clock
 from minihuman.errors import LogError
 from minihuman.experiment.machine.inputs import Input, KeyDown
 from minihuman.experiment.machine.screens import Motion, PlayScreen, TextScreen
+from tests.activities.trials.test_timelines import plan_of
+from tests.study.sessions import MS, Desk
 
 SIZE_PX = (320, 240)
 
@@ -124,3 +127,42 @@ def test_an_input_comes_through_a_view_that_moves_and_the_next_screen_ends_it() 
     window.show(TextScreen("one", "words", ""))
     window.wait(clock() + 100_000_000)
     assert window.flips == 2
+
+
+class Refreshing(Kept):
+    """A window whose flips wait for a display of 60 Hz."""
+
+    def facts(self) -> dict[str, str]:
+        return {"vsync": "on", "refresh_hz_reported": "60"}
+
+
+def find_trial_screen() -> TrialScreen:
+    desk = Desk(plan_of())
+    desk.show()
+    due_ns = desk.session.next_tick_ns
+    assert due_ns is not None
+    desk.pass_ms((due_ns - desk.now_ns) / MS)
+    screen = desk.session.screen
+    assert isinstance(screen, TrialScreen)
+    return screen
+
+
+@pytest.mark.parametrize(("kind", "before_ms"), [(Kept, 0.0), (Refreshing, 1000 / 60 / 2)])
+def test_a_trials_picture_is_handed_over_when_it_is_due_or_half_a_refresh_before(kind, before_ms) -> None:
+    screen = find_trial_screen()
+    assert screen.due_ns is not None
+    clock = Steady()
+    clock.now_ns = screen.due_ns - 40 * MS
+    shown = kind(clock).show(screen)
+    assert 0 <= shown.submit_ns - (screen.due_ns - before_ms * MS) < 12 * MS  # the clock goes on by 4 ms a look
+
+
+def test_a_key_that_comes_while_a_picture_waits_for_its_time_is_not_lost() -> None:
+    screen = find_trial_screen()
+    clock = Steady()
+    window = Kept(clock)
+    assert screen.due_ns is not None
+    clock.now_ns = screen.due_ns - 40 * MS
+    window.coming = [KeyDown(5, "1")]
+    window.show(screen)
+    assert window.wait(clock() + 1) == [KeyDown(5, "1")]

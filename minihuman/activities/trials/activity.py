@@ -1,28 +1,222 @@
-"""Trials: short episodes that follow each other by the clock, without progress lines or notices between them."""
+"""Trials: short episodes that follow each other by the clock, without progress lines or notices between them.
+
+A trial is a single picture until its response or deadline, or has a time course: then the block's timeline is resolved
+as the trial begins, and the response is the one step of the trial's world.
+"""
+
+from typing import Any
+
+import msgspec
 
 from minihuman.activities.play.activity import PlayActivity
-from minihuman.activities.trials.plan import TrialsPlan
-from minihuman.experiment.machine.activity import ActivityKind
+from minihuman.activities.trials.block_check import check_timeline
+from minihuman.activities.trials.events import ResponseTaken, StimuliShown, TrialResolved
+from minihuman.activities.trials.plan import TimelineSpec, TrialsPlan
+from minihuman.activities.trials.schedule import NS_PER_MS, resolve_trial
+from minihuman.activities.trials.screens import TrialScreen, build_trial_screen
+from minihuman.activities.trials.trial_run import ResponseRecord, TrialRun
+from minihuman.experiment.machine.activity import ActivityKind, SessionContext
+from minihuman.experiment.machine.events import ActivityEvent, PauseReason
+from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
+from minihuman.experiment.machine.running_episode import RunningEpisode, catch_world_errors
+from minihuman.experiment.machine.screens import Screen
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.plan.random_streams import draw_words
+from minihuman.experiment.plan.session_plan import PlannedPart
 
 
 class TrialsActivity(PlayActivity):
     """An activity that plays a block of trials; each trial's own world is created between two pictures."""
 
     shows_progress = False
+    plan: TrialsPlan
+
+    def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
+        super().__init__(number, part, context)
+        self.run: TrialRun | None = None  # the trial with a time course that is played
+        self.can_copy = not self.plan.timeline
+        self._rhythm_start: tuple[int, int] | None = None  # a trial's place in the block, and its first flip
+        self._latest_trial_screen: tuple[object, TrialScreen] | None = None
 
     @property
     def needs_new_world(self) -> bool:
         """Whether a notice is shown while the next world is created; only before the block's first trial."""
         return super().needs_new_world and not self.has_begun
 
+    @property
+    def running_trial(self) -> RunningEpisode | None:
+        """The episode of the trial with a time course that is played, for simulated participants."""
+        return None if self.run is None else self._play
+
+    @staticmethod
+    def input_of(event: ActivityEvent) -> Input | None:
+        """Return the input that caused an event: a picture shown; None for other events."""
+        if isinstance(event, StimuliShown):
+            return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns, event.frame)
+        return None
+
+    def receive(self, happened: Input) -> None:
+        """Handle an input, after whatever was due before it."""
+        if self.run is not None and isinstance(happened, ScreenShown):
+            self._record_flip(self.run, happened)
+        else:
+            super().receive(happened)
+
+    @property
+    def next_tick_ns(self) -> int | None:  # type: ignore[override]
+        """The time of the next change by the clock; None if nothing is due."""
+        if self.run is not None:
+            return self.run.next_tick_ns
+        return super().next_tick_ns
+
+    def screen(self) -> Screen:
+        """Build the present screen."""
+        run = self.run
+        if run is None:
+            return super().screen()
+        now = (run, run.frame, run.has_response)
+        if self._latest_trial_screen is None or self._latest_trial_screen[0] != now:
+            self._latest_trial_screen = (now, build_trial_screen(self.context, self._current, run))
+        return self._latest_trial_screen[1]
+
+    def suspend(self, reason: PauseReason) -> None:
+        """Stop the clocks; a trial with a time course is void and will be repeated."""
+        if self.run is None:
+            super().suspend(reason)
+            return
+        self.context.emit(self._current.end(self.context.now_ns))
+        self._limits.stop(self.context.now_ns)
+        self.run = None
+        self._play = None
+        self._rhythm_start = None
+        self.phase = Phase.PREPARING
+
+    # A trial with a time course
+
+    def _start_episode(self) -> None:
+        super()._start_episode()
+        if self.plan.timeline:
+            self.play = None  # its pictures are the timeline's
+            self._start_trial(self.plan.timeline)
+
+    def _start_trial(self, timeline: TimelineSpec) -> None:
+        plan = self._current.plan
+        cells: dict[str, Any] = plan.labels | plan.options
+        session = self.context.plan
+        purpose = f"timeline-{self.part.name}-session-{session.session}-{plan.episode_in_block}"
+        index = session.participant.index
+        words = draw_words(2 * len(timeline.stimuli), seed=session.study_seed, purpose=purpose, index=index)
+        with catch_world_errors():
+            schedule = resolve_trial(
+                timeline, cells, plan.response_deadline_ms, lambda place: float(words[place]) / 2.0**64
+            )
+        start_ns = None
+        if timeline.soa_ms and self._rhythm_start is not None:
+            place, flip_ns = self._rhythm_start
+            start_ns = flip_ns + (plan.episode_in_block - place) * round(timeline.soa_ms * NS_PER_MS)
+        self.run = TrialRun(schedule, start_ns)
+        self.run.pass_time(self.context.now_ns)
+        self.context.emit(
+            TrialResolved(
+                t_ns=self.context.now_ns,
+                part=self.number,
+                episode=plan.episode,
+                schedule=msgspec.json.encode(schedule).decode(),
+                start_ns=start_ns or 0,
+            )
+        )
+
+    def _record_flip(self, run: TrialRun, shown: ScreenShown) -> None:
+        due_ns = run.record_flip(shown.flip_ns, shown.step)
+        if run.frame < 0:
+            return
+        episode = self._current.plan
+        if self._rhythm_start is None:
+            self._rhythm_start = (episode.episode_in_block, shown.flip_ns)
+        if run.target_flip_ns is not None:
+            self._current.note_onset(run.target_flip_ns)
+        self.context.emit(
+            StimuliShown(
+                t_ns=shown.t_ns,
+                part=self.number,
+                episode=episode.episode,
+                frame=run.frame,
+                stimuli=tuple(stimulus.name for stimulus in run.visible),
+                due_ns=due_ns or 0,
+                submit_ns=shown.submit_ns,
+                flip_ns=shown.flip_ns,
+            )
+        )
+
+    def _let_time_pass(self) -> None:
+        run = self.run
+        if run is None:
+            super()._let_time_pass()
+            return
+        run.pass_time(self.context.now_ns)
+        if run.is_over(self.context.now_ns):
+            self._finish_trial(run)
+
+    def _key_in_play(self, press: KeyDown) -> None:
+        run = self.run
+        if run is None:
+            super()._key_in_play(press)
+            return
+        play = self._current
+        emit_key = self.context.emit_key
+        action = play.action_of(press.key)
+        if press.repeat:
+            emit_key(press, "repeat", self.phase, action)
+        elif action is None:
+            emit_key(press, play.plan.key_map.judge_idle_key(press.key), self.phase)
+        elif not run.takes(press.t_ns):
+            emit_key(press, "not_playing", self.phase, action)
+        else:
+            emit_key(press, "accepted", self.phase, action)
+            self._take_response(run, ResponseRecord(press.key, action, press.t_ns))
+
+    def _take_response(self, run: TrialRun, response: ResponseRecord) -> None:
+        run.responses.append(response)
+        assert run.target_flip_ns is not None  # responses are taken from then on
+        self.context.emit(
+            ResponseTaken(
+                t_ns=self.context.now_ns,
+                part=self.number,
+                episode=self._current.plan.episode,
+                number=len(run.responses),
+                key=response.key,
+                action=response.action,
+                pressed_ns=response.pressed_ns,
+                target_ns=run.target_flip_ns,
+            )
+        )
+        if run.is_over(self.context.now_ns):
+            self._finish_trial(run)
+
+    def _finish_trial(self, run: TrialRun) -> None:
+        """Make the step of the trial's world: the last response, or the no-op without one."""
+        play = self._current
+        now_ns = self.context.now_ns
+        self.run = None
+        if run.responses:
+            response = run.responses[-1]
+            stepped = play.step(now_ns, response.action, key=response.key, key_t_ns=response.pressed_ns)
+        else:
+            stepped = play.step_without_key(now_ns)
+        self._stepped(stepped)
+
 
 TRIAL_BLOCK = ActivityKind(
     "trials",
     TrialsPlan,
     TrialsActivity,
+    messages="minihuman.activities.trials.rows:TRIAL_ROWS",
     tables="minihuman.activities.trials.tables:TRIAL_TABLES",
     measures="minihuman.activities.trials.trial_measures:MEASURES",
     report="minihuman.activities.trials.report:build_section",
+    screens=(TrialScreen,),
+    simulator="minihuman.activities.trials.simulation:TrialSimulator",
+    check_block=check_timeline,
     is_played_alone=True,
     has_trials=True,
 )

@@ -1,6 +1,14 @@
-"""Columns of the table of trials."""
+"""Columns of the tables of trials, of what they showed, and of their responses."""
 
-from minihuman.dataset.table_columns import BLOCK_COLUMNS, EPISODE_COLUMNS, SESSION_COLUMNS, TableColumn
+from minihuman.dataset.table_columns import (
+    BLOCK_COLUMNS,
+    EPISODE_COLUMNS,
+    PART_COLUMN,
+    SEGMENT_COLUMN,
+    SESSION_COLUMNS,
+    TIME_COLUMN,
+    TableColumn,
+)
 
 TRIAL_COLUMNS = (
     *SESSION_COLUMNS,
@@ -14,4 +22,28 @@ TRIAL_COLUMNS = (
     TableColumn("is_correct", "boolean", "", "Whether it was the correct one; empty where nothing says it."),
     TableColumn("response_ms", "number", "ms", "The first response minus the onset of the stimulus; empty without.", 2),
     TableColumn("reward", "number", "", "What the trial earned."),
+)
+_EPISODE = TableColumn("episode", "integer", "", "The episode of the session, 1 for the first.")
+STIMULUS_COLUMNS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    PART_COLUMN,
+    _EPISODE,
+    TableColumn("picture", "integer", "", "The picture of the trial, 1 for the first."),
+    TableColumn("stimuli", "text", "JSON", "The names of the stimuli in it, the front one last."),
+    TableColumn("due_ns", "integer", "ns", "When it was to be on the display, session time; empty: at once."),
+    TableColumn("flip_ns", "integer", "ns", "When it was on the display, session time."),
+    TableColumn("late_ms", "number", "ms", "By how much that was later; empty where it was due at once.", 2),
+)
+RESPONSE_COLUMNS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    PART_COLUMN,
+    _EPISODE,
+    TableColumn("number", "integer", "", "Which response of the trial, 1 for the first."),
+    TableColumn("key", "text", "", "The physical key."),
+    TableColumn("pressed_ns", "integer", "ns", "When it went down, session time."),
+    TableColumn("response_ms", "number", "ms", "That minus the flip of the trial's target.", 2),
 )

@@ -1,14 +1,15 @@
-"""Plans of blocks of trials, and the tables that their options come from."""
+"""Plans of blocks of trials, the tables that their options come from, and the time course of a trial."""
 
+from collections.abc import Iterator
 from typing import Literal
 
 import msgspec
 
 from minihuman.activities.play.plan import PlayPlan
 
-
-class TrialsPlan(PlayPlan, frozen=True):
-    """The plan of a block of trials."""
+TimeSpec = float | tuple[float, float] | str  # ms; drawn from a range; or "{column}"
+IMAGE_FORMATS = ("PNG", "JPEG", "WEBP")  # of a timeline's images
+PlaceSpec = float | str  # a number, or "{column}"
 
 
 class StimuliSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -20,3 +21,84 @@ class StimuliSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     labels: tuple[str, ...] = ()  # columns that say what kind of trial a row is, where the world's options do not tell
     balanced_by: tuple[str, ...] = ()  # columns whose levels keep their shares where part of the table is played
     max_run: dict[str, int] = {}  # column -> how often one of its levels comes in a row at most
+
+
+class TimelineStimulus(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One stimulus of a timeline: what it shows, where, and from when to when.
+
+    A text, shape, image, colour, number or time may be ``"{column}"``, a cell of the trial's row or a world option. A
+    stimulus whose text, shape or image comes from an empty cell is not shown and keeps its time.
+    """
+
+    name: str
+    text: str = ""
+    shape: str = ""  # "circle", "square", "diamond"
+    image: str = ""  # a picture beside the protocol
+    colour: str = "#e8e6e1"
+    size: PlaceSpec = 0.2  # of the picture's height
+    x: PlaceSpec = 0.5  # of the width: a number, or "left", "centre", "right"
+    y: PlaceSpec = 0.5  # of the height, from the top
+    layout: Literal["line", "ring"] = "line"  # "ring": the words of the text stand around the centre
+    layer: int = 0  # a higher one is in front
+    onset_ms: TimeSpec | None = None  # since the trial's first picture; absent: when the stimulus before it ends
+    after: str = ""  # onset_ms counts from this stimulus's end
+    since: str = ""  # onset_ms counts from this stimulus's onset
+    duration_ms: TimeSpec | None = None
+    each_ms: TimeSpec | None = None  # the words of the text come one after the other, each for so long
+    until: Literal["", "response", "end"] = ""  # it goes at the response, or stays to the trial's end
+
+
+class TimelineSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The time course of a block's trials, ``[blocks.timeline]`` in the protocol."""
+
+    stimuli: tuple[TimelineStimulus, ...]
+    target: str = ""  # response times count from its onset; "": the last stimulus
+    opens_ms: float = 0.0  # responses are taken from so long after the target's onset
+    responses: int = 1  # how many are taken; the last of them counts
+    ends: Literal["response", "time"] = "response"  # "time": a response does not end the trial
+    soa_ms: float = 0.0  # from one trial's first picture to the next one's, by the clock; 0: no rhythm
+
+    def describe(self, deadline_ms: float) -> Iterator[str]:
+        """Yield, for a methods section, what a trial shows and when, and when responses are taken."""
+        yield "each trial showed " + ", ".join(_describe_stimulus(stimulus) for stimulus in self.stimuli)
+        target = self.target or self.stimuli[-1].name
+        opens = f" from {self.opens_ms:g} ms on" if self.opens_ms else ""
+        until = f", at most {deadline_ms:g} ms" if deadline_ms else ""
+        yield f"response times count from the onset of {target!r}; responses were taken{opens} after it{until}"
+        if self.ends == "time":
+            yield "a response did not end the trial"
+        if self.soa_ms:
+            yield f"one trial began every {self.soa_ms:g} ms"
+
+
+class TrialsPlan(PlayPlan, frozen=True):
+    """The plan of a block of trials."""
+
+    timeline: TimelineSpec | msgspec.UnsetType = msgspec.UNSET  # unset where a trial is a single picture
+
+
+def _describe_stimulus(stimulus: TimelineStimulus) -> str:
+    parts = [f"{stimulus.name!r}"]
+    if stimulus.since:
+        parts.append(f"{_describe_time(stimulus.onset_ms)} after the onset of {stimulus.since!r}")
+    elif stimulus.after:
+        parts.append(f"{_describe_time(stimulus.onset_ms)} after the end of {stimulus.after!r}")
+    elif stimulus.onset_ms is not None:
+        parts.append(f"from {_describe_time(stimulus.onset_ms)} on")
+    if stimulus.each_ms is not None:
+        parts.append(f"{_describe_time(stimulus.each_ms)} for each of its words")
+    if stimulus.duration_ms is not None:
+        parts.append(f"for {_describe_time(stimulus.duration_ms)}")
+    if stimulus.until == "response":
+        parts.append("until the response")
+    elif stimulus.until == "end":
+        parts.append("until the end of the trial")
+    return " ".join(parts)
+
+
+def _describe_time(time: TimeSpec | None) -> str:
+    if isinstance(time, tuple):
+        return f"{time[0]:g} to {time[1]:g} ms (drawn)"
+    if isinstance(time, str):
+        return f"the time in column {time.strip('{}')!r}"
+    return f"{time or 0:g} ms"

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from minihuman.activities.trials.stop_signal import FEWEST_STOP_TRIALS, StopSignalEstimate, estimate_people
 from minihuman.activities.trials.trial_measures import (
     ALL,
     ANTICIPATION_MS,
@@ -49,6 +50,18 @@ _HEADS = {
     "criterion": "c",
 }
 
+_STOP_HEADS = (
+    "block", "group", "participant", "go trials", "go accuracy", "go omissions", "go RT (ms)", "stop trials",
+    "p(respond | signal)", "delay (ms)", "failed stop RT (ms)", "SSRT (ms)", "remark",
+)  # fmt: skip
+_STOP_CAPTION = (
+    "Stop signals: go RT, mean of all go responses; delay, mean of the presented ones; failed stop RT, mean of "
+    "responses in stop trials; SSRT, by integration with go omissions replaced by the slowest go response, wrong and "
+    f"premature go responses included (Verbruggen et al., 2019). None with fewer than {FEWEST_STOP_TRIALS} stop "
+    "trials, or where failed stops are not faster than go responses. Last row of a group: mean (standard deviation) "
+    "over participants."
+)
+
 
 def build_section(source: SectionSource) -> ReportSection | None:
     """Build the section on trials, or return None if there were none."""
@@ -63,6 +76,7 @@ def build_section(source: SectionSource) -> ReportSection | None:
     tables = (
         *_tabulate_conditions(people),
         *_tabulate_detection(people),
+        *_tabulate_stop_signals(trials),
         *_tabulate_differences(people),
         *_tabulate_group_differences(people),
         *_tabulate_quarters(average_sessions(measure_quarters(trials))),
@@ -134,6 +148,50 @@ def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
     if len(measured):
         return _tabulate(measured, _DETECTION, caption)
     return []
+
+
+def _tabulate_stop_signals(trials: pd.DataFrame) -> list[CaptionedTable]:
+    """Build the table of stop-signal reaction times; none without stop signals."""
+    estimates = list(estimate_people(trials))
+    rows: list[tuple[str, ...]] = []
+    for place, (block, group, participant, estimate) in enumerate(estimates):
+        rows.append((block, group, participant, *_format_stop_estimate(estimate)))
+        is_last = place + 1 == len(estimates) or estimates[place + 1][:2] != (block, group)
+        if is_last:
+            of_group = [other[3] for other in estimates if other[:2] == (block, group)]
+            rows.append(_summarise_stop_signals(block, group, of_group))
+    if rows:
+        return [CaptionedTable(Table(_STOP_HEADS, rows, words=3), _STOP_CAPTION)]
+    return []
+
+
+def _format_stop_estimate(estimate: StopSignalEstimate) -> tuple[str, ...]:
+    return (
+        str(estimate.go_trials),
+        _format_known(estimate.go_accuracy, 3),
+        _format_known(estimate.go_omissions, 3),
+        _format_known(estimate.go_ms, 0),
+        str(estimate.stop_trials),
+        _format_known(estimate.response_rate, 3),
+        _format_known(estimate.mean_delay_ms, 0),
+        _format_known(estimate.failed_stop_ms, 0),
+        _format_known(estimate.ssrt_ms, 0),
+        estimate.remark,
+    )
+
+
+def _summarise_stop_signals(block: str, group: str, estimates: list[StopSignalEstimate]) -> tuple[str, ...]:
+    times = pd.Series([estimate.ssrt_ms for estimate in estimates]).dropna()
+    summary = "n/a"
+    if len(times):
+        summary = format_mean_sd(float(times.mean()), float(times.std()))
+    return (block, group, f"all with an SSRT: {len(times)} of {len(estimates)}", *[""] * 8, summary, "")
+
+
+def _format_known(value: float, digits: int) -> str:
+    if math.isnan(value):
+        return "n/a"
+    return format_number(value, digits)
 
 
 def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:

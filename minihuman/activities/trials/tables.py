@@ -1,14 +1,19 @@
-"""The table of trials: stimuli and responses of the episodes in a trial world or with labels."""
+"""The tables of trials, of the pictures of those with a time course, and of their responses.
+
+A trial is an episode in a trial world or with labels.
+"""
 
 import json
 import math
 
 from minihuman.activities.play.tables import PLAY_TABLES
-from minihuman.activities.trials.columns import TRIAL_COLUMNS
+from minihuman.activities.trials.columns import RESPONSE_COLUMNS, STIMULUS_COLUMNS, TRIAL_COLUMNS
+from minihuman.activities.trials.events import ResponseTaken, StimuliShown
+from minihuman.activities.trials.rows import RESPONSE_TOPIC, STIMULI_TOPIC
 from minihuman.dataset.activity_tables import ActivityTable, TableRow
 from minihuman.dataset.measures import response_ms
 from minihuman.experiment.trial_responses import NO_RESPONSE
-from minihuman.log.model.session_log import EpisodeLog
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.worlds.catalogue import TRIAL_WORLDS
 
 
@@ -36,4 +41,33 @@ def _build_trial_row(episode: EpisodeLog) -> TableRow | None:
     }
 
 
-TRIAL_TABLES = (*PLAY_TABLES, ActivityTable("trials", TRIAL_COLUMNS, episode_row=_build_trial_row))
+def _build_stimulus_row(event: StimuliShown, log: SessionLog) -> TableRow:
+    has_due_time = bool(event.due_ns)
+    return {
+        "part": event.part + 1,
+        "episode": event.episode + 1,
+        "picture": event.frame + 1,
+        "stimuli": json.dumps(event.stimuli, ensure_ascii=False),
+        "due_ns": event.due_ns if has_due_time else None,
+        "flip_ns": event.flip_ns,
+        "late_ms": (event.flip_ns - event.due_ns) / 1e6 if has_due_time else None,
+    }
+
+
+def _build_response_row(event: ResponseTaken, log: SessionLog) -> TableRow:
+    return {
+        "part": event.part + 1,
+        "episode": event.episode + 1,
+        "number": event.number,
+        "key": event.key,
+        "pressed_ns": event.pressed_ns,
+        "response_ms": (event.pressed_ns - event.target_ns) / 1e6,
+    }
+
+
+TRIAL_TABLES = (
+    *PLAY_TABLES,
+    ActivityTable("trials", TRIAL_COLUMNS, episode_row=_build_trial_row),
+    ActivityTable("trial_stimuli", STIMULUS_COLUMNS, {StimuliShown: _build_stimulus_row}, topics=(STIMULI_TOPIC,)),
+    ActivityTable("trial_responses", RESPONSE_COLUMNS, {ResponseTaken: _build_response_row}, topics=(RESPONSE_TOPIC,)),
+)

@@ -6,8 +6,10 @@ on every toolkit and desktop), and the picture of a screen. Laboratories can reg
 """
 
 import abc
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
@@ -38,7 +40,7 @@ from minihuman.experiment.machine.inputs import (
     ScreenShown,
     TextInput,
 )
-from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
+from minihuman.experiment.machine.screens import ActivityScreen, PlayScreen, Screen, TextScreen
 from minihuman.plugins import call_plugin, list_plugin_names
 
 REPEAT_DELAY_NS = 500_000_000  # the usual desktop's: half a second, then 30 a second
@@ -119,6 +121,7 @@ class KeyRepeater:
 
 DEFAULT_SIZE_PX: Size = (1280, 720)
 TITLE = "minihuman"
+_FLIPS = 9  # by which the next one is estimated
 _FRAME_NS = 16_666_667  # at 60 Hz: a view that moves is drawn for the next frame
 
 
@@ -140,6 +143,9 @@ class BlockingWindow(Window):
         self._moves_from_ns = 0
         self._pointer_at = (0.0, 0.0)  # where it was last while the button was down
         self._pressed_in: str | None = None  # the spot in which a mouse button is down
+        self._flip_times_ns: deque[int] = deque(maxlen=_FLIPS)  # how long the latest flips of a kind's screens took
+        self._awaits_flip = False  # of a frame that is drawn and not due yet
+        self._early_inputs: list[Input] = []  # that arrived meanwhile
 
     @property
     @abc.abstractmethod
@@ -220,14 +226,45 @@ class BlockingWindow(Window):
             self._screen = None  # never shown: the next is drawn anew
             self._frame = self._frame[:0]
             raise
+        if isinstance(screen, ActivityScreen) and screen.due_ns is not None:
+            self._await_flip(screen.due_ns)
         submit_ns = self._clock()
         self._flip(self._frame, changed)
         flip_ns = self._clock()
+        if isinstance(screen, ActivityScreen):
+            self._flip_times_ns.append(flip_ns - submit_ns)
         return ScreenShown(t_ns=flip_ns, submit_ns=submit_ns, flip_ns=flip_ns)
+
+    def _await_flip(self, due_ns: int) -> None:
+        """Wait until a frame has to be handed over to be on the display at a time; inputs are received meanwhile.
+
+        A display that waits for its refresh shows the frame at the next one, so that half a period before the time
+        leads to the refresh that is nearest to it. On another display a flip takes as long as the latest ones.
+        """
+        lead_ns = self.refresh_period_ns // 2
+        if not lead_ns and self._flip_times_ns:
+            lead_ns = sorted(self._flip_times_ns)[len(self._flip_times_ns) // 2]
+        hand_over_ns = due_ns - lead_ns
+        while (left_ns := hand_over_ns - self._clock()) > 0:
+            self._awaits_flip = True
+            self._early_inputs += self._arrived(left_ns)
+        self._awaits_flip = False
+
+    @cached_property
+    def refresh_period_ns(self) -> int:
+        """The time between two refreshes of a display for which flips wait; 0 if they return at once."""
+        facts = self.facts()
+        try:
+            refresh_hz = float(facts.get("refresh_hz_reported", ""))
+        except ValueError:
+            return 0
+        if facts.get("vsync") != "on" or refresh_hz <= 0:
+            return 0
+        return round(1e9 / refresh_hz)
 
     def _repaint(self) -> None:
         """Display the whole current screen again, after it was covered or the window's size changed."""
-        if self._screen is None:
+        if self._screen is None or self._awaits_flip:  # what is not due yet is not to be seen
             return
         width, height = self.size_px
         self._frame = compose_screen(self._screen, (width, height))
@@ -235,6 +272,10 @@ class BlockingWindow(Window):
 
     def wait(self, until_ns: int | None) -> list[Input]:
         """Wait until inputs arrive or the clock reaches ``until_ns``, and return the inputs, [] if there are none."""
+        if self._early_inputs:
+            arrived = self._early_inputs
+            self._early_inputs = []
+            return arrived
         while True:
             due_ns = min((t for t in (until_ns, self._repeater.next_repeat_ns) if t is not None), default=None)
             timeout_ns = None

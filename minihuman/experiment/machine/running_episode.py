@@ -219,6 +219,15 @@ class RunningEpisode:
         picture_hash = self._picture_hashes.get(step, 0)
         return FrameShown(screen.t_ns, self.plan.episode, step, screen.submit_ns, screen.flip_ns, picture_hash)
 
+    def note_onset(self, flip_ns: int) -> None:
+        """Note the flip that response times count from, where not every picture is an onset."""
+        self._flips_ns = [flip_ns]
+
+    def step_without_key(self, t_ns: int) -> Stepped:
+        """Make a step with the no-op, as a trial that ended without a response."""
+        assert self._noop is not None, "the protocol's check asks for a no-op"
+        return self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
+
     @property
     def takes_clicks(self) -> bool:
         """Whether a click in the picture is an action."""

@@ -254,6 +254,11 @@ class ActivityScreen:
     accepts_pointer: ClassVar[bool] = False
     locale: TextLocale
 
+    @property
+    def due_ns(self) -> int | None:
+        """When the screen is to be on the display, in session time; None: as soon as it is drawn."""
+        return None
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilmsScreen(ActivityScreen, abc.ABC):

@@ -28,6 +28,7 @@ class StaircaseSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     start: int = 0  # place of the first value
     stop_reversals: int = 0  # the block is over after so many; 0: never
     averaged_reversals: int = 6  # the threshold is the mean of the values at the last so many
+    only: dict[str, bool | int | float | str] = {}  # the options of the episodes that it goes by; empty: all episodes
 
 
 class Staircase(Design):
@@ -52,6 +53,8 @@ class Staircase(Design):
         direction = 0
         reversals: list[int] = []
         for episode in history:
+            if any(episode.options.get(name) != value for name, value in settings.only.items()):
+                continue
             if episode.success:
                 run += 1
                 move = int(run == settings.down)

@@ -216,9 +216,14 @@ def _plan_block(
     tables = {
         "agent": block.agent,
         "team": block.team,
+        "timeline": block.timeline,
         "seeds": "listed" if isinstance(block.seeds, tuple) else block.seeds,
     }
-    own_fields = {name: table for name, table in tables.items() if name in kind.plan_fields and table is not None}
+    own_fields: dict[str, Any] = {
+        name: table for name, table in tables.items() if name in kind.plan_fields and table is not None
+    }
+    if "timeline" in own_fields:
+        own_fields["hold_ms"] = 0.0  # the timeline says what is shown until the trial ends
     plan = kind.plan(**msgspec.structs.asdict(play) | own_fields)
     assert isinstance(plan, PlayPlan)  # the protocol's check has seen to it
     return plan

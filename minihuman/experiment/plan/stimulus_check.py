@@ -1,12 +1,14 @@
-"""Checks of stimulus tables before a study begins: the world of every row is created, drawn and played once."""
+"""Checks of stimulus tables before a study begins: every row's world is played once, and its timeline drawn."""
 
 import difflib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from typing import Any
 
+from minihuman.activities.trials.drawing import draw_stimuli
 from minihuman.activities.trials.plan import StimuliSpec
+from minihuman.activities.trials.schedule import PREPARATION_MS, DrawShare, TrialSchedule, list_columns, resolve_trial
 from minihuman.activities.trials.stimulus_table import (
     COUNT,
     IMAGE,
@@ -25,6 +27,8 @@ from minihuman.worlds.adapters.world import World
 
 _MOST_LINES = 20  # of a table's mistakes; a wrong column is wrong in every row
 _MOST_STEPS = 10  # of a trial that is tried
+_DRAWN_PX = (320, 240)  # of a timeline's pictures
+_SHARES = (0.0, 1.0)  # of what is drawn from a range: the shortest and the longest
 _CLOSE = 0.8  # how similar a column's name is to an option's that it was probably meant to be
 
 
@@ -46,6 +50,8 @@ def check_stimuli(protocol: Protocol, source: str) -> list[str]:
             if block_of_group.stimuli is not None:
                 _check_table(protocol, block_of_group, place)
                 notices |= dict.fromkeys(_list_notices(protocol, block_of_group))
+            elif mistakes := _find_timeline_mistakes(protocol, block_of_group):
+                _refuse(f"{source}: $.blocks[{number}].timeline", mistakes)
     return list(notices)
 
 
@@ -53,8 +59,17 @@ def _check_table(protocol: Protocol, block: BlockSpec, place: str) -> None:
     mistakes = [*_find_misspelt_columns(protocol, block), *_find_unnameable_labels(protocol, block)]
     mistakes += _find_empty_rows(protocol, block)
     mistakes += _find_unplayable_rows(block, read_stimuli(protocol, block))
-    if not mistakes:
-        return
+    mistakes += _find_timeline_mistakes(protocol, block)
+    if mistakes:
+        _refuse(place, mistakes)
+
+
+def _refuse(place: str, mistakes: Sequence[str]) -> None:
+    """Refuse a block for its mistakes.
+
+    Raises:
+        ProtocolError: always, with a line for each of the first mistakes.
+    """
     lines = [f"{place}: {mistake}" for mistake in mistakes[:_MOST_LINES]]
     if len(mistakes) > _MOST_LINES:
         lines.append(f"{place}: {len(mistakes) - _MOST_LINES} more mistakes of this table are not listed")
@@ -134,7 +149,7 @@ def _find_misspelt_columns(protocol: Protocol, block: BlockSpec) -> Iterator[str
     first = read_table(block.stimuli, protocol.files)[:1]
     for column in list_label_columns(protocol, block):
         close = difflib.get_close_matches(column.strip().lower(), known, n=1, cutoff=_CLOSE)
-        if column not in block.stimuli.labels and close:
+        if column not in (*block.stimuli.labels, *_list_shown_columns(block)) and close:
             place = _name_header(block.stimuli, first[0].place)
             yield (
                 f"{place}: column {column!r}: {block.world} has no such option; did you mean {close[0]!r}? If it is a "
@@ -218,7 +233,8 @@ def _play_trial(world: World, action: int, most_steps: int) -> None:
 
 def _list_notices(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
     assert block.stimuli is not None
-    if labels := list_label_columns(protocol, block):
+    shown = _list_shown_columns(block)
+    if labels := [column for column in list_label_columns(protocol, block) if column not in shown]:
         yield f"block {block.name!r}: its table of stimuli has labels, which are not shown: {', '.join(labels)}"
     for row in read_table(block.stimuli, protocol.files):
         correct = row.cells.get("correct")
@@ -226,3 +242,83 @@ def _list_notices(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
             continue
         if str(correct) not in (*block.actions, block.noop_action):
             yield f"block {block.name!r}: {row.place}: no key does {correct!r}, which is the correct response"
+
+
+def _find_timeline_mistakes(protocol: Protocol, block: BlockSpec) -> list[str]:
+    """Return what prevents a block's timeline from being played, with row, stimulus and field; empty without one."""
+    if block.timeline is None:
+        return []
+    shared = list_world_options(block)
+    rows = read_table(block.stimuli, protocol.files) if block.stimuli is not None else []
+    mistakes = _find_missing_columns(block, {column for row in rows for column in row.cells} | shared.keys())
+    if mistakes:
+        return mistakes
+    if not rows:
+        return _find_row_mistakes(protocol, block, shared, "every trial")
+    for row in rows:
+        mistakes += _find_row_mistakes(protocol, block, shared | row.cells, row.place)
+    return mistakes
+
+
+def _list_shown_columns(block: BlockSpec) -> dict[str, str]:
+    """Return the columns to which a block's timeline refers, each with the stimulus and field that does."""
+    columns: dict[str, str] = {}
+    for stimulus in block.timeline.stimuli if block.timeline is not None else ():
+        for column, field in list_columns(stimulus).items():
+            columns.setdefault(column, f"stimulus {stimulus.name!r}, {field}")
+    return columns
+
+
+def _find_missing_columns(block: BlockSpec, columns: set[str]) -> list[str]:
+    """Return an error for each column that the timeline names and neither the table nor the design has."""
+    known = set(columns)
+    if block.design is not None:
+        known.add(str(block.design.settings.get("option", "")))
+    options = find_option_names(block.world)
+    mistakes = []
+    place = f"{block.stimuli.file}:1: " if block.stimuli is not None and block.stimuli.file else ""
+    for column, user in _list_shown_columns(block).items():
+        has_default = column == "delay_ms" and options is not None
+        if column not in known and not has_default:
+            names = ", ".join(sorted(known - {COUNT, "", "responses"})) or "none"
+            mistakes.append(f"{place}timeline: {user}: there is no column {column!r}; the columns are {names}")
+    return mistakes
+
+
+def _find_row_mistakes(protocol: Protocol, block: BlockSpec, cells: dict[str, Any], place: str) -> list[str]:
+    assert block.timeline is not None
+    design_option = str(block.design.settings.get("option", "")) if block.design is not None else ""
+    cells = {"delay_ms": 0.0, design_option: 0.0} | cells
+    mistakes: dict[str, None] = {}
+    for share in _SHARES:
+        try:
+            schedule = resolve_trial(block.timeline, cells, block.response_deadline_ms, _draw_always(share))
+            for time_ns in schedule.changes_ns:
+                contents = [stimulus.content for stimulus in schedule.find_visible(time_ns)]
+                draw_stimuli(contents, _DRAWN_PX, protocol.files, protocol.study.language)
+        except WorldError as error:
+            mistakes[f"{place}: {error}"] = None
+            continue
+        if excess := _find_excess(block, schedule):
+            mistakes[f"{place}: {excess}"] = None
+    return list(mistakes)
+
+
+def _draw_always(share: float) -> DrawShare:
+    """Return a draw whose every share is the same."""
+    return lambda place: share
+
+
+def _find_excess(block: BlockSpec, schedule: TrialSchedule) -> str:
+    """Return why a trial does not fit into the block's rhythm; "" if it does."""
+    assert block.timeline is not None
+    soa_ms = block.timeline.soa_ms
+    if not soa_ms or schedule.end_ns is None:
+        return ""
+    longest_ms = soa_ms - PREPARATION_MS
+    if schedule.end_ns / 1e6 <= longest_ms:
+        return ""
+    return (
+        f"timeline: the trial lasts {schedule.end_ns / 1e6:g} ms; with soa_ms = {soa_ms:g} it lasts {longest_ms:g} at "
+        "most, as the next one is prepared before it begins"
+    )

@@ -7,7 +7,8 @@ from typing import Any
 import msgspec
 
 from minihuman.activities.play.plan import TrialRules
-from minihuman.activities.trials.plan import StimuliSpec
+from minihuman.activities.trials.plan import IMAGE_FORMATS, StimuliSpec
+from minihuman.activities.trials.schedule import fill_references, list_columns
 from minihuman.activities.trials.stimulus_table import (
     COUNT,
     IMAGE,
@@ -25,6 +26,7 @@ from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import apply_overrides
 from minihuman.worlds.hashing import refer_to_file
 
+TIMELINE_IMAGE_FORMATS = IMAGE_FORMATS
 _MAX_ROWS = 10_000
 
 
@@ -148,6 +150,9 @@ def _find_file_names(protocol: Protocol) -> Iterator[str]:
     for block in protocol.blocks:
         if block.stimuli is not None:
             yield from _list_file_names(block.stimuli, protocol.files)
+        for group in ("", *block.group_overrides):
+            images = read_timeline_images(apply_overrides(block, group), protocol.files)
+            yield from (name for name, _ in images if name in protocol.files)
         for group in block.group_overrides:
             spec = apply_overrides(block, group).stimuli
             if spec is not None and (not spec.file or spec.file in protocol.files):  # plans lacked them once
@@ -166,4 +171,21 @@ def read_images(spec: StimuliSpec, files: Mapping[str, bytes]) -> list[tuple[str
     for row in read_table(spec, files):
         if name := row.cells.get(IMAGE):
             places.setdefault(str(name), row.place)
+    return list(places.items())
+
+
+def read_timeline_images(block: BlockSpec, files: Mapping[str, bytes]) -> list[tuple[str, str]]:
+    """Return the images of a block's timeline, each with the first row or stimulus that names it."""
+    if block.timeline is None:
+        return []
+    rows = read_table(block.stimuli, files) if block.stimuli is not None else []
+    places: dict[str, str] = {}
+    for stimulus in block.timeline.stimuli:
+        if not stimulus.image:
+            continue
+        if not list_columns(stimulus):
+            places.setdefault(stimulus.image, f"timeline, stimulus {stimulus.name!r}")
+        for row in rows:
+            if name := fill_references(stimulus.image, row.cells):
+                places.setdefault(str(name), f"{row.place}: stimulus {stimulus.name!r}")
     return list(places.items())

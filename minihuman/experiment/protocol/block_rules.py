@@ -60,7 +60,7 @@ def check_unused_tables(block: BlockSpec) -> Iterator[FieldError]:
     ):
         yield "fixed_keys", f"is given, but key_map is {block.key_map!r}; set it to 'fixed'"
     kinds = [overrides.get("kind", block.kind) for overrides in overrides_of_groups]
-    for table in ("agent", "team"):
+    for table in ("agent", "team", "timeline"):
         if getattr(block, table) is not None and not any(_has_table(kind, table) for kind in kinds):
             yield table, f"is given, but a {block.kind} block has none; use kind = {_name_kinds_with(table)}"
 

@@ -8,7 +8,7 @@ import msgspec
 from minihuman.activities.agent_blocks.plan import AgentPlan
 from minihuman.activities.play.plan import ComputedBy, CriterionSpec, PointsSpec, ReadyPolicy
 from minihuman.activities.team.plan import TeamPlan
-from minihuman.activities.trials.plan import StimuliSpec
+from minihuman.activities.trials.plan import StimuliSpec, TimelineSpec
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.bindings import AxisBinding, SpotBinding
 from minihuman.experiment.plan.designs import DesignSpec
@@ -124,6 +124,7 @@ class BlockSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     agent: AgentPlan | None = None  # that plays, where the kind has one
     team: TeamPlan | None = None  # who sits in which body, where the kind is "team"
     stimuli: StimuliSpec | None = None  # a table of options of the world, one row an episode
+    timeline: TimelineSpec | None = None  # the time course of each trial: what is shown from when to when
     axes: dict[str, AxisBinding] = {}  # a gamepad's axis -> the component of the action that it moves
     spot: SpotBinding | None = None  # what a click in the picture does
     design: DesignSpec | None = None  # chooses each episode's options or layout, or ends the block, from those before

@@ -598,3 +598,57 @@ class Linked(_message.Message):
     least_rtt_ns: int
     drift_ppm: float
     def __init__(self, t_ns: _Optional[int] = ..., offset_ns: _Optional[int] = ..., error_ns: _Optional[int] = ..., rtt_ns: _Optional[int] = ..., least_rtt_ns: _Optional[int] = ..., drift_ppm: _Optional[float] = ...) -> None: ...
+
+class TrialResolved(_message.Message):
+    __slots__ = ("t_ns", "part", "episode", "schedule_json", "start_ns")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    SCHEDULE_JSON_FIELD_NUMBER: _ClassVar[int]
+    START_NS_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    part: int
+    episode: int
+    schedule_json: str
+    start_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., episode: _Optional[int] = ..., schedule_json: _Optional[str] = ..., start_ns: _Optional[int] = ...) -> None: ...
+
+class StimuliShown(_message.Message):
+    __slots__ = ("t_ns", "part", "episode", "frame", "stimuli", "due_ns", "submit_ns", "flip_ns")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    STIMULI_FIELD_NUMBER: _ClassVar[int]
+    DUE_NS_FIELD_NUMBER: _ClassVar[int]
+    SUBMIT_NS_FIELD_NUMBER: _ClassVar[int]
+    FLIP_NS_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    part: int
+    episode: int
+    frame: int
+    stimuli: _containers.RepeatedScalarFieldContainer[str]
+    due_ns: int
+    submit_ns: int
+    flip_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., episode: _Optional[int] = ..., frame: _Optional[int] = ..., stimuli: _Optional[_Iterable[str]] = ..., due_ns: _Optional[int] = ..., submit_ns: _Optional[int] = ..., flip_ns: _Optional[int] = ...) -> None: ...
+
+class ResponseTaken(_message.Message):
+    __slots__ = ("t_ns", "part", "episode", "number", "key", "action", "pressed_ns", "target_ns")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    NUMBER_FIELD_NUMBER: _ClassVar[int]
+    KEY_FIELD_NUMBER: _ClassVar[int]
+    ACTION_FIELD_NUMBER: _ClassVar[int]
+    PRESSED_NS_FIELD_NUMBER: _ClassVar[int]
+    TARGET_NS_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    part: int
+    episode: int
+    number: int
+    key: str
+    action: int
+    pressed_ns: int
+    target_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., episode: _Optional[int] = ..., number: _Optional[int] = ..., key: _Optional[str] = ..., action: _Optional[int] = ..., pressed_ns: _Optional[int] = ..., target_ns: _Optional[int] = ...) -> None: ...

@@ -9,6 +9,8 @@ export interface FilmSettings {
   /** how much of the window is theirs: of its height, and each one's of its width */ room: [share: number, across?: number];
   /** at which they begin */ step: number;
   /** ns from a step on the display to the next; null where keys alone go on */ period: number | null;
+  /** when the next step is due, in ns of the session, if not after a period; null where it is not by the clock */
+  dueAfter?: (step: number, flip: number) => number | null;
   /** the step that a key leads to; null for none */ stepOf: (key: string, isRepeat: boolean, step: number) => number | null;
 }
 

@@ -195,7 +195,7 @@ export class FilmViewer {
   /** @param {Film} film @param {number} step */
   async #turn(film, step) {
     Object.assign(film, { step, due: null });
-    const { settings: { sides, room, period }, message: { id: screen, name } } = film;
+    const { settings: { sides, room, period, dueAfter }, message: { id: screen, name } } = film;
     const pictures = await Promise.all(sides.map((side) => this.#pictureAt(side, Math.min(step, side.length - 1))));
     const bitmaps = await Promise.all(pictures.map((picture) => this.images.unpack(picture)));
     const isCurrent = () => this.#film === film && film.step === step;
@@ -210,14 +210,13 @@ export class FilmViewer {
       paint(canvas, bitmap);
     });
     film.bar.value = Math.min(1, step / Math.max(1, film.length - 1));
-    if (period !== null) {
+    if (period !== null || dueAfter) {
       this.flips.report({ screen, name, then: (flip) => {
-        if (isCurrent()) film.due ??= flip + period;
+        if (isCurrent()) film.due ??= dueAfter ? dueAfter(step, flip) : flip + (period ?? 0);
         this.schedule();
       } });
-      return;
-    }
-    this.flips.report({ screen, name });
+      if (!dueAfter) return;
+    } else this.flips.report({ screen, name });
     for (const number of sides[0].slice(step + 1, step + 9)) {
       const picture = this.images.get(number);
       if (picture) this.images.unpack(picture);

@@ -1,0 +1,163 @@
+"""Drawing of a trial's stimuli: texts, shapes and images at their places."""
+
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from minihuman.activities.trials.plan import IMAGE_FORMATS
+from minihuman.activities.trials.schedule import StimulusContent
+from minihuman.activities.trials.screens import TrialScreen
+from minihuman.display.drawing import sheet as theme
+from minihuman.display.drawing.sheet import Sheet, Size
+from minihuman.display.shaping import is_rtl
+from minihuman.display.text import draw_line
+from minihuman.display.typefaces import select_typefaces
+from minihuman.errors import WorldError
+from minihuman.experiment.machine.screens import TextLocale
+from minihuman.experiment.stimuli import BACKGROUND, SHAPES, read_colour
+
+_MOST_KEPT = 64  # pictures, of some megabytes each
+_RING_RADIUS = 0.34  # of the picture's height
+_WIDEST = 0.9  # of the picture's width: how wide an image is at most
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnSheet:
+    """A sheet that has been drawn before, uint8[H, W, 3], so that it takes a copy alone to show it."""
+
+    page: NDArray[np.uint8]
+
+
+def draw_trial(screen: TrialScreen, size_px: Size) -> DrawnSheet:
+    """Draw what is visible in a window, with the keys below where they are shown.
+
+    The trial's other pictures are drawn, too, and kept: before its first picture there is time for that.
+    """
+    files = _Files(screen.files)
+    for contents in screen.pictures[: _MOST_KEPT // 2]:
+        _draw_sheet(contents, size_px, files, screen.legend, screen.locale)
+    return _draw_sheet(screen.contents, size_px, files, screen.legend, screen.locale)
+
+
+@lru_cache(maxsize=_MOST_KEPT)
+def _draw_sheet(
+    contents: tuple[StimulusContent, ...], size_px: Size, files: "_Files", legend: str, locale: TextLocale
+) -> DrawnSheet:
+    sheet = Sheet(size_px, locale)
+    sheet.page.paste(_draw(contents, size_px, files, locale.language), (0, 0))
+    if legend:
+        width, height = size_px
+        sheet.put_line((width / 2, height * 0.95), legend, round(height / 32), width * 0.95, theme.MUTED_INK)
+    return DrawnSheet(np.array(sheet.page))
+
+
+def draw_stimuli(
+    contents: Sequence[StimulusContent], size_px: Size, files: Mapping[str, bytes], language: str
+) -> NDArray[np.uint8]:
+    """Draw stimuli as uint8[H, W, 3]; the last one is in front.
+
+    Raises:
+        WorldError: if a shape or colour is unknown, or an image is missing or cannot be decoded.
+    """
+    return np.asarray(_draw(tuple(contents), size_px, _Files(files), language))
+
+
+class _Files:
+    """A protocol's files as part of a cache's key: equal where they are the same object."""
+
+    def __init__(self, files: Mapping[str, bytes]) -> None:
+        self.files = files
+
+    def __hash__(self) -> int:
+        return id(self.files)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Files) and other.files is self.files
+
+
+def _draw(contents: tuple[StimulusContent, ...], size_px: Size, files: _Files, language: str) -> Image.Image:
+    picture = Image.new("RGB", size_px, BACKGROUND)
+    for content in contents:
+        _draw_content(picture, content, files, language)
+    return picture
+
+
+def _draw_content(picture: Image.Image, content: StimulusContent, files: _Files, language: str) -> None:
+    width, height = picture.size
+    draw = ImageDraw.Draw(picture)
+    ink = read_colour(content.colour)
+    at = (content.x * width, content.y * height)
+    if content.image:
+        _paste_image(picture, content, files)
+    if content.shape:
+        _draw_shape(draw, content, at, content.size * height / 2, ink)
+    if not content.text:
+        return
+    size_px = max(4, round(content.size * height))
+    words = content.text.split() if content.layout == "ring" else [content.text]
+    places = [at]
+    if content.layout == "ring":
+        places = _find_ring(at, len(words), _RING_RADIUS * height)
+    for word, place in zip(words, places, strict=True):
+        draw_line(
+            draw,
+            place,
+            word,
+            faces=select_typefaces(language),
+            size_px=size_px,
+            colour=ink,
+            anchor="m",
+            rtl=is_rtl(word),
+        )
+
+
+def _find_ring(centre: tuple[float, float], count: int, radius: float) -> list[tuple[float, float]]:
+    """Return places evenly around a centre, the first at the top."""
+    angles = [2 * math.pi * place / count for place in range(count)]
+    return [(centre[0] + radius * math.sin(angle), centre[1] - radius * math.cos(angle)) for angle in angles]
+
+
+def _draw_shape(
+    draw: ImageDraw.ImageDraw, content: StimulusContent, at: tuple[float, float], reach: float, ink: Any
+) -> None:
+    x, y = at
+    box = (x - reach, y - reach, x + reach, y + reach)
+    match content.shape:
+        case "circle":
+            draw.ellipse(box, fill=ink)
+        case "square":
+            draw.rectangle(box, fill=ink)
+        case "diamond":
+            draw.regular_polygon((x, y, reach * 1.2), 4, rotation=45, fill=ink)
+        case shape:
+            raise WorldError(f"shape is {shape!r}; use one of {', '.join(SHAPES)}")
+
+
+def _paste_image(picture: Image.Image, content: StimulusContent, files: _Files) -> None:
+    width, height = picture.size
+    image = _read_image(content.image, files)
+    scale = min(content.size * height / image.height, _WIDEST * width / image.width)
+    scaled = image.resize((max(1, round(image.width * scale)), max(1, round(image.height * scale))))
+    left = round(content.x * width - scaled.width / 2)
+    top = round(content.y * height - scaled.height / 2)
+    picture.paste(scaled, (left, top), scaled)
+
+
+@lru_cache(maxsize=64)
+def _read_image(name: str, files: _Files) -> Image.Image:
+    content = files.files.get(name)
+    if content is None:
+        raise WorldError(f"image {name!r} is not in the protocol's folder; copy it there")
+    try:
+        return Image.open(io.BytesIO(content), formats=IMAGE_FORMATS).convert("RGBA")
+    except (ValueError, OSError, SyntaxError) as error:
+        raise WorldError(
+            f"image {name!r} is no PNG, JPEG or WebP ({type(error).__name__}); save it as one of these"
+        ) from error

@@ -1,0 +1,29 @@
+"""The screen of a trial as values for the page, which shows its pictures by itself."""
+
+from typing import Any
+
+from minihuman.activities.trials.drawing import draw_stimuli
+from minihuman.activities.trials.screens import TrialScreen
+from minihuman.web.screen_values import NumberPicture
+
+_PICTURE_PX = (640, 480)
+
+
+def build_page_values(screen: TrialScreen, number: NumberPicture) -> dict[str, Any]:
+    """Return a trial's pictures, all of which are sent before its first one is shown, and their times."""
+    language = screen.locale.language
+    numbers = {
+        contents: number(draw_stimuli(contents, _PICTURE_PX, screen.files, language))
+        for contents in dict.fromkeys(screen.pictures)
+    }
+    return {
+        "prompt": screen.legend,
+        "pictures": [numbers[contents] for contents in screen.pictures],
+        "step": screen.step,
+        "dues": screen.dues_ns,
+        "start": screen.start_ns,
+        "first": screen.first_flip_ns,
+        "keys": screen.response_keys,
+        "target": screen.target_step,
+        "foresees": screen.foresees_responses,
+    }

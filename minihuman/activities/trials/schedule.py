@@ -1,0 +1,242 @@
+"""The schedule of a trial: from when to when each stimulus is shown and responses are taken. No clock and no I/O.
+
+A timeline and the cells of a trial's row resolve to times in nanoseconds since the trial's first picture. Windows, the
+page, the session and `verify` all go by this schedule.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Literal
+
+import msgspec
+
+from minihuman.activities.trials.plan import PlaceSpec, TimelineSpec, TimelineStimulus, TimeSpec
+from minihuman.errors import WorldError
+
+NS_PER_MS = 1_000_000
+LONGEST_MS = 3_600_000.0
+PREPARATION_MS = 100.0  # of a block with a rhythm: the next trial is prepared in it
+MOST_STIMULI = 500  # of a trial
+_REFERENCE = re.compile(r"\{([^{}]+)\}")
+_PLACES = {"left": 0.25, "centre": 0.5, "right": 0.75}
+
+Cells = Mapping[str, Any]  # of a trial's row, by column
+DrawShare = Callable[[int], float]  # the random share, 0 to 1, for a place in the timeline
+
+
+class StimulusContent(msgspec.Struct, frozen=True):
+    """What a stimulus shows, and where; lengths are shares of the picture's width (x) and height."""
+
+    text: str
+    shape: str
+    image: str
+    colour: str
+    size: float
+    x: float
+    y: float
+    layout: Literal["line", "ring"]
+
+
+class ScheduledStimulus(msgspec.Struct, frozen=True):
+    """A stimulus of one trial, with its times since the trial's first picture."""
+
+    name: str
+    content: StimulusContent
+    layer: int
+    onset_ns: int
+    end_ns: int | None  # None: it stays to the trial's end
+    until_response: bool
+
+
+class TrialSchedule(msgspec.Struct, frozen=True):
+    """The schedule of one trial; times are nanoseconds since its first picture."""
+
+    stimuli: tuple[ScheduledStimulus, ...]  # those that are shown
+    target: str
+    target_ns: int
+    opens_ns: int  # when responses begin to be taken
+    closes_ns: int | None  # the deadline; None: there is none
+    responses: int  # how many are taken
+    ends_at_response: bool
+    end_ns: int | None  # when the trial ends without a response; None: never
+
+    @property
+    def changes_ns(self) -> tuple[int, ...]:
+        """The times at which the picture changes, from 0 for the first picture."""
+        times = {0}
+        for stimulus in self.stimuli:
+            times |= {stimulus.onset_ns, stimulus.end_ns or 0}
+        before_end = sorted(time for time in times if self.end_ns is None or time < self.end_ns)
+        changes = before_end[:1]
+        for time in before_end[1:]:
+            if self.find_visible(time) != self.find_visible(changes[-1]) or time == self.target_ns:
+                changes.append(time)
+        return tuple(changes)
+
+    def find_visible(self, time_ns: int, *, has_response: bool = False) -> tuple[ScheduledStimulus, ...]:
+        """Return the stimuli that are visible at a time, the front one last."""
+        visible = [
+            stimulus
+            for stimulus in self.stimuli
+            if stimulus.onset_ns <= time_ns
+            and (stimulus.end_ns is None or time_ns < stimulus.end_ns)
+            and not (has_response and stimulus.until_response)
+        ]
+        return tuple(sorted(visible, key=lambda stimulus: stimulus.layer))
+
+    def find_onset_ns(self, name: str) -> int | None:
+        """Return when a stimulus begins; None if it is not shown."""
+        return next((stimulus.onset_ns for stimulus in self.stimuli if stimulus.name == name), None)
+
+
+def resolve_trial(timeline: TimelineSpec, cells: Cells, deadline_ms: float, draw: DrawShare) -> TrialSchedule:
+    """Resolve the timeline of a trial.
+
+    Args:
+        timeline: the block's timeline.
+        cells: the cells of the trial's row and its world options, by column.
+        deadline_ms: how long after the target's onset responses are taken; 0 for no deadline.
+        draw: returns the random share for a place in the timeline.
+
+    Raises:
+        WorldError: if a cell is missing or is no such time or number; the message names the stimulus and its field.
+    """
+    spans = _Spans(timeline, cells, draw)
+    stimuli = [stimulus for spec in timeline.stimuli for stimulus in spans.resolve(spec)]
+    if len(stimuli) > MOST_STIMULI:
+        raise WorldError(f"timeline shows {len(stimuli)} stimuli in a trial; use at most {MOST_STIMULI}")
+    target = timeline.target or timeline.stimuli[-1].name
+    target_ns = spans.onsets_ns[target]
+    closes_ns = None
+    if deadline_ms:
+        closes_ns = target_ns + round(deadline_ms * NS_PER_MS)
+    end_ns = closes_ns
+    if timeline.ends == "time":
+        ends_ns = [end for end in (*spans.ends_ns.values(), closes_ns) if end is not None]
+        end_ns = max(ends_ns, default=target_ns)
+    return TrialSchedule(
+        stimuli=tuple(stimuli),
+        target=target,
+        target_ns=target_ns,
+        opens_ns=target_ns + round(timeline.opens_ms * NS_PER_MS),
+        closes_ns=closes_ns,
+        responses=timeline.responses,
+        ends_at_response=timeline.ends == "response",
+        end_ns=end_ns,
+    )
+
+
+def list_columns(stimulus: TimelineStimulus) -> dict[str, str]:
+    """Return the columns to which a stimulus refers, each with the first field that does."""
+    columns: dict[str, str] = {}
+    for field in stimulus.__struct_fields__:
+        written = getattr(stimulus, field)
+        if isinstance(written, str):
+            for column in _REFERENCE.findall(written):
+                columns.setdefault(column, field)
+    return columns
+
+
+def fill_references(written: str, cells: Cells) -> Any:
+    """Replace the references in a text by their cells; a missing cell is an empty text."""
+    whole = _REFERENCE.fullmatch(written)
+    if whole:
+        return cells.get(whole[1], "")
+    return _REFERENCE.sub(lambda match: str(cells.get(match[1], "")), written)
+
+
+class _Spans:
+    """The spans of a trial's stimuli, resolved one after the other."""
+
+    def __init__(self, timeline: TimelineSpec, cells: Cells, draw: DrawShare) -> None:
+        self.onsets_ns: dict[str, int] = {}
+        self.ends_ns: dict[str, int | None] = {}
+        self._last_end_ns: int | None = 0
+        self._places = {stimulus.name: place for place, stimulus in enumerate(timeline.stimuli)}
+        self._cells = cells
+        self._draw = draw
+
+    def resolve(self, spec: TimelineStimulus) -> Iterator[ScheduledStimulus]:
+        """Resolve the next stimulus; yield it, or each of its words, if it is shown."""
+        content = self._read_content(spec)
+        words = [content] if content is not None else []
+        onset_ns = self._find_begin_ns(spec) + round(self._read_time(spec, "onset_ms", 0) * NS_PER_MS)
+        end_ns: int | None = None
+        each_ns = 0
+        if spec.each_ms is not None:
+            words = [msgspec.structs.replace(content, text=word) for word in content.text.split()] if content else []
+            each_ns = round(self._read_time(spec, "each_ms", 1) * NS_PER_MS)
+            end_ns = onset_ns + each_ns * len(words)
+        elif spec.duration_ms is not None:
+            end_ns = onset_ns + round(self._read_time(spec, "duration_ms", 1) * NS_PER_MS)
+        self.onsets_ns[spec.name] = onset_ns
+        self.ends_ns[spec.name] = self._last_end_ns = end_ns
+        for place, word in enumerate(words):
+            name = spec.name
+            own_end_ns = end_ns
+            if spec.each_ms is not None:
+                name = f"{spec.name}-{place + 1}"
+                own_end_ns = onset_ns + each_ns * (place + 1)
+            if own_end_ns is None or own_end_ns > onset_ns + each_ns * place:
+                begin_ns = onset_ns + each_ns * place
+                yield ScheduledStimulus(name, word, spec.layer, begin_ns, own_end_ns, spec.until == "response")
+
+    def _find_begin_ns(self, spec: TimelineStimulus) -> int:
+        """Return the time from which a stimulus's onset counts."""
+        if spec.since:
+            return self.onsets_ns[spec.since]
+        begin_ns: int | None = 0
+        if spec.after:
+            begin_ns = self.ends_ns[spec.after]
+        elif spec.onset_ms is None:
+            begin_ns = self._last_end_ns
+        if begin_ns is None:
+            raise WorldError(
+                f"timeline: stimulus {spec.name!r} begins when another ends, which has no duration_ms; give it one, or "
+                "use since and onset_ms"
+            )
+        return begin_ns
+
+    def _read_time(
+        self, spec: TimelineStimulus, field: Literal["onset_ms", "duration_ms", "each_ms"], kind: int
+    ) -> float:
+        written: TimeSpec | None = getattr(spec, field)
+        if written is None:
+            return 0.0
+        if isinstance(written, tuple):
+            share = self._draw(2 * self._places[spec.name] + kind)
+            return float(round(written[0] + share * (written[1] - written[0])))
+        return self._read_number(spec, field, written, low=0.0, high=LONGEST_MS)
+
+    def _read_number(self, spec: TimelineStimulus, field: str, written: PlaceSpec, *, low: float, high: float) -> float:
+        cell: Any = written
+        if isinstance(written, str):
+            cell = fill_references(written, self._cells)
+            cell = _PLACES.get(cell, cell) if field == "x" else cell
+        try:
+            number = float(cell)
+        except (TypeError, ValueError):
+            number = float("nan")
+        if isinstance(cell, bool) or not low <= number <= high:
+            raise WorldError(
+                f"timeline: stimulus {spec.name!r}: {field} is {cell!r}; use a number from {low:g} to {high:g}"
+            )
+        return number
+
+    def _read_content(self, spec: TimelineStimulus) -> StimulusContent | None:
+        """Return what a stimulus shows; None if it shows nothing in this trial."""
+        text, shape, image = (
+            str(fill_references(getattr(spec, field), self._cells)) for field in ("text", "shape", "image")
+        )
+        if not (text or shape or image):
+            return None
+        return StimulusContent(
+            text=text,
+            shape=shape,
+            image=image,
+            colour=str(fill_references(spec.colour, self._cells)),
+            size=self._read_number(spec, "size", spec.size, low=0.001, high=2.0),
+            x=self._read_number(spec, "x", spec.x, low=0.0, high=1.0),
+            y=self._read_number(spec, "y", spec.y, low=0.0, high=1.0),
+            layout=spec.layout,
+        )

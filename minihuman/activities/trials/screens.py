@@ -1,0 +1,96 @@
+"""The screen of a trial with a time course: the stimuli that are visible now, and those that follow."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.activities.trials.schedule import StimulusContent
+from minihuman.activities.trials.trial_run import TrialRun
+from minihuman.experiment.machine.activity import SessionContext
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import FilmsScreen, PageView
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrialScreen(FilmsScreen):
+    """A screen of a trial's stimuli.
+
+    The page has every picture of the trial, the empty one first: those before the response, then those after it.
+    """
+
+    drawing: ClassVar[str] = "minihuman.activities.trials.drawing:draw_trial"
+    page_view: ClassVar[PageView | None] = PageView(
+        "trial", "minihuman.activities.trials.page_values:build_page_values", "minihuman.activities.trials:page.js"
+    )
+    contents: tuple[StimulusContent, ...]  # what is visible, the front one last
+    body: str  # the names of the visible stimuli, by which screenshots tell screens apart
+    files: Mapping[str, bytes]  # of images, by name
+    legend: str  # keys and what they do; "" where it is not shown
+    flip_ns: int | None  # when it is to be on the display, in session time; None: at once
+    pictures: tuple[tuple[StimulusContent, ...], ...]  # of the trial: the empty one, before and after the response
+    dues_ns: tuple[int, ...]  # of the pictures before the response, since the first; the empty one's is 0
+    step: int  # the place of the present picture
+    episode: tuple[int, int]  # the part and the episode
+    start_ns: int | None  # when the first picture is due; None: at once
+    first_flip_ns: int | None  # when it was there
+    response_keys: tuple[str, ...]
+    target_step: int  # the place of the picture from which on responses are taken
+    foresees_responses: bool  # whether every press from then on is a response, so that the page need not ask
+
+    @property
+    def due_ns(self) -> int | None:
+        """When the screen is to be on the display, in session time; None: at once."""
+        return self.flip_ns
+
+    @property
+    def films(self) -> tuple[Sequence[NDArray[np.uint8]], ...]:
+        """None that come later: a page has all pictures before the first is shown."""
+        return ()
+
+    @property
+    def shown_step(self) -> int:
+        """The place of the present picture."""
+        return self.step
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """The trial: two of its screens differ in the shown picture alone."""
+        return (self.episode, self.start_ns)
+
+
+def build_trial_screen(context: SessionContext, play: RunningEpisode, run: TrialRun) -> TrialScreen:
+    """Build the screen of a running trial."""
+    words = context.words
+    schedule = run.schedule
+    frames = range(len(run.changes_ns))
+    pictures: list[tuple[StimulusContent, ...]] = [()]
+    for has_response in (False, True):
+        pictures += [
+            tuple(stimulus.content for stimulus in run.find_visible(frame, has_response=has_response))
+            for frame in frames
+        ]
+    legend = ""
+    if play.plan.show_keys:
+        keys = sorted(play.plan.key_map.keys.items())
+        caps = {key: cap for key, cap, _ in words.labels(tuple(key for key, _ in keys))}
+        legend = "     ".join(f"{caps[key]}: {words.action(action)}" for key, action in keys)
+    return TrialScreen(
+        contents=tuple(stimulus.content for stimulus in run.visible),
+        body=", ".join(stimulus.name for stimulus in run.visible),
+        files=context.plan.files,
+        legend=legend,
+        flip_ns=None if run.is_seen else run.find_due_ns(run.frame),
+        pictures=tuple(pictures),
+        dues_ns=(0, *run.changes_ns),
+        step=run.frame + 1 + len(frames) * run.has_response,
+        episode=(play.plan.block, play.plan.episode),
+        start_ns=run.find_due_ns(0),
+        first_flip_ns=run.first_flip_ns,
+        target_step=run.changes_ns.index(schedule.target_ns) + 1 if schedule.target_ns in run.changes_ns else 1,
+        foresees_responses=schedule.opens_ns == schedule.target_ns and schedule.closes_ns in (None, schedule.end_ns),
+        response_keys=tuple(play.plan.key_map.keys),
+        locale=words.locale,
+    )
