@@ -16,9 +16,9 @@ import scipy
 from numpy.typing import NDArray
 
 from minihuman.statistics.comparison import holm_correction
-from minihuman.statistics.permutation import ALPHA, invert_test
+from minihuman.statistics.permutation import ALPHA, invert_test, permutation_tests
 from minihuman.statistics.regroupings import RESAMPLES, SEED
-from minihuman.statistics.t_tests import LEVEL, Values, compare_means
+from minihuman.statistics.t_tests import LEVEL, Values
 
 _EXHAUSTIVE = 13  # differences, up to which all 2^n sign flips are taken
 _TIES = 1e-9
@@ -197,7 +197,7 @@ MIN_EPISODES = 3  # the fewest episodes to which a participant's line is fitted
 
 @dataclass(frozen=True, slots=True)
 class GrowthTerm:
-    """An estimate over people with its t interval and p, which are NaN if the people are too few."""
+    """An estimate over people with its 95 % interval and p, which are NaN if the people are too few."""
 
     name: str
     estimate: float
@@ -223,10 +223,10 @@ class GrowthComparison:
 def compare_growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = ()) -> GrowthComparison | None:
     """Compare groups by the lines that fit each participant's values over ``episode_in_block``.
 
-    This is the summary-statistics analysis of a random-slopes model. It is exact where all people have the same
-    episodes, and keeps its nominal error rate where people's slopes differ. A random intercept alone does not: with
-    slopes of SD 0.01 around 0, 20 people and a term for the episode, it rejects a true null hypothesis in a third of
-    studies.
+    This is the summary-statistics analysis of a random-slopes model. Groups are compared on levels and slopes by the
+    permuted Welch test with its lower limits, as on any measure, and the reference group's mean slope is tested by
+    flipping signs. By Welch's t alone, slopes of 2 and 18 people with SDs of 3 and 1 differ falsely in 15 % of studies;
+    by a mixed model with a random intercept alone, slopes of SD 0.01 are falsely different from 0 in a third of them.
 
     Args:
         rows: one row per episode, with the columns ``participant``, ``group``, ``episode_in_block`` and the measure
@@ -398,24 +398,20 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
 
 
 def estimate_mean(name: str, values: Values) -> GrowthTerm:
-    """Estimate a mean over people, with its t interval and the p of the null hypothesis that the mean is 0.
+    """Estimate a mean over people, with the interval and p of the sign-flip test that the mean is 0.
 
     The interval and p are NaN if all people have the same value.
     """
-    mean = float(values.mean())
-    n = len(values)
-    if not np.ptp(values):
-        return GrowthTerm(name, mean, (math.nan, math.nan), math.nan, n)
-    error = float(values.std(ddof=1)) / math.sqrt(n)
-    half = float(scipy.special.stdtrit(n - 1, (1 + LEVEL) / 2)) * error
-    p = float(2 * scipy.special.stdtr(n - 1, -abs(mean) / error))
-    return GrowthTerm(name, mean, (mean - half, mean + half), p, n)
+    test = paired_test(values)
+    if test is None or not test.error > 0:
+        return GrowthTerm(name, float(values.mean()), (math.nan, math.nan), math.nan, len(values))
+    return GrowthTerm(name, test.difference, test.interval(), test.p(), test.n)
 
 
 def _estimate_difference(name: str, values: Values, base: Values) -> GrowthTerm:
     """Estimate the difference of two groups' means; the interval and p are NaN if no value varies within a group."""
     people = len(values) + len(base)
-    if not max(np.ptp(values), np.ptp(base)):
+    (test,) = permutation_tests([(values, base)])
+    if test is None or not test.error > 0:
         return GrowthTerm(name, float(values.mean() - base.mean()), (math.nan, math.nan), math.nan, people)
-    comparison = compare_means(values, base)
-    return GrowthTerm(name, comparison.difference, comparison.interval(), comparison.p, people)
+    return GrowthTerm(name, test.difference, test.interval(), test.p(), people)

@@ -1,11 +1,14 @@
-"""Welch's t test of two groups, tests of equivalence, and the power of a t test."""
+"""Welch's t test of two groups, and the power of a t test."""
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+
+from minihuman.moved import forward_names
 
 LEVEL = 0.95
 Values = NDArray[np.float64]
@@ -40,43 +43,6 @@ def compare_means(a: Values, b: Values) -> Welch:
     parts = (a.var(ddof=1) / len(a), b.var(ddof=1) / len(b))
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(a) - 1) + parts[1] ** 2 / (len(b) - 1))
     return Welch(float(a.mean() - b.mean()), math.sqrt(sum(parts)), float(freedom))
-
-
-@dataclass(frozen=True, slots=True)
-class Equivalence:
-    """Two one-sided tests (Schuirmann, 1987), with Welch's t, of whether a difference lies within bounds."""
-
-    bounds: tuple[float, float]
-    difference: float  # first minus second
-    interval: tuple[float, float]  # of 90 %: it lies within the bounds where p is below 0.05
-    p: float  # the larger of the two
-
-    @property
-    def alike(self) -> bool:
-        """Whether the tests show that the difference lies within the bounds."""
-        return self.p < 0.05
-
-
-def check_equivalence(a: Values, b: Values, bounds: tuple[float, float]) -> Equivalence | None:
-    """Test whether the difference of two groups' means lies within bounds.
-
-    Returns:
-        The tests; None if nothing varies or a group has fewer than two values.
-
-    Raises:
-        ValueError: if the lower bound is not below 0 or the upper bound is not above 0.
-    """
-    low, high = bounds
-    if not low < 0 < high:
-        raise ValueError(
-            f"the lower equivalence bound must be below 0 and the upper one above 0, not {low:g} and {high:g}"
-        )
-    if min(len(a), len(b)) < 2 or max(np.ptp(a), np.ptp(b)) == 0:
-        return None
-    comparison = compare_means(a, b)
-    above = scipy.special.stdtr(comparison.freedom, -(comparison.difference - low) / comparison.error)
-    below = scipy.special.stdtr(comparison.freedom, (comparison.difference - high) / comparison.error)
-    return Equivalence(bounds, comparison.difference, comparison.interval(0.9), float(max(above, below)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,3 +88,7 @@ def t_test_power(d: float, n: tuple[int, int], *, level: float = LEVEL) -> float
     else:
         below = 0.0
     return above + below
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)
