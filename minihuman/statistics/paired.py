@@ -22,6 +22,7 @@ from minihuman.statistics.t_tests import LEVEL, Values
 
 _EXHAUSTIVE = 13  # differences, up to which all 2^n sign flips are taken
 _TIES = 1e-9
+_AT_ONCE = 1_000_000  # values permuted at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,10 +103,10 @@ class PairedComparison:
 
 @dataclass(frozen=True, slots=True)
 class CrossoverTerm:
-    """The F test of one effect in an additive model of a crossover design."""
+    """The permutation test of one effect's F in an additive model of a crossover design."""
 
     measure: str
-    effect: str  # "condition", "position", "carry-over"
+    effect: str  # "position" or "carry-over"
     freedom: tuple[int, int]
     f: float
     p: float
@@ -149,47 +150,92 @@ def compare_conditions(
 
 
 def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]:
-    """Test the effects of condition, position and carry-over in a crossover design.
+    """Test the effects of position and carry-over in a crossover design.
 
-    Each effect is tested given the others, with participants as fixed effects. Carry-over is of first order: the effect
-    of the condition just before (Jones and Kenward, 2014). An effect that the design confounds with the others is left
-    out.
+    Each effect is tested given the other and the conditions, with participants as fixed effects. Carry-over is of first
+    order: the effect of the condition just before (Jones and Kenward, 2014). An effect that the design confounds with
+    the others is left out. p permutes the orders between participants, so it needs neither equal variances nor normal
+    values: participants' residuals without the effect are exchanged whole (Freedman and Lane, 1983).
 
     Args:
         measure: the measure's name
         rows: one row per participant and condition, with the columns ``participant``, ``condition``, ``position`` (1,
-            2, ...), ``before`` (the condition just before, "" for the first one) and ``value``
+            2, ...), ``before`` (the condition just before, "" for the first one) and ``value``; participants without a
+            value in every condition are omitted
     """
     known = rows.dropna(subset=["value"])
-    is_repeated = known.groupby("participant")["value"].transform("size") > 1
-    known = known[is_repeated]
-    if known.empty:
+    conditions = known["condition"].nunique()
+    is_complete = known.groupby("participant")["value"].transform("size") == conditions
+    known = known[is_complete].sort_values(["participant", "condition"], kind="stable")
+    people = known["participant"].nunique()
+    if conditions < 2 or not _has_enough_orders(known):
         return ()
     dummies = {name: pd.get_dummies(known[name]).to_numpy(float) for name in ("condition", "position")}
     before = pd.get_dummies(known["before"]).drop(columns="", errors="ignore").to_numpy(float)
     dummies["carry-over"] = before[:, 1:] - before[:, :1]  # sums to 0: its mean is the effect of not being the first
-    people = pd.get_dummies(known["participant"]).to_numpy(float)
-    value = known["value"].to_numpy(float)
-    whole_rank, whole_squares = _fit(np.column_stack([people, *dummies.values()]), value)
-    residual_freedom = len(value) - whole_rank
-    if residual_freedom < 1 or whole_squares <= 0:
+    centred = {name: _centre_people(columns, people) for name, columns in dummies.items()}
+    value = _centre_people(known["value"].to_numpy(float)[:, None], people)[:, 0]
+    whole = _find_basis(np.column_stack(list(centred.values())))
+    residual_freedom = len(value) - people - whole.shape[1]
+    if residual_freedom < 1 or _sum_residuals(value, whole) <= _TIES * float(value @ value):
         return ()
     terms = []
-    for effect in dummies:
-        other_dummies = [dummy for name, dummy in dummies.items() if name != effect]
-        rank, squares = _fit(np.column_stack([people, *other_dummies]), value)
-        effect_freedom = whole_rank - rank
+    for effect in ("position", "carry-over"):
+        other = _find_basis(np.column_stack([columns for name, columns in centred.items() if name != effect]))
+        effect_freedom = whole.shape[1] - other.shape[1]
         if effect_freedom:
-            f = (squares - whole_squares) / effect_freedom / (whole_squares / residual_freedom)
-            p = float(scipy.special.fdtrc(effect_freedom, residual_freedom, f))
+            ratios = _compute_ratios(value, whole, other, people)
+            f = float(ratios[0]) * residual_freedom / effect_freedom
+            p = float(np.mean(ratios >= ratios[0] * (1 - _TIES)))
             terms.append(CrossoverTerm(measure, effect, (effect_freedom, residual_freedom), f, p))
     return tuple(terms)
 
 
-def _fit(design: Values, value: Values) -> tuple[int, float]:
-    """Return the rank of a design matrix and the residual sum of squares of its least-squares fit."""
-    fitted, _, rank, _ = np.linalg.lstsq(design, value, rcond=1e-10)
-    return int(rank), float(((value - design @ fitted) ** 2).sum())
+def _has_enough_orders(known: pd.DataFrame) -> bool:
+    """Return whether orders can be exchanged between participants in enough ways for p < 0.05."""
+    orders = known.sort_values("position").groupby("participant")["condition"].agg(tuple)
+    counts = orders.value_counts().to_numpy()
+    log_ways = scipy.special.gammaln(len(orders) + 1) - scipy.special.gammaln(counts + 1).sum()
+    return bool(log_ways > -math.log(ALPHA))
+
+
+def _centre_people(columns: Values, people: int) -> Values:
+    """Subtract each participant's mean from columns whose rows are sorted by participant."""
+    by_person = columns.reshape(people, -1, columns.shape[1])
+    return (by_person - by_person.mean(axis=1, keepdims=True)).reshape(columns.shape)
+
+
+def _find_basis(columns: Values) -> Values:
+    """Return an orthonormal basis of the space that columns span."""
+    left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    basis: Values = left[:, sizes > 1e-10 * max(sizes.max(initial=0.0), 1.0)]
+    return basis
+
+
+def _sum_residuals(values: Values, basis: Values) -> Values:
+    """Return the residual sum of squares of each row of values, which are fitted by a basis."""
+    squares: Values = (values**2).sum(axis=-1) - ((values @ basis) ** 2).sum(axis=-1)
+    return squares
+
+
+def _compute_ratios(value: Values, whole: Values, other: Values, people: int) -> Values:
+    """Return the effect's over the residual sum of squares, of the observed orders and then of RESAMPLES permutations.
+
+    Args:
+        value: the values, centred within participants, sorted by participant and condition
+        whole: a basis of all effects
+        other: a basis of all effects but the tested one
+        people: the number of participants
+    """
+    residuals = (value - other @ (other.T @ value)).reshape(people, -1)
+    rng = np.random.default_rng(SEED)
+    orders = np.concatenate([np.arange(people)[None], rng.random((RESAMPLES, people)).argsort(axis=1)])
+    batches = []
+    for batch in np.array_split(orders, 1 + orders.size * residuals.shape[1] // _AT_ONCE):
+        permuted = residuals[batch].reshape(len(batch), -1)
+        left = np.maximum(_sum_residuals(permuted, whole), np.finfo(float).tiny)
+        batches.append(_sum_residuals(permuted, other) / left - 1)
+    return np.concatenate(batches)
 
 
 MIN_EPISODES = 3  # the fewest episodes to which a participant's line is fitted

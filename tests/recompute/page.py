@@ -227,20 +227,20 @@ class Regrouped:
             p = max(p, float(2 * scipy.stats.t.sf(abs(by_t.statistic), freedom)))
         return p
 
-    def interval(self) -> tuple[Near, Near] | None:
+    def interval(self, level: float = 0.05) -> tuple[Near, Near] | None:
         if not max(np.ptp(self.a), np.ptp(self.b)) or smallest_p(len(self.a), len(self.b)) >= 0.05:
             return None
         if min(len(self.a), len(self.b)) < 4:
             return None
         error = math.sqrt(np.var(self.a, ddof=1) / len(self.a) + np.var(self.b, ddof=1) / len(self.b))
-        return invert(self.p, float(np.mean(self.a) - np.mean(self.b)), error, exact=self.exact)
+        return invert(self.p, float(np.mean(self.a) - np.mean(self.b)), error, exact=self.exact, level=level)
 
 
-def invert(p: Any, estimate: float, error: float, *, exact: bool) -> tuple[Near, Near]:
+def invert(p: Any, estimate: float, error: float, *, exact: bool, level: float = 0.05) -> tuple[Near, Near]:
     """The interval that a test does not reject; drawn resamples leave p uncertain by five standard errors."""
     bounds = []
     for side in (-1, 1):
-        near, middle, far = (search(p, estimate, side * error, alpha) for alpha in slack_around(0.05, exact=exact))
+        near, middle, far = (search(p, estimate, side * error, alpha) for alpha in slack_around(level, exact=exact))
         bounds.append(Near(middle, max(abs(middle - near), abs(far - middle)) + 2e-5 * error))
     return bounds[0], bounds[1]
 
@@ -322,13 +322,6 @@ def near_p(p: float, *, exact: bool = False) -> Near:
 def smallest_p(n: int, m: int) -> float:
     ways = scipy.special.comb(n + m, n, exact=True)
     return 1 / (RESAMPLES + 1) if ways > RESAMPLES else (2 if n == m else 1) / ways
-
-
-def welch_interval(a: Any, b: Any, level: float = 0.95) -> tuple[float, float]:
-    if not max(np.ptp(a), np.ptp(b)):
-        return NONE
-    found = scipy.stats.ttest_ind(a, b, equal_var=False).confidence_interval(level)
-    return float(found.low), float(found.high)
 
 
 def compare(measure: str, groups: tuple[str, str], a: Any, b: Any, *, is_log: bool = False) -> Compared:
@@ -869,33 +862,27 @@ def expected_subjects(rows: pd.DataFrame, people: pd.DataFrame, order: Sequence[
 
 
 def equivalences(people: pd.DataFrame, order: Sequence[str], primary: str, margin: float) -> Iterator[tuple[str, Any]]:
-    from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
-
     for a, b in combinations(order, 2):
         first, second = (people.loc[people["group"] == group, primary].dropna().to_numpy(float) for group in (a, b))
-        if min(len(first), len(second)) < 2 or not max(np.ptp(first), np.ptp(second)):
+        opening = f"{capital(MEASURES[primary])}: "
+        test = Regrouped(first, second) if min(len(first), len(second)) > 1 else None
+        bounds = test.interval(0.1) if test else None
+        if test is None or bounds is None:
+            why = "it needs 4 participants in each group and values that differ"
+            yield "p", f"{opening}equivalence of {a} and {b} was not tested ({why})."
             continue
-        means = CompareMeans(DescrStatsW(first), DescrStatsW(second))
-        p = float(means.ttost_ind(-margin, margin, usevar="unequal")[0])
+        apart = float(np.mean(first) - np.mean(second))
+        halves = test.p(-margin) / 2, test.p(margin) / 2
+        p = max(halves[0] if apart > -margin else 1 - halves[0], halves[1] if apart < margin else 1 - halves[1])
         alike = "are equivalent" if p < 0.05 else "are not shown to be equivalent"
-        bounds = welch_interval(first, second, 0.9)
         yield (
             "p",
             (
-                f"{capital(MEASURES[primary])}: {a} and {b} {alike} within {margin:g}, the protocol's margin (two one-"
-                f"sided tests, p {p_value(p)}; 90 % interval of the difference {interval(bounds, sign='+')})."
+                f"{opening}{a} and {b} {alike} within {margin:g}, the protocol's margin (two one-sided permutation "
+                "tests, p ", near_p(p, exact=test.exact), "; 90 % interval of the difference ",
+                bounds[0], " to ", bounds[1], ").",
             ),
-        )
-
-
-def mean_interval(values: Any) -> tuple[float, tuple[float, float], float]:
-    """A mean, its t interval, and the p of its being 0."""
-    mean = float(np.mean(values))
-    if not np.ptp(values):
-        return mean, NONE, math.nan
-    found = scipy.stats.ttest_1samp(values, 0.0)
-    bounds = found.confidence_interval(0.95)
-    return mean, (float(bounds.low), float(bounds.high)), float(found.pvalue)
+        )  # fmt: skip
 
 
 def expected_sessions(found: Block) -> Iterator[tuple[str, Any]]:
@@ -1209,20 +1196,15 @@ def expected_growth(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[t
     table: list[list[Any]] = [["term", "participants", "estimate", "95 % interval", "p"]]
     for at, name in enumerate((f"{measure} in the middle of the block", "change an episode")):
         base = np.array(lines[reference])[:, at]
-        mean, bounds, p = mean_interval(base)
-        p = p if at else math.nan
-        table.append([f"{reference}: {name}", str(len(base)), *near_cells(mean, bounds, p)])
+        cells = tested_cells(float(base.mean()), Flipped(base) if np.ptp(base) else None)
+        if not at:
+            cells[-1] = "n/a"
+        table.append([f"{reference}: {name}", str(len(base)), *cells])
         for group in others:
             values = np.array(lines[group])[:, at]
-            bounds = welch_interval(values, base)
-            p = (
-                math.nan
-                if math.isnan(bounds[0])
-                else float(scipy.stats.ttest_ind(values, base, equal_var=False).pvalue)
-            )
-            apart = float(values.mean() - base.mean())
-            many = str(len(values) + len(base))
-            table.append([f"{group} minus {reference}: {name}", many, *near_cells(apart, bounds, p)])
+            test = Regrouped(values, base) if max(np.ptp(values), np.ptp(base)) else None
+            cells = tested_cells(float(values.mean() - base.mean()), test)
+            table.append([f"{group} minus {reference}: {name}", str(len(values) + len(base)), *cells])
     yield "summary", "Change over the episodes"
     yield "table", table
     rows = pd.DataFrame([row for row in told if row["group"] in groups])
@@ -1306,12 +1288,14 @@ def mixed_model(rows: pd.DataFrame, terms: Sequence[str], groups: Sequence[str])
     return none
 
 
-def near_cells(value: float, bounds: tuple[float, float], p: float) -> list[Any]:
-    """Of a least-squares line: two solvers agree to the printed digit but where it turns on the last bit."""
-    error = 1e-9 * max(1.0, *(abs(one) for one in (value, *bounds) if not math.isnan(one)))
-    if math.isnan(bounds[0]):
-        return [(Near(value, error),), "n/a", p_value(p)]
-    return [(Near(value, error),), (Near(bounds[0], error), " to ", Near(bounds[1], error)), (Near(p, 1e-9),)]
+def tested_cells(value: float, test: Regrouped | Flipped | None) -> list[Any]:
+    """An estimate of lines, its interval and p: two solvers agree to the printed digit but where it turns on a bit."""
+    estimate = (Near(value, 1e-9 * max(1.0, abs(value))),)
+    if test is None:
+        return [estimate, "n/a", "n/a"]
+    bounds = test.interval()
+    interval: Expected = "n/a" if bounds is None else (bounds[0], " to ", bounds[1])
+    return [estimate, interval, (near_p(test.p(), exact=test.exact),)]
 
 
 def expected_reliability(found: Block) -> Iterator[tuple[str, Any]]:
