@@ -30,6 +30,7 @@ from minihuman.reporting.interactions import InteractionResults, choose_first_bl
 from minihuman.reporting.methods import build_methods, find_known_keys
 from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study, state_answers
 from minihuman.reporting.participant_flow import FlowSection, flow_section
+from minihuman.reporting.questionnaire_scores import add_last_blocks, list_task_load, task_load_table
 from minihuman.reporting.results import Results, compute_results, leave_out_navigation
 from minihuman.reporting.scorecard import (
     PlayerRows,
@@ -52,7 +53,7 @@ from minihuman.reporting.study_figures import (
     draw_waiting_times,
 )
 from minihuman.reporting.study_measures import add_measures
-from minihuman.reporting.template import ReportFigure
+from minihuman.reporting.template import ReportFigure, Table
 from minihuman.reporting.within_results import unite_teams
 from minihuman.statistics.paired import MixedModel, fit_mixed_model
 
@@ -236,7 +237,7 @@ def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path)
         episodes=tables.frame("episodes", _EPISODE_COLUMNS),
         blocks=blocks,
         participants=exclude_practice_alone(tables.frame("participants")),
-        answers=tables.frame("answers"),
+        answers=add_last_blocks(tables.frame("answers"), tables.frame("parts"), blocks["block"].unique()),
         clauses=tables.frame("clauses"),
         starts=tables.frame("starts", [*ATTEMPT_COLUMNS, "mission"]),  # their maps are long
         teams=tables.frame("teams"),
@@ -308,6 +309,7 @@ def _gather_content(
         tables=(),
         qualities=qualities,
         answers=report_input.answers,
+        task_load=_tabulate_task_load(report_input, results),
         clauses=count_clauses(episodes[~is_practice], report_input.starts, report_input.clauses),
         activities=join_sections(report_input.sections),
         practice=_count_by_block(episodes[is_practice & episodes["exclusion_reason"].isna()]),
@@ -331,6 +333,18 @@ def _write_methods(tables: Tables, report_input: _ReportInput, simulated: int, f
         protocols=report_input.protocols,
         flow=flow.counts if flow else None,
         n_excluded=count_excluded(report_input.participants),
+    )
+
+
+def _tabulate_task_load(report_input: _ReportInput, results: Results) -> Table | None:
+    """Tabulate the NASA Task Load Index of the included participants by condition; None if it has no conditions."""
+    people = report_input.participants
+    people = people[people["exclusion_reason"].isna()][["participant", "group"]].drop_duplicates("participant")
+    return task_load_table(
+        report_input.answers.drop(columns="group", errors="ignore").merge(people, on="participant"),
+        list_task_load(report_input.protocols),
+        dict(report_input.design.condition_of_block),
+        results.order,
     )
 
 

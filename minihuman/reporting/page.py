@@ -102,6 +102,7 @@ class PageContent:
     tables: Sequence[Path]
     qualities: Sequence[RecordingQuality]
     answers: pd.DataFrame
+    task_load: Table | None  # the NASA Task Load Index by condition
     clauses: pd.DataFrame  # assigned and completed, by block, verb and group
     activities: Sequence[ReportSection]  # the sections of activity kinds
     practice: Mapping[str, int]  # by practice block, the episodes that would be included
@@ -152,6 +153,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "clauses": clauses_table(content.clauses),
         "activities": content.activities,
         "answers": answers_table(content.answers),
+        "task_load": content.task_load,
         "figures": content.figures,
         "first_figures": content.first_figures,
         "models": content.models,
