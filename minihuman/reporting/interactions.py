@@ -58,6 +58,8 @@ class InteractionResults:
     contrasts: tuple[ContrastComparison, ...]
     left_out: int  # participants without a value in every condition, of the first measure
     cells: pd.DataFrame  # of the first measure: index group and participant, a column per condition
+    scaled_cells: pd.DataFrame  # the same on the scale of the tests, times as logarithms
+    tested_contrasts: tuple[Contrast, ...]
 
     @property
     def measure(self) -> str:
@@ -110,6 +112,8 @@ def compute_interaction(
         contrasts=_compare_contrasts(complete, design.tested_contrasts, groups, roles, logs),
         left_out=len(tables[first]) - len(complete[first]),
         cells=_tabulate_cells(compared, first, design.conditions),
+        scaled_cells=tables[first],
+        tested_contrasts=design.tested_contrasts,
     )
 
 
@@ -233,7 +237,8 @@ def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: boo
     if not math.isnan(groups.g):
         size = f"; standardised g {format_number(groups.g, 2)}, interval {format_interval(groups.g_interval, 2)}"
     n = f"{groups.n[0]} and {groups.n[1]} participants"
-    return f"{subject} is {estimate} ({interval}; {p}{size}; {n})."
+    caution = f" With care: {groups.caution}." if groups.caution else ""
+    return f"{subject} is {estimate} ({interval}; {p}{size}; {n}).{caution}"
 
 
 def interaction_table(interaction: InteractionResults) -> Table:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pandas as pd
 
@@ -279,7 +279,8 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         **_show_subjects(block),
         "comparisons": _comparisons_table(block) if has_comparisons else None,
         "only_pair": _name_only_pair(block),
-        "not_compared": _list_not_compared(block),
+        "not_compared": _list_notes(block, "reason"),
+        "cautions": _list_notes(block, "caution"),
         "groups_with_keys": content.known_keys.get(block.block, ()) if has_comparisons else (),
         "set_aside": [f"{label_measure(name)} ({reason})" for name, reason in block.set_aside.items()],
         "without_goal": block.waits.without_goal,
@@ -317,15 +318,15 @@ def _name_only_pair(block: BlockResults) -> str:
     return f" ({_unbroken(*pairs.pop())})"
 
 
-def _list_not_compared(block: BlockResults) -> list[dict[str, str]]:
-    """Return the comparisons that were not made, or not in every way, each with the reason."""
+def _list_notes(block: BlockResults, field: Literal["reason", "caution"]) -> list[dict[str, str]]:
+    """Return the comparisons that were not made in every way, or whose p may not hold, each with the reason."""
     return [
         {
             "measure": label_measure(comparison.measure),
-            "why": f"{format_pair(comparison.first, comparison.second)} ({comparison.reason})",
+            "why": f"{format_pair(comparison.first, comparison.second)} ({getattr(comparison, field)})",
         }
         for comparison in block.comparisons
-        if comparison.reason
+        if getattr(comparison, field)
     ]
 
 

@@ -46,6 +46,8 @@ def difference_statement(
     caveat = ""
     if comparison.smallest_p >= _ALPHA:
         caveat = " Groups of these sizes cannot reach p < 0.05, whatever the difference."
+    if comparison.caution:
+        caveat += f" With care: {comparison.caution}."
     size = ""
     if not math.isnan(comparison.g):
         interval = format_interval(comparison.g_interval, 2)

@@ -9,7 +9,7 @@ import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html.parser import HTMLParser
 from itertools import combinations, product
 from pathlib import Path
@@ -172,6 +172,7 @@ class Compared:
     g_interval: tuple[Near, Near] | None
     reason: str
     is_log: bool = False
+    caution: str = ""
 
     @property
     def difference(self) -> float:
@@ -324,7 +325,27 @@ def smallest_p(n: int, m: int) -> float:
     return 1 / (RESAMPLES + 1) if ways > RESAMPLES else (2 if n == m else 1) / ways
 
 
+def caution(groups: tuple[str, str], a: Any, b: Any) -> str:
+    """What is said of groups that are skewed unequally, by SciPy's bias-corrected skewness."""
+    if min(len(a), len(b)) < 4 or not max(np.ptp(a), np.ptp(b)):
+        return ""
+    cubes = [
+        float(scipy.stats.skew(one, bias=False)) * np.std(one, ddof=1) ** 3 / len(one) ** 2 if np.ptp(one) else 0.0
+        for one in (a, b)
+    ]
+    error = math.sqrt(np.var(a, ddof=1) / len(a) + np.var(b, ddof=1) / len(b))
+    if abs(cubes[0] - cubes[1]) / error**3 <= 0.3:
+        return ""
+    name = groups[0] if abs(cubes[0]) >= abs(cubes[1]) else groups[1]
+    return f"values of {name} are skewed, so that p and interval of a difference of means may be wrong"
+
+
 def compare(measure: str, groups: tuple[str, str], a: Any, b: Any, *, is_log: bool = False) -> Compared:
+    found = compare_plainly(measure, groups, a, b, is_log=is_log)
+    return replace(found, caution=caution(groups, a, b))
+
+
+def compare_plainly(measure: str, groups: tuple[str, str], a: Any, b: Any, *, is_log: bool) -> Compared:
     n = len(a), len(b)
     means = tuple(float(np.mean(one)) if len(one) else math.nan for one in (a, b))
     plain = (measure, groups, n, means)
@@ -733,6 +754,10 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     for why in sorted({f"{pair(one.groups)} ({one.reason})" for one in missing}):
         told = "; ".join(MEASURES[one.measure] for one in missing if f"{pair(one.groups)} ({one.reason})" == why)
         yield "p", f"Not compared, or only in part: {why} in {told}."
+    doubtful = [one for one in comparisons if one.caution]
+    for why in sorted({f"{pair(one.groups)} ({one.caution})" for one in doubtful}):
+        told = "; ".join(MEASURES[one.measure] for one in doubtful if f"{pair(one.groups)} ({one.caution})" == why)
+        yield "p", f"To be read with care: {why} in {told}."
     if comparisons and study.known.get(block):
         yield (
             "p",
@@ -790,6 +815,7 @@ def difference(one: Compared, block: str) -> Expected:
     if one.reason and math.isnan(one.p.value):
         return f"{said}was not compared ({one.reason})."
     never = " Groups of these sizes cannot reach p < 0.05, whatever the difference." if one.smallest_p >= 0.05 else ""
+    never += f" With care: {one.caution}." if one.caution else ""
     bounds: tuple[str | Near, ...] = ("n/a",)
     factor: tuple[str | Near, ...] = ()
     value = number(math.exp(one.difference)) if one.is_log else number(one.difference, sign="+")
@@ -878,9 +904,11 @@ def equivalences(people: pd.DataFrame, order: Sequence[str], primary: str, margi
         yield (
             "p",
             (
-                f"{opening}{a} and {b} {alike} within {margin:g}, the protocol's margin (two one-sided permutation "
-                "tests, p ", near_p(p, exact=test.exact), "; 90 % interval of the difference ",
-                bounds[0], " to ", bounds[1], ").",
+                (
+                    f"{opening}{a} and {b} {alike} within {margin:g}, the protocol's margin (two one-sided permutation "
+                    "tests, p "
+                ),
+                near_p(p, exact=test.exact), "; 90 % interval of the difference ", bounds[0], " to ", bounds[1], ").",
             ),
         )  # fmt: skip
 

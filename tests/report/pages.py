@@ -10,7 +10,8 @@ NOTHING: dict[str, Any] = {
     "study": "little", "versions": "Protocol version 1", "sessions": 0, "included": (0, 0), "players": (),
     "simulated": 0, "imported": 0, "windows": "", "flow": None, "practice": {}, "published": None, "blocks": [],
     "question": "", "answers_first": [], "first_figures": [], "excluded": "none", "within": None, "interaction": None,
-    "min_growth_episodes": 8, "clauses": None, "activities": [], "answers": None, "task_load": None, "figures": [], "models": [],
+    "min_growth_episodes": 8, "clauses": None, "activities": [], "answers": None, "figures": [], "models": [],
+    "task_load": None,
     "quality": quality_section([]),
     "exclusions": None, "skipped": Table((), ()), "methods": [], "tables": [],
 }  # fmt: skip

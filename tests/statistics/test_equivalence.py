@@ -21,7 +21,7 @@ def test_the_interval_lies_within_the_margin_exactly_where_groups_are_called_equ
     for number in range(12):
         a, b = rng.normal(0.3, 2, 6 + number), rng.normal(0, 1, 12)
         test = check_equivalence(a, b, (-1.2, 1.2))
-        assert test.alike == (-1.2 < test.interval[0] and test.interval[1] < 1.2)
+        assert test.alike == (test.interval[0] > -1.2 and test.interval[1] < 1.2)
 
 
 def test_too_few_people_are_not_tested_and_the_reason_says_how_many_it_takes():
