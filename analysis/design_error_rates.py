@@ -17,6 +17,7 @@ from minihuman.experiment.protocol.study_design import ExperimentDesign, Factor
 from minihuman.reporting.block_results import compare_measures, list_changes
 from minihuman.reporting.interactions import compute_interaction
 from minihuman.reporting.within_results import compare_within, unite_teams
+from minihuman.statistics import interaction, paired, permutation, regroupings, two_part_model
 from minihuman.statistics.equivalence import check_equivalence
 from minihuman.statistics.paired import compare_growth
 from minihuman.statistics.reliability import estimate_reliability
@@ -208,6 +209,12 @@ def measure_days(population: Population, rng: np.random.Generator) -> Iterator[t
     (comparison,) = compare_measures(change, {MEASURE: "primary"}, ("a", "b"))
     low, high = comparison.interval
     yield "two days, change", Outcome(comparison.p, None if math.isnan(low) else low <= 0 <= high)
+
+
+def use_resamples(count: int) -> None:
+    """Let every test draw ``count`` permutations instead of 9,999, which leaves the level as it is."""
+    for module in (interaction, paired, permutation, regroupings, two_part_model):
+        module.RESAMPLES = count
 
 
 Measurement = Callable[[Population, np.random.Generator], Iterator[tuple[str, Outcome]]]

@@ -388,7 +388,9 @@ def main() -> None:
     options.add_argument("--studies", type=int, default=1000)
     options.add_argument("--only", default="", help="designs whose names hold this")
     options.add_argument("--out", type=Path)
+    options.add_argument("--resamples", type=int, default=9999, help="permutations of a test")
     given = options.parse_args()
+    design_error_rates.use_resamples(given.resamples)
     jobs: list[tuple[str, Job]] = list(list_jobs(given.studies))
     rows: dict[str, dict[str, object]] = {}
     if given.out and given.out.exists():
