@@ -1136,10 +1136,10 @@ def expected_parts(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[tu
         shares = {
             group: float((np.concatenate(told[group]) > 0).mean()) if told[group] else math.nan for group in (a, b)
         }
-        few = next((f"fewer than 3 people in {group}" for group in (a, b) if len(told[group]) < 3), "")
+        few = next((f"fewer than 4 people in {group}" for group in (a, b) if len(told[group]) < 4), "")
         stuck = next((f"no episode of {group} is at 0" for group in (a, b) if shares[group] == 1), "")
         stuck = stuck or next((f"every episode of {group} is at 0" for group in (a, b) if shares[group] == 0), "")
-        thin = next((f"fewer than 3 people of {group} are above 0" for group in (a, b) if len(above[group]) < 3), "")
+        thin = next((f"fewer than 4 people of {group} are above 0" for group in (a, b) if len(above[group]) < 4), "")
         cells: list[Any] = []
         for what, why, people, odds in (
             ("odds", few or stuck, {g: [(one > 0).astype(float) for one in told[g]] for g in (a, b)}, True),
