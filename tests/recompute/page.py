@@ -10,6 +10,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from html.parser import HTMLParser
 from itertools import combinations, product
 from pathlib import Path
@@ -19,6 +20,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
+from tests.recompute.interaction import PERMUTATIONS, Interaction, join, tabulate_cells
 from tests.recompute.tables import Row, Session, Tally
 
 MEASURES = {
@@ -412,6 +414,15 @@ class Study:
         common = [block for block in played[min(played)] if all(block in theirs for theirs in played.values())]
         return common[-1] if common else ""
 
+    @cache  # noqa: B019  # a study lives as long as the comparison
+    def interaction(self) -> Interaction | None:
+        """The interaction of the primary measure, where the protocol crosses groups with conditions."""
+        conditions = list(self.analysis.get("conditions", []))
+        if len(self.order) < 2 or not conditions:
+            return None
+        primary = self.analysis["primary_measure"]
+        return Interaction(tabulate_cells(self.blocks, primary, conditions), self.order, conditions, primary)
+
     def in_order_of_play(self) -> list[str]:
         places: dict[str, list[int]] = defaultdict(list)
         counts: Counter[tuple[str, int]] = Counter()
@@ -498,6 +509,7 @@ def expected_page(study: Study) -> Iterator[tuple[str, Any]]:
     )
     yield from expected_answer(study)
     yield from expected_flow(study)
+    yield from expected_interaction(study)
     for block in study.in_order_of_play():
         yield from expected_block(study, block)
     yield from expected_answers(study)
@@ -518,7 +530,10 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
     target = study.target()
     rows = [row for row in study.blocks if row["block"] == target]
     order = [group for group in study.order if any(row["group"] == group for row in rows)]
-    if len(order) > 1:
+    interaction = study.interaction()
+    if interaction is not None:
+        yield from expected_interaction_answer(study, interaction)
+    elif len(order) > 1:
         primary = study.analysis.get("primary_measure", "")
         names = f"{', '.join(order[:-1])} and {order[-1]}"
         measure = MEASURES[primary] if primary else "every measure"
@@ -539,7 +554,8 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
     yield (
         "p",
         (
-            f"Participants excluded: {excluded}. The p of these sentences are not corrected. In the tables, p (Holm) "
+            f"Participants excluded: {excluded}. The p of these sentences are not corrected"
+            f"{', unless they say so' if interaction else ''}. In the tables, p (Holm) "
             "is corrected over measures and pairs of groups: within the primary measure, within the secondary ones, "
             "and within all others. Every other p on this page (waiting times, rewards in two parts, change over "
             "episodes, sessions, order) is exploratory, and none is corrected across blocks."
@@ -547,6 +563,87 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
     )
     if study.blocks:
         yield "p", "Every participant in every measure, to filter and sort."
+
+
+def expected_interaction_answer(study: Study, found: Interaction) -> Iterator[tuple[str, Any]]:
+    """The question in the protocol's words, and the answer for all of the interaction."""
+    label = MEASURES[found.label]
+    question = study.protocol.get("design", {}).get("question", "")
+    yield (
+        "p",
+        (
+            f"{question} Asked: whether differences between conditions {join(found.conditions)} in {label} depend on "
+            f"the group ({join(found.order)})."
+        ),
+    )
+    opening = f"{capital(label)}, interaction of group and condition: "
+    if found.reason:
+        yield "p", f"{opening}not tested ({found.reason})."
+    else:
+        sizes = ", ".join(f"{n} in {group}" for n, group in zip(found.n, found.order, strict=True))
+        yield (
+            "p",
+            (
+                (
+                    f"{opening}Wald-type statistic {number(found.statistic)} with {found.freedom} degrees of freedom, "
+                    "permutation p "
+                ),
+                near_few(found.p),
+                f" ({sizes}).",
+            ),
+        )
+    missing = len(found.cells) - len(found.whole)
+    if missing:
+        yield "p", f"{missing} participants without a value in every condition are not in the interaction."
+
+
+def near_few(p: float) -> Near:
+    """Within five standard errors of a p from fewer permutations."""
+    return Near(p, 5 * math.sqrt(1.2 * max(p * (1 - p), 1e-4) / PERMUTATIONS))
+
+
+def expected_interaction(study: Study) -> Iterator[tuple[str, Any]]:
+    """The sections on groups and conditions, and on conditions within participants in one order for all."""
+    found = study.interaction()
+    if found is None:
+        return
+    label = MEASURES[found.label]
+    cells: list[list[Any]] = [["group", *found.conditions]]
+    for group in found.order:
+        rows = found.cells[found.cells["group"] == group]
+        values = [rows[name].dropna().to_numpy(float) for name in found.conditions]
+        cells.append(
+            [group, *(f"{number(one.mean())} ({number(float(np.std(one, ddof=1)))}), n {len(one)}" for one in values)]
+        )
+    yield "h2", "Groups and conditions"
+    yield "table", cells
+    p: Any = "n/a" if found.reason else (near_few(found.p),)
+    start = [label, "primary"]
+    sizes = ", ".join(map(str, found.n))
+    table: list[list[Any]] = [
+        ["measure", "named before", "contrast", "groups", "n", "difference", "p", "p (Holm)", "g"],
+        [*start, "all", "all", sizes, f"W({found.freedom}) = {number(found.statistic)}", p, Holm("W"), "n/a"],
+    ]
+    for name, one in found.contrasts(compare):
+        g: Expected = number(one.g, 2)
+        if one.g_interval is not None:
+            g = (f"{number(one.g, 2)} (", one.g_interval[0], " to ", one.g_interval[1], ")")
+        apart = near_interval(one.difference, one.interval)
+        table.append([*start, name, pair(one.groups), sizes, apart, one.p, Holm("contrasts"), g])
+    yield "summary", "Interaction of group and condition"
+    yield "table", table
+    heads = ["measure", "named before", "conditions", "n", "means", "difference", "p", "p (Holm)", "smallest p"]
+    within: list[list[Any]] = [heads]
+    for name, both in found.pairs():
+        test = Flipped(both[:, 0] - both[:, 1])
+        means = ", ".join(number(mean) for mean in both.mean(axis=0))
+        apart = near_interval(float((both[:, 0] - both[:, 1]).mean()), test.interval())
+        least = p_value(2.0 ** (1 - len(both)) if test.exact else 1 / (RESAMPLES + 1))
+        p = (near_p(test.p(), exact=test.exact),)
+        within.append([*start, name, str(len(both)), means, apart, p, Holm("within"), least])
+    yield "h2", "Within participants"
+    yield "p", f"Blocks {join(found.conditions)}, compared over the participants who played both."
+    yield "table", within
 
 
 def expected_flow(study: Study) -> Iterator[tuple[str, Any]]:
@@ -728,7 +825,7 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     end = end or ("; the block that all groups are compared on" if block == study.target() and len(order) > 1 else "")
     yield "h2", f"Block {block}"
     yield "p", f"{worlds}{': ' if worlds else ''}{len(episodes)} episodes included{end}."
-    if block != study.target() or len(order) < 2:
+    if block != study.target() or len(order) < 2 or study.interaction() is not None:
         for one in headline:
             yield "p", difference(one, block)
     if comparisons and primary not in roles:
