@@ -84,7 +84,8 @@ def task_load_table(
     conditions = [*planned, *(name for name in asked_in_order if name not in planned)]
     occasion = ["group", "participant", "session", "part", "condition"]
     scales = asked.pivot_table(index=occasion, columns="item", values="number", sort=False)
-    scales = scales[list(dict.fromkeys(asked["item"]))].assign(**{SCORE: scales.mean(axis=1, skipna=False)})
+    scales = scales.reindex(columns=list(dict.fromkeys(asked["item"])))
+    scales = scales.assign(**{SCORE: scales.mean(axis=1, skipna=False)})
     people = scales.groupby(["group", "participant", "condition"]).mean()
     rows = []
     for group in groups:
