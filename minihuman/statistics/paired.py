@@ -202,7 +202,8 @@ def _has_enough_orders(known: pd.DataFrame) -> bool:
 def _centre_people(columns: Values, people: int) -> Values:
     """Subtract each participant's mean from columns whose rows are sorted by participant."""
     by_person = columns.reshape(people, -1, columns.shape[1])
-    return (by_person - by_person.mean(axis=1, keepdims=True)).reshape(columns.shape)
+    centred: Values = (by_person - by_person.mean(axis=1, keepdims=True)).reshape(columns.shape)
+    return centred
 
 
 def _find_basis(columns: Values) -> Values:
