@@ -91,9 +91,7 @@ def compute_interaction(
     """
     if not design.is_mixed:
         return None
-    condition_of_block = dict(design.condition_of_block)
-    compared = rows[rows["block"].isin(condition_of_block)]
-    compared = compared.assign(condition=compared["block"].map(condition_of_block))
+    compared = _name_conditions(rows, design)
     named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
     measures = [name for name in named or list_default_measures(compared) if compared[name].notna().any()]
     groups = tuple(group for group in order if (compared["group"] == group).any())
@@ -115,6 +113,13 @@ def compute_interaction(
         scaled_cells=tables[first],
         tested_contrasts=design.tested_contrasts,
     )
+
+
+def _name_conditions(rows: pd.DataFrame, design: ExperimentDesign) -> pd.DataFrame:
+    """Return the rows of the blocks that are compared, with their condition in a column."""
+    condition_of_block = dict(design.condition_of_block)
+    compared = rows[rows["block"].isin(condition_of_block)]
+    return compared.assign(condition=compared["block"].map(condition_of_block))
 
 
 def choose_first_block(

@@ -129,7 +129,6 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
     Raises:
         ReportError: if the folder has neither file, or its template cannot be rendered.
     """
-    windows = ", ".join(f"{window} in {count} sessions" for window, count in content.windows.items())
     context = {
         "study": content.study,
         "versions": _describe_versions(content.account),
@@ -138,7 +137,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "players": content.players,
         "simulated": content.simulated,
         "imported": content.imported,
-        "windows": windows,
+        "windows": _count_windows(content.windows),
         "flow": content.flow,
         "practice": content.practice,
         "published": _compare_with_published(results) if content.papers else None,
@@ -164,6 +163,11 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "tables": content.tables,
     }
     return render_template(REPORT, context, templates)
+
+
+def _count_windows(windows: Mapping[str, int]) -> str:
+    """State in how many sessions each kind of window was used."""
+    return ", ".join(f"{window} in {count} sessions" for window, count in windows.items())
 
 
 def state_answers(

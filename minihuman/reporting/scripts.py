@@ -70,7 +70,7 @@ def write_scripts(
     Raises:
         ReportError: if there is no interaction and no block is played by two groups, or no such measure has values.
     """
-    context = {"study": study, "version": minihuman.__version__, "block": "", "interaction": None}
+    context: dict[str, Any] = {"study": study, "version": minihuman.__version__, "block": "", "interaction": None}
     paths = []
     if interaction is not None:
         context["interaction"] = _describe_interaction(interaction)

@@ -165,8 +165,8 @@ def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]
     """
     known = rows.dropna(subset=["value"])
     conditions = known["condition"].nunique()
-    is_complete = known.groupby("participant")["value"].transform("size") == conditions
-    known = known[is_complete].sort_values(["participant", "condition"], kind="stable")
+    has_all_conditions = known.groupby("participant")["value"].transform("size") == conditions
+    known = known[has_all_conditions].sort_values(["participant", "condition"], kind="stable")
     people = known["participant"].nunique()
     if conditions < 2 or not _has_enough_orders(known):
         return ()
