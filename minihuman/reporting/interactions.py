@@ -27,7 +27,7 @@ from minihuman.reporting.template import (
 )
 from minihuman.statistics.comparison import GroupComparison, compare_pair, correct_comparisons, holm_correction
 from minihuman.statistics.interaction import InteractionTest, compare_contrast_scores
-from minihuman.statistics.permutation import permutation_tests
+from minihuman.statistics.permutation import ALPHA, permutation_tests
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,9 +218,10 @@ def _state_omnibus(opening: str, test: InteractionTest, interaction: Interaction
     if test.reason:
         return f"{opening}: not tested ({test.reason})."
     sizes = ", ".join(f"{n} in {group}" for n, group in zip(test.n, interaction.groups, strict=True))
+    verdict = "depend" if test.p < ALPHA else "are not shown to depend"
     return (
-        f"{opening}: Wald-type statistic {format_number(test.statistic)} with {test.freedom} degrees of freedom, "
-        f"permutation p {format_p_value(test.p)} ({sizes})."
+        f"{opening}: differences between conditions {verdict} on the group (permutation p {format_p_value(test.p)}; "
+        f"Wald-type statistic {format_number(test.statistic)} with {test.freedom} degrees of freedom; {sizes})."
     )
 
 

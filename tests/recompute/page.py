@@ -581,15 +581,16 @@ def expected_interaction_answer(study: Study, found: Interaction) -> Iterator[tu
         yield "p", f"{opening}not tested ({found.reason})."
     else:
         sizes = ", ".join(f"{n} in {group}" for n, group in zip(found.n, found.order, strict=True))
+        near = near_few(found.p)
+        verdict = "depend" if found.p < 0.05 else "are not shown to depend"
+        if abs(near.value - 0.05) <= near.error:
+            verdict = "{depend|are not shown to depend}"
         yield (
             "p",
             (
-                (
-                    f"{opening}Wald-type statistic {number(found.statistic)} with {found.freedom} degrees of freedom, "
-                    "permutation p "
-                ),
-                near_few(found.p),
-                f" ({sizes}).",
+                f"{opening}differences between conditions {verdict} on the group (permutation p ",
+                near,
+                f"; Wald-type statistic {number(found.statistic)} with {found.freedom} degrees of freedom; {sizes}).",
             ),
         )
     missing = len(found.cells) - len(found.whole)

@@ -87,6 +87,25 @@ def test_an_interaction_of_one_degree_of_freedom_is_the_groups_test_of_contrast_
     assert "9 and 14 participants" in sentence
 
 
+def test_an_interaction_of_several_degrees_of_freedom_is_answered_in_a_sentence(monkeypatch):
+    monkeypatch.setattr("minihuman.statistics.interaction.RESAMPLES", 199)
+    design = ExperimentDesign(
+        factors=(Factor("group", ("a", "b"), is_within=False), Factor("condition", ("x", "y", "z"), is_within=True)),
+        condition_of_block=(("x", "x"), ("y", "y"), ("z", "z")),
+    )
+    analysis = AnalysisSpec(primary_measure="reward_mean")
+    for shift, verdict in ((0.0, "are not shown to depend"), (4.0, "depend")):
+        rng = np.random.default_rng(7)
+        rows = [
+            (group, f"{group}{who}", block, 1, rng.normal(shift if (group, block) == ("a", "z") else 0.0))
+            for group in "ab" for who in range(10) for block in "xyz"
+        ]  # fmt: skip
+        frame = pd.DataFrame(rows, columns=["group", "participant", "block", "session", "reward_mean"])
+        (sentence,) = state_interaction(compute_interaction(frame, design, analysis, ("a", "b")))
+        assert f"differences between conditions {verdict} on the group (permutation p" in sentence
+        assert sentence.endswith("with 2 degrees of freedom; 10 in a, 10 in b).")
+
+
 def test_a_participant_without_a_condition_is_left_out_and_said_so():
     protocol, rows = read(), block_rows(0.0)
     found = compute_interaction(rows.iloc[1:], derive_design(protocol), protocol.analysis, ("a", "b"))
