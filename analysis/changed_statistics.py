@@ -100,7 +100,7 @@ def _format(bounds: tuple[float, float]) -> str:
 def main() -> None:
     """Write the table."""
     with (FOLDER / "changed_statistics.csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
+        table = csv.writer(file, lineterminator="\n")
         table.writerow(COLUMNS)
         for sizes in SIZES:
             table.writerows(list_changes(sizes))

@@ -414,7 +414,7 @@ def write_table(out: Path | None, rows: dict[str, dict[str, object]], names: lis
         return
     in_order = [*(name for name in names if name in rows), *(name for name in rows if name not in names)]
     with out.open("w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, COLUMNS)
+        table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         table.writeheader()
         table.writerows(rows[name] for name in in_order)
 
