@@ -1,4 +1,4 @@
-"""Error rates of the report's two-group statistics: type I error, coverage and contradictions, design by design.
+"""Error rates of the report's statistics: type I error, coverage and contradictions, design by design.
 
 ``python analysis/error_rates.py [--studies 10000] [--only NAME] [--out analysis/error_rates.csv]`` simulates studies
 whose truth is known and gives each to the functions that the report calls; of an existing table, only the designs
@@ -11,7 +11,7 @@ import argparse
 import csv
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
+import design_error_rates
 from minihuman.statistics.comparison import standardise
 from minihuman.statistics.paired import paired_test
 from minihuman.statistics.permutation import adjust_groups, permutation_tests
@@ -363,18 +364,34 @@ def summarise(row: dict[str, object], seconds: float) -> dict[str, object]:
     return {name: f"{value:.4g}" if isinstance(value := found.get(name, ""), float) else value for name in COLUMNS}
 
 
+Job = Callable[[int], list[dict[str, object]]]
+
+
+def list_jobs(studies: int) -> Iterator[tuple[str, Job]]:
+    """Yield the name of each measurement, and the function that makes its rows from a seed."""
+    for design in MEANS:
+        yield design.name, lambda at, d=design: [measure_means(d, studies, at)]
+    for names, measure in (
+        (SURVIVAL, measure_survival), (PAIRED, measure_paired), (TEAMS, measure_teams), (ADJUSTED, measure_adjusted),
+    ):  # fmt: skip
+        for name in names:
+            yield name, lambda at, n=name, f=measure: [f(n, studies, at)]
+    for measurement in design_error_rates.MEASUREMENTS:
+        for population in design_error_rates.POPULATIONS:
+            name = f"{measurement.__name__}: {population.name}"
+            yield name, lambda at, m=measurement, p=population: [*design_error_rates.measure_design(m, p, studies, at)]
+
+
 def main() -> None:
     """Measure and print."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--studies", type=int, default=1000)
     options.add_argument("--only", default="", help="designs whose names hold this")
     options.add_argument("--out", type=Path)
+    options.add_argument("--resamples", type=int, default=9999, help="permutations of a test")
     given = options.parse_args()
-    jobs = [(design.name, lambda at, d=design: measure_means(d, given.studies, at)) for design in MEANS]
-    jobs += [(name, lambda at, n=name: measure_survival(n, given.studies, at)) for name in SURVIVAL]
-    jobs += [(name, lambda at, n=name: measure_paired(n, given.studies, at)) for name in PAIRED]
-    jobs += [(name, lambda at, n=name: measure_teams(n, given.studies, at)) for name in TEAMS]
-    jobs += [(name, lambda at, n=name: measure_adjusted(n, given.studies, at)) for name in ADJUSTED]
+    design_error_rates.use_resamples(given.resamples)
+    jobs: list[tuple[str, Job]] = list(list_jobs(given.studies))
     rows: dict[str, dict[str, object]] = {}
     if given.out and given.out.exists():
         with given.out.open(newline="", encoding="utf-8") as file:
@@ -382,14 +399,24 @@ def main() -> None:
     for at, (name, job) in enumerate(jobs):
         if given.only in name:
             begun = time.process_time()
-            row = job(at)
-            rows[name] = summarise(row, time.process_time() - begun)
-            print(" ".join(f"{key}={value}" for key, value in rows[name].items() if value != ""), flush=True)
-    if given.out:
-        with given.out.open("w", newline="", encoding="utf-8") as file:
-            table = csv.DictWriter(file, COLUMNS)
-            table.writeheader()
-            table.writerows(rows[name] for name, _ in jobs if name in rows)
+            measured = job(at)
+            seconds = (time.process_time() - begun) / len(measured)
+            for row in measured:
+                summary = summarise(row, seconds)
+                rows[str(row["design"])] = summary
+                print(" ".join(f"{key}={value}" for key, value in summary.items() if value != ""), flush=True)
+            write_table(given.out, rows, [name for name, _ in jobs])
+
+
+def write_table(out: Path | None, rows: dict[str, dict[str, object]], names: list[str]) -> None:
+    """Write the rows of all designs measured so far: first those that are a job of their own, in the jobs' order."""
+    if out is None:
+        return
+    in_order = [*(name for name in names if name in rows), *(name for name in rows if name not in names)]
+    with out.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows[name] for name in in_order)
 
 
 if __name__ == "__main__":

@@ -166,9 +166,11 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
     "minihuman.statistics.comparison": (
         "minihuman.statistics.permutation",
         "minihuman.statistics.regroupings",
+        "minihuman.statistics.equivalence",
         "minihuman.statistics.t_tests",
         "minihuman.statistics.units",
     ),
+    "minihuman.statistics.t_tests": ("minihuman.statistics.equivalence",),
     "minihuman.log.activity_topics": (
         f"{_NEW}.agent_blocks.rows",
         f"{_NEW}.correction.rows",

@@ -1,11 +1,15 @@
 """The scripts error_rates.py and fit_recovery.py run, and their committed results hold what the docs say of them."""
 
 import csv
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+import changed_statistics
+import design_error_rates
 from analysis import error_rates, fit_recovery
+from minihuman.statistics.scores import wilson_interval
 
 COMMITTED = Path(error_rates.__file__).with_suffix(".csv")
 
@@ -27,8 +31,10 @@ def test_the_committed_result_is_of_these_designs_and_holds_what_it_should() -> 
         rows = {row["design"]: row for row in csv.DictReader(file)}
     named = [one.name for one in error_rates.MEANS]
     others = (*error_rates.SURVIVAL, *error_rates.PAIRED, *error_rates.TEAMS, *error_rates.ADJUSTED)
-    assert list(rows) == [*named, *others]
+    assert list(rows)[: len(named) + len(others)] == [*named, *others]
     assert {row["contradictions"] for row in rows.values()} == {"0"}
+    by_table = {name: rows.pop(name) for name in list(rows)[len(named) + len(others) :]}
+    check_tables(by_table)
     for name in error_rates.TEAMS:
         assert rows[name]["studies"] == "10000"
         assert abs(float(rows[name]["type_1"]) - 0.05) <= 0.015, name
@@ -43,6 +49,37 @@ def test_the_committed_result_is_of_these_designs_and_holds_what_it_should() -> 
             assert low <= 0.97, name
         if row["type_1"] and int(row["studies"]) == 10_000:
             assert float(row["type_1"]) <= 0.065, name
+
+
+def check_tables(rows: dict[str, dict[str, str]]) -> None:
+    """Unequal variances raise no table's rate above 0.06, but by chance."""
+    assert "2 x 3 mixed, interaction: 8 v 24, SD 3 v 1" in rows
+    for name, row in rows.items():
+        if row["type_1"] and "exponential" not in name:
+            rejected = round(float(row["type_1"]) * int(row["studies"]))
+            assert wilson_interval(rejected, int(row["studies"]))[0] <= 0.06, name
+
+
+@pytest.mark.parametrize("measurement", design_error_rates.MEASUREMENTS, ids=lambda function: function.__name__)
+def test_every_table_of_a_design_has_a_row(measurement: design_error_rates.Measurement, few: None) -> None:
+    rows = [*design_error_rates.measure_design(measurement, design_error_rates.normal(8, 9, 2, 1), 2, 1)]
+    assert rows
+    assert all(row["contradictions"] == 0 for row in rows)
+    assert all(str(row["design"]).endswith(": 8 v 9, SD 2 v 1") for row in rows)
+
+
+@pytest.fixture
+def few() -> Iterator[None]:
+    design_error_rates.use_resamples(199)
+    yield
+    design_error_rates.use_resamples(9999)
+
+
+def test_the_changed_numbers_are_what_the_report_has_now() -> None:
+    with Path(changed_statistics.__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
+        committed = [tuple(row) for row in csv.reader(file)]
+    now = [*changed_statistics.list_changes((4, 20))]
+    assert set(now) <= set(committed)
 
 
 def test_the_recovery_of_fits_is_measured_and_its_committed_result_meets_its_bars() -> None:

@@ -24,11 +24,12 @@ from minihuman.reporting.block_measures import (
     take_logarithms,
 )
 from minihuman.statistics.comparison import GroupComparison, compare_groups, compare_pair, correct_comparisons
+from minihuman.statistics.equivalence import Equivalence, check_equivalence
 from minihuman.statistics.paired import GrowthComparison, compare_growth, paired_test
 from minihuman.statistics.permutation import adjust_groups
 from minihuman.statistics.reliability import Reliability, estimate_reliability
 from minihuman.statistics.survival import SurvivalComparison, SurvivalTimes, compare_survival
-from minihuman.statistics.t_tests import Equivalence, PowerAnalysis, Values, check_equivalence, compute_power
+from minihuman.statistics.t_tests import PowerAnalysis, Values, compute_power
 from minihuman.statistics.two_part_model import TwoPartComparison, compare_two_parts, has_mass_at_zero
 from minihuman.statistics.units import name_units
 
@@ -414,8 +415,9 @@ def _check_equivalences(
         .to_numpy(np.float64)
         for group in order
     }
-    tested = ((a, b, check_equivalence(values[a], values[b], bounds)) for a, b in combinations(order, 2))
-    return tuple(EquivalenceResult(a, b, test) for a, b, test in tested if test is not None)
+    return tuple(
+        EquivalenceResult(a, b, check_equivalence(values[a], values[b], bounds)) for a, b in combinations(order, 2)
+    )
 
 
 def summarise_group_rewards(participant_means: pd.DataFrame) -> pd.DataFrame:

@@ -30,6 +30,7 @@ from minihuman.reporting.interactions import InteractionResults, choose_first_bl
 from minihuman.reporting.methods import build_methods, find_known_keys
 from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study, state_answers
 from minihuman.reporting.participant_flow import FlowSection, flow_section
+from minihuman.reporting.questionnaire_scores import add_last_blocks, list_task_load, task_load_table
 from minihuman.reporting.results import Results, compute_results, leave_out_navigation
 from minihuman.reporting.scorecard import (
     PlayerRows,
@@ -52,8 +53,8 @@ from minihuman.reporting.study_figures import (
     draw_waiting_times,
 )
 from minihuman.reporting.study_measures import add_measures
-from minihuman.reporting.template import ReportFigure
-from minihuman.reporting.within_results import unite_teams
+from minihuman.reporting.template import ReportFigure, Table
+from minihuman.reporting.within_results import measure_levels, select_measures, unite_teams
 from minihuman.statistics.paired import MixedModel, fit_mixed_model
 
 _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study has many episodes
@@ -112,7 +113,7 @@ def build_report(
     episodes, blocks = _leave_out_practice(report_input, practice)
     results = _compute_results(report_input, episodes, blocks)
     content = _gather_content(tables, report_input, results, practice)
-    content = _add_interaction(content, tables, report_input, blocks, results)
+    content = _add_interaction(content, tables, report_input, (episodes, blocks), results)
     content = _add_figures(content, tables, report_input, (episodes, blocks), results, out / "figures")
     models, score_files = _score_models(report_input.plays, out)
     content = replace(
@@ -127,7 +128,7 @@ def build_report(
     participants_page.write_text(build_participants_page(study, blocks, results), encoding="utf-8", newline="\n")
     script_files: tuple[Path, ...] = ()
     if scripts:
-        script_files = write_scripts(out, study, results, episodes, scripts)
+        script_files = write_scripts(out, study, results, episodes, scripts, content.interaction)
     figures = [figure.path for figure in (*content.figures, *models, *content.first_figures)]
     return (page, participants_page, *table_files, *score_files, *script_files, *figures)
 
@@ -144,36 +145,53 @@ def _leave_out_practice(
 
 def _compute_results(report_input: _ReportInput, episodes: pd.DataFrame, blocks: pd.DataFrame) -> Results:
     """Compute the results from episodes and blocks without practice."""
-    levels = [section.measure_tables.get("trial_levels") for section in report_input.sections]
     return compute_results(
         episodes,
         blocks,
         report_input.participants,
         report_input.analysis,
         report_input.teams,
-        next((rows for rows in levels if rows is not None), None),
+        _find_trial_levels(report_input),
         report_input.design,
     )
 
 
 def _add_interaction(
-    content: PageContent, tables: Tables, report_input: _ReportInput, blocks: pd.DataFrame, results: Results
+    content: PageContent,
+    tables: Tables,
+    report_input: _ReportInput,
+    analysed: tuple[pd.DataFrame, pd.DataFrame],
+    results: Results,
 ) -> PageContent:
-    """Add the interaction of groups and conditions, and choose the block whose comparison answers the question."""
-    interaction, first_block = _compute_interaction(report_input, blocks, results)
+    """Add the interaction of groups and conditions, and choose the block whose comparison answers the question.
+
+    ``analysed`` is episodes and blocks without practice.
+    """
+    interaction, first_block = _compute_interaction(report_input, analysed, results)
     without_rules = _answer_without_rules(tables, report_input)
     return replace(content, interaction=interaction, first_block=first_block, answers_without_rules=without_rules)
 
 
 def _compute_interaction(
-    report_input: _ReportInput, blocks: pd.DataFrame, results: Results
+    report_input: _ReportInput, analysed: tuple[pd.DataFrame, pd.DataFrame], results: Results
 ) -> tuple[InteractionResults | None, str]:
     """Return the interaction of groups and conditions, and the block whose comparison answers the question."""
+    episodes, blocks = (rows[rows["exclusion_reason"].isna()] for rows in analysed)
     analysis = report_input.analysis
     design = report_input.design
-    included = unite_teams(blocks[blocks["exclusion_reason"].isna()], report_input.teams)
+    included = unite_teams(blocks, report_input.teams)
+    if design.condition_label:
+        included = measure_levels(episodes, design.condition_label, _find_trial_levels(report_input))
+        design = design.add_levels(sorted(included["block"].unique()))
+        analysis = select_measures(analysis, included)
     interaction = compute_interaction(included, design, analysis, results.order)
     return interaction, choose_first_block(design, analysis, results, interaction)
+
+
+def _find_trial_levels(report_input: _ReportInput) -> pd.DataFrame | None:
+    """Return the measures of trials by level of their labels; None if the study has no trials."""
+    levels = [section.measure_tables.get("trial_levels") for section in report_input.sections]
+    return next((rows for rows in levels if rows is not None), None)
 
 
 def _answer_without_rules(tables: Tables, report_input: _ReportInput) -> list[str]:
@@ -189,7 +207,7 @@ def _answer_without_rules(tables: Tables, report_input: _ReportInput) -> list[st
     practice = find_practice(all_input.protocols, all_input.participants["group"].unique())
     episodes, blocks = _leave_out_practice(all_input, practice)
     results = _compute_results(all_input, episodes, blocks)
-    interaction, first_block = _compute_interaction(all_input, blocks, results)
+    interaction, first_block = _compute_interaction(all_input, (episodes, blocks), results)
     return state_answers(results, interaction, all_input.design, first_block)
 
 
@@ -236,7 +254,7 @@ def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path)
         episodes=tables.frame("episodes", _EPISODE_COLUMNS),
         blocks=blocks,
         participants=exclude_practice_alone(tables.frame("participants")),
-        answers=tables.frame("answers"),
+        answers=add_last_blocks(tables.frame("answers"), tables.frame("parts"), blocks["block"].unique()),
         clauses=tables.frame("clauses"),
         starts=tables.frame("starts", [*ATTEMPT_COLUMNS, "mission"]),  # their maps are long
         teams=tables.frame("teams"),
@@ -308,6 +326,7 @@ def _gather_content(
         tables=(),
         qualities=qualities,
         answers=report_input.answers,
+        task_load=_tabulate_task_load(report_input, results),
         clauses=count_clauses(episodes[~is_practice], report_input.starts, report_input.clauses),
         activities=join_sections(report_input.sections),
         practice=_count_by_block(episodes[is_practice & episodes["exclusion_reason"].isna()]),
@@ -331,6 +350,18 @@ def _write_methods(tables: Tables, report_input: _ReportInput, simulated: int, f
         protocols=report_input.protocols,
         flow=flow.counts if flow else None,
         n_excluded=count_excluded(report_input.participants),
+    )
+
+
+def _tabulate_task_load(report_input: _ReportInput, results: Results) -> Table | None:
+    """Tabulate the NASA Task Load Index of the included participants by condition; None if it has no conditions."""
+    people = report_input.participants
+    people = people[people["exclusion_reason"].isna()][["participant", "group"]].drop_duplicates("participant")
+    return task_load_table(
+        report_input.answers.drop(columns="group", errors="ignore").merge(people, on="participant"),
+        list_task_load(report_input.protocols),
+        dict(report_input.design.condition_of_block),
+        results.order,
     )
 
 

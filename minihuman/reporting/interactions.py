@@ -27,7 +27,7 @@ from minihuman.reporting.template import (
 )
 from minihuman.statistics.comparison import GroupComparison, compare_pair, correct_comparisons, holm_correction
 from minihuman.statistics.interaction import InteractionTest, compare_contrast_scores
-from minihuman.statistics.permutation import permutation_tests
+from minihuman.statistics.permutation import ALPHA, permutation_tests
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +58,8 @@ class InteractionResults:
     contrasts: tuple[ContrastComparison, ...]
     left_out: int  # participants without a value in every condition, of the first measure
     cells: pd.DataFrame  # of the first measure: index group and participant, a column per condition
+    scaled_cells: pd.DataFrame  # the same on the scale of the tests, times as logarithms
+    tested_contrasts: tuple[Contrast, ...]
 
     @property
     def measure(self) -> str:
@@ -89,9 +91,7 @@ def compute_interaction(
     """
     if not design.is_mixed:
         return None
-    condition_of_block = dict(design.condition_of_block)
-    compared = rows[rows["block"].isin(condition_of_block)]
-    compared = compared.assign(condition=compared["block"].map(condition_of_block))
+    compared = _name_conditions(rows, design)
     named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
     measures = [name for name in named or list_default_measures(compared) if compared[name].notna().any()]
     groups = tuple(group for group in order if (compared["group"] == group).any())
@@ -110,7 +110,16 @@ def compute_interaction(
         contrasts=_compare_contrasts(complete, design.tested_contrasts, groups, roles, logs),
         left_out=len(tables[first]) - len(complete[first]),
         cells=_tabulate_cells(compared, first, design.conditions),
+        scaled_cells=tables[first],
+        tested_contrasts=design.tested_contrasts,
     )
+
+
+def _name_conditions(rows: pd.DataFrame, design: ExperimentDesign) -> pd.DataFrame:
+    """Return the rows of the blocks that are compared, with their condition in a column."""
+    condition_of_block = dict(design.condition_of_block)
+    compared = rows[rows["block"].isin(condition_of_block)]
+    return compared.assign(condition=compared["block"].map(condition_of_block))
 
 
 def choose_first_block(
@@ -209,9 +218,10 @@ def _state_omnibus(opening: str, test: InteractionTest, interaction: Interaction
     if test.reason:
         return f"{opening}: not tested ({test.reason})."
     sizes = ", ".join(f"{n} in {group}" for n, group in zip(test.n, interaction.groups, strict=True))
+    verdict = "depend" if test.p < ALPHA else "are not shown to depend"
     return (
-        f"{opening}: Wald-type statistic {format_number(test.statistic)} with {test.freedom} degrees of freedom, "
-        f"permutation p {format_p_value(test.p)} ({sizes})."
+        f"{opening}: differences between conditions {verdict} on the group (permutation p {format_p_value(test.p)}; "
+        f"Wald-type statistic {format_number(test.statistic)} with {test.freedom} degrees of freedom; {sizes})."
     )
 
 
@@ -233,7 +243,8 @@ def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: boo
     if not math.isnan(groups.g):
         size = f"; standardised g {format_number(groups.g, 2)}, interval {format_interval(groups.g_interval, 2)}"
     n = f"{groups.n[0]} and {groups.n[1]} participants"
-    return f"{subject} is {estimate} ({interval}; {p}{size}; {n})."
+    caution = f" With care: {groups.caution}." if groups.caution else ""
+    return f"{subject} is {estimate} ({interval}; {p}{size}; {n}).{caution}"
 
 
 def interaction_table(interaction: InteractionResults) -> Table:

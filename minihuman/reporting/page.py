@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pandas as pd
 
@@ -102,6 +102,7 @@ class PageContent:
     tables: Sequence[Path]
     qualities: Sequence[RecordingQuality]
     answers: pd.DataFrame
+    task_load: Table | None  # the NASA Task Load Index by condition
     clauses: pd.DataFrame  # assigned and completed, by block, verb and group
     activities: Sequence[ReportSection]  # the sections of activity kinds
     practice: Mapping[str, int]  # by practice block, the episodes that would be included
@@ -128,7 +129,6 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
     Raises:
         ReportError: if the folder has neither file, or its template cannot be rendered.
     """
-    windows = ", ".join(f"{window} in {count} sessions" for window, count in content.windows.items())
     context = {
         "study": content.study,
         "versions": _describe_versions(content.account),
@@ -137,7 +137,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "players": content.players,
         "simulated": content.simulated,
         "imported": content.imported,
-        "windows": windows,
+        "windows": _count_windows(content.windows),
         "flow": content.flow,
         "practice": content.practice,
         "published": _compare_with_published(results) if content.papers else None,
@@ -152,6 +152,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "clauses": clauses_table(content.clauses),
         "activities": content.activities,
         "answers": answers_table(content.answers),
+        "task_load": content.task_load,
         "figures": content.figures,
         "first_figures": content.first_figures,
         "models": content.models,
@@ -162,6 +163,11 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "tables": content.tables,
     }
     return render_template(REPORT, context, templates)
+
+
+def _count_windows(windows: Mapping[str, int]) -> str:
+    """State in how many sessions each kind of window was used."""
+    return ", ".join(f"{window} in {count} sessions" for window, count in windows.items())
 
 
 def state_answers(
@@ -277,7 +283,8 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         **_show_subjects(block),
         "comparisons": _comparisons_table(block) if has_comparisons else None,
         "only_pair": _name_only_pair(block),
-        "not_compared": _list_not_compared(block),
+        "not_compared": _list_notes(block, "reason"),
+        "cautions": _list_notes(block, "caution"),
         "groups_with_keys": content.known_keys.get(block.block, ()) if has_comparisons else (),
         "set_aside": [f"{label_measure(name)} ({reason})" for name, reason in block.set_aside.items()],
         "without_goal": block.waits.without_goal,
@@ -315,15 +322,15 @@ def _name_only_pair(block: BlockResults) -> str:
     return f" ({_unbroken(*pairs.pop())})"
 
 
-def _list_not_compared(block: BlockResults) -> list[dict[str, str]]:
-    """Return the comparisons that were not made, or not in every way, each with the reason."""
+def _list_notes(block: BlockResults, field: Literal["reason", "caution"]) -> list[dict[str, str]]:
+    """Return the comparisons that were not made in every way, or whose p may not hold, each with the reason."""
     return [
         {
             "measure": label_measure(comparison.measure),
-            "why": f"{format_pair(comparison.first, comparison.second)} ({comparison.reason})",
+            "why": f"{format_pair(comparison.first, comparison.second)} ({getattr(comparison, field)})",
         }
         for comparison in block.comparisons
-        if comparison.reason
+        if getattr(comparison, field)
     ]
 
 

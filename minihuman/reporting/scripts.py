@@ -1,9 +1,12 @@
-"""Scripts that fit mixed models to a report's tables: in R (lme4, brms) and Python (statsmodels, Bambi)."""
+"""Scripts that analyse a report's tables again: in R (lme4, afex, brms) and Python (SciPy, statsmodels, Bambi).
+
+They fit mixed models of the block on which groups are compared, and test the interaction of groups and conditions.
+"""
 
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -11,9 +14,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 import minihuman
 from minihuman.errors import ReportError
 from minihuman.reporting.block_measures import label_measure
+from minihuman.reporting.interactions import InteractionResults
 from minihuman.reporting.results import Results
 
 _FILES = {"r": "analysis.R", "python": "analysis.py"}
+_CELLS = "cells.csv"
 
 
 class _Expression(NamedTuple):
@@ -49,15 +54,42 @@ _OF_EPISODE = {  # measures of a block that are the mean of an episode's; times 
 
 
 def write_scripts(
-    out: Path, study: str, results: Results, episodes: pd.DataFrame, languages: Sequence[str]
+    out: Path,
+    study: str,
+    results: Results,
+    episodes: pd.DataFrame,
+    languages: Sequence[str],
+    interaction: InteractionResults | None = None,
 ) -> tuple[Path, ...]:
-    """Write ``analysis.R`` and ``analysis.py`` into a report's folder, for the block on which groups are compared.
+    """Write ``analysis.R`` and ``analysis.py`` into a report's folder.
 
-    The measure is the primary one if it is a mean over episodes, else the first that is.
+    They analyse the block on which groups are compared and, in a mixed design, the interaction of groups and conditions
+    from the file ``cells.csv``, which is written beside them. The block's measure is the primary one if it is a mean
+    over episodes, else the first that is.
 
     Raises:
-        ReportError: if no block is played by two groups, or no such measure has values.
+        ReportError: if there is no interaction and no block is played by two groups, or no such measure has values.
     """
+    context: dict[str, Any] = {"study": study, "version": minihuman.__version__, "block": "", "interaction": None}
+    paths = []
+    if interaction is not None:
+        context["interaction"] = _describe_interaction(interaction)
+        paths.append(_write_cells(out / _CELLS, interaction))
+    try:
+        context |= _describe_block(results, episodes)
+    except ReportError:
+        if interaction is None:
+            raise
+    environment = _make_environment()
+    for language in languages:
+        path = out / _FILES[language]
+        path.write_text(environment.get_template(f"{path.name}.j2").render(context), encoding="utf-8", newline="\n")
+        paths.append(path)
+    return tuple(paths)
+
+
+def _describe_block(results: Results, episodes: pd.DataFrame) -> dict[str, Any]:
+    """Return the templates' variables about the block on which groups are compared."""
     block = results.target_block
     if block is None or len(block.groups) < 2:
         raise ReportError(
@@ -69,22 +101,35 @@ def write_scripts(
         raise ReportError(
             f"--r and --python need a measure for each episode, which block {block.block} lacks; remove them"
         )
-    context = {
-        "study": study,
+    return {
         "block": block.block,
-        "version": minihuman.__version__,
         "groups": [str(group) for group in block.groups["group"]],
         "reference": str(block.groups["group"].iloc[-1]),
         "label": label_measure(measure),
         "expression": _OF_EPISODE[measure],
     }
-    environment = _make_environment()
-    paths = []
-    for language in languages:
-        path = out / _FILES[language]
-        path.write_text(environment.get_template(f"{path.name}.j2").render(context), encoding="utf-8", newline="\n")
-        paths.append(path)
-    return tuple(paths)
+
+
+def _describe_interaction(interaction: InteractionResults) -> dict[str, Any]:
+    """Return the templates' variables about the interaction of groups and conditions."""
+    weights = {
+        contrast.name: [dict(contrast.weights).get(condition, 0.0) for condition in interaction.conditions]
+        for contrast in interaction.tested_contrasts
+    }
+    return {
+        "measure": label_measure(interaction.measure),
+        "is_log": any(compared.groups.is_log for compared in interaction.headline),
+        "groups": list(interaction.groups),
+        "conditions": list(interaction.conditions),
+        "contrasts": weights,
+    }
+
+
+def _write_cells(path: Path, interaction: InteractionResults) -> Path:
+    """Write each participant's value in each condition, on the scale of the tests; return the path."""
+    cells = interaction.scaled_cells.reset_index().melt(["group", "participant"], var_name="condition")
+    cells.sort_values(["group", "participant"], kind="stable").to_csv(path, index=False, lineterminator="\n")
+    return path
 
 
 def _make_environment() -> Environment:

@@ -28,21 +28,24 @@ def answers_table(answers: pd.DataFrame) -> Table | None:
     """Tabulate every question: the counts of each answer, or its mean and range, and the median response time.
 
     A question asked in several sessions, or several times in one session, has a row for each time, because the answers
-    of different days or after different blocks are not comparable.
+    of different days or after different blocks are not comparable. ``answers`` has the column ``after``, the block to
+    which the answers belong; without it, times are numbered.
     """
     if answers.empty:
         return None
     last = answers.drop_duplicates(_GIVEN_ONCE, keep="last")
-    times = last.groupby(["participant", "session", "questions"])["part"].rank(method="dense").astype(int)
-    last = last.assign(time=times)  # how often they had been asked in that session, 1 for the first
+    if "after" not in last:
+        last = last.assign(after="")
+    times = last.groupby(["participant", "session", "questions", "after"])["part"].rank(method="dense").astype(int)
+    last = last.assign(time=times)  # how often they had been asked in that session after that block, 1 for the first
     repeats = last.groupby(["questions", "item"])
-    whens = [when for when in ("session", "time") if (repeats[when].nunique() > 1).any()]
+    whens = [when for when in ("session", "after", "time") if (repeats[when].nunique() > 1).any()]
     as_asked: list[tuple[object, ...]] = list(zip(last["questions"], last["item"], strict=True))
-    by_question = last.groupby(["questions", "item", "session", "time"])
+    by_question = last.groupby(["questions", "item", "session", "after", "time"])
     in_order = sorted(by_question, key=lambda keyed: (as_asked.index(keyed[0][:2]), keyed[0][2:]))
     rows: list[tuple[Cell, ...]] = []
-    for (part, question, session, time), group in in_order:
-        asked_at = {"session": session, "time": time}
+    for (part, question, session, after, time), group in in_order:
+        asked_at = {"session": session, "after": after, "time": time}
         when = [str(asked_at[name]) for name in whens]
         median_s = format_number(float(group["answer_ms"].median()) / 1000)
         summary = _summarise_answers(group)

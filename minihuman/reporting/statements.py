@@ -46,6 +46,8 @@ def difference_statement(
     caveat = ""
     if comparison.smallest_p >= _ALPHA:
         caveat = " Groups of these sizes cannot reach p < 0.05, whatever the difference."
+    if comparison.caution:
+        caveat += f" With care: {comparison.caution}."
     size = ""
     if not math.isnan(comparison.g):
         interval = format_interval(comparison.g_interval, 2)
@@ -102,10 +104,13 @@ def equivalence_statement(equivalence: EquivalenceResult, roles: Mapping[str, Ro
     """State in one sentence whether two groups are shown to be equivalent."""
     (primary,) = (name for name, role in roles.items() if role == "primary")
     test = equivalence.test
+    groups = f"{equivalence.first} and {equivalence.second}"
+    if test.reason:
+        return f"{_begin_with_measure(primary)}: equivalence of {groups} was not tested ({test.reason})."
     verdict = "are equivalent" if test.alike else "are not shown to be equivalent"
     return (
-        f"{_begin_with_measure(primary)}: {equivalence.first} and {equivalence.second} {verdict} within "
-        f"{test.bounds[1]:g}, the protocol's margin (two one-sided tests, p {format_p_value(test.p)}; 90 % interval of "
+        f"{_begin_with_measure(primary)}: {groups} {verdict} within {test.bounds[1]:g}, the protocol's margin "
+        f"(two one-sided permutation tests, p {format_p_value(test.p)}; 90 % interval of "
         f"the difference {format_interval(test.interval, sign='+')})."
     )
 

@@ -15,6 +15,7 @@ import pandas as pd
 from minihuman.errors import ReportError
 from minihuman.experiment.machine.activity import find_kind, list_kinds
 from minihuman.plugins import make_plugin
+from minihuman.reporting.questionnaire_scores import name_last_blocks
 
 GROUP = "minihuman.measures"
 Tables = Mapping[str, pd.DataFrame]
@@ -67,13 +68,8 @@ class AnswerScore(StudyMeasure):
         answers = answers.drop_duplicates(["participant", "session", "part", "item"], keep="last")
         scores = answers.groupby(["participant", "session", "part"])["number"].mean().rename("value").reset_index()
         if scores.groupby(["participant", "session"]).size().max() != 1:
-            parts = tables["parts"]
-            blocks = tables["blocks"]["block"].unique()
-            played = parts[(parts["what"] == "started") & parts["name"].isin(blocks)]
-            candidates = scores.merge(played[["participant", "session", "part", "name"]], on=["participant", "session"])
-            candidates = candidates[candidates["part_y"] < candidates["part_x"]].sort_values("part_y")
-            last = candidates.drop_duplicates(["participant", "session", "part_x"], keep="last")
-            scores = last.rename(columns={"name": "block"})[["participant", "session", "block", "value"]]
+            last = name_last_blocks(scores, tables["parts"], tables["blocks"]["block"].unique())
+            scores = last[["participant", "session", "block", "value"]]
         return scores
 
 

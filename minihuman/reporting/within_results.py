@@ -109,31 +109,31 @@ def compare_labels(
         trial_levels: the measures of trials, with a row per participant, session, block, label and level.
     """
     label = analysis.condition_label
-    levels = read_label(episodes, label)
-    rows = episodes.assign(block=levels)[levels != ""]
-    if rows.empty:
-        return None
-    measured = _measure_levels(rows, label, trial_levels)
+    measured = measure_levels(episodes, label, trial_levels)
     conditions = tuple(sorted(measured["block"].unique()))
     if len(conditions) < 2:
         return None
-    primary_measure = ""
-    if analysis.primary_measure in measured:
-        primary_measure = analysis.primary_measure
-    of_levels = AnalysisSpec(
-        primary_measure=primary_measure,
-        secondary_measures=tuple(name for name in analysis.secondary_measures if name in measured),
-        conditions=conditions,
-    )
+    of_levels = msgspec.structs.replace(select_measures(analysis, measured), conditions=conditions)
     within = compare_within(measured, of_levels)
     if within is None:
         return None
     return replace(within, effects=(), label=label)  # levels alternate: they have no position
 
 
-def _measure_levels(rows: pd.DataFrame, label: str, trial_levels: pd.DataFrame | None) -> pd.DataFrame:
+def select_measures(analysis: AnalysisSpec, rows: pd.DataFrame) -> AnalysisSpec:
+    """Return an analysis of the planned measures that rows have; those of whole blocks are left out."""
+    primary_measure = ""
+    if analysis.primary_measure in rows:
+        primary_measure = analysis.primary_measure
+    secondary_measures = tuple(name for name in analysis.secondary_measures if name in rows)
+    return AnalysisSpec(primary_measure=primary_measure, secondary_measures=secondary_measures)
+
+
+def measure_levels(episodes: pd.DataFrame, label: str, trial_levels: pd.DataFrame | None = None) -> pd.DataFrame:
     """Compute each participant's measures at each level of a label; the level is in the column ``block``."""
-    keys = ["participant", "session", "block"]
+    levels = read_label(episodes, label)
+    rows = episodes.assign(block=levels)[levels != ""]
+    keys = ["group", "participant", "session", "block"]
     rows = rows.assign(success=pd.to_numeric(rows["success"]))
     values = rows.groupby(keys, sort=False).agg(
         success=("success", "mean"), reward_mean=("reward", "mean"), response_median_ms=("response_median_ms", "median")
@@ -142,8 +142,9 @@ def _measure_levels(rows: pd.DataFrame, label: str, trial_levels: pd.DataFrame |
     if trial_levels is not None:
         of_label = trial_levels[trial_levels["label"].eq(label)].drop(columns=["block"])
         named = {name: f"trials:{name}" for name in load_trial_measures()}
-        means = of_label.rename(columns={"level": "block", **named}).groupby(keys)[list(named.values())].mean()
-        measured = measured.merge(means.reset_index(), on=keys, how="left")
+        trial_keys = keys[1:]
+        means = of_label.rename(columns={"level": "block", **named}).groupby(trial_keys)[list(named.values())].mean()
+        measured = measured.merge(means.reset_index(), on=trial_keys, how="left")
     return measured
 
 

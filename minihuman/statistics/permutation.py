@@ -190,36 +190,38 @@ def _draw_orders(total: int) -> NDArray[np.int_]:
     return rng.permuted(np.tile(np.arange(total), (RESAMPLES, 1)), axis=1)
 
 
-def invert_test(p: Callable[[float], float], estimate: float, error: float) -> tuple[float, float]:
-    """Return the interval of values that a two-sided test does not reject at 5 %.
+def invert_test(
+    p: Callable[[float], float], estimate: float, error: float, *, alpha: float = ALPHA
+) -> tuple[float, float]:
+    """Return the interval of values that a two-sided test does not reject at the level ``alpha``.
 
     Both bounds are searched for outwards from the estimate.
     """
-    zero_rejected = p(0.0) < ALPHA
-    return (
-        _search_bound(p, estimate, -error, zero_rejected=zero_rejected),
-        _search_bound(p, estimate, error, zero_rejected=zero_rejected),
-    )
+
+    def is_rejected(value: float) -> bool:
+        return p(value) < alpha
+
+    return _search_bound(is_rejected, estimate, -error), _search_bound(is_rejected, estimate, error)
 
 
-def _search_bound(p: Callable[[float], float], estimate: float, step: float, *, zero_rejected: bool) -> float:
+def _search_bound(is_rejected: Callable[[float], bool], estimate: float, step: float) -> float:
     """Return the last value that is not rejected, searching from the estimate in the direction of ``step``."""
     inside = estimate
     outside = math.nan
     if -estimate * step > 0:  # 0 lies on this side, and what p says of it stands
-        if zero_rejected:
+        if is_rejected(0.0):
             outside = 0.0
         else:
             inside = 0.0
     while math.isnan(outside):
-        if p(inside + step) < ALPHA:
+        if is_rejected(inside + step):
             outside = inside + step
         else:
             inside = inside + step
             step = 2 * step
     while abs(outside - inside) > 1e-6 * abs(step):
         middle = (inside + outside) / 2
-        if p(middle) < ALPHA:
+        if is_rejected(middle):
             outside = middle
         else:
             inside = middle

@@ -16,11 +16,12 @@ import pandas as pd
 import scipy
 from numpy.typing import NDArray
 
+from minihuman.statistics.permutation import LEAST_ESTIMATED
 from minihuman.statistics.regroupings import RESAMPLES, SEED, count_regroupings, draw_totals, has_limit
 from minihuman.statistics.t_tests import Values
 
 LEVEL = 0.95
-LEAST = 3  # people a group, below whom no covariance between people is told
+LEAST = LEAST_ESTIMATED  # people per group, below whom there is neither an estimate nor p
 _NOTHING = (math.nan, math.nan)
 _AT_ONCE = 500_000
 _ROUNDS = 30

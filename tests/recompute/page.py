@@ -9,7 +9,8 @@ import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from html.parser import HTMLParser
 from itertools import combinations, product
 from pathlib import Path
@@ -19,6 +20,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
+from tests.recompute.interaction import PERMUTATIONS, Interaction, join, tabulate_cells
 from tests.recompute.tables import Row, Session, Tally
 
 MEASURES = {
@@ -172,6 +174,7 @@ class Compared:
     g_interval: tuple[Near, Near] | None
     reason: str
     is_log: bool = False
+    caution: str = ""
 
     @property
     def difference(self) -> float:
@@ -227,20 +230,20 @@ class Regrouped:
             p = max(p, float(2 * scipy.stats.t.sf(abs(by_t.statistic), freedom)))
         return p
 
-    def interval(self) -> tuple[Near, Near] | None:
+    def interval(self, level: float = 0.05) -> tuple[Near, Near] | None:
         if not max(np.ptp(self.a), np.ptp(self.b)) or smallest_p(len(self.a), len(self.b)) >= 0.05:
             return None
         if min(len(self.a), len(self.b)) < 4:
             return None
         error = math.sqrt(np.var(self.a, ddof=1) / len(self.a) + np.var(self.b, ddof=1) / len(self.b))
-        return invert(self.p, float(np.mean(self.a) - np.mean(self.b)), error, exact=self.exact)
+        return invert(self.p, float(np.mean(self.a) - np.mean(self.b)), error, exact=self.exact, level=level)
 
 
-def invert(p: Any, estimate: float, error: float, *, exact: bool) -> tuple[Near, Near]:
+def invert(p: Any, estimate: float, error: float, *, exact: bool, level: float = 0.05) -> tuple[Near, Near]:
     """The interval that a test does not reject; drawn resamples leave p uncertain by five standard errors."""
     bounds = []
     for side in (-1, 1):
-        near, middle, far = (search(p, estimate, side * error, alpha) for alpha in slack_around(0.05, exact=exact))
+        near, middle, far = (search(p, estimate, side * error, alpha) for alpha in slack_around(level, exact=exact))
         bounds.append(Near(middle, max(abs(middle - near), abs(far - middle)) + 2e-5 * error))
     return bounds[0], bounds[1]
 
@@ -324,14 +327,27 @@ def smallest_p(n: int, m: int) -> float:
     return 1 / (RESAMPLES + 1) if ways > RESAMPLES else (2 if n == m else 1) / ways
 
 
-def welch_interval(a: Any, b: Any, level: float = 0.95) -> tuple[float, float]:
-    if not max(np.ptp(a), np.ptp(b)):
-        return NONE
-    found = scipy.stats.ttest_ind(a, b, equal_var=False).confidence_interval(level)
-    return float(found.low), float(found.high)
+def caution(groups: tuple[str, str], a: Any, b: Any) -> str:
+    """What is said of groups that are skewed unequally, by SciPy's bias-corrected skewness."""
+    if min(len(a), len(b)) < 4 or not max(np.ptp(a), np.ptp(b)):
+        return ""
+    cubes = [
+        float(scipy.stats.skew(one, bias=False)) * np.std(one, ddof=1) ** 3 / len(one) ** 2 if np.ptp(one) else 0.0
+        for one in (a, b)
+    ]
+    error = math.sqrt(np.var(a, ddof=1) / len(a) + np.var(b, ddof=1) / len(b))
+    if abs(cubes[0] - cubes[1]) / error**3 <= 0.3:
+        return ""
+    name = groups[0] if abs(cubes[0]) >= abs(cubes[1]) else groups[1]
+    return f"values of {name} are skewed, so that p and interval of a difference of means may be wrong"
 
 
 def compare(measure: str, groups: tuple[str, str], a: Any, b: Any, *, is_log: bool = False) -> Compared:
+    found = compare_plainly(measure, groups, a, b, is_log=is_log)
+    return replace(found, caution=caution(groups, a, b))
+
+
+def compare_plainly(measure: str, groups: tuple[str, str], a: Any, b: Any, *, is_log: bool) -> Compared:
     n = len(a), len(b)
     means = tuple(float(np.mean(one)) if len(one) else math.nan for one in (a, b))
     plain = (measure, groups, n, means)
@@ -397,6 +413,15 @@ class Study:
             return ""
         common = [block for block in played[min(played)] if all(block in theirs for theirs in played.values())]
         return common[-1] if common else ""
+
+    @cache  # noqa: B019  # a study lives as long as the comparison
+    def interaction(self) -> Interaction | None:
+        """The interaction of the primary measure, where the protocol crosses groups with conditions."""
+        conditions = list(self.analysis.get("conditions", []))
+        if len(self.order) < 2 or not conditions:
+            return None
+        primary = self.analysis["primary_measure"]
+        return Interaction(tabulate_cells(self.blocks, primary, conditions), self.order, conditions, primary)
 
     def in_order_of_play(self) -> list[str]:
         places: dict[str, list[int]] = defaultdict(list)
@@ -484,6 +509,7 @@ def expected_page(study: Study) -> Iterator[tuple[str, Any]]:
     )
     yield from expected_answer(study)
     yield from expected_flow(study)
+    yield from expected_interaction(study)
     for block in study.in_order_of_play():
         yield from expected_block(study, block)
     yield from expected_answers(study)
@@ -504,7 +530,10 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
     target = study.target()
     rows = [row for row in study.blocks if row["block"] == target]
     order = [group for group in study.order if any(row["group"] == group for row in rows)]
-    if len(order) > 1:
+    interaction = study.interaction()
+    if interaction is not None:
+        yield from expected_interaction_answer(study, interaction)
+    elif len(order) > 1:
         primary = study.analysis.get("primary_measure", "")
         names = f"{', '.join(order[:-1])} and {order[-1]}"
         measure = MEASURES[primary] if primary else "every measure"
@@ -525,7 +554,8 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
     yield (
         "p",
         (
-            f"Participants excluded: {excluded}. The p of these sentences are not corrected. In the tables, p (Holm) "
+            f"Participants excluded: {excluded}. The p of these sentences are not corrected"
+            f"{', unless they say so' if interaction else ''}. In the tables, p (Holm) "
             "is corrected over measures and pairs of groups: within the primary measure, within the secondary ones, "
             "and within all others. Every other p on this page (waiting times, rewards in two parts, change over "
             "episodes, sessions, order) is exploratory, and none is corrected across blocks."
@@ -533,6 +563,88 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
     )
     if study.blocks:
         yield "p", "Every participant in every measure, to filter and sort."
+
+
+def expected_interaction_answer(study: Study, found: Interaction) -> Iterator[tuple[str, Any]]:
+    """The question in the protocol's words, and the answer for all of the interaction."""
+    label = MEASURES[found.label]
+    question = study.protocol.get("design", {}).get("question", "")
+    yield (
+        "p",
+        (
+            f"{question} Asked: whether differences between conditions {join(found.conditions)} in {label} depend on "
+            f"the group ({join(found.order)})."
+        ),
+    )
+    opening = f"{capital(label)}, interaction of group and condition: "
+    if found.reason:
+        yield "p", f"{opening}not tested ({found.reason})."
+    else:
+        sizes = ", ".join(f"{n} in {group}" for n, group in zip(found.n, found.order, strict=True))
+        near = near_few(found.p)
+        verdict = "depend" if found.p < 0.05 else "are not shown to depend"
+        if abs(near.value - 0.05) <= near.error:
+            verdict = "{depend|are not shown to depend}"
+        yield (
+            "p",
+            (
+                f"{opening}differences between conditions {verdict} on the group (permutation p ",
+                near,
+                f"; Wald-type statistic {number(found.statistic)} with {found.freedom} degrees of freedom; {sizes}).",
+            ),
+        )
+    missing = len(found.cells) - len(found.whole)
+    if missing:
+        yield "p", f"{missing} participants without a value in every condition are not in the interaction."
+
+
+def near_few(p: float) -> Near:
+    """Within five standard errors of a p from fewer permutations."""
+    return Near(p, 5 * math.sqrt(1.2 * max(p * (1 - p), 1e-4) / PERMUTATIONS))
+
+
+def expected_interaction(study: Study) -> Iterator[tuple[str, Any]]:
+    """The sections on groups and conditions, and on conditions within participants in one order for all."""
+    found = study.interaction()
+    if found is None:
+        return
+    label = MEASURES[found.label]
+    cells: list[list[Any]] = [["group", *found.conditions]]
+    for group in found.order:
+        rows = found.cells[found.cells["group"] == group]
+        values = [rows[name].dropna().to_numpy(float) for name in found.conditions]
+        cells.append(
+            [group, *(f"{number(one.mean())} ({number(float(np.std(one, ddof=1)))}), n {len(one)}" for one in values)]
+        )
+    yield "h2", "Groups and conditions"
+    yield "table", cells
+    p: Any = "n/a" if found.reason else (near_few(found.p),)
+    start = [label, "primary"]
+    sizes = ", ".join(map(str, found.n))
+    table: list[list[Any]] = [
+        ["measure", "named before", "contrast", "groups", "n", "difference", "p", "p (Holm)", "g"],
+        [*start, "all", "all", sizes, f"W({found.freedom}) = {number(found.statistic)}", p, Holm("W"), "n/a"],
+    ]
+    for name, one in found.contrasts(compare):
+        g: Expected = number(one.g, 2)
+        if one.g_interval is not None:
+            g = (f"{number(one.g, 2)} (", one.g_interval[0], " to ", one.g_interval[1], ")")
+        apart = near_interval(one.difference, one.interval)
+        table.append([*start, name, pair(one.groups), sizes, apart, one.p, Holm("contrasts"), g])
+    yield "summary", "Interaction of group and condition"
+    yield "table", table
+    heads = ["measure", "named before", "conditions", "n", "means", "difference", "p", "p (Holm)", "smallest p"]
+    within: list[list[Any]] = [heads]
+    for name, both in found.pairs():
+        test = Flipped(both[:, 0] - both[:, 1])
+        means = ", ".join(number(mean) for mean in both.mean(axis=0))
+        apart = near_interval(float((both[:, 0] - both[:, 1]).mean()), test.interval())
+        least = p_value(2.0 ** (1 - len(both)) if test.exact else 1 / (RESAMPLES + 1))
+        p = (near_p(test.p(), exact=test.exact),)
+        within.append([*start, name, str(len(both)), means, apart, p, Holm("within"), least])
+    yield "h2", "Within participants"
+    yield "p", f"Blocks {join(found.conditions)}, compared over the participants who played both."
+    yield "table", within
 
 
 def expected_flow(study: Study) -> Iterator[tuple[str, Any]]:
@@ -714,7 +826,7 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     end = end or ("; the block that all groups are compared on" if block == study.target() and len(order) > 1 else "")
     yield "h2", f"Block {block}"
     yield "p", f"{worlds}{': ' if worlds else ''}{len(episodes)} episodes included{end}."
-    if block != study.target() or len(order) < 2:
+    if block != study.target() or len(order) < 2 or study.interaction() is not None:
         for one in headline:
             yield "p", difference(one, block)
     if comparisons and primary not in roles:
@@ -740,6 +852,10 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     for why in sorted({f"{pair(one.groups)} ({one.reason})" for one in missing}):
         told = "; ".join(MEASURES[one.measure] for one in missing if f"{pair(one.groups)} ({one.reason})" == why)
         yield "p", f"Not compared, or only in part: {why} in {told}."
+    doubtful = [one for one in comparisons if one.caution]
+    for why in sorted({f"{pair(one.groups)} ({one.caution})" for one in doubtful}):
+        told = "; ".join(MEASURES[one.measure] for one in doubtful if f"{pair(one.groups)} ({one.caution})" == why)
+        yield "p", f"To be read with care: {why} in {told}."
     if comparisons and study.known.get(block):
         yield (
             "p",
@@ -797,6 +913,7 @@ def difference(one: Compared, block: str) -> Expected:
     if one.reason and math.isnan(one.p.value):
         return f"{said}was not compared ({one.reason})."
     never = " Groups of these sizes cannot reach p < 0.05, whatever the difference." if one.smallest_p >= 0.05 else ""
+    never += f" With care: {one.caution}." if one.caution else ""
     bounds: tuple[str | Near, ...] = ("n/a",)
     factor: tuple[str | Near, ...] = ()
     value = number(math.exp(one.difference)) if one.is_log else number(one.difference, sign="+")
@@ -869,33 +986,29 @@ def expected_subjects(rows: pd.DataFrame, people: pd.DataFrame, order: Sequence[
 
 
 def equivalences(people: pd.DataFrame, order: Sequence[str], primary: str, margin: float) -> Iterator[tuple[str, Any]]:
-    from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
-
     for a, b in combinations(order, 2):
         first, second = (people.loc[people["group"] == group, primary].dropna().to_numpy(float) for group in (a, b))
-        if min(len(first), len(second)) < 2 or not max(np.ptp(first), np.ptp(second)):
+        opening = f"{capital(MEASURES[primary])}: "
+        test = Regrouped(first, second) if min(len(first), len(second)) > 1 else None
+        bounds = test.interval(0.1) if test else None
+        if test is None or bounds is None:
+            why = "it needs 4 participants in each group and values that differ"
+            yield "p", f"{opening}equivalence of {a} and {b} was not tested ({why})."
             continue
-        means = CompareMeans(DescrStatsW(first), DescrStatsW(second))
-        p = float(means.ttost_ind(-margin, margin, usevar="unequal")[0])
+        apart = float(np.mean(first) - np.mean(second))
+        halves = test.p(-margin) / 2, test.p(margin) / 2
+        p = max(halves[0] if apart > -margin else 1 - halves[0], halves[1] if apart < margin else 1 - halves[1])
         alike = "are equivalent" if p < 0.05 else "are not shown to be equivalent"
-        bounds = welch_interval(first, second, 0.9)
         yield (
             "p",
             (
-                f"{capital(MEASURES[primary])}: {a} and {b} {alike} within {margin:g}, the protocol's margin (two one-"
-                f"sided tests, p {p_value(p)}; 90 % interval of the difference {interval(bounds, sign='+')})."
+                (
+                    f"{opening}{a} and {b} {alike} within {margin:g}, the protocol's margin (two one-sided permutation "
+                    "tests, p "
+                ),
+                near_p(p, exact=test.exact), "; 90 % interval of the difference ", bounds[0], " to ", bounds[1], ").",
             ),
-        )
-
-
-def mean_interval(values: Any) -> tuple[float, tuple[float, float], float]:
-    """A mean, its t interval, and the p of its being 0."""
-    mean = float(np.mean(values))
-    if not np.ptp(values):
-        return mean, NONE, math.nan
-    found = scipy.stats.ttest_1samp(values, 0.0)
-    bounds = found.confidence_interval(0.95)
-    return mean, (float(bounds.low), float(bounds.high)), float(found.pvalue)
+        )  # fmt: skip
 
 
 def expected_sessions(found: Block) -> Iterator[tuple[str, Any]]:
@@ -1121,10 +1234,10 @@ def expected_parts(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[tu
         shares = {
             group: float((np.concatenate(told[group]) > 0).mean()) if told[group] else math.nan for group in (a, b)
         }
-        few = next((f"fewer than 3 people in {group}" for group in (a, b) if len(told[group]) < 3), "")
+        few = next((f"fewer than 4 people in {group}" for group in (a, b) if len(told[group]) < 4), "")
         stuck = next((f"no episode of {group} is at 0" for group in (a, b) if shares[group] == 1), "")
         stuck = stuck or next((f"every episode of {group} is at 0" for group in (a, b) if shares[group] == 0), "")
-        thin = next((f"fewer than 3 people of {group} are above 0" for group in (a, b) if len(above[group]) < 3), "")
+        thin = next((f"fewer than 4 people of {group} are above 0" for group in (a, b) if len(above[group]) < 4), "")
         cells: list[Any] = []
         for what, why, people, odds in (
             ("odds", few or stuck, {g: [(one > 0).astype(float) for one in told[g]] for g in (a, b)}, True),
@@ -1209,20 +1322,15 @@ def expected_growth(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[t
     table: list[list[Any]] = [["term", "participants", "estimate", "95 % interval", "p"]]
     for at, name in enumerate((f"{measure} in the middle of the block", "change an episode")):
         base = np.array(lines[reference])[:, at]
-        mean, bounds, p = mean_interval(base)
-        p = p if at else math.nan
-        table.append([f"{reference}: {name}", str(len(base)), *near_cells(mean, bounds, p)])
+        cells = tested_cells(float(base.mean()), Flipped(base) if np.ptp(base) else None)
+        if not at:
+            cells[-1] = "n/a"
+        table.append([f"{reference}: {name}", str(len(base)), *cells])
         for group in others:
             values = np.array(lines[group])[:, at]
-            bounds = welch_interval(values, base)
-            p = (
-                math.nan
-                if math.isnan(bounds[0])
-                else float(scipy.stats.ttest_ind(values, base, equal_var=False).pvalue)
-            )
-            apart = float(values.mean() - base.mean())
-            many = str(len(values) + len(base))
-            table.append([f"{group} minus {reference}: {name}", many, *near_cells(apart, bounds, p)])
+            test = Regrouped(values, base) if max(np.ptp(values), np.ptp(base)) else None
+            cells = tested_cells(float(values.mean() - base.mean()), test)
+            table.append([f"{group} minus {reference}: {name}", str(len(values) + len(base)), *cells])
     yield "summary", "Change over the episodes"
     yield "table", table
     rows = pd.DataFrame([row for row in told if row["group"] in groups])
@@ -1306,12 +1414,14 @@ def mixed_model(rows: pd.DataFrame, terms: Sequence[str], groups: Sequence[str])
     return none
 
 
-def near_cells(value: float, bounds: tuple[float, float], p: float) -> list[Any]:
-    """Of a least-squares line: two solvers agree to the printed digit but where it turns on the last bit."""
-    error = 1e-9 * max(1.0, *(abs(one) for one in (value, *bounds) if not math.isnan(one)))
-    if math.isnan(bounds[0]):
-        return [(Near(value, error),), "n/a", p_value(p)]
-    return [(Near(value, error),), (Near(bounds[0], error), " to ", Near(bounds[1], error)), (Near(p, 1e-9),)]
+def tested_cells(value: float, test: Regrouped | Flipped | None) -> list[Any]:
+    """An estimate of lines, its interval and p: two solvers agree to the printed digit but where it turns on a bit."""
+    estimate = (Near(value, 1e-9 * max(1.0, abs(value))),)
+    if test is None:
+        return [estimate, "n/a", "n/a"]
+    bounds = test.interval()
+    interval: Expected = "n/a" if bounds is None else (bounds[0], " to ", bounds[1])
+    return [estimate, interval, (near_p(test.p(), exact=test.exact),)]
 
 
 def expected_reliability(found: Block) -> Iterator[tuple[str, Any]]:

@@ -1,4 +1,4 @@
-"""Every number of every output of six invented laboratories' studies is what a second program finds in their logs."""
+"""Every number of every output of seven invented laboratories' studies is what a second program finds in their logs."""
 
 import re
 from pathlib import Path

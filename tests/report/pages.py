@@ -11,6 +11,7 @@ NOTHING: dict[str, Any] = {
     "simulated": 0, "imported": 0, "windows": "", "flow": None, "practice": {}, "published": None, "blocks": [],
     "question": "", "answers_first": [], "first_figures": [], "excluded": "none", "within": None, "interaction": None,
     "min_growth_episodes": 8, "clauses": None, "activities": [], "answers": None, "figures": [], "models": [],
+    "task_load": None,
     "quality": quality_section([]),
     "exclusions": None, "skipped": Table((), ()), "methods": [], "tables": [],
 }  # fmt: skip

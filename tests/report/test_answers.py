@@ -17,6 +17,7 @@ from minihuman.dataset.tables import select
 from minihuman.experiment.machine.events import Answered
 from minihuman.log.read.session_reader import read_log
 from minihuman.plugins import QUESTION_GROUP, list_plugin_names
+from minihuman.reporting.questionnaire_scores import SCORE, add_last_blocks, task_load_table
 from minihuman.reporting.sections import answers_table
 from minihuman.reporting.template import format_number
 from minihuman.runtime.simulated_session import simulate
@@ -144,3 +145,50 @@ def test_what_was_asked_after_each_block_has_a_row_for_each_time() -> None:
     told = re.findall(r"<td[^>]*>effort</td><td[^>]*>(\d)</td><td[^>]*>(mean [^<]+)</td><td[^>]*>(\d)</td>", text)
     assert told == [("1", "mean 25.0, 20.0 to 30.0", "2"), ("2", "mean 70.0, 60.0 to 80.0", "2")]
     assert '<th class="word">session</th>' not in text
+
+
+SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")
+
+
+def latin_square_of_task_load() -> pd.DataFrame:
+    """Answers of two participants after the blocks easy and hard, in either order: 10 and 60, with one missing."""
+    rows, parts = [], []
+    for who, blocks in (("sub-01", ("easy", "hard")), ("sub-02", ("hard", "easy"))):
+        for place, block in enumerate(blocks):
+            part = 2 * place + 1
+            parts.append({"participant": who, "session": 1, "part": part, "what": "started", "name": block})
+            for scale in SCALES:
+                number = {"easy": 10.0, "hard": 60.0}[block]
+                if (who, block, scale) == ("sub-02", "hard", "effort"):
+                    number = float("nan")
+                row = {"participant": who, "group": "all", "session": 1, "questions": "load", "item": scale}
+                row |= {"kind": "slider", "attempt": 1, "part": part + 1, "answer": str(number), "number": number}
+                rows.append(row | {"said": None, "right": None, "answer_ms": 900.0})
+    return add_last_blocks(pd.DataFrame(rows), pd.DataFrame(parts), ["easy", "hard"])
+
+
+def test_questions_after_each_block_of_a_latin_square_are_listed_by_block() -> None:
+    table = answers_table(latin_square_of_task_load())
+    assert table is not None
+    assert table.heads[:4] == ("questions", "question", "after", "answers")
+    mental = [row[2:5] for row in table.rows if row[1] == "mental"]
+    assert mental == [("easy", "mean 10.0, 10.0 to 10.0", "2"), ("hard", "mean 60.0, 60.0 to 60.0", "2")]
+
+
+def test_the_task_load_of_each_condition_has_a_raw_score_of_those_who_answered_all() -> None:
+    table = task_load_table(latin_square_of_task_load(), {"load"}, {"easy": "E", "hard": "H"}, ["all"])
+    assert table is not None
+    assert table.heads == ("group", "scale", "E", "H")
+    cells = {row[1]: row[2:] for row in table.rows}
+    assert [*cells] == [*SCALES, SCORE]
+    assert cells["mental"] == ("10.0 (0.000), n 2", "60.0 (0.000), n 2")
+    assert cells[SCORE] == ("10.0 (0.000), n 2", "60.0 (n/a), n 1")
+
+
+def test_questions_that_a_session_asks_once_are_not_about_its_last_block() -> None:
+    answers = latin_square_of_task_load()
+    once = answers[answers["part"] == 4].drop(columns="after")
+    parts = pd.DataFrame(
+        {"participant": ["sub-01", "sub-02"], "session": 1, "part": 3, "what": "started", "name": ["hard", "easy"]}
+    )
+    assert set(add_last_blocks(once, parts, ["easy", "hard"])["after"]) == {""}

@@ -6,8 +6,10 @@ import pytest
 
 from minihuman.errors import ProtocolError
 from minihuman.experiment.protocol.protocol import decode_protocol
-from minihuman.experiment.protocol.study_design import derive_design
+from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.experiment.protocol.study_design import ExperimentDesign, Factor, derive_design
 from minihuman.reporting.interactions import compute_interaction, state_interaction
+from minihuman.reporting.within_results import measure_levels
 from minihuman.statistics.permutation import permutation_tests
 
 GROUPS = '[[groups]]\nname = "a"\nblocks = ["low", "high"]\n[[groups]]\nname = "b"\nblocks = ["low", "high"]\n'
@@ -85,6 +87,25 @@ def test_an_interaction_of_one_degree_of_freedom_is_the_groups_test_of_contrast_
     assert "9 and 14 participants" in sentence
 
 
+def test_an_interaction_of_several_degrees_of_freedom_is_answered_in_a_sentence(monkeypatch):
+    monkeypatch.setattr("minihuman.statistics.interaction.RESAMPLES", 199)
+    design = ExperimentDesign(
+        factors=(Factor("group", ("a", "b"), is_within=False), Factor("condition", ("x", "y", "z"), is_within=True)),
+        condition_of_block=(("x", "x"), ("y", "y"), ("z", "z")),
+    )
+    analysis = AnalysisSpec(primary_measure="reward_mean")
+    for shift, verdict in ((0.0, "are not shown to depend"), (4.0, "depend")):
+        rng = np.random.default_rng(8)
+        rows = [
+            (group, f"{group}{who}", block, 1, rng.normal(shift if (group, block) == ("a", "z") else 0.0))
+            for group in "ab" for who in range(10) for block in "xyz"
+        ]  # fmt: skip
+        frame = pd.DataFrame(rows, columns=["group", "participant", "block", "session", "reward_mean"])
+        (sentence,) = state_interaction(compute_interaction(frame, design, analysis, ("a", "b")))
+        assert f"differences between conditions {verdict} on the group (permutation p" in sentence
+        assert sentence.endswith("with 2 degrees of freedom; 10 in a, 10 in b).")
+
+
 def test_a_participant_without_a_condition_is_left_out_and_said_so():
     protocol, rows = read(), block_rows(0.0)
     found = compute_interaction(rows.iloc[1:], derive_design(protocol), protocol.analysis, ("a", "b"))
@@ -95,3 +116,25 @@ def test_a_participant_without_a_condition_is_left_out_and_said_so():
 def test_groups_alone_have_no_interaction():
     protocol = read(conditions="")
     assert compute_interaction(block_rows(0.0), derive_design(protocol), protocol.analysis, ("a", "b")) is None
+
+
+def test_levels_of_a_label_of_trials_are_conditions_that_groups_are_crossed_with():
+    rng = np.random.default_rng(6)
+    rows = [
+        {"group": group, "participant": f"{group}{who}", "session": 1, "labels": f'{{"cue": "{level}"}}',
+         "success": bool(rng.random() < (0.2 if (group, level) == ("a", "late") else 0.9)), "reward": 0.0,
+         "response_median_ms": 500.0}
+        for group in "ab" for who in range(8) for level in ("early", "late") for _ in range(20)
+    ]  # fmt: skip
+    levels = measure_levels(pd.DataFrame(rows), "cue")
+    groups = Factor("group", ("a", "b"), is_within=False)
+    design = ExperimentDesign((groups,), primary_effect="interaction", condition_label="cue").add_levels(
+        ("early", "late")
+    )
+    found = compute_interaction(levels, design, AnalysisSpec(primary_measure="success"), ("a", "b"))
+    (compared,) = found.contrasts
+    assert (found.conditions, compared.contrast, compared.groups.n) == (
+        ("early", "late"), "early \N{MINUS SIGN} late", (8, 8),
+    )  # fmt: skip
+    assert compared.groups.difference == pytest.approx(0.7, abs=0.15)
+    assert compared.groups.p < 0.01

@@ -9,10 +9,13 @@ import pandas as pd
 import pytest
 
 from minihuman.errors import ReportError
+from minihuman.experiment.protocol.study_design import derive_design
 from minihuman.reporting.block_measures import MEASURES
+from minihuman.reporting.interactions import compute_interaction
 from minihuman.reporting.results import compute_results
 from minihuman.reporting.scripts import write_scripts
 from tests.machine import need, needs
+from tests.report.test_interactions import block_rows, read
 
 GROUP, CHANGE, STEEPER = 0.6, -0.15, 0.1  # of group a, per episode, and of a's change
 
@@ -97,3 +100,19 @@ def test_one_group_has_nothing_to_model(tmp_path: Path) -> None:
     found = compute_results(nothing, nothing, nothing)
     with pytest.raises(ReportError, match="no block is played by two groups"):
         write_scripts(tmp_path, "none", found, nothing, ("r",))
+
+
+@pytest.mark.program
+def test_the_python_script_tests_the_interaction_that_the_report_tests(tmp_path: Path) -> None:
+    protocol, rows = read(), block_rows(1.5)
+    interaction = compute_interaction(rows, derive_design(protocol), protocol.analysis, ("a", "b"))
+    assert interaction is not None
+    results = compute_results(*(rows.iloc[:0].assign(exclusion_reason=None, success=None) for _ in range(3)))
+    write_scripts(tmp_path, "mixed", results, rows.iloc[:0], ("r", "python"), interaction)
+    subprocess.run([sys.executable, "analysis.py"], cwd=tmp_path, capture_output=True, check=True)
+    (row,) = pd.read_csv(tmp_path / "interaction_python.csv").to_dict("records")
+    reported = interaction.contrasts[0].groups
+    assert (row["first"], row["second"], row["n_first"], row["n_second"]) == ("a", "b", 9, 14)
+    assert row["difference"] == pytest.approx(reported.difference)
+    assert row["p"] == pytest.approx(reported.p, abs=0.02)
+    assert "Kenward-Roger" in (tmp_path / "analysis.R").read_text()

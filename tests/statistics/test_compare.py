@@ -256,3 +256,15 @@ def test_holm_agrees_with_statsmodels_and_passes_over_what_is_unknown():
     with_unknown = holm_correction([0.04, float("nan"), 0.03])
     assert np.isnan(with_unknown[1])
     assert with_unknown[::2] == pytest.approx([0.06, 0.06])
+
+
+def test_a_group_that_alone_is_skewed_is_named_and_normal_groups_are_not():
+    rng = np.random.default_rng(8)
+    skewed, level = rng.lognormal(0, 1.2, 12), rng.normal(2, 1, 40)
+    (found,) = compare_groups(groups(a=skewed, b=level), ["reward"])
+    assert found.caution.startswith("values of a are skewed")
+    assert found.p > 0  # it is said beside p, not in its place
+    (found,) = compare_groups(groups(a=rng.normal(0, 1, 12), b=level), ["reward"])
+    assert found.caution == ""
+    (found,) = compare_groups(groups(a=[1.0, 1.0, 1.0, 1.0], b=[1.0, 1.0, 1.0, 1.0]), ["reward"])
+    assert found.caution == ""

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 import scipy
 
+from minihuman.statistics.comparison import compare_groups
 from minihuman.statistics.paired import compare_growth, fit_mixed_model
 from tests.counts import count
 from tests.recompute.page import mixed_model
@@ -47,6 +48,17 @@ def test_it_finds_levels_slopes_and_their_difference_against_a_named_reference()
     assert terms["b minus a: change an episode"].estimate == pytest.approx(0.05, abs=0.01)
     assert terms["b minus a: change an episode"].p < 0.001
     assert terms["a: change an episode"].interval[0] < 0 < terms["a: change an episode"].interval[1]
+
+
+@pytest.mark.parametrize("sizes", [(2, 9), (4, 9), (8, 8)])
+def test_the_same_difference_has_the_same_p_and_interval_as_in_the_comparison_of_means(sizes):
+    rows = people(np.random.default_rng(9), {"a": sizes[0], "b": sizes[1]})
+    means = rows.groupby(["group", "participant"])["reward"].mean().reset_index()
+    (compared,) = compare_groups(means, ["reward"], order=("a", "b"))
+    term = named(compare_growth(rows, "reward", order=("a", "b")))["a minus b: reward in the middle of the block"]
+    assert term.estimate == pytest.approx(compared.difference)
+    assert term.p == compared.p
+    assert term.interval == pytest.approx(compared.interval, abs=1e-5, nan_ok=True)
 
 
 def test_a_group_of_one_is_left_out_by_name_and_the_others_stay():

@@ -4,8 +4,8 @@ It is derived from the protocol alone. The report, its figures and scripts, powe
 it.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain, combinations
 from typing import Literal
 
@@ -42,6 +42,7 @@ class ExperimentDesign:
     primary_effect: PrimaryEffect = ""  # "" where nothing is compared
     condition_of_block: tuple[tuple[str, str], ...] = ()
     contrasts: tuple[Contrast, ...] = ()  # those that the protocol states
+    condition_label: str = ""  # the label of trials whose levels are the conditions; its levels are in the data
 
     def levels(self, name: FactorName) -> tuple[str, ...]:
         """Return the levels of a factor; empty if the design does not have the factor."""
@@ -51,6 +52,16 @@ class ExperimentDesign:
     def conditions(self) -> tuple[str, ...]:
         """The levels of the factor "condition", which is compared within participants."""
         return self.levels("condition")
+
+    def add_levels(self, levels: Sequence[str]) -> "ExperimentDesign":
+        """Return the design with the levels of its label as conditions."""
+        if len(levels) < 2:
+            return self
+        return replace(
+            self,
+            factors=(*self.factors, Factor("condition", tuple(levels), is_within=True)),
+            condition_of_block=tuple((level, level) for level in levels),
+        )
 
     @property
     def is_mixed(self) -> bool:
@@ -81,7 +92,10 @@ def derive_design(protocol: Protocol) -> ExperimentDesign:
         _find_orders(protocol, condition_of_block),
     )
     factors = tuple(factor for factor in candidates if factor is not None)
-    primary_effect = protocol.design.primary_effect or _choose_effect({factor.name for factor in factors})
+    names = {factor.name for factor in factors}
+    if protocol.analysis.condition_label:
+        names.add("condition")
+    primary_effect = protocol.design.primary_effect or _choose_effect(names)
     contrasts = [Contrast(contrast.name, tuple(contrast.weights.items())) for contrast in protocol.design.contrasts]
     return ExperimentDesign(
         factors=factors,
@@ -89,6 +103,7 @@ def derive_design(protocol: Protocol) -> ExperimentDesign:
         primary_effect=primary_effect,
         condition_of_block=tuple(condition_of_block.items()),
         contrasts=tuple(contrasts),
+        condition_label=protocol.analysis.condition_label,
     )
 
 
