@@ -211,10 +211,10 @@ def try_in_process(family: Family, name: str, *, is_full: bool) -> Trial:
 
 
 def warm_up() -> None:
-    """Export a world of ours here: what the exporters import is imported once, not in each process."""
+    """Export a foreign world here: what exporters import, and packages' names, are read once, not in each process."""
     with TemporaryDirectory() as folder:
-        ours = Family("minihuman-lab", "minihuman", ("*",), "", "", "")
-        try_environment(ours, "minihuman/MiniGrid-Empty-5x5-v0", Path(folder), is_full=False)
+        farama = Family("minigrid", "minigrid", ("*",), "", "", "")
+        try_environment(farama, "MiniGrid-Empty-5x5-v0", Path(folder), is_full=False)
 
 
 def try_all(families: Iterable[Family], patterns: Iterable[str], *, is_full: bool) -> Iterator[Trial]:

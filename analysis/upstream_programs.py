@@ -116,12 +116,12 @@ def run_python(folder: Path, *arguments: str) -> str:
 def train_starter_files(folder: Path, world: str) -> str:
     """Train and evaluate as the README of rl-starter-files has it, for a shorter time."""
     model = re.sub(r"\W", "-", world)
-    train = ("scripts.train", "--algo", "ppo", "--env", world, "--model", model, "--procs", "4", "--frames", "2048")
+    train = ("scripts.train", "--algo", "ppo", "--env", world, "--model", model, "--procs", "2", "--frames", "1024")
     run_python(folder, "-c", RUN_MODULE, *train, "--save-interval", "1", "--text", "--recurrence", "4")
     log = (folder / "storage" / model / "log.csv").read_text(encoding="utf-8").splitlines()
     is_kept = [name not in ("FPS", "duration") for name in log[0].split(",")]
     figures = [",".join(cell for cell, kept in zip(line.split(","), is_kept, strict=True) if kept) for line in log]
-    evaluate = ("scripts.evaluate", "--env", world, "--model", model, "--procs", "2", "--episodes", "4")
+    evaluate = ("scripts.evaluate", "--env", world, "--model", model, "--procs", "2", "--episodes", "2")
     printed = run_python(folder, "-c", RUN_MODULE, *evaluate, "--text", "--memory")
     episodes = re.sub(r"FPS \d+ \| D \d+ \| ", "", printed).splitlines()
     digest = "import sys, torch, hashlib; state = torch.load(sys.argv[1], weights_only=False)['model_state']; "
@@ -164,25 +164,23 @@ def train_transformer(folder: Path, world: str) -> str:
     return "\n".join(re.sub(r"SPS= *\d+ ", "", line) for line in lines)
 
 
-KEYS = ("up", "up", "right", "up", "up", "left", "page up", "space", "page down", "backspace", "tab", "up", "escape")
+KEYS = ("up", "up", "right", "up", "up", "left", "page up", "space", "page down", "backspace", "tab", "up")
 PRESS_KEYS = """
-import pygame, threading, time
-def press():
-    while not pygame.display.get_init():
-        time.sleep(0.01)
-    for name in {keys}:
-        pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.key.key_code(name)))
-def leave(self, *_):
-    raise SystemExit
-threading.Thread(target=press, daemon=True).start()
+import pygame
+names = iter({keys})
+def get(*_, **__):
+    name = next(names, None)
+    if name is None:
+        raise SystemExit
+    return [pygame.event.Event(pygame.KEYDOWN, key=pygame.key.key_code(name))]
+pygame.event.get = get
 """
-LEAVE = "import gymnasium; gymnasium.Wrapper.close = leave; gymnasium.Env.close = leave; "
 
 
 def control_by_hand(folder: Path, world: str) -> str:
-    """Play with Minigrid's manual control, whose events are posted to it, up to its escape key."""
-    load = LOAD.replace("runpy, ", "runpy, ") + PRESS_KEYS.format(keys=KEYS) + LEAVE
-    load += "\ntry:\n    runpy.run_module('minigrid.manual_control', run_name='__main__')\nexcept SystemExit:\n    pass"
+    """Play with Minigrid's manual control, whose keys come one after the other."""
+    load = LOAD + PRESS_KEYS.format(keys=KEYS)
+    load += "runpy.run_module('minigrid.manual_control', run_name='__main__')"
     return run_python(folder, "-c", load, "manual_control", "--env-id", world, "--seed", "3")
 
 
@@ -235,7 +233,7 @@ PROGRAMS = (
         ("MiniGrid-DoorKey-5x5-v0", "BabyAI-GoToRedBall-v0"),
         train_starter_files,
         "figures of every update, weights, every evaluated episode",
-        "nothing; 2,048 frames",
+        "nothing; 1,024 frames",
     ),
     Program(
         "CleanRL: ppo_trxl",
@@ -250,8 +248,8 @@ PROGRAMS = (
         MINIGRID,
         ("MiniGrid-Empty-5x5-v0", "MiniGrid-DoorKey-5x5-v0"),
         control_by_hand,
-        "what it prints after each of 13 keys",
-        "nothing; its window has no display, its keys are posted",
+        "what it prints after each of 12 keys",
+        "nothing; its window has no display, its keys come from a list",
     ),
     Program(
         "Minigrid: tutorial with Stable-Baselines3",
@@ -288,15 +286,19 @@ def compare(program: Program, world: str, folder: Path) -> Comparison:
     )
 
 
-def write_record(comparisons: list[Comparison], folder: Path) -> None:
-    """Write what was found, with versions and date."""
+def write_record(comparison: Comparison, folder: Path) -> None:
+    """Write what was found, with versions and date; what is not run now stays."""
+    path = folder / "upstream_programs.json"
+    earlier = json.loads(path.read_text(encoding="utf-8"))["comparisons"] if path.exists() else []
+    found = {(row["program"], row["world"]): row for row in [*earlier, asdict(comparison)]}
+    order = [(program.name, world) for program in PROGRAMS for world in program.worlds]
     record = {
         "date": datetime.now(UTC).date().isoformat(),
         "python": platform.python_version(),
         "versions": {name: version(name) for name in PACKAGES},
-        "comparisons": [asdict(comparison) for comparison in comparisons],
+        "comparisons": [found[key] for key in order if key in found],
     }
-    (folder / "upstream_programs.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 
 def write_page(folder: Path, page: Path) -> None:
@@ -333,7 +335,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", metavar="WORD", help="in the names of programs to run; all without it")
     parser.add_argument("--out", type=Path, default=FOLDER, help="folder to write into")
     arguments = parser.parse_args()
-    comparisons = []
+    arguments.out.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as name:
         for program in PROGRAMS:
             if arguments.only and not any(word in program.name for word in arguments.only):
@@ -344,9 +346,8 @@ def main() -> None:
             for world in program.worlds:
                 comparison = compare(program, world, folder)
                 print(comparison.verdict, program.name, world, comparison.lines, comparison.difference, flush=True)
-                comparisons.append(comparison)
-    write_record(comparisons, arguments.out)
-    write_page(arguments.out, arguments.out / "upstream_programs.md")
+                write_record(comparison, arguments.out)
+                write_page(arguments.out, arguments.out / "upstream_programs.md")
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from minihuman.experiment.machine.events import (
 from minihuman.experiment.machine.inputs import ScreenShown
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.worlds.adapters.foreign_code import WorldCodeError
+from minihuman.worlds.adapters.spaces import join_action_names
 from minihuman.worlds.outcomes import OutcomeJudge
 from minihuman.worlds.picture_hash import hash_picture
 from minihuman.worlds.pose import Pose
@@ -415,7 +416,7 @@ def check_bindings(world: "World", bindings: "Bindings") -> None:
 
 def _point(world: "World", spot: "SpotBinding", x: float, y: float) -> "ActionVector":
     if spot.action and spot.action not in world.action_names:
-        raise WorldError(f"{world.id} has no action {spot.action!r}; it has {', '.join(world.action_names)}")
+        raise WorldError(f"{world.id} has no action {spot.action!r}; it has {join_action_names(world.action_names)}")
     actions = world.actions
     vector = actions.combine([world.action_names.index(spot.action) if spot.action else 0])[1]
     for component, share in ((spot.x, x), (spot.y, y)):
@@ -425,5 +426,5 @@ def _point(world: "World", spot: "SpotBinding", x: float, y: float) -> "ActionVe
 
 def _index(plan: EpisodePlan, world: "World", name: str) -> int:
     if name not in world.action_names:
-        raise WorldError(f"{plan.world} has no action {name!r}; its actions are {', '.join(world.action_names)}")
+        raise WorldError(f"{plan.world} has no action {name!r}; its actions are {join_action_names(world.action_names)}")
     return world.action_names.index(name)
