@@ -116,7 +116,7 @@ def run_python(folder: Path, *arguments: str) -> str:
 def train_starter_files(folder: Path, world: str) -> str:
     """Train and evaluate as the README of rl-starter-files has it, for a shorter time."""
     model = re.sub(r"\W", "-", world)
-    train = ("scripts.train", "--algo", "ppo", "--env", world, "--model", model, "--procs", "2", "--frames", "1024")
+    train = ("scripts.train", "--algo", "ppo", "--env", world, "--model", model, "--procs", "2", "--frames", "512")
     run_python(folder, "-c", RUN_MODULE, *train, "--save-interval", "1", "--text", "--recurrence", "4")
     log = (folder / "storage" / model / "log.csv").read_text(encoding="utf-8").splitlines()
     is_kept = [name not in ("FPS", "duration") for name in log[0].split(",")]
@@ -157,7 +157,7 @@ def train_transformer(folder: Path, world: str) -> str:
     """Train a small transformer of CleanRL's ppo_trxl."""
     load = VECTOR_OF_GYMNASIUM_029 + RUN_FILE
     size = ("--trxl-dim", "64", "--trxl-num-layers", "1", "--trxl-num-heads", "2", "--num-minibatches", "2")
-    time = ("--num-envs", "2", "--num-steps", "256", "--total-timesteps", "1536")
+    time = ("--num-envs", "2", "--num-steps", "128", "--total-timesteps", "768")
     options = ("ppo_trxl.py", "--env-id", world, "--no-cuda", *size, *time)
     printed = run_python(folder / "cleanrl" / "ppo_trxl", "-c", load, *options)
     lines = [line for line in printed.splitlines() if "pi_loss=" in line]
@@ -201,7 +201,7 @@ def follow_tutorial(folder: Path, world: str) -> str:
     """Train as the page "Training Minigrid Environments" has it, with a seed and for a shorter time."""
     page = (folder / "docs" / "content" / "training.md").read_text(encoding="utf-8")
     code = TUTORIAL_IMPORTS + "\n".join(re.findall(r"```python\n(.*?)```", page, re.DOTALL)) + PRINT_WEIGHTS
-    code = code.replace("MiniGrid-Empty-16x16-v0", world).replace("model.learn(2e5)", "model.learn(4096)")
+    code = code.replace("MiniGrid-Empty-16x16-v0", world).replace("model.learn(2e5)", "model.learn(2048)")
     code = code.replace("verbose=1)", "verbose=1, seed=1)").replace("import minigrid\n", "import minigrid, minihuman\n")
     (folder / "tutorial.py").write_text(code, encoding="utf-8")
     printed = run_python(folder, "tutorial.py")
@@ -230,10 +230,10 @@ PROGRAMS = (
     Program(
         "rl-starter-files, torch-ac: scripts.train, scripts.evaluate",
         STARTER,
-        ("MiniGrid-DoorKey-5x5-v0", "BabyAI-GoToRedBall-v0"),
+        ("MiniGrid-DoorKey-5x5-v0",),
         train_starter_files,
         "figures of every update, weights, every evaluated episode",
-        "nothing; 1,024 frames",
+        "nothing; 512 frames",
     ),
     Program(
         "CleanRL: ppo_trxl",
@@ -241,7 +241,7 @@ PROGRAMS = (
         ("MiniGrid-MemoryS9-v0",),
         train_transformer,
         "figures of every update",
-        "`SyncVectorEnv` resets and reports as Gymnasium 0.29's, for which it is written; 1,536 steps, a smaller network",
+        "`SyncVectorEnv` resets and reports as Gymnasium 0.29's, for which it is written; 768 steps, a smaller network",
     ),
     Program(
         "Minigrid: manual_control",
@@ -257,7 +257,7 @@ PROGRAMS = (
         ("MiniGrid-Empty-16x16-v0",),
         follow_tutorial,
         "what it prints, weights",
-        "a seed; 4,096 steps; the imports that the page leaves out",
+        "a seed; 2,048 steps; the imports that the page leaves out",
     ),
     Program(
         "Minigrid: test_baby_ai_bot",

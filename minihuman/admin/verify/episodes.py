@@ -107,8 +107,8 @@ def _differences(episode: EpisodeLog, world: World) -> Iterator[str]:
             yield f"{episode.name}: {difference}"
         if not np.array_equal(episode.team.actions[:, episode.team.seat], episode.actions):
             yield f"{episode.name}: the joint actions of seat {episode.team.seat} are not the seat's own"
-    if episode.end_cause and episode.outcome in ("timeout", "agent_failed") and play.outcome is None:
-        return  # a time limit or a failure ended it: the replay of the session's inputs compares when
+    if episode.end_cause and play.outcome is None:
+        play.end(0, episode.end_cause)  # by a time limit or a failure; the replay of the session's inputs compares when
     if play.outcome != episode.outcome and episode.outcome not in (None, "abandoned"):
         yield f"{episode.name}: outcome {episode.outcome!r} in the log, now {play.outcome!r}"
 
