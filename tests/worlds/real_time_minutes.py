@@ -240,7 +240,9 @@ def write_page(found: dict[str, dict[str, str]]) -> None:
             cells = " | ".join(one.get(column, "") for column in columns)
             mark = ", marked nondeterministic" if tried.get(world_id, {}).get("replays", "").startswith("no") else ""
             lines.append(f"| `{world_id}` | {where} | {cells}{mark} |")
-    missing = [f"`{world_id}` in the {where}" for world_id, where in list_minutes() if f"{world_id} {where}" not in found]
+    missing = [
+        f"`{world_id}` in the {where}" for world_id, where in list_minutes() if f"{world_id} {where}" not in found
+    ]
     lines += ["", f"No result yet: {', '.join(missing)}."] if missing else []
     PAGE.write_text("\n".join([before, "", *lines, "", NEXT + after]), encoding="utf-8", newline="\n")
 

@@ -426,5 +426,7 @@ def _point(world: "World", spot: "SpotBinding", x: float, y: float) -> "ActionVe
 
 def _index(plan: EpisodePlan, world: "World", name: str) -> int:
     if name not in world.action_names:
-        raise WorldError(f"{plan.world} has no action {name!r}; its actions are {join_action_names(world.action_names)}")
+        raise WorldError(
+            f"{plan.world} has no action {name!r}; its actions are {join_action_names(world.action_names)}"
+        )
     return world.action_names.index(name)

@@ -199,3 +199,9 @@ class NeedsAModule(Plain):
     def __init__(self, render_mode=None):
         super().__init__(render_mode)
         import module_of_nobody  # noqa: F401
+
+
+@odd(r"step\(\) raised AttributeError: dict has no energy \(failures.py:\d+\); if .* another version of a package")
+class StepNeedsAnotherVersion(Plain):
+    def move(self, action):
+        super().move({}.energy)
