@@ -110,7 +110,8 @@ def read_families(path: Path = FOLDER / TABLE) -> list[Family]:
 
 def list_ids(family: Family) -> list[str]:
     """List the ids that an installed package registers and that a family's patterns name."""
-    if find_spec(family.module) is None:
+    package = family.module.partition(".")[0]
+    if find_spec(package) is None:
         return []
     import_module(family.module)
     return [name for name in gymnasium.registry if any(fnmatchcase(name, pattern) for pattern in family.ids)]
@@ -210,10 +211,10 @@ def try_in_process(family: Family, name: str, *, is_full: bool) -> Trial:
 
 
 def warm_up() -> None:
-    """Export a world of ours here: what the exporters import is imported once, not in each process."""
+    """Export a foreign world here: what exporters import, and packages' names, are read once, not in each process."""
     with TemporaryDirectory() as folder:
-        ours = Family("minihuman-lab", "minihuman", ("*",), "", "", "")
-        try_environment(ours, "minihuman/MiniGrid-Empty-5x5-v0", Path(folder), is_full=False)
+        farama = Family("minigrid", "minigrid", ("*",), "", "", "")
+        try_environment(farama, "MiniGrid-Empty-5x5-v0", Path(folder), is_full=False)
 
 
 def try_all(families: Iterable[Family], patterns: Iterable[str], *, is_full: bool) -> Iterator[Trial]:
@@ -341,6 +342,7 @@ def main() -> None:
     arguments = parser.parse_args()
     families = [family for family in read_families() if not arguments.only or family.package in arguments.only]
     os.environ[TRUST_VARIABLE] = ",".join({family.module for family in families})
+    arguments.out.mkdir(parents=True, exist_ok=True)
     warm_up()
     for trial in try_all(families, arguments.ids, is_full=arguments.full):
         write_trial(trial, arguments.out)

@@ -1,6 +1,6 @@
 """CPU time that a picture's hash adds to a step that is shown: step, render, encode for the page; in one run.
 
-    python -m benchmarks.picture_hash [WORLD ...] [--steps 400]
+    python -m benchmarks.picture_hash [WORLD ...] [--steps 1000]
 
 Every picture of a world that is not ours is hashed for the log. The page's cache of images tells pictures apart by the
 same hash, and takes the log's where there is one. ``encode`` is a picture that is not hashed for the log, ``hashed``

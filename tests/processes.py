@@ -128,9 +128,14 @@ def pytest_configure(config: pytest.Config) -> None:
     run = uuid.uuid4().hex
     os.environ[RUN_VARIABLE] = "/".join(filter(None, (os.environ.get(RUN_VARIABLE), run)))
     start_guardian(run)
+    adopt_descendants()
+    config.pluginmanager.register(ProcessWatch(), "process-watch")
+
+
+def adopt_descendants() -> None:
+    """Let this process become the parent of what its descendants leave behind."""
     if ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0) != 0:
         raise OSError(ctypes.get_errno(), "prctl cannot make this process adopt what its descendants leave behind")
-    config.pluginmanager.register(ProcessWatch(), "process-watch")
 
 
 def start_guardian(run: str) -> None:

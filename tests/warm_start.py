@@ -92,6 +92,7 @@ class _WarmProcess:
     def __init__(self) -> None:
         from tests import processes  # not in the programs that are forked: it imports pytest
 
+        processes.adopt_descendants()  # as pytest's processes do; programs outside of tests start servers, too
         self._one_at_a_time = threading.Lock()
         self._line, other_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         command = [sys.executable, "-m", __name__, str(other_end.fileno())]

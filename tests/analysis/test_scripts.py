@@ -70,6 +70,7 @@ def test_every_script_is_tested():
         "test_error_rates.py",
         "designs/test_bars.py",
         "analysis/test_public_environments.py",
+        "analysis/test_upstream_programs.py",
     )
     tests = Path(__file__).read_text() + "".join((SCRIPTS.parent / "tests" / each).read_text() for each in others)
     scripts = [path for path in SCRIPTS.glob("*.py") if "__main__" in path.read_text()]

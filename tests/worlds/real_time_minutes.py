@@ -1,6 +1,8 @@
-"""A minute in real time of twelve environments, in a window and in Chromium, with keys held at random.
+"""A minute in real time of environments of every family, in a window and in Chromium, with keys held at random.
 
     python -m tests.worlds.real_time_minutes [--only Breakout CarRacing] [--in window browser]
+
+The families beyond the first twelve environments, and ten arcade games that a seed draws, are played in Chromium alone.
 
 Each session is of the study that `minihuman new --world ID` writes, with episodes that follow each other for 60 s of
 play. The window is on an X server of its own (Xvfb) and gets its keys from it (XTEST); Chromium gets them from its
@@ -46,9 +48,31 @@ WORLDS = {  # and the package that brings it
     "other_worlds:other/Crafter-v1": "crafter",
     "other_worlds:other/MiniHack-Room-Ultimate-15x15-v0": "minihack",
 }
+ARCADE_SEED, ARCADE_GAMES = 47, 10
+BROWSER_ONLY = {
+    "Taxi-v4": "gymnasium",
+    "gymnasium_robotics:FetchReach-v4": "gymnasium_robotics",
+    "gym_pusht:gym_pusht/PushT-v0": "gym_pusht",
+    "vizdoom.gymnasium_wrapper:VizdoomBasic-v1": "vizdoom",
+    "gymnasium_search_race:gymnasium_search_race/SearchRaceDiscrete-v3": "gymnasium_search_race",
+}
 _CODES = {"space": "Space", "page_up": "PageUp", "page_down": "PageDown"} | {
     arrow: f"Arrow{arrow.capitalize()}" for arrow in ("left", "right", "up", "down")
 }
+
+
+def draw_arcade_games() -> list[str]:
+    """Ten games of those in the table of environments, by seed, without those that are played anyway."""
+    tried = json.loads(PAGE.with_suffix(".json").read_text(encoding="utf-8"))
+    games = sorted(name for name in tried if name.startswith("ale_py:") and name not in WORLDS)
+    return random.Random(ARCADE_SEED).sample(games, ARCADE_GAMES)
+
+
+def list_minutes() -> dict[tuple[str, str], str]:
+    """Each environment and the place where it is played, and the package that brings it."""
+    minutes = {(world_id, place): package for world_id, package in WORLDS.items() for place in ("window", "browser")}
+    minutes |= {(world_id, "browser"): package for world_id, package in BROWSER_ONLY.items()}
+    return minutes | {(world_id, "browser"): "ale_py" for world_id in draw_arcade_games()}
 
 
 def write_study(world_id: str, folder: Path) -> tuple[Path, list[str], float | None]:
@@ -195,6 +219,7 @@ def write_page(found: dict[str, dict[str, str]]) -> None:
     tried = json.loads(PAGE.with_suffix(".json").read_text(encoding="utf-8"))
     before, after = text.partition(HEADING)[0].partition(NEXT)[0].rstrip(), text.partition(NEXT)[2]
     loads = [int(one["load"]) for one in found.values()]
+    days = dict.fromkeys(one["date"] for one in found.values())
     lines = [
         HEADING,
         "",
@@ -202,21 +227,22 @@ def write_page(found: dict[str, dict[str, str]]) -> None:
         "`minihuman verify` then replayed the log. *Period*: the time between two steps in ms, median and 95 %, and",
         "the protocol's. *Own*: CPU-ms of a step and its picture in Gymnasium's environment alone, MuJoCo's without a",
         "graphics card. A world whose own time is near the period or above it cannot keep real time.",
+        f"The last {ARCADE_GAMES} are games of ale-py that the seed {ARCADE_SEED} drew.",
         f"Two cores at a load of up to {max(loads)}, so the times are upper values.",
-        f"{next(iter(found.values()))['date']}; `python -m tests.worlds.real_time_minutes`.",
+        f"{', '.join(days)}; `python -m tests.worlds.real_time_minutes`.",
         "",
         "| id | where | steps | episodes | different actions | period | 95 % | own | verify |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
-    for world_id in WORLDS:
-        for where in ("window", "browser"):
-            if one := found.get(f"{world_id} {where}"):
-                columns = ("steps", "episodes", "actions", "period", "period_95", "cost", "verify")
-                cells = " | ".join(one.get(column, "") for column in columns)
-                mark = ", marked nondeterministic" if tried[world_id]["replays"].startswith("no") else ""
-                lines.append(f"| `{world_id}` | {where} | {cells}{mark} |")
-    pairs = [(world_id, where) for world_id in WORLDS for where in ("window", "browser")]
-    missing = [f"`{world_id}` in the {where}" for world_id, where in pairs if f"{world_id} {where}" not in found]
+    for world_id, where in list_minutes():
+        if one := found.get(f"{world_id} {where}"):
+            columns = ("steps", "episodes", "actions", "period", "period_95", "cost", "verify")
+            cells = " | ".join(one.get(column, "") for column in columns)
+            mark = ", marked nondeterministic" if tried.get(world_id, {}).get("replays", "").startswith("no") else ""
+            lines.append(f"| `{world_id}` | {where} | {cells}{mark} |")
+    missing = [
+        f"`{world_id}` in the {where}" for world_id, where in list_minutes() if f"{world_id} {where}" not in found
+    ]
     lines += ["", f"No result yet: {', '.join(missing)}."] if missing else []
     PAGE.write_text("\n".join([before, "", *lines, "", NEXT + after]), encoding="utf-8", newline="\n")
 
@@ -234,16 +260,15 @@ def main() -> None:
         FOUND.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8", newline="\n")
         write_page(known)
         return
-    for world_id, package in WORLDS.items():
-        if not any(part in world_id for part in asked.only) or find_spec(package) is None:
+    for (world_id, where), package in list_minutes().items():
+        if where not in asked.places or not any(part in world_id for part in asked.only) or find_spec(package) is None:
             continue
-        for where in asked.places:
-            found = try_world(world_id, where)
-            print(world_id, where, found, flush=True)
-            known = json.loads(FOUND.read_text(encoding="utf-8")) if FOUND.exists() else {}
-            known[f"{world_id} {where}"] = found
-            FOUND.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8", newline="\n")
-            write_page(known)
+        found = try_world(world_id, where)
+        print(world_id, where, found, flush=True)
+        known = json.loads(FOUND.read_text(encoding="utf-8")) if FOUND.exists() else {}
+        known[f"{world_id} {where}"] = found
+        FOUND.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8", newline="\n")
+        write_page(known)
 
 
 if __name__ == "__main__":

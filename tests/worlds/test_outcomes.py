@@ -1,11 +1,13 @@
 """What an end means is said by a rule that was stated; where none was, the episode has just ended."""
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium
 import pytest
 
 import tests.worlds.odd_ends  # noqa: F401 - registers the worlds
+from minihuman.admin.verify.log import verify_session
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
@@ -13,7 +15,9 @@ from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.plan.stated_outcomes import find_world_rule
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.words import LANGUAGES, load_words
+from minihuman.log.read.session_reader import read_log
 from minihuman.log.segment_schema import find_schema_version
+from minihuman.runtime.simulated_session import simulate
 from minihuman.worlds.adapters.outcome_table import GYMNASIUM_RULES, find_table_entry
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.outcomes import normalize_outcome_rule
@@ -154,6 +158,15 @@ def test_a_fallen_pole_is_a_failure_and_one_that_stands_to_its_limit_a_goal() ->
 )
 def test_the_table_knows_a_world_only_by_its_own_package(world: str, rule: str) -> None:
     assert find_world_rule(world).rule == rule
+
+
+@pytest.mark.parametrize(("rule", "outcome"), [("none", "ended"), ("terminated", "timeout"), ("reward < 0", "goal")])
+def test_an_episode_that_a_time_limit_ends_is_proven_whatever_it_means(rule: str, outcome: str, tmp_path: Path) -> None:
+    limited = study("MountainCar-v0", f'success = "{rule}"\nmax_episode_s = 3.0', actions='["left"]', max_steps=100)
+    (log,) = simulate(limited, tmp_path, participants=1, seed=1, player="random")
+    [episode] = read_log(log).episodes
+    assert (episode.outcome, episode.end_cause) == (outcome, "max_s")
+    assert [line for line, is_right in verify_session(log) if not is_right] == []
 
 
 def test_the_table_has_every_environment_that_gymnasium_registers() -> None:

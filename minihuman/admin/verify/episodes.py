@@ -99,8 +99,8 @@ def _list_differences(episode: EpisodeLog, world: World) -> Iterator[str]:
                 yield f"{place}: rewards {rewards.tolist()} in the log, now {list(world.unwrapped.rewards)}"
     if episode.team is not None:
         yield from _list_team_differences(episode, episode.team)
-    if episode.end_cause and episode.outcome in ("timeout", "agent_failed") and play.outcome is None:
-        return  # a time limit or a failure ended it: the replay of the session's inputs compares when
+    if episode.end_cause and play.outcome is None:
+        play.end(0, episode.end_cause)  # by a time limit or a failure; the replay of the session's inputs compares when
     if play.outcome != episode.outcome and episode.outcome not in (None, "abandoned"):
         yield f"{episode.name}: outcome {episode.outcome!r} in the log, now {play.outcome!r}"
 

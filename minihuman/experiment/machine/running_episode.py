@@ -24,6 +24,7 @@ from minihuman.experiment.machine.events import (
 from minihuman.experiment.machine.inputs import ScreenShown
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.worlds.adapters.foreign_code import WorldCodeError
+from minihuman.worlds.adapters.spaces import join_action_names
 from minihuman.worlds.outcomes import OutcomeJudge
 from minihuman.worlds.picture_hash import hash_picture
 from minihuman.worlds.pose import Pose
@@ -428,7 +429,9 @@ def _point_at(world: "World", spot: "SpotBinding", x: float, y: float) -> "Actio
     action = 0
     if spot.action:
         if spot.action not in world.action_names:
-            raise WorldError(f"{world.id} has no action {spot.action!r}; it has {', '.join(world.action_names)}")
+            raise WorldError(
+                f"{world.id} has no action {spot.action!r}; it has {join_action_names(world.action_names)}"
+            )
         action = world.action_names.index(spot.action)
     _, vector = world.actions.combine([action])
     for component, share in ((spot.x, x), (spot.y, y)):
@@ -438,5 +441,7 @@ def _point_at(world: "World", spot: "SpotBinding", x: float, y: float) -> "Actio
 
 def _find_action_number(plan: EpisodePlan, world: "World", name: str) -> int:
     if name not in world.action_names:
-        raise WorldError(f"{plan.world} has no action {name!r}; its actions are {', '.join(world.action_names)}")
+        raise WorldError(
+            f"{plan.world} has no action {name!r}; its actions are {join_action_names(world.action_names)}"
+        )
     return world.action_names.index(name)

@@ -28,7 +28,7 @@ from minihuman.experiment.protocol.specs import list_question_kinds
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.protocol.validation_errors import build_protocol_error
 from minihuman.experiment.words import LANGUAGES, LATER_WORDS, flatten_words, list_missing_kind_words
-from minihuman.worlds.adapters.spaces import VectorActions
+from minihuman.worlds.adapters.spaces import VectorActions, join_action_names
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
 from minihuman.worlds.conformance import ConformanceReport, Rehearsal, examine_world
@@ -324,7 +324,7 @@ def _list_block_notices(block: BlockSpec) -> Iterator[str]:
             unused = [name for name in world.action_names if name not in used]
         fps = world.unwrapped.metadata.get("render_fps")
     if unused:
-        yield f"block {block.name!r}: no key does {', '.join(unused)}"
+        yield f"block {block.name!r}: no key does {join_action_names(unused)}"
     if not isinstance(fps, int | float) or not fps:
         if block.pace == "real_time":
             period = f"{block.step_period_ms:g} ms a step"

@@ -53,10 +53,7 @@ def make_environment(world_id: str, options: dict[str, Any]) -> gymnasium.Env[An
             else gymnasium.make(world_id, render_mode="rgb_array", disable_env_checker=True, **resolve_files(options))
         )
     except ModuleNotFoundError as error:
-        raise WorldError(
-            f"{world_id}: {error}; install the package that provides this world, or trust the protocol's folder that "
-            "has it: minihuman check PROTOCOL"
-        ) from error
+        raise WorldError(f"{world_id}: {_explain_missing_module(error, world_id)}") from error
     except gymnasium.error.InvalidMetadata as error:
         raise WorldError(f"{world_id}: its metadata is no dict; set it to {{'render_modes': ['rgb_array']}}") from error
     except gymnasium.error.Error as error:
@@ -74,6 +71,18 @@ def make_environment(world_id: str, options: dict[str, Any]) -> gymnasium.Env[An
         env.close()
         raise WorldError(f"{world_id} has no render mode 'rgb_array', which a session needs to show pictures; add it")
     return env
+
+
+def _explain_missing_module(error: ModuleNotFoundError, world_id: str) -> str:
+    """Return what to install: the package that provides the world, or another that its code imports."""
+    provider = world_id.rpartition(":")[0].partition(".")[0]
+    missing = (error.name or provider).partition(".")[0]
+    if missing != provider:
+        return f"its code needs the module {error.name!r}, which is not installed; install the package that has it"
+    return (
+        f"{error}; install the package that provides this world, or trust the protocol's folder that has it: "
+        "minihuman check PROTOCOL"
+    )
 
 
 def _explain_arguments(error: TypeError, options: Mapping[str, Any]) -> str:

@@ -5,6 +5,7 @@ world.
 """
 
 import dis
+import re
 import threading
 import traceback
 from pathlib import Path
@@ -13,6 +14,7 @@ from types import TracebackType
 from minihuman.errors import MinihumanError, WorldError
 
 _MOST_TEXT = 200  # characters of what a world's error says
+_MISSING_ATTRIBUTE = re.compile(r"'([\w.]+)' object has no attribute '(\w+)'")  # an AttributeError's, of Python
 
 
 class WorldCodeError(WorldError):
@@ -88,7 +90,10 @@ def describe_error(error: BaseException) -> str:
     text = " ".join(str(error).split())
     if isinstance(error, NotImplementedError) and not text:
         return f"is not implemented{place}"
-    if text:
+    if missing := _MISSING_ATTRIBUTE.fullmatch(text):
+        message = f": {missing[1]} has no {missing[2]}"
+        place += "; if this code is unchanged, it expects another version of a package"
+    elif text:
         message = f": {text[:_MOST_TEXT]}"
     elif frames and frames[-1].line:  # an assertion without words: its line says what does not hold
         message = f" at `{frames[-1].line[:_MOST_TEXT]}`"

@@ -57,12 +57,9 @@ def read_step(returned: Any) -> tuple[Any, float, bool, bool, Mapping[str, Any]]
         WorldError: if the step did not return these five values, or one of them has the wrong type.
     """
     if not isinstance(returned, tuple | list) or len(returned) != 5:
-        old = isinstance(returned, tuple | list) and len(returned) == 4
-        if old:
-            more = ", with done divided into terminated and truncated"
-        else:
-            more = ""
-        raise WorldError(f"step() returned {describe_value(returned)}; it must return {_STEP_VALUES}{more}")
+        raise WorldError(
+            f"step() returned {describe_value(returned)}; it must return {_STEP_VALUES}{_explain_count(returned)}"
+        )
     observation, reward, terminated, truncated, info = returned
     return (
         observation,
@@ -71,6 +68,18 @@ def read_step(returned: Any) -> tuple[Any, float, bool, bool, Mapping[str, Any]]
         read_flag(truncated, "truncated"),
         _read_info(info, "step()"),
     )
+
+
+def _explain_count(returned: Any) -> str:
+    """Return what follows from the number of values that a step returned."""
+    if not isinstance(returned, tuple | list):
+        return ""
+    match len(returned):
+        case 4:
+            return ", with done divided into terminated and truncated"
+        case 6:
+            return ", with anything else, such as a cost, in info"
+    return ""
 
 
 def _read_info(info: Any, call: str) -> Mapping[str, Any]:
@@ -90,9 +99,20 @@ def read_reward(reward: Any) -> float:
             return float(reward)
         except (TypeError, ValueError, OverflowError):
             pass  # said below in words that name what came
-    raise WorldError(
-        f"the reward must be one number and is {describe_value(reward)}; return a float, such as float(reward.sum())"
-    )
+    raise WorldError(f"the reward must be one number and is {describe_value(reward)}; {_suggest_reward(reward)}")
+
+
+def _suggest_reward(reward: Any) -> str:
+    """Return what to write instead of a reward that is no number."""
+    match reward:
+        case np.ndarray():
+            return "return a float, such as float(reward.sum())"
+        case tuple() | list() | Mapping():
+            return (
+                "return a float; if these are the rewards of several agents, register a team of seats, whose "
+                "interface is PettingZoo's (docs/teams.md), or let one of them be played"
+            )
+    return "return a float"
 
 
 def read_flag(flag: Any, name: str) -> bool:

@@ -54,6 +54,11 @@ class ActionsMany(Acting):
     space = spaces.Discrete(60)
 
 
+@odd(noticed="no key does .*, 33 and 20,447 more$")
+class ActionsOfABoardGame(Acting):
+    space = spaces.Discrete(20_481)
+
+
 @odd()
 class ActionsBinary(Acting):
     space = spaces.MultiBinary(2)

@@ -192,3 +192,16 @@ class Warns(Plain):
     def move(self, action):
         super().move(action)
         gymnasium.logger.warn("this is deprecated")
+
+
+@odd(r"its code needs the module 'module_of_nobody', which is not installed; install the package that has it")
+class NeedsAModule(Plain):
+    def __init__(self, render_mode=None):
+        super().__init__(render_mode)
+        import module_of_nobody  # noqa: F401
+
+
+@odd(r"step\(\) raised AttributeError: dict has no energy \(failures.py:\d+\); if .* another version of a package")
+class StepNeedsAnotherVersion(Plain):
+    def move(self, action):
+        super().move({}.energy)

@@ -4,6 +4,7 @@ from decimal import Decimal
 from fractions import Fraction
 
 import numpy as np
+from gymnasium import spaces
 
 from tests.worlds.odd.plain import Plain, odd
 
@@ -50,7 +51,7 @@ class StepNone(Plain):
         super().step(action)
 
 
-@odd(r"step\(\) returned a tuple of 6 values")
+@odd(r"step\(\) returned a tuple of 6 values; .* a cost, in info")
 class SixValues(Plain):
     def step(self, action):
         return (*super().step(action), 0)
@@ -96,6 +97,20 @@ class RewardArray(Plain):
 class RewardVector(Plain):
     def reward(self):
         return np.zeros(2)
+
+
+@odd(r"the reward must be one number and is a list of 2 values; .* of several agents")
+class RewardOfAgents(Plain):
+    def __init__(self, render_mode=None):
+        super().__init__(render_mode)
+        self.action_space = spaces.Tuple([spaces.Discrete(3)] * 2)
+        self.observation_space = spaces.Tuple([self.observation_space] * 2)
+
+    def observe(self):
+        return (super().observe(),) * 2
+
+    def reward(self):
+        return [0.0, 1.0]
 
 
 @odd(r"the reward must be one number and is the text '1.0'")
