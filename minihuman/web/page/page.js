@@ -13,6 +13,7 @@ import { TextEntry } from "./questions.js";
 import { ScreenView } from "./screens.js";
 import { MessageStore, openTabStorage, Outbox, randomBytes, UNTIMED } from "./stream.js";
 import { TouchKeys } from "./touch.js";
+import { watchForWelcome } from "./unreachable.js";
 
 /** @import { PageMessage, ScreenMessage, ServerMessage } from "./messages" */
 /** @import { Link } from "./connection.js" */
@@ -72,6 +73,7 @@ class Page {
       this.#gamepad.want(m.gamepad);
       if (this.#screen) this.#touch.show(this.#screen.screen);
       document.title = m.words.title;
+      this.#view.hideNotice();
     },
     reset: () => {
       this.#player.clear();
@@ -124,6 +126,9 @@ class Page {
   }
 
   async start() {
+    void watchForWelcome(
+      () => this.#connection.wasWelcomed || this.#connection.finished, () => this.#connection.failureCode,
+      (notice) => this.#view.showNotice(notice));
     const loading = EpisodeComputer.load();
     await this.#outbox.recover(await MessageStore.open(this.#connection.seat));
     this.#outbox.state.facts ??= await collectBrowserFacts();

@@ -146,6 +146,16 @@ export class ScreenView {
     }
   }
 
+  /** Say what is wrong before the server has said anything. @param {import("./unreachable.js").Notice} notice */
+  showNotice({ language, rtl, text }) {
+    document.documentElement.lang = language;
+    document.documentElement.dir = rtl ? "rtl" : "ltr";
+    this.main.className = "text";
+    this.main.replaceChildren(el("p", { class: "body short", role: "alert", id: "unwelcomed", text }));
+  }
+
+  hideNotice() { document.getElementById("unwelcomed")?.remove(); }
+
   /** @param {string} why @param {Refusal | null} refusal */
   showRefusal(why, refusal) {
     this.main.className = "text";
