@@ -30,7 +30,8 @@ from minihuman.dataset.session_measures import (
 )
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODES, PARTICIPANTS
 from minihuman.errors import ReportError
-from minihuman.experiment.machine.events import EpisodesSkipped, Noted
+from minihuman.experiment.machine.events import EpisodesSkipped, Event, Noted
+from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_protocol
 from minihuman.experiment.protocol.specs import apply_overrides
@@ -457,6 +458,20 @@ class Selection:
         return ""
 
 
+def list_page_alterations(notes: Iterable[Event]) -> list[str]:
+    """List how a browser's page was altered, each way once, in alphabetical order; the consent text is named apart."""
+    alterations = set()
+    phase = ""
+    for note in notes:
+        if isinstance(note, Noted) and note.kind == "phase":
+            phase = note.text
+        elif isinstance(note, Noted) and note.alteration:
+            alterations.add(note.alteration)
+            if phase == Phase.CONSENT and note.alteration.startswith(("text", "translation")):
+                alterations.add("consent text")
+    return sorted(alterations)
+
+
 def summarize_session(log: SessionLog) -> MeasureRow:
     """Return a session's columns of the table "participants".
 
@@ -474,5 +489,6 @@ def summarize_session(log: SessionLog) -> MeasureRow:
         "clean": log.clean,
         "segments": len(log.segments),
         "clock_notes": sum(isinstance(note, Noted) and note.is_about_clock for note in log.notes),
+        "page_alterations": "; ".join(list_page_alterations(log.notes)),
         "completed_share": len(completed) / planned if planned else None,
     }

@@ -127,7 +127,7 @@ def _metadata(segment: LogSegment, number: int) -> Iterator[str]:
     if started is None:
         yield "its plan is missing"
         return
-    expected = build_segment_metadata(started.plan, int(segment.facts["started_unix_ns"]))
+    expected = build_segment_metadata(started, int(segment.facts["started_unix_ns"]))
     for name in sorted({*expected, *segment.facts} - {"minihuman", "schema_version"}):  # of what wrote it
         if expected.get(name) != segment.facts.get(name):
             yield (

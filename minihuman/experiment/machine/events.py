@@ -63,6 +63,15 @@ EndReason = Literal[
 
 # The beginning of a note of kind "page" on a page whose clock cannot be trusted.
 CLOCK_NOTE = "the page's time"
+ALTERATION_NOTE = "the page was altered: "
+AlterationKind = Literal[
+    "translation",  # the browser says that it translated the page
+    "text",  # the text of a screen is not what the session shows
+    "zoom",
+    "forced_colors",
+    "font_size",  # the browser's own, other than 16 px
+    "pointer",  # a second kind of pointing device is used
+]
 # The reasons after which a session has nothing left to do.
 FINAL_END_REASONS: frozenset[str] = frozenset({"complete", "screened_out", "declined"})
 
@@ -288,6 +297,18 @@ class TextTyped(TimedEvent):
 
 
 @dataclass(frozen=True, slots=True)
+class TextChanged(TimedEvent):
+    """The participant changed the text in a field: the whole text, code point for code point, once it settled."""
+
+    part: int
+    item: str  # the item's name
+    text: str
+    changes: tuple[str, ...] = ()  # how, as `TextChange` of the inputs has it
+    keys: int = 0  # pressed in the field for it; which ones is not recorded
+    waited_ns: int = 0  # the changes began so long before t_ns
+
+
+@dataclass(frozen=True, slots=True)
 class PointerUsed(TimedEvent):
     """A pointer went down, moved while down, or came up at ``t_ns - waited_ns``; x and y are 0 to 1 of the picture."""
 
@@ -357,6 +378,13 @@ class Noted(TimedEvent):
     def is_about_clock(self) -> bool:
         """Whether the note says that the times of a browser's page are not reliable."""
         return self.kind == "page" and self.text.startswith(CLOCK_NOTE)
+
+    @property
+    def alteration(self) -> str:
+        """How a browser's page was altered, as a word and its detail; "" if the note is about something else."""
+        if self.kind == "page" and self.text.startswith(ALTERATION_NOTE):
+            return self.text.removeprefix(ALTERATION_NOTE)
+        return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -465,6 +493,7 @@ Event = (
     | PartEnded
     | PageShown
     | TextTyped
+    | TextChanged
     | PointerUsed
     | AxisMoved
     | AnswerChanged

@@ -109,7 +109,7 @@ def _read(part: Path, fd: int) -> LeftoverSegment:
     rare = tuple(topic.name for topic in RARE_TOPICS if topic.name in channel_numbers)
     numbered = LiveLogEncoder.resume(events[0].plan, started_ns=0, messages=0, steps=0, rare=rare).channels
     same = numbered == channel_numbers
-    if start["schema_version"] != str(find_schema_version(events[0].plan)) or not same:
+    if start["schema_version"] != str(find_schema_version(events[0].plan, events[0].facts)) or not same:
         raise LogError(f"{part} was written by another version of minihuman; run: minihuman recover {part}")
     return LeftoverSegment(part, fd, int(start["started_unix_ns"]), tuple(events), messages, steps, scan.crc, rare)
 

@@ -20,6 +20,7 @@ export class ScreenView {
    * @param {() => Record<string, string> | null} page.touchTexts what the page says instead of keys, where fingers play
    * @param {(through: number) => boolean} page.isPending whether something after a message is not acknowledged
    * @param {(m: ScreenMessage, lasts: number | null, flip: number) => void} page.entered
+   * @param {(kind: string, language: string) => void} page.drew
    */
   constructor(main, parts, page) {
     this.main = main;
@@ -119,8 +120,14 @@ export class ScreenView {
       episode.reportHeld = null;
       films.close();
       this.main.replaceChildren(...flatten(/** @type {any} */ (this.#draw)[s.kind](s, m)).filter(Boolean));
+    }, () => {
+      for (const [name, text] of Object.entries({ note: "note" in s ? s.note : "", progress: "progress" in s ? s.progress : "" })) {
+        const element = this.main.querySelector(`:scope > .${name}`);
+        if (element && element.textContent !== text) element.textContent = text;
+      }
     });
     if (!isDrawn) return;
+    this.page.drew(s.kind, s.language);
     if (!entry.isActive && document.activeElement !== this.main) this.main.focus({ preventScroll: true });
     const lasts = m.tick === null ? null : m.tick - m.at;
     if (films.isOpen) films.start();
@@ -172,7 +179,7 @@ export class ScreenView {
     this.main.replaceChildren(...flatten([
       heading,
       el("p", { class: "body short", role: "status", text }),
-      code ? el("p", { class: "short" }, `${your_code}: `, el("strong", { class: "code", text: code })) : null,
+      code ? el("p", { class: "short" }, `${your_code}: `, el("strong", { class: "code", translate: "no", text: code })) : null,
       url ? el("p", { class: "short" }, el("a", { href: url, text: leave })) : null,
       url ? el("p", { class: "prompt", text: leaving.replace("{seconds}", String(LEAVING_S)) }) : null,
     ]));

@@ -1,0 +1,77 @@
+"""What a browser does to the page is known afterwards: a translated consent text, zoom, a second pointing device."""
+
+from pathlib import Path
+
+import pytest
+
+from minihuman.dataset.selection import list_page_alterations
+from minihuman.log.read.session_reader import read_log
+from tests.machine import needs
+from tests.web.browser import browsing
+from tests.web.protocols import study
+from tests.web.serving import serving
+
+pytestmark = [needs("chromium"), pytest.mark.program]
+_CONSENT = "[consent]\ntext = 'You take part of your own free will.'"
+_TRANSLATE = """() => {  // as Chrome does
+  document.documentElement.classList.add("translated-ltr");
+  document.documentElement.lang = "de";
+  const text = document.querySelector("p.body").firstChild;
+  const font = document.createElement("font");
+  font.textContent = "Sie nehmen freiwillig teil.";
+  text.replaceWith(font);
+}"""
+_FINGER = "() => document.body.dispatchEvent(new PointerEvent('pointerdown', { pointerType: 'touch', bubbles: true }))"
+
+
+def test_a_translated_consent_text_zoom_and_a_second_device_are_in_the_log_and_in_the_tables(tmp_path: Path) -> None:
+    with serving(study(tmp_path, episodes=1, more=_CONSENT), tmp_path) as served, browsing() as sit_down:
+        somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
+        page = somebody.page
+        page.wait_for_selector("[data-target=go_on]")
+        page.evaluate(_TRANSLATE)
+        page.evaluate(_FINGER)  # of a script, so no device
+        line = page.context.new_cdp_session(page)
+        somebody.until("s.unsafe === 0")
+        page.click("[data-target=go_on]")
+        line.send(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": 1366, "height": 768, "deviceScaleFactor": 1.5, "mobile": False},
+        )
+        page.mouse.click(5, 5)
+        line.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": 5, "y": 5}]})
+        line.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        somebody.until("s.unsafe === 0")
+        somebody.press("escape")
+        page.keyboard.down("Escape")
+        page.wait_for_selector("[role=status].body")
+        page.keyboard.up("Escape")
+    [log] = tmp_path.rglob("*.mcap")
+    alterations = list_page_alterations(read_log(log).notes)
+    assert alterations == [
+        "consent text",
+        "pointer touch beside mouse",
+        "text",
+        "translation de",
+        "zoom pixel ratio 1.00 to 1.50",
+    ]
+
+
+def test_a_page_that_nothing_changes_says_nothing(tmp_path: Path) -> None:
+    with serving(study(tmp_path, episodes=1, more=_CONSENT), tmp_path) as served, browsing() as sit_down:
+        somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
+        somebody.page.click("[data-target=go_on]")
+        somebody.to_play()
+        for key in "123123":
+            somebody.press(key)
+        caps = somebody.page.locator(".legend .cap")
+        assert caps.count() == caps.and_(somebody.page.locator("[translate=no]")).count()
+        somebody.until("s.unsafe === 0")
+        page = somebody.page
+        page.keyboard.down("Escape")
+        page.keyboard.up("Escape")
+        page.keyboard.down("Escape")
+        page.wait_for_selector("[role=status].body")
+        page.keyboard.up("Escape")
+    [log] = tmp_path.rglob("*.mcap")
+    assert list_page_alterations(read_log(log).notes) == []
