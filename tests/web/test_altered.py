@@ -12,7 +12,15 @@ from tests.web.protocols import study
 from tests.web.serving import serving
 
 pytestmark = [needs("chromium"), pytest.mark.program]
-_CONSENT = "[consent]\ntext = 'You take part of your own free will.'"
+_CONSENT = "You take part of your own free will."
+
+
+def study_with_consent(folder: Path) -> Path:
+    path = study(folder, episodes=1, max_steps=6)
+    path.write_text(path.read_text().replace('version = "1.0"', f'version = "1.0"\nconsent = "{_CONSENT}"'))
+    return path
+
+
 _TRANSLATE = """() => {  // as Chrome does
   document.documentElement.classList.add("translated-ltr");
   document.documentElement.lang = "de";
@@ -25,14 +33,13 @@ _FINGER = "() => document.body.dispatchEvent(new PointerEvent('pointerdown', { p
 
 
 def test_a_translated_consent_text_zoom_and_a_second_device_are_in_the_log_and_in_the_tables(tmp_path: Path) -> None:
-    with serving(study(tmp_path, episodes=1, more=_CONSENT), tmp_path) as served, browsing() as sit_down:
+    with serving(study_with_consent(tmp_path), tmp_path) as served, browsing() as sit_down:
         somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
         page = somebody.page
         page.wait_for_selector("[data-target=go_on]")
         page.evaluate(_TRANSLATE)
         page.evaluate(_FINGER)  # of a script, so no device
         line = page.context.new_cdp_session(page)
-        somebody.until("s.unsafe === 0")
         page.click("[data-target=go_on]")
         line.send(
             "Emulation.setDeviceMetricsOverride",
@@ -41,11 +48,7 @@ def test_a_translated_consent_text_zoom_and_a_second_device_are_in_the_log_and_i
         page.mouse.click(5, 5)
         line.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": 5, "y": 5}]})
         line.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-        somebody.until("s.unsafe === 0")
-        somebody.press("escape")
-        page.keyboard.down("Escape")
-        page.wait_for_selector("[role=status].body")
-        page.keyboard.up("Escape")
+        somebody.to_end()
     [log] = tmp_path.rglob("*.mcap")
     alterations = list_page_alterations(read_log(log).notes)
     assert alterations == [
@@ -58,7 +61,7 @@ def test_a_translated_consent_text_zoom_and_a_second_device_are_in_the_log_and_i
 
 
 def test_a_page_that_nothing_changes_says_nothing(tmp_path: Path) -> None:
-    with serving(study(tmp_path, episodes=1, more=_CONSENT), tmp_path) as served, browsing() as sit_down:
+    with serving(study_with_consent(tmp_path), tmp_path) as served, browsing() as sit_down:
         somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
         somebody.page.click("[data-target=go_on]")
         somebody.to_play()
@@ -66,12 +69,6 @@ def test_a_page_that_nothing_changes_says_nothing(tmp_path: Path) -> None:
             somebody.press(key)
         caps = somebody.page.locator(".legend .cap")
         assert caps.count() == caps.and_(somebody.page.locator("[translate=no]")).count()
-        somebody.until("s.unsafe === 0")
-        page = somebody.page
-        page.keyboard.down("Escape")
-        page.keyboard.up("Escape")
-        page.keyboard.down("Escape")
-        page.wait_for_selector("[role=status].body")
-        page.keyboard.up("Escape")
+        somebody.to_end()
     [log] = tmp_path.rglob("*.mcap")
     assert list_page_alterations(read_log(log).notes) == []
