@@ -181,7 +181,7 @@ def test_a_frozen_study_has_the_cells_that_it_had(study, tmp_path):
 
 def test_a_live_file_of_before_is_finished_and_the_rest_of_its_session_is_of_todays_version(tmp_path, monkeypatch):
     with monkeypatch.context() as before:
-        before.setattr(live_log, "find_schema_version", lambda plan: 1)
+        before.setattr(live_log, "find_schema_version", lambda plan, facts: 1)
         log = segment(tmp_path, frozen_study("cut-off"), after_steps=8, part=tmp_path / "as-killed")
     log.unlink()
     part = log.with_name(f"{log.name}.part")

@@ -7,7 +7,7 @@ import pytest
 from minihuman.dataset.selection import list_page_alterations
 from minihuman.log.read.session_reader import read_log
 from tests.machine import needs
-from tests.web.browser import browsing
+from tests.web.browser import Somebody, browsing
 from tests.web.protocols import study
 from tests.web.serving import serving
 
@@ -19,6 +19,14 @@ def study_with_consent(folder: Path) -> Path:
     path = study(folder, episodes=1, max_steps=6)
     path.write_text(path.read_text().replace('version = "1.0"', f'version = "1.0"\nconsent = "{_CONSENT}"'))
     return path
+
+
+def play_to_end(somebody: Somebody) -> None:
+    somebody.to_play()
+    for key in "121212":
+        somebody.press(key)
+        somebody.page.wait_for_timeout(50)
+    somebody.to_end()
 
 
 _TRANSLATE = """() => {  // as Chrome does
@@ -43,12 +51,12 @@ def test_a_translated_consent_text_zoom_and_a_second_device_are_in_the_log_and_i
         page.click("[data-target=go_on]")
         line.send(
             "Emulation.setDeviceMetricsOverride",
-            {"width": 1366, "height": 768, "deviceScaleFactor": 1.5, "mobile": False},
+            {"width": 911, "height": 512, "deviceScaleFactor": 1.5, "mobile": False},
         )
         page.mouse.click(5, 5)
         line.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": 5, "y": 5}]})
         line.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-        somebody.to_end()
+        play_to_end(somebody)
     [log] = tmp_path.rglob("*.mcap")
     alterations = list_page_alterations(read_log(log).notes)
     assert alterations == [
@@ -65,10 +73,8 @@ def test_a_page_that_nothing_changes_says_nothing(tmp_path: Path) -> None:
         somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
         somebody.page.click("[data-target=go_on]")
         somebody.to_play()
-        for key in "123123":
-            somebody.press(key)
         caps = somebody.page.locator(".legend .cap")
         assert caps.count() == caps.and_(somebody.page.locator("[translate=no]")).count()
-        somebody.to_end()
+        play_to_end(somebody)
     [log] = tmp_path.rglob("*.mcap")
     assert list_page_alterations(read_log(log).notes) == []

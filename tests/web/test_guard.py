@@ -5,6 +5,7 @@ import string
 import pytest
 
 from minihuman.experiment.protocol.specs import CompletionCodesSpec, WebSpec
+from minihuman.experiment.protocol.web_spec import check_web
 from minihuman.experiment.words import LANGUAGES
 from minihuman.web.eligibility import (
     BrowserProperties,
@@ -72,7 +73,9 @@ def test_no_other_page_shows_the_study_in_a_frame_but_those_of_the_listed_hosts(
     assert embedded["cross-origin-embedder-policy"] == "require-corp"
 
 
-@pytest.mark.parametrize("host", ["https://a.example", "a.example/x", "*", "'self'", "A.example", "a.example; script-src *"])
+@pytest.mark.parametrize(
+    "host", ["https://a.example", "a.example/x", "*", "'self'", "A.example", "a.example; script-src *"]
+)
 def test_what_is_no_host_is_refused_in_embed_in(host):
     [(field, problem)] = check_web(WebSpec(embed_in=("survey.example.org", host)))
     assert field == "$.web.embed_in[1]"

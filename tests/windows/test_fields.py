@@ -24,7 +24,9 @@ from minihuman.experiment.machine.screens import QuestionScreen, TextField, Text
 from tests.windows.test_blocking import Kept, Steady
 
 SIZE_PX = (640, 360)
-LONG = QuestionScreen("Title", "What?", TextField("", 0, True, native=True, name="why", longest=30, limit_note="short!"), "")
+LONG = QuestionScreen(
+    "Title", "What?", TextField("", 0, True, native=True, name="why", longest=30, limit_note="short!"), ""
+)
 LINE = replace(LONG, item=replace(LONG.item, long=False))
 PERSIAN = "می\N{ZERO WIDTH NON-JOINER}خواهم"
 FRENCH = "Quoi\N{NO-BREAK SPACE}?"

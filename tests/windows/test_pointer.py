@@ -1,8 +1,8 @@
 """The mouse and typed text, made by the X server, on screens that want them and on those that do not."""
 
 import time
-from dataclasses import replace
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -11,7 +11,15 @@ import pytest
 from minihuman.display.drawing.play_screens import locate_picture
 from minihuman.display.drawing.screen import find_spot
 from minihuman.display.windows.blocking_window import TITLE
-from minihuman.experiment.machine.inputs import Input, KeyDown, PointerMoved, PointerPressed, PointerReleased, TextEdited, TextInput
+from minihuman.experiment.machine.inputs import (
+    Input,
+    KeyDown,
+    PointerMoved,
+    PointerPressed,
+    PointerReleased,
+    TextEdited,
+    TextInput,
+)
 from minihuman.experiment.machine.screens import (
     CanvasShape,
     OptionList,
@@ -177,9 +185,7 @@ def test_a_click_in_the_worlds_picture_says_where_in_it(desk: tuple[HostedWindow
 
 
 @pytest.mark.parametrize("is_long", [True, False])
-def test_a_text_is_edited_by_keys_and_mouse_and_arrives_whole(
-    desk: tuple[HostedWindow, Typist], is_long: bool
-) -> None:
+def test_a_text_is_edited_by_keys_and_mouse_and_arrives_whole(desk: tuple[HostedWindow, Typist], is_long: bool) -> None:
     window, typist = desk
     window.show(PLAIN)
     window.show(replace(ENTRY, item=replace(ENTRY.item, long=is_long, native=True, name="what")))

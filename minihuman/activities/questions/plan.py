@@ -4,8 +4,8 @@ from typing import Literal
 
 import msgspec
 
-from minihuman.errors import ProtocolError
 from minihuman.activities.questions.question import QuestionItemSpec, find_question_kind
+from minihuman.errors import ProtocolError
 
 
 class QuestionsPlan(msgspec.Struct, frozen=True):

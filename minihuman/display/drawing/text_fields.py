@@ -12,7 +12,7 @@ FieldBox = tuple[float, float, float, float]  # left, top, right, bottom, in pix
 
 @dataclass(frozen=True, slots=True)
 class FieldView(TextField):
-    """A field that a window edits: the selection is between caret and anchor, what is being composed before the caret."""
+    """A field that a window edits: the selection is between caret and anchor, a composition before the caret."""
 
     anchor: int = 0
     is_composing: bool = False
@@ -103,7 +103,6 @@ def _count_fitting(sheet: Sheet, text: str, type_px: int, wide: float) -> int:
 
 def draw_field(sheet: Sheet, item: TextField, box: FieldBox, type_px: int) -> None:
     """Draw a field with its text, selection and caret."""
-    left, top, right, bottom = box
     sheet.draw.rounded_rectangle(
         box, radius=type_px * 0.3, fill=theme.SURFACE, outline=theme.MUTED_INK, width=max(2, round(sheet.high / 360))
     )
@@ -141,7 +140,9 @@ def _draw_selection(
     bottom = top + layout.type_px * LINE_HEIGHT
     if is_underline:
         top = bottom - max(2, layout.type_px // 12)
-    sheet.draw.rectangle((min(near, far), top, max(near, far), bottom), fill=theme.ACCENT if is_underline else theme.EDGE)
+    sheet.draw.rectangle(
+        (min(near, far), top, max(near, far), bottom), fill=theme.ACCENT if is_underline else theme.EDGE
+    )
 
 
 def _draw_caret(sheet: Sheet, item: TextField, layout: FieldLayout) -> None:

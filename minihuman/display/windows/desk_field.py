@@ -1,7 +1,7 @@
-"""A window's field on a screen of the session: it edits by what the window hears, and reports whole texts.
+"""A window's field: it edits by the window's inputs, and reports whole texts to the session.
 
-Caret, selection, clipboard and undo are the window's alone, as a browser's field is the browser's. Keys that go into the
-field reach the session neither as keys nor as letters, so the log has none of them.
+Caret, selection, clipboard and undo are the window's alone, as a browser's field is the browser's. Keys that go into
+the field reach the session neither as keys nor as letters, so the log has none of them.
 """
 
 import abc
@@ -124,7 +124,6 @@ class DeskField:
         """Return a screen with the field as it is now."""
         assert isinstance(screen.item, TextField)
         edited = self._editor.edited
-        begin, _ = edited.selection
         composition = self._editor.composition
         text = edited.text[: edited.caret] + composition + edited.text[edited.caret :]
         anchor = edited.anchor

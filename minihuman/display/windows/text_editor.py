@@ -66,7 +66,7 @@ class TextEditor:
         return changes
 
     def insert(self, text: str, change: TextChange) -> None:
-        """Replace the selection with a text; a field of one line drops line breaks, and no field has control characters."""
+        """Replace the selection with a text without control characters and, in a field of one line, line breaks."""
         kept = "".join(letter for letter in text.replace("\r\n", _LINE_FEED) if self._can_hold(letter))
         if not kept and not self.edited.selected_text:
             return
@@ -113,10 +113,8 @@ class TextEditor:
         """Return the position to which a step from the caret leads."""
         find = _find_next if is_onward else _find_previous
         at = find(self.text, self.edited.caret)
-        if is_word:
-            ahead = (lambda: self.text[at : at + 1]) if is_onward else (lambda: self.text[max(0, at - 1) : at])
-            while 0 < at < len(self.text) and (ahead().isalnum() or unicodedata.category(ahead()).startswith("M")):
-                at = find(self.text, at)
+        while is_word and 0 < at < len(self.text) and _is_of_word(self.text[at if is_onward else at - 1]):
+            at = find(self.text, at)
         return at
 
     def _delete(self, to: int) -> None:

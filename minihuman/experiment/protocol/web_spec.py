@@ -13,7 +13,9 @@ RecruitmentPlatform = Literal["prolific", "sona", "mturk"]
 ImageEncoding = Literal["auto", "lossless", "jpeg"]
 
 # A host name of two labels or more, "*." before it for those below it, a port behind it; or this machine's own.
-_EMBEDDING_HOST = re.compile(r"((\*\.)?([a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?\.)+[a-z][a-z0-9-]{1,62}|localhost)(:\d{1,5})?")
+_EMBEDDING_HOST = re.compile(
+    r"((\*\.)?([a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?\.)+[a-z][a-z0-9-]{1,62}|localhost)(:\d{1,5})?"
+)
 MAX_EMBEDDING_HOSTS = 20
 _CODE = re.compile(r"[A-Za-z0-9_-]{0,64}")
 CODE_RULE = "use letters, digits, '-' and '_', at most 64"

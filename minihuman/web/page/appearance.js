@@ -8,17 +8,20 @@ const USUAL_FONT_PX = 16;
 const MAX_DETAIL = 60;
 const TEXT_SCREENS = new Set(["text", "page", "question"]);
 
-/** The language into which a browser says that it translated a page; "" for none. @param {HTMLElement} root @param {string} language its own */
+/**
+ * The language into which a browser says that it translated a page; "" for none, "unknown" where the page has named its own
+ * since. @param {HTMLElement} root @param {string} language the page's own
+ */
 export function findTranslation(root, language) {
-  const isMarked = root.classList.contains("translated-ltr") || root.classList.contains("translated-rtl");
-  const isOther = language !== "" && root.lang !== language;
-  return isMarked || isOther ? root.lang || "unknown" : "";
+  if (language !== "" && root.lang !== language) return root.lang || "unknown";
+  return root.classList.contains("translated-ltr") || root.classList.contains("translated-rtl") ? "unknown" : "";
 }
 
 export class AppearanceWatch {
   #language = ""; // that the page gave itself
   #text = ""; // that it drew
   #isTextKnown = false;
+  #isTranslated = false;
   /** @type {Set<string>} */ #reported = new Set();
   /** @type {PageAlteration[]} of before the session's time was known */ #early = [];
   #pixelRatio = devicePixelRatio;
@@ -61,7 +64,10 @@ export class AppearanceWatch {
 
   #compare() {
     const translation = findTranslation(document.documentElement, this.#language);
-    if (translation) this.#report("translation", translation);
+    if (translation && (translation !== "unknown" || !this.#isTranslated)) {
+      this.#isTranslated = true;
+      this.#report("translation", translation);
+    }
     if (this.#isTextKnown && this.main.textContent !== this.#text) this.#report("text", "", "text");
   }
 

@@ -14,7 +14,9 @@ from minihuman.activities.questions.question import (
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.screens import TextField
 
-TEXT_RULES = "2"  # the fact "text_rules": a field's whole text is the answer as it is; before, keys edited and trimmed it
+TEXT_RULES = (
+    "2"  # the fact "text_rules": a field's whole text is the answer as it is; before, keys edited and trimmed it
+)
 MAX_CHARACTERS = 4000  # of a text in a native field, which a page sends in one message
 
 
