@@ -31,6 +31,7 @@ from minihuman.dataset.session_measures import (
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODES, PARTICIPANTS
 from minihuman.errors import ReportError
 from minihuman.experiment.machine.events import EpisodesSkipped, Event, Noted
+from minihuman.experiment.machine.page_alterations import read_alteration
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_protocol
@@ -465,9 +466,9 @@ def list_page_alterations(notes: Iterable[Event]) -> list[str]:
     for note in notes:
         if isinstance(note, Noted) and note.kind == "phase":
             phase = note.text
-        elif isinstance(note, Noted) and note.alteration:
-            alterations.add(note.alteration)
-            if phase == Phase.CONSENT and note.alteration.startswith(("text", "translation")):
+        elif isinstance(note, Noted) and (alteration := read_alteration(note)):
+            alterations.add(alteration)
+            if phase == Phase.CONSENT and alteration.startswith(("text", "translation")):
                 alterations.add("consent text")
     return sorted(alterations)
 

@@ -16,8 +16,8 @@ from msgspec import Meta
 from minihuman.activities.questions.free_text.draft import MAX_CHARACTERS
 from minihuman.errors import MinihumanError
 from minihuman.experiment.keys import PAD_AXES
-from minihuman.experiment.machine.events import AlterationKind
 from minihuman.experiment.machine.inputs import KeyReleaseCause, PointerCause, PressCause, TextChange
+from minihuman.experiment.machine.page_alterations import AlterationKind
 from minihuman.web.screen_types import PageType, ScreenValues
 
 MESSAGE_VERSION = 7

@@ -11,7 +11,8 @@ from dataclasses import replace
 from minihuman.experiment.keys import PAD_DEAD_ZONE
 from minihuman.experiment.machine import inputs
 from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler, WorldFactory
-from minihuman.experiment.machine.events import ALTERATION_NOTE, Event, Noted, Stepped
+from minihuman.experiment.machine.events import Event, Noted, Stepped
+from minihuman.experiment.machine.page_alterations import format_alteration
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.record.recorder import Recorder
@@ -287,7 +288,7 @@ class SessionHost:
                 self._alterations += 1
                 if self._alterations > _MOST_ALTERATIONS:
                     return []
-                return [Noted(at_ns, BROWSER_NOTE, f"{ALTERATION_NOTE}{what} {detail}".rstrip())]
+                return [Noted(at_ns, BROWSER_NOTE, format_alteration(what, detail))]
             case messages.LateInputMessage():
                 self._unheard += 1
                 if self._unheard > _MOST_UNHEARD:

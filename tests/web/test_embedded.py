@@ -53,6 +53,8 @@ def test_a_study_is_answered_in_the_frame_of_a_listed_host_and_its_log_says_so(t
             frame = page.frame_locator("iframe")
             frame.locator("[data-target='option:1']").click()
             frame.locator("[data-target='go_on']").click()
+            frame.get_by_text("Thank you for taking part.").wait_for()
+            frame.locator("[data-target='go_on']").click()
             frame.locator("[role=status].body").wait_for()
     [log] = tmp_path.rglob("*.mcap")
     facts = read_log(log).facts

@@ -38,7 +38,7 @@ def settled(person: Somebody) -> str:
     return str(person.page.input_value(FIELD))
 
 
-def test_forty_acts_of_editing_end_in_the_log_as_the_page_shows_them(tmp_path: Path) -> None:
+def test_what_a_field_shows_after_each_act_of_editing_is_in_the_log_and_the_tables(tmp_path: Path) -> None:
     shown = []
     with serving(asking(tmp_path, "long_text", "text"), tmp_path) as served, browsing() as sit_down:
         person = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")

@@ -125,11 +125,11 @@ def test_a_paste_of_several_lines_keeps_them_where_there_is_room_for_them() -> N
 def test_what_an_input_method_composes_is_seen_and_is_text_once_it_is_done() -> None:
     typist = Typist()
     typist.type("a")
-    typist.field.compose("にほ")
+    typist.field.show_composition("にほ")
     assert typist.text == "aにほ"
     assert typist.settle().text == "a"
     typist.press("backspace")  # the input method's
-    typist.field.compose("")
+    typist.field.show_composition("")
     typist.give(TextInput(typist.now_ns, "日本"))
     edited = typist.settle()
     assert (edited.text, edited.changes) == ("a日本", ("composed",))

@@ -96,9 +96,9 @@ class QuestionsActivity(Activity):
             return
         now_ns = self.context.now_ns
         began_ns = min(edited.began_ns or now_ns, now_ns)
-        item = self.draft.question.name
+        name = self.draft.question.name
         waited_ns = now_ns - began_ns
-        self.context.emit(TextChanged(now_ns, self.number, item, edited.text, edited.changes, edited.keys, waited_ns))
+        self.context.emit(TextChanged(now_ns, self.number, name, edited.text, edited.changes, edited.keys, waited_ns))
         self._first_ns = self._first_ns or began_ns
         self._changed_from(before)
         if (error := self.draft.error) is not None and error[0] == "note.too_long":

@@ -49,13 +49,13 @@ class FieldLayout:
         return begin + sum(middle < offset for middle in middles)
 
 
-def lay_out_field(sheet: Sheet, item: TextField, box: FieldBox, type_px: int) -> FieldLayout:
+def lay_out_field(sheet: Sheet, field: TextField, box: FieldBox, type_px: int) -> FieldLayout:
     """Break a field's text into lines; of more lines than fit, those up to the caret's are visible."""
     left, top, right, bottom = box
     pad = type_px * 0.6
-    spans = _break_lines(sheet, item.text, type_px, right - left - 2 * pad)
+    spans = _break_lines(sheet, field.text, type_px, right - left - 2 * pad)
     room = max(1, int((bottom - top - pad) / (type_px * LINE_HEIGHT)))
-    caret_row = max(row for row, (begin, _) in enumerate(spans) if begin <= item.caret)
+    caret_row = max(row for row, (begin, _) in enumerate(spans) if begin <= field.caret)
     first = max(0, min(caret_row, len(spans) - 1) - room + 1)
     first_y = top + (bottom - top - room * type_px * LINE_HEIGHT) / 2
     return FieldLayout(tuple(spans[first : first + room]), first_y, left + pad, right - pad, type_px)
@@ -101,23 +101,23 @@ def _count_fitting(sheet: Sheet, text: str, type_px: int, wide: float) -> int:
     return low
 
 
-def draw_field(sheet: Sheet, item: TextField, box: FieldBox, type_px: int) -> None:
+def draw_field(sheet: Sheet, field: TextField, box: FieldBox, type_px: int) -> None:
     """Draw a field with its text, selection and caret."""
     sheet.draw.rounded_rectangle(
         box, radius=type_px * 0.3, fill=theme.SURFACE, outline=theme.MUTED_INK, width=max(2, round(sheet.high / 360))
     )
     sheet.spots.append(Spot("field", *box))
-    layout = lay_out_field(sheet, item, box, type_px)
-    anchor = item.caret
-    if isinstance(item, FieldView):
-        anchor = item.anchor
-    begin, end = min(anchor, item.caret), max(anchor, item.caret)
-    is_composing = isinstance(item, FieldView) and item.is_composing
+    layout = lay_out_field(sheet, field, box, type_px)
+    anchor = field.caret
+    if isinstance(field, FieldView):
+        anchor = field.anchor
+    begin, end = min(anchor, field.caret), max(anchor, field.caret)
+    is_composing = isinstance(field, FieldView) and field.is_composing
     for row, span in enumerate(layout.lines):
-        _draw_selection(sheet, item.text, layout, row, span, (begin, end), is_underline=is_composing)
-    visible_lines = [item.text[first:last].rstrip("\n") for first, last in layout.lines]
+        _draw_selection(sheet, field.text, layout, row, span, (begin, end), is_underline=is_composing)
+    visible_lines = [field.text[first:last].rstrip("\n") for first, last in layout.lines]
     sheet.column(visible_lines, layout.left, layout.right, layout.top, type_px)
-    _draw_caret(sheet, item, layout)
+    _draw_caret(sheet, field, layout)
 
 
 def _draw_selection(
@@ -145,10 +145,10 @@ def _draw_selection(
     )
 
 
-def _draw_caret(sheet: Sheet, item: TextField, layout: FieldLayout) -> None:
-    rows = [row for row, (begin, _) in enumerate(layout.lines) if begin <= item.caret]
+def _draw_caret(sheet: Sheet, field: TextField, layout: FieldLayout) -> None:
+    rows = [row for row, (begin, _) in enumerate(layout.lines) if begin <= field.caret]
     row = max(rows, default=0)
-    before = item.text[layout.lines[row][0] : item.caret]
+    before = field.text[layout.lines[row][0] : field.caret]
     x = sheet.from_start(layout.left, layout.right, sheet.width_px(before, layout.type_px))
     y = layout.top + (row + 0.5) * layout.type_px * LINE_HEIGHT
     reach = layout.type_px * 0.55

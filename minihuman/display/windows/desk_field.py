@@ -129,7 +129,7 @@ class DeskField:
         anchor = edited.anchor
         if composition:
             anchor = edited.caret
-        item = FieldView(
+        field = FieldView(
             text=text,
             caret=edited.caret + len(composition),
             long=screen.item.long,
@@ -140,14 +140,14 @@ class DeskField:
         note = screen.note
         if screen.item.longest and len(edited.text) > screen.item.longest:
             note = screen.item.limit_note
-        return replace(screen, item=item, note=note)
+        return replace(screen, item=field, note=note)
 
     def show_current(self) -> QuestionScreen:
         """Return the present screen with the field as it is now."""
         assert self._screen is not None, "a screen with a field is shown"
         return self.view(self._screen)
 
-    def compose(self, text: str) -> None:
+    def show_composition(self, text: str) -> None:
         """Show what an input method is composing; "" ends it."""
         self._editor.composition = text
         self._was_composed = self._was_composed or bool(text)

@@ -311,7 +311,7 @@ class PygameWindow(BlockingWindow):
             case pygame.TEXTINPUT:
                 return self._typed(event.text)
             case pygame.TEXTEDITING:
-                self._field.compose(event.text)
+                self._field.show_composition(event.text)
             case kind if kind in _POINTER:
                 return self._read_mouse(event, move, t_ns)
             case pygame.QUIT:

@@ -63,15 +63,6 @@ EndReason = Literal[
 
 # The beginning of a note of kind "page" on a page whose clock cannot be trusted.
 CLOCK_NOTE = "the page's time"
-ALTERATION_NOTE = "the page was altered: "
-AlterationKind = Literal[
-    "translation",  # the browser says that it translated the page
-    "text",  # the text of a screen is not what the session shows
-    "zoom",
-    "forced_colors",
-    "font_size",  # the browser's own, other than 16 px
-    "pointer",  # a second kind of pointing device is used
-]
 # The reasons after which a session has nothing left to do.
 FINAL_END_REASONS: frozenset[str] = frozenset({"complete", "screened_out", "declined"})
 
@@ -378,13 +369,6 @@ class Noted(TimedEvent):
     def is_about_clock(self) -> bool:
         """Whether the note says that the times of a browser's page are not reliable."""
         return self.kind == "page" and self.text.startswith(CLOCK_NOTE)
-
-    @property
-    def alteration(self) -> str:
-        """How a browser's page was altered, as a word and its detail; "" if the note is about something else."""
-        if self.kind == "page" and self.text.startswith(ALTERATION_NOTE):
-            return self.text.removeprefix(ALTERATION_NOTE)
-        return ""
 
 
 @dataclass(frozen=True, slots=True)
