@@ -63,7 +63,9 @@ HELD = {
     "v1/resumed/sub-01": ("goal abandoned goal goal", [5, 2, 5, 5], "complete"),
     "v2/adaptive/sub-01": ("goal goal goal goal failure goal goal goal", [1] * 8, "complete"),
     "v2/team/sub-01": ("timeout timeout", [20, 20], "complete"),
+    "v2/typed/sub-01": ("", [], "complete"),
     "v2/unruled/sub-01": ("failure goal failure failure", [2, 4, 1, 7], "complete"),
+    "v3/fields/sub-01": ("", [], "complete"),
     "v3/outcomes/sub-01": (
         "failure goal goal goal ended ended goal goal ended ended timeout timeout",
         [2, 4, 1, 7, 3, 7, 1, 2, 1, 2, 1, 1],
