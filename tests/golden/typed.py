@@ -1,4 +1,4 @@
-"""Frozen studies whose answers are typed: letter by letter, as the session edited once, and whole, as fields say them."""
+"""Frozen studies whose answers are typed: letter by letter, as sessions edited once, and whole, as fields do."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -1,6 +1,7 @@
 """Questions: answered by keys, text and pointer; what was given is what is logged."""
 
 import json
+from types import MappingProxyType
 
 import pytest
 
@@ -338,7 +339,7 @@ def test_a_question_is_skipped_where_an_earlier_answer_rules_it_out(smokes, item
 class FieldDesk(Desk):
     """A desk whose session takes whole texts."""
 
-    facts = {**Desk.facts, "text_rules": TEXT_RULES}
+    facts = MappingProxyType({**Desk.facts, "text_rules": TEXT_RULES})
 
 
 def ask_in_field(kind: str, extra: str = "") -> FieldDesk:
