@@ -323,7 +323,7 @@ def _find_input(event: Event, session: SessionMachine) -> Input | None:
             return TextInput(event.t_ns, event.text)
         case TextChanged():
             changes = cast("tuple[TextChange, ...]", event.changes)
-            return TextEdited(event.t_ns, event.text, changes, event.keys, event.t_ns - event.waited_ns)
+            return TextEdited(event.t_ns, event.text, changes, event.keys, event.t_ns - event.waited_ns, event.item)
         case PointerUsed():
             used_ns = event.t_ns - event.waited_ns
             pointer_input, pointer_cause = _POINTER_INPUTS[event.what]

@@ -81,6 +81,7 @@ class FieldMessage(msgspec.Struct, tag="field", tag_field="t", forbid_unknown_fi
     """The whole text of a field, after changes that began at ``began``."""
 
     text: FieldText
+    name: Annotated[str, Meta(max_length=200)]  # the field's
     changes: Annotated[tuple[TextChange, ...], Meta(max_length=len(get_args(TextChange)))] = ()
     keys: Number = 0  # pressed in the field for it
     began: Ns = 2**53  # none: at the message's time

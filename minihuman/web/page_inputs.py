@@ -63,7 +63,9 @@ class PageInputs:
                 return inputs.TextInput(at_ns, "".join(letter for letter in message.text if letter.isprintable()))
             case messages.FieldMessage():
                 text = clean_field_text(message.text)
-                return inputs.TextEdited(at_ns, text, message.changes, message.keys, min(message.began, at_ns))
+                return inputs.TextEdited(
+                    at_ns, text, message.changes, message.keys, min(message.began, at_ns), message.name
+                )
             case messages.PointerMessage():
                 stamp_ns = min(message.stamp, at_ns)
                 place = (message.x, message.y, message.target, message.along)

@@ -191,3 +191,18 @@ def test_a_window_shows_each_letter_at_once_and_reports_the_text_when_it_settled
     assert edited.t_ns >= SETTLE_NS
     shown = replace(LONG, item=FieldView("a", 1, True, anchor=1))
     assert np.array_equal(window.display, compose_screen(shown, window.size_px))
+
+
+def test_what_is_typed_at_once_after_a_question_goes_into_the_next_ones_field() -> None:
+    window = Kept(Steady())
+    window.show(LONG)
+    window.coming = [TextInput(1, "a"), KeyDown(2, "tab"), KeyUp(3, "tab"), KeyDown(4, "b"), TextInput(4, "b")]
+    edited, tab = window.wait(None)
+    assert isinstance(edited, TextEdited)
+    assert (edited.text, edited.item) == ("a", "why")
+    assert tab == KeyDown(2, "tab")
+    window.show(replace(LONG, question="Who?", item=replace(LONG.item, name="who")))
+    assert window.wait(None) == [KeyUp(3, "tab")]
+    [edited] = window.wait(None)
+    assert isinstance(edited, TextEdited)
+    assert (edited.text, edited.item) == ("b", "who")

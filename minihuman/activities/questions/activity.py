@@ -92,11 +92,11 @@ class QuestionsActivity(Activity):
     def _edit_text(self, edited: TextEdited) -> None:
         """Take the whole text of a native field, log it as it is, and say at once if it is too long."""
         before = self._answer
-        if not self.draft.put_text(edited.text):
+        name = self.draft.question.name
+        if edited.item not in ("", name) or not self.draft.put_text(edited.text):
             return
         now_ns = self.context.now_ns
         began_ns = min(edited.began_ns or now_ns, now_ns)
-        name = self.draft.question.name
         waited_ns = now_ns - began_ns
         self.context.emit(TextChanged(now_ns, self.number, name, edited.text, edited.changes, edited.keys, waited_ns))
         self._first_ns = self._first_ns or began_ns

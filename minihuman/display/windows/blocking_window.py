@@ -243,6 +243,8 @@ class BlockingWindow(Window):
     def wait(self, until_ns: int | None) -> list[Input]:
         """Wait until inputs arrive or the clock reaches ``until_ns``, and return the inputs, [] if there are none."""
         while True:
+            if self._field.has_waiting and (waiting := self._edit_field(())):
+                return waiting
             due_times = (until_ns, self._repeater.next_repeat_ns, self._field.due_ns)
             due_ns = min((t for t in due_times if t is not None), default=None)
             timeout_ns = None
@@ -265,9 +267,9 @@ class BlockingWindow(Window):
 
     def _edit_field(self, arrived: Sequence[Input]) -> list[Input]:
         """Let the field on the screen edit by inputs, and show it; return those that are the session's."""
-        if not self._field.is_active:
-            return self._field.take(arrived, self.size_px)
         remaining = self._field.take(arrived, self.size_px)
+        if not self._field.is_active:
+            return remaining
         view = self._field.show_current()
         if view != self._screen:
             self._put(view, lambda: None)

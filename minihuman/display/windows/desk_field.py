@@ -29,7 +29,7 @@ from minihuman.experiment.machine.screens import QuestionScreen, Screen, TextFie
 
 SETTLE_NS = 500_000_000  # from the last change to the report
 _DOUBLE_CLICK_NS = 400_000_000
-_SESSION_KEYS = ("tab", "escape", "f8")
+_SESSION_KEYS = ("tab", "escape", "f8", "f9", "f12")
 _SESSION_KEYS_OF_A_LINE = ("enter", "kp_enter", "page_up")
 _SHIFT_KEYS = ("left_shift", "right_shift")
 _COMMAND_KEYS = ("left_ctrl", "right_ctrl", "left_meta", "right_meta")
@@ -89,6 +89,7 @@ class DeskField:
         self._due_ns = 0
         self._modifiers: set[str] = set()  # that are down
         self._own_keys: set[str] = set()  # that are down and went into the field
+        self._waiting: list[Input] = []
         self._is_dragging = False
         self._pressed_ns = -(1 << 62)
         self._was_composed = False  # the letters that come next
@@ -97,6 +98,11 @@ class DeskField:
     def is_active(self) -> bool:
         """Whether the present screen has a field that the window edits."""
         return self._screen is not None
+
+    @property
+    def has_waiting(self) -> bool:
+        """Whether inputs wait for the screen that a press led to."""
+        return bool(self._waiting)
 
     @property
     def due_ns(self) -> int | None:
@@ -153,14 +159,23 @@ class DeskField:
         self._was_composed = self._was_composed or bool(text)
 
     def take(self, inputs: Iterable[Input], size_px: Size) -> list[Input]:
-        """Edit by inputs; return those that are the session's, each after what it finds settled."""
+        """Edit by inputs; return those that are the session's, each after what it finds settled.
+
+        What comes after a press that may lead to another screen waits for that screen.
+        """
         remaining: list[Input] = []
-        for happened in inputs:
+        coming = [*self._waiting, *inputs]
+        self._waiting = []
+        for place, happened in enumerate(coming):
             self._follow_modifiers(happened)
-            if not self.is_active or not self._takes(happened, size_px):
-                if self.is_active and not isinstance(happened, KeyUp | ScreenShown | PointerReleased):
-                    remaining += self.settle(happened.t_ns)
-                remaining.append(happened)
+            if self._takes(happened, size_px):
+                continue
+            if self.is_active and not isinstance(happened, KeyUp | ScreenShown | PointerReleased):
+                remaining += self.settle(happened.t_ns)
+            remaining.append(happened)
+            if self.is_active and isinstance(happened, KeyDown | PointerPressed):
+                self._waiting = coming[place + 1 :]
+                break
         return remaining
 
     def _follow_modifiers(self, happened: Input) -> None:
@@ -173,6 +188,11 @@ class DeskField:
 
     def _takes(self, happened: Input, size_px: Size) -> bool:
         """Edit by an input; return False if it is the session's."""
+        if isinstance(happened, KeyUp) and happened.key in self._own_keys:
+            self._own_keys.discard(happened.key)
+            return True
+        if not self.is_active:
+            return False
         match happened:
             case TextInput():
                 change: TextChange = "composed" if self._was_composed else "typed"
@@ -180,10 +200,6 @@ class DeskField:
                 self._edit(happened.t_ns, lambda: self._editor.insert(happened.text, change))
             case KeyDown():
                 return self._take_key(happened)
-            case KeyUp():
-                if happened.key not in self._own_keys:
-                    return False
-                self._own_keys.discard(happened.key)
             case PointerPressed(target="field") if happened.cause == "finger":
                 self._press_pointer(happened, size_px)
             case PointerMoved() if self._is_dragging:
@@ -266,4 +282,7 @@ class DeskField:
         self._reported = self._editor.text
         keys = self._keys
         self._keys = 0
-        return [TextEdited(t_ns, self._reported, self._editor.take_changes(), keys, began_ns)]
+        name = ""
+        if self._question is not None:
+            name = self._question.name
+        return [TextEdited(t_ns, self._reported, self._editor.take_changes(), keys, began_ns, name)]

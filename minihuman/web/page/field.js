@@ -22,7 +22,7 @@ export const cleanText = (text) => text.replace(/[\0-\x08\x0b-\x1f\x7f]/g, "").r
 
 /** Whether the session, not the field, is meant by a key. @param {string} key our name of it @param {boolean} isLong */
 export const isSessionKey = (key, isLong) =>
-  ["tab", "escape", "f8"].includes(key) || (!isLong && ["enter", "kp_enter", "page_up"].includes(key));
+  ["tab", "escape", "f8", "f9", "f12"].includes(key) || (!isLong && ["enter", "kp_enter", "page_up"].includes(key));
 
 export class NativeField {
   /** @type {Set<TextChange>} */ #changes = new Set();
@@ -118,7 +118,7 @@ export class NativeField {
     if (this.element.value === this.reported) return false; // taken back
     this.#keys = 0;
     this.reported = this.element.value;
-    this.listener.send({ text: this.reported, changes, keys }, beganMs || performance.now());
+    this.listener.send({ text: this.reported, name: this.item.name, changes, keys }, beganMs || performance.now());
     return true;
   }
 }

@@ -53,6 +53,7 @@ export interface TextMessage {
 export interface FieldMessage {
   t: "field";
   text: string;
+  name: string;
   changes?: ("typed" | "pasted" | "dropped" | "composed" | "replaced" | "undone" | "script")[];
   keys?: number;
   began?: number;

@@ -400,3 +400,11 @@ def test_where_the_session_edits_by_keys_a_whole_text_does_nothing() -> None:
     type_text(desk, " a\u00a0b ")
     desk.press("enter")
     assert answer(desk)[0] == "ab"
+
+
+def test_the_text_of_another_field_than_the_present_ones_does_nothing() -> None:
+    desk = ask_in_field("text")
+    desk.give(TextEdited(desk.now_ns + 1, "late", ("typed",), 4, 0, "another"))
+    assert desk.of(TextChanged) == []
+    desk.give(TextEdited(desk.now_ns + 2, "here", ("typed",), 4, 0, "text"))
+    assert [change.text for change in desk.of(TextChanged)] == ["here"]
