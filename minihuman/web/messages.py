@@ -13,10 +13,15 @@ from typing import Annotated, Any, Literal, get_args
 import msgspec
 from msgspec import Meta
 
-from minihuman.activities.questions.free_text.draft import MAX_CHARACTERS
 from minihuman.errors import MinihumanError
 from minihuman.experiment.keys import PAD_AXES
-from minihuman.experiment.machine.inputs import KeyReleaseCause, PointerCause, PressCause, TextChange
+from minihuman.experiment.machine.inputs import (
+    MAX_FIELD_CHARACTERS,
+    KeyReleaseCause,
+    PointerCause,
+    PressCause,
+    TextChange,
+)
 from minihuman.experiment.machine.page_alterations import AlterationKind
 from minihuman.web.screen_types import PageType, ScreenValues
 
@@ -26,7 +31,7 @@ Ns = Annotated[int, Meta(ge=0, le=2**53)]
 Number = Annotated[int, Meta(ge=0, le=2**31)]
 ShortText = Annotated[str, Meta(max_length=64)]
 LongText = Annotated[str, Meta(max_length=2000)]
-FieldText = Annotated[str, Meta(max_length=MAX_CHARACTERS)]
+FieldText = Annotated[str, Meta(max_length=MAX_FIELD_CHARACTERS)]
 KeyName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_]{1,32}$")]
 Digest = Annotated[str, Meta(pattern=r"^([0-9a-f]{16})?$")]
 Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]

@@ -49,6 +49,7 @@ class TextInput(TimedInput):
     text: str
 
 
+MAX_FIELD_CHARACTERS = 4000  # of a text in a field, which a page sends in one message
 TextChange = Literal[
     "typed",  # by the keyboard: inserted or deleted
     "pasted",

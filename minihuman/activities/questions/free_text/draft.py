@@ -11,13 +11,12 @@ from minihuman.activities.questions.question import (
     QuestionKind,
     horizontal_step,
 )
-from minihuman.experiment.machine.inputs import KeyDown
+from minihuman.experiment.machine.inputs import MAX_FIELD_CHARACTERS, KeyDown
 from minihuman.experiment.machine.screens import TextField
 
 TEXT_RULES = (
     "2"  # the fact "text_rules": a field's whole text is the answer as it is; before, keys edited and trimmed it
 )
-MAX_CHARACTERS = 4000  # of a text in a native field, which a page sends in one message
 
 
 class TextDraft(AnswerDraft):
@@ -72,7 +71,7 @@ class TextDraft(AnswerDraft):
     def longest(self) -> int:
         """The largest number of characters that the text may have."""
         if self.has_native_field:
-            return min(self.question.longest, MAX_CHARACTERS)
+            return min(self.question.longest, MAX_FIELD_CHARACTERS)
         return self.question.longest
 
     def accepts(self, character: str) -> bool:
