@@ -199,10 +199,10 @@ def test_what_is_typed_at_once_after_a_question_goes_into_the_next_ones_field() 
     window.coming = [TextInput(1, "a"), KeyDown(2, "tab"), KeyUp(3, "tab"), KeyDown(4, "b"), TextInput(4, "b")]
     edited, tab = window.wait(None)
     assert isinstance(edited, TextEdited)
-    assert (edited.text, edited.item) == ("a", "why")
+    assert (edited.text, edited.field) == ("a", "why")
     assert tab == KeyDown(2, "tab")
     window.show(replace(LONG, question="Who?", item=replace(LONG.item, name="who")))
     assert window.wait(None) == [KeyUp(3, "tab")]
     [edited] = window.wait(None)
     assert isinstance(edited, TextEdited)
-    assert (edited.text, edited.item) == ("b", "who")
+    assert (edited.text, edited.field) == ("b", "who")

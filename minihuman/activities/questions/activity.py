@@ -93,7 +93,7 @@ class QuestionsActivity(Activity):
         """Take the whole text of a native field, log it as it is, and say at once if it is too long."""
         before = self._answer
         name = self.draft.question.name
-        if edited.item not in ("", name) or not self.draft.put_text(edited.text):
+        if edited.field not in ("", name) or not self.draft.put_text(edited.text):
             return
         now_ns = self.context.now_ns
         began_ns = min(edited.began_ns or now_ns, now_ns)

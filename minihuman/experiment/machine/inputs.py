@@ -69,7 +69,7 @@ class TextEdited(TimedInput):
     changes: tuple[TextChange, ...] = ()  # how it was changed, each way once, in the order of `TextChange`
     keys: int = 0  # pressed in the field since the last input of this type
     began_ns: int = 0  # 0: at ``t_ns``
-    item: str = ""  # the field's name; the session may be elsewhere by now. "": whatever it shows
+    field: str = ""  # the field's name; the session may be elsewhere by now. "": whatever it shows
 
 
 @dataclass(frozen=True, slots=True)
