@@ -47,6 +47,7 @@ export class NativeField {
       "data-target": "field", "aria-labelledby": "ask", autocomplete: "off", type: item.long ? null : "text", dir: "auto",
     });
     this.element.value = item.text;
+    this.#lookAtLength([...item.text].length);
     this.element.addEventListener("input", (event) => this.#input(/** @type {InputEvent} */ (event)));
     this.element.addEventListener("compositionstart", () => { this.isComposing = true; });
     this.element.addEventListener("compositionend", () => {
@@ -102,8 +103,11 @@ export class NativeField {
       element.value = kept;
       element.setSelectionRange(selectionEnd, selectionEnd);
     }
-    this.note.hidden = !(this.item.longest && letters.length > this.item.longest);
+    this.#lookAtLength(letters.length);
   }
+
+  /** @param {number} count */
+  #lookAtLength(count) { this.note.hidden = !(this.item.longest && count > this.item.longest); }
 
   /** Report what changed since the last report, if the input method is done. @returns {boolean} whether there was something */
   settle() {

@@ -12,6 +12,9 @@ import { drawWidget } from "./questions.js";
 const LEAVING_S = 5;
 const RELOAD_MS = 1000;
 
+/** The field says by itself that a text is too long, and at once. @param {QuestionValues} s */
+const noteOf = ({ note, item }) => (item.form === "TextField" && note === item.limit_note ? "" : note);
+
 export class ScreenView {
   /**
    * @param {HTMLElement} main
@@ -59,7 +62,7 @@ export class ScreenView {
       words("h1", "", s.title),
       prose({ class: "body", id: "ask" }, s.question),
       drawWidget(s.item, this.parts.entry),
-      el("p", { class: "note", role: "alert", text: s.note }),
+      el("p", { class: "note", role: "alert", text: noteOf(s) }),
       buttonsOf(s.buttons),
       words("p", "prompt", s.prompt),
       words("p", "progress", s.progress),
@@ -121,7 +124,7 @@ export class ScreenView {
       films.close();
       this.main.replaceChildren(...flatten(/** @type {any} */ (this.#draw)[s.kind](s, m)).filter(Boolean));
     }, () => {
-      for (const [name, text] of Object.entries({ note: "note" in s ? s.note : "", progress: "progress" in s ? s.progress : "" })) {
+      for (const [name, text] of Object.entries({ note: s.kind === "question" ? noteOf(s) : "", progress: "progress" in s ? s.progress : "" })) {
         const element = this.main.querySelector(`:scope > .${name}`);
         if (element && element.textContent !== text) element.textContent = text;
       }
