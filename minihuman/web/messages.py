@@ -25,7 +25,7 @@ from minihuman.experiment.machine.inputs import (
 from minihuman.experiment.machine.page_alterations import AlterationKind
 from minihuman.web.screen_types import PageType, ScreenValues
 
-MESSAGE_VERSION = 7
+MESSAGE_VERSION = 8
 
 Ns = Annotated[int, Meta(ge=0, le=2**53)]
 Number = Annotated[int, Meta(ge=0, le=2**31)]

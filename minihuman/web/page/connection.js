@@ -24,7 +24,7 @@ import { IncomingStream } from "./stream.js";
  * @property {(why: string, refusal: Refusal | null) => void} leave
  */
 
-const VERSION = 7;
+const VERSION = 8;
 const MIN_RETRY_MS = 200;
 const MAX_RETRY_MS = 3000;
 const HTTP_AFTER_MS = 3000; // without a welcome
