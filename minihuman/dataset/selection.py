@@ -30,7 +30,9 @@ from minihuman.dataset.session_measures import (
 )
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODES, PARTICIPANTS
 from minihuman.errors import ReportError
-from minihuman.experiment.machine.events import EpisodesSkipped, Noted
+from minihuman.experiment.machine.events import EpisodesSkipped, Event, Noted
+from minihuman.experiment.machine.page_alterations import read_alteration
+from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_protocol
 from minihuman.experiment.protocol.specs import apply_overrides
@@ -463,6 +465,20 @@ class Selection:
         return ""
 
 
+def list_page_alterations(notes: Iterable[Event]) -> list[str]:
+    """List how a browser's page was altered, each way once, in alphabetical order; the consent text is named apart."""
+    alterations = set()
+    phase = ""
+    for note in notes:
+        if isinstance(note, Noted) and note.kind == "phase":
+            phase = note.text
+        elif isinstance(note, Noted) and (alteration := read_alteration(note)):
+            alterations.add(alteration)
+            if phase == Phase.CONSENT and alteration.startswith(("text", "translation")):
+                alterations.add("consent text")
+    return sorted(alterations)
+
+
 def summarize_session(log: SessionLog) -> MeasureRow:
     """Return a session's columns of the table "participants".
 
@@ -481,5 +497,6 @@ def summarize_session(log: SessionLog) -> MeasureRow:
         "clean": log.clean,
         "segments": len(log.segments),
         "clock_notes": sum(isinstance(note, Noted) and note.is_about_clock for note in log.notes),
+        "page_alterations": "; ".join(list_page_alterations(log.notes)),
         "completed_share": len(completed) / n_planned if n_planned else None,
     }

@@ -447,6 +447,13 @@ PARTICIPANTS = (
         "Notes that the page's time was ahead of the server's or moved against it, a possible reason for exclusion.",
     ),
     TableColumn(
+        "page_alterations",
+        "text",
+        "",
+        "How the browser, an extension or a setting changed the page: translation, text, zoom and others; consent text "
+        "if the consent text was other than the study's.",
+    ),
+    TableColumn(
         "completed_share",
         "number",
         "",

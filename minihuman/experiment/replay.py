@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import fields, replace
 from itertools import islice, pairwise, takewhile
-from typing import TYPE_CHECKING, Any, TypeGuard, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeGuard, cast, get_args, get_type_hints
 
 from minihuman.activities.team.events import PictureCorrected
 from minihuman.errors import LogError, MinihumanError
@@ -34,6 +34,7 @@ from minihuman.experiment.machine.events import (
     SessionEnded,
     SessionStarted,
     Stepped,
+    TextChanged,
     TextTyped,
 )
 from minihuman.experiment.machine.inputs import (
@@ -50,6 +51,8 @@ from minihuman.experiment.machine.inputs import (
     PointerReleased,
     ScreenShown,
     Stop,
+    TextChange,
+    TextEdited,
     TextInput,
     Tick,
 )
@@ -332,6 +335,9 @@ def _find_input(event: Event, session: SessionMachine) -> Input | None:
             return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns)
         case TextTyped():
             return TextInput(event.t_ns, event.text)
+        case TextChanged():
+            changes = cast("tuple[TextChange, ...]", event.changes)
+            return TextEdited(event.t_ns, event.text, changes, event.keys, event.t_ns - event.waited_ns, event.item)
         case PointerUsed():
             used_ns = event.t_ns - event.waited_ns
             pointer_input, pointer_cause = _POINTER_INPUTS[event.what]

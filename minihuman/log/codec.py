@@ -218,6 +218,7 @@ _OWN_ROWS = tuple(
         (events.PartEnded, topics.PART_END),
         (events.PageShown, topics.PAGE),
         (events.TextTyped, topics.TEXT),
+        (events.TextChanged, topics.ANSWER_TEXT),
         (events.PointerUsed, topics.POINTER),
         (events.AxisMoved, topics.AXIS),
         (events.AnswerChanged, topics.ANSWER_CHANGE),

@@ -4,14 +4,17 @@ Version 2 is read by every release since the first that wrote it. Version 3 adds
 misread. A segment that cannot contain any of that stays at version 2, so that older releases can still read it.
 """
 
+from collections.abc import Mapping
+
+from minihuman.activities.questions.free_text.draft import TEXT_RULES
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.names import PLAIN_SCHEMA_VERSION, SCHEMA_VERSION
 from minihuman.worlds.outcomes import LAST_REWARD
 
 
-def find_schema_version(plan: SessionPlan) -> int:
+def find_schema_version(plan: SessionPlan, facts: Mapping[str, str]) -> int:
     """Return the schema version of a segment; each rule names what a reader of version 2 would misread."""
-    if has_outcome_rules(plan) or has_timelines(plan):
+    if has_outcome_rules(plan) or has_timelines(plan) or records_whole_texts(plan, facts):
         return SCHEMA_VERSION
     return PLAIN_SCHEMA_VERSION
 
@@ -24,3 +27,9 @@ def has_outcome_rules(plan: SessionPlan) -> bool:
 def has_timelines(plan: SessionPlan) -> bool:
     """Return whether a trial's pictures may be the timeline's, which are no pictures of its world's steps."""
     return any(getattr(part.plan, "timeline", None) for part in plan.parts)
+
+
+def records_whole_texts(plan: SessionPlan, facts: Mapping[str, str]) -> bool:
+    """Return whether answers in words are logged as whole texts, without which a replay would give other answers."""
+    is_new = facts.get("text_rules", "1") == TEXT_RULES
+    return is_new and any(getattr(part.plan, "has_text_fields", False) for part in plan.parts)

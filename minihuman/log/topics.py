@@ -33,6 +33,7 @@ PART = "/session/part"
 PART_END = "/session/part_end"
 PAGE = "/page"
 TEXT = "/input/text"
+ANSWER_TEXT = "/answer/text"
 POINTER = "/input/pointer"
 AXIS = "/input/axis"
 ANSWER_CHANGE = "/answer/change"
@@ -90,6 +91,7 @@ RARE_TOPICS = (  # a log has their channels only where it has their messages
     Topic(MODEL_CALL, agent_v1.ModelCall),
     Topic(DESIGN, agent_v1.DesignDecided),
     Topic(AXIS, v1.AxisMoved),
+    Topic(ANSWER_TEXT, v1.TextChanged),
 )
 BY_NAME = {topic.name: topic for topic in (*TOPICS, *RARE_TOPICS)}
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from minihuman.dataset.annotations import collect_tags
 from minihuman.dataset.selection import SelectedSession
-from minihuman.experiment.machine.events import UNPRESSED_VERDICTS, Noted, TextTyped
+from minihuman.experiment.machine.events import UNPRESSED_VERDICTS, Noted, TextChanged, TextTyped
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
@@ -277,10 +277,21 @@ def _find_facts(log: SessionLog, *, typing: bool) -> Iterator[str]:
     if without_focus:
         yield f"{without_focus} keys were pressed while the page had no focus"
     if typing:
-        at_once = [len(event.text) for event in log.part_events if isinstance(event, TextTyped)]
-        longest = max(at_once, default=0)
+        longest = max(_list_lengths_at_once(log), default=0)
         if longest >= _ANSWER_AT_ONCE:
             yield f"{longest} characters of an answer came at once: pasted, dictated or made by a program"
+
+
+def _list_lengths_at_once(log: SessionLog) -> Iterator[int]:
+    """Yield how many characters came at once, for each text typed and each change of a field beyond its key presses."""
+    lengths: dict[tuple[int, str], int] = {}
+    for event in log.part_events:
+        if isinstance(event, TextTyped):
+            yield len(event.text)
+        elif isinstance(event, TextChanged):
+            field = (event.part, event.item)
+            yield len(event.text) - lengths.get(field, 0) - event.keys
+            lengths[field] = len(event.text)
 
 
 def _count_keys_without_focus(log: SessionLog) -> int:

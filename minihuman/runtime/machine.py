@@ -13,6 +13,7 @@ from pathlib import Path
 
 import minihuman
 from minihuman.activities.agent_blocks.activity import AGENT_RULES
+from minihuman.activities.questions.free_text.draft import TEXT_RULES
 from minihuman.activities.questions.number.draft import NUMBER_RULES
 from minihuman.activities.team.presence import PRESENCE_RULES
 from minihuman.experiment.machine.session import CONSENT_RULES, KEY_RULES
@@ -66,6 +67,7 @@ def collect_machine_facts() -> dict[str, str]:
         "number_rules": NUMBER_RULES,
         "consent_rules": CONSENT_RULES,
         "key_rules": KEY_RULES,
+        "text_rules": TEXT_RULES,
         "agent_rules": AGENT_RULES,
         "presence_rules": PRESENCE_RULES,
         "python": platform.python_version(),

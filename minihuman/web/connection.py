@@ -34,7 +34,9 @@ from minihuman.worlds.source_digest import kernels_digest
 
 LOG = logging.getLogger("minihuman")
 T = TypeVar("T")
-_ACTS = messages.KeyMessage | messages.PointerMessage | messages.TextMessage | messages.AxisMessage  # of a person
+_ACTS = (
+    messages.KeyMessage | messages.PointerMessage | messages.TextMessage | messages.FieldMessage | messages.AxisMessage
+)  # of a person
 
 
 class Connection(PageSession):

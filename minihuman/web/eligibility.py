@@ -39,7 +39,7 @@ _NUMBERS = ("timer_step_ms", "refresh_hz", "pixel_ratio")
 _WINDOW_SIZE = re.compile(r"(\d{1,5}) x (\d{1,5})")
 _MAX_UTC_OFFSET_MIN = 18 * 60
 _YES_OR_NO = {True: "yes", False: "no"}
-_TRUTHS = ("isolated", "touch", "mouse")
+_TRUTHS = ("isolated", "framed", "touch", "mouse")
 
 
 def collect_browser_facts(facts_given: Mapping[str, bool | float | str]) -> dict[str, str]:

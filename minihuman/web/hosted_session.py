@@ -45,6 +45,7 @@ _RULES = (
     "number_rules",
     "consent_rules",
     "key_rules",
+    "text_rules",
     "agent_rules",
     "presence_rules",
 )  # facts that say by what a session was played

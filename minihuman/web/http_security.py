@@ -1,5 +1,6 @@
 """Protection of a server's pages: the headers of its answers, and the origins whose sockets it accepts. No I/O."""
 
+from collections.abc import Iterable
 from urllib.parse import urlsplit
 
 _POLICY = (  # nothing from anywhere else; blob: is for pictures that came over the socket, wasm for the worlds' rules
@@ -17,6 +18,25 @@ HEADERS: tuple[tuple[str, str], ...] = (
     ("permissions-policy", "camera=(), microphone=(), geolocation=()"),
     ("cache-control", "no-store"),
 )
+_EMBEDDED = {  # instead of those above, where other sites may frame the page
+    "x-frame-options": "",  # knows no list of hosts; browsers that know frame-ancestors ignore it
+    "cross-origin-resource-policy": "cross-origin",  # a site that is isolated itself frames nothing else
+}
+
+
+def build_headers(embedding_hosts: Iterable[str] = (), *, policy: str = _POLICY) -> dict[str, str]:
+    """Build the headers of answers.
+
+    Args:
+        embedding_hosts: the hosts whose pages may show these in a frame; empty to refuse all.
+        policy: the content security policy for pages that nobody frames.
+    """
+    headers = {**dict(HEADERS), "content-security-policy": policy}
+    hosts = " ".join(embedding_hosts)
+    if not hosts:
+        return headers
+    headers["content-security-policy"] = policy.replace("frame-ancestors 'none'", f"frame-ancestors {hosts}")
+    return {name: text for name, text in {**headers, **_EMBEDDED}.items() if text}
 
 
 def is_same_origin(origin: str | None, host: str | None) -> bool:

@@ -8,22 +8,30 @@ has a time later than that of the message before it, so that the log's last time
 Physical keys are named by `KeyboardEvent.code`; a key without a name of ours is `code_...`.
 """
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 from msgspec import Meta
 
 from minihuman.errors import MinihumanError
 from minihuman.experiment.keys import PAD_AXES
-from minihuman.experiment.machine.inputs import KeyReleaseCause, PointerCause, PressCause
+from minihuman.experiment.machine.inputs import (
+    MAX_FIELD_CHARACTERS,
+    KeyReleaseCause,
+    PointerCause,
+    PressCause,
+    TextChange,
+)
+from minihuman.experiment.machine.page_alterations import AlterationKind
 from minihuman.web.screen_types import PageType, ScreenValues
 
-MESSAGE_VERSION = 7
+MESSAGE_VERSION = 8
 
 Ns = Annotated[int, Meta(ge=0, le=2**53)]
 Number = Annotated[int, Meta(ge=0, le=2**31)]
 ShortText = Annotated[str, Meta(max_length=64)]
 LongText = Annotated[str, Meta(max_length=2000)]
+FieldText = Annotated[str, Meta(max_length=MAX_FIELD_CHARACTERS)]
 KeyName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_]{1,32}$")]
 Digest = Annotated[str, Meta(pattern=r"^([0-9a-f]{16})?$")]
 Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
@@ -72,6 +80,16 @@ class TextMessage(msgspec.Struct, tag="typed", tag_field="t", forbid_unknown_fie
     """Text produced by the keyboard layout or the input method."""
 
     text: LongText
+
+
+class FieldMessage(msgspec.Struct, tag="field", tag_field="t", forbid_unknown_fields=True):
+    """The whole text of a field, after changes that began at ``began``."""
+
+    text: FieldText
+    name: Annotated[str, Meta(max_length=200)]  # the field's
+    changes: Annotated[tuple[TextChange, ...], Meta(max_length=len(get_args(TextChange)))] = ()
+    keys: Number = 0  # pressed in the field for it
+    began: Ns = 2**53  # none: at the message's time
 
 
 class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknown_fields=True):
@@ -130,11 +148,19 @@ class LateInputMessage(msgspec.Struct, tag="unheard", tag_field="t", forbid_unkn
     text: LongText
 
 
+class PageAlteration(msgspec.Struct, tag="altered", tag_field="t", forbid_unknown_fields=True):
+    """The report that a browser, an extension or a setting changed what the page shows, or how it is used."""
+
+    what: AlterationKind
+    detail: ShortText = ""  # such as the language of a translation
+
+
 PageMessage = (
     KeyMessage
     | DisplayedMessage
     | TickMessage
     | TextMessage
+    | FieldMessage
     | PointerMessage
     | AxisMessage
     | GamepadMessage
@@ -142,6 +168,7 @@ PageMessage = (
     | RoundTripMessage
     | CommandEcho
     | LateInputMessage
+    | PageAlteration
 )
 
 

@@ -31,7 +31,12 @@ class PageSettings:
     encoding: ImageEncoding = "auto"
 
 
-_WITHOUT_EFFECT = (messages.DisplayedMessage, messages.RoundTripMessage, messages.LateInputMessage)
+_WITHOUT_EFFECT = (
+    messages.DisplayedMessage,
+    messages.RoundTripMessage,
+    messages.LateInputMessage,
+    messages.PageAlteration,
+)
 
 
 class Outbox:

@@ -1,5 +1,6 @@
 """Converts a page's messages to a session's inputs. No I/O: times come with the messages."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 
 from minihuman.experiment.machine import inputs
@@ -60,6 +61,11 @@ class PageInputs:
                 return inputs.Tick(at_ns)
             case messages.TextMessage():
                 return inputs.TextInput(at_ns, "".join(letter for letter in message.text if letter.isprintable()))
+            case messages.FieldMessage():
+                text = clean_field_text(message.text)
+                return inputs.TextEdited(
+                    at_ns, text, message.changes, message.keys, min(message.began, at_ns), message.name
+                )
             case messages.PointerMessage():
                 stamp_ns = min(message.stamp, at_ns)
                 place = (message.x, message.y, message.target, message.along)
@@ -102,6 +108,14 @@ class PageInputs:
         if stamp_ns <= self._forgotten_ns or (stamp_ns, message.key) in self._keys_down:
             return []
         return [Noted(now_ns, BROWSER_NOTE, f"not taken: {message.key} at {message.stamp} ns")]
+
+
+_CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
+
+
+def clean_field_text(text: str) -> str:
+    """Remove the control characters that a page's field removes, too; everything else stays as it is."""
+    return _CONTROL_CHARACTERS.sub("", text)
 
 
 def order_flip(message: messages.DisplayedMessage, at_ns: int) -> tuple[int, int]:

@@ -12,6 +12,7 @@ from minihuman.experiment.keys import PAD_DEAD_ZONE
 from minihuman.experiment.machine import inputs
 from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler, WorldFactory
 from minihuman.experiment.machine.events import Event, Noted, Stepped
+from minihuman.experiment.machine.page_alterations import format_alteration
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.record.recorder import Recorder
@@ -22,6 +23,7 @@ from minihuman.web.page_inputs import MakeInput, PageInputs, order_flip
 from minihuman.web.session_clocks import PageClock
 from minihuman.web.session_writer import SessionWriter
 
+_MOST_ALTERATIONS = 500  # a page that is translated has one a screen
 _MOST_UNHEARD = 20  # a page has one in a segment
 _FAR_RTT_NS = 150_000_000  # until the latency is measured
 
@@ -66,6 +68,7 @@ class SessionHost:
         self._draws = True  # the page does not know the screen
         self._notes: list[str] = []  # of the page, that come with its next message
         self.has_stepped = any(isinstance(event, Stepped) for event in logged)
+        self._alterations = 0  # that were noted
         self._unheard = 0  # notes of what was done in segments before
         self._writer.write(unwritten)
 
@@ -286,6 +289,11 @@ class SessionHost:
             case messages.GamepadMessage(id=name, axes=axes, buttons=buttons):
                 detail = f"{axes} axes of -1 to 1, {buttons} buttons, dead zone {PAD_DEAD_ZONE}, read once a frame"
                 return [Noted(at_ns, BROWSER_NOTE, f"gamepad {name}: {detail}")]
+            case messages.PageAlteration(what=what, detail=detail):
+                self._alterations += 1
+                if self._alterations > _MOST_ALTERATIONS:
+                    return []
+                return [Noted(at_ns, BROWSER_NOTE, format_alteration(what, detail))]
             case messages.LateInputMessage():
                 self._unheard += 1
                 if self._unheard > _MOST_UNHEARD:

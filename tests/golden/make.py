@@ -39,6 +39,7 @@ from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import KeyPress, SimulatedTeacher, make_participant
 from minihuman.worlds.adapters.world import World
 from tests.golden.guests import again
+from tests.golden.typed import make_fields, make_typed
 from tests.seats.test_failing_agents import AGENTS, STUDY
 
 STARTED_NS = 1_790_000_000_123_456_789  # the first session's wall clock; an hour later the next segment
@@ -462,3 +463,5 @@ if __name__ == "__main__":
     make_adaptive(Path(sys.argv[1]))
     make_images(Path(sys.argv[1]))
     make_outcomes(Path(sys.argv[1]))
+    make_typed(Path(sys.argv[1]))
+    make_fields(Path(sys.argv[1]))

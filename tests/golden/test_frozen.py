@@ -63,7 +63,9 @@ HELD = {
     "v1/resumed/sub-01": ("goal abandoned goal goal", [5, 2, 5, 5], "complete"),
     "v2/adaptive/sub-01": ("goal goal goal goal failure goal goal goal", [1] * 8, "complete"),
     "v2/team/sub-01": ("timeout timeout", [20, 20], "complete"),
+    "v2/typed/sub-01": ("", [], "complete"),
     "v2/unruled/sub-01": ("failure goal failure failure", [2, 4, 1, 7], "complete"),
+    "v3/fields/sub-01": ("", [], "complete"),
     "v3/outcomes/sub-01": (
         "failure goal goal goal ended ended goal goal ended ended timeout timeout",
         [2, 4, 1, 7, 3, 7, 1, 2, 1, 2, 1, 1],
@@ -181,7 +183,7 @@ def test_a_frozen_study_has_the_cells_that_it_had(study, tmp_path):
 
 def test_a_live_file_of_before_is_finished_and_the_rest_of_its_session_is_of_todays_version(tmp_path, monkeypatch):
     with monkeypatch.context() as before:
-        before.setattr(live_log, "find_schema_version", lambda plan: 1)
+        before.setattr(live_log, "find_schema_version", lambda plan, facts: 1)
         log = segment(tmp_path, frozen_study("cut-off"), after_steps=8, part=tmp_path / "as-killed")
     log.unlink()
     part = log.with_name(f"{log.name}.part")

@@ -216,6 +216,9 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
     events.PartEnded: st.builds(events.PartEnded, TIMES, COUNTS, st.sampled_from(get_args(events.PartEnd)), COUNTS),
     events.PageShown: st.builds(events.PageShown, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES),
     events.TextTyped: st.builds(events.TextTyped, TIMES, TEXTS),
+    events.TextChanged: st.builds(
+        events.TextChanged, TIMES, COUNTS, TEXTS, TEXTS, st.lists(TEXTS, max_size=3).map(tuple), COUNTS, COUNTS
+    ),
     events.PointerUsed: st.builds(
         events.PointerUsed, TIMES, st.sampled_from(["pressed", "moved", "released"]), FLOATS, FLOATS, TEXTS, FLOATS
     ),

@@ -38,7 +38,7 @@ def test_a_log_of_a_newer_version_is_not_taken_for_a_damaged_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as newer:
-        newer.setattr(live_log, "find_schema_version", lambda plan: names.SCHEMA_VERSION + 1)
+        newer.setattr(live_log, "find_schema_version", lambda plan, facts: names.SCHEMA_VERSION + 1)
         newer.setitem(codec.DECODERS, names.SCHEMA_VERSION + 1, codec.decode_event)
         log = play(tmp_path, study(episodes=1), sync=lambda _fd: None)
     data = log.read_bytes()

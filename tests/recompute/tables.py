@@ -719,6 +719,7 @@ NOT_RECOMPUTED = frozenset(  # columns that are not computed here
         "shortest_steps",  # the fewest steps to the goal, which only the world itself can tell: taken as given
         "evidence",  # a word about how the session was recorded, no number
         "clock_notes",  # a count of notes whose texts are the recorder's
+        "page_alterations",  # the texts of such notes
     }
 )
 

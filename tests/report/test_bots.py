@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from minihuman import simulate
 from minihuman.cli.command_line import make_command_line
 from minihuman.dataset.selection import SelectedSession
-from minihuman.experiment.machine.events import Noted, TextTyped
+from minihuman.experiment.machine.events import Noted, TextChanged, TextTyped
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.read.session_reader import read_log
@@ -109,6 +109,9 @@ def test_facts_flag_by_themselves(logs: list[SessionLog]) -> None:
     assert weigh(change(notes=away)) == [(True, (f"{blind} keys were pressed while the page had no focus",))]
     assert weigh(change(part_events=typed)) == [(False, ())]
     assert weigh(change(part_events=typed), typing=True)[0][0]
+    for keys, is_flagged in ((60, False), (3, True)):
+        changed = (TextChanged(1, 0, "why", "x" * 60, ("typed",), keys),)
+        assert weigh(change(part_events=changed), typing=True)[0][0] == is_flagged
 
 
 def test_a_session_with_the_times_of_another_names_it(logs: list[SessionLog]) -> None:

@@ -1,7 +1,9 @@
 """A browser behind a network that lets no web socket through plays a whole session over HTTP."""
 
+import os
 from pathlib import Path
 from typing import Literal
+from urllib.request import urlopen
 
 import pytest
 
@@ -18,6 +20,11 @@ from tests.web.serving import line, serving
 
 pytestmark = [needs("chromium"), pytest.mark.program]
 N_KEYS = 6
+_NO_POSTS = """const send = fetch;
+const refuse = () => Promise.reject(new TypeError("blocked"));
+globalThis.fetch = (to, ...rest) => (String(to).startsWith("/socket") ? refuse() : send(to, ...rest));
+"""
+PICTURES = os.environ.get("MINIHUMAN_TEST_PICTURES", "")
 CODES = {"Digit1": "1", "Digit2": "2", "Digit3": "3", "Enter": "enter"}
 
 
@@ -61,3 +68,44 @@ def test_cuts_kills_and_reloads_lose_nothing_over_http(
     assert found.logged == [CODES[code] for code in found.heard]
     assert found.steps == found.accepted
     assert found.complaints == []
+
+
+def read_count(port: int, name: str) -> int:
+    """Return one of the server's counts."""
+    text = urlopen(f"http://127.0.0.1:{port}/metrics").read().decode()
+    return int(next(row.split()[1] for row in text.splitlines() if row.startswith(f"minihuman_{name} ")))
+
+
+@pytest.mark.nightly(by_day=["ar"])
+@pytest.mark.parametrize(
+    ("locale", "begins", "direction"),
+    [("ar-EG", "لا يمكن", "rtl"), ("fr-CA", "L\N{RIGHT SINGLE QUOTATION MARK}étude", "ltr")],
+    ids=["ar", "fr"],
+)
+def test_a_visit_that_nothing_gets_through_for_says_so_within_ten_seconds_and_begins_when_something_does(
+    tmp_path: Path, locale: str, begins: str, direction: str
+) -> None:
+    with (
+        serving(study(tmp_path, episodes=1), tmp_path) as served,
+        line(served.port) as wire,
+        browsing() as sit_down,
+    ):
+        wire.upgrades = "closed"
+        somebody = sit_down("about:blank", locale=locale)
+        page = somebody.page
+        page.add_init_script(_NO_POSTS)
+        page.goto(f"http://127.0.0.1:{wire.port}/#t={served.tokens[0]}")
+        page.wait_for_selector("#unwelcomed")
+        assert page.evaluate("performance.now()") < 10_000
+        text = page.inner_text("#unwelcomed")
+        assert text.startswith(begins)
+        assert "N-1006-H" in text
+        assert page.evaluate("document.documentElement.dir") == direction
+        page.wait_for_timeout(100)
+        assert read_count(served.port, "unwelcomed_pages_total") == 1
+        if PICTURES:
+            page.screenshot(path=f"{PICTURES}/unwelcomed-{locale}.png")
+        wire.upgrades = "passed"
+        somebody.until("s.welcomed")
+        page.wait_for_selector("#unwelcomed", state="detached")
+        assert somebody.errors == []

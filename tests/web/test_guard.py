@@ -5,6 +5,7 @@ import string
 import pytest
 
 from minihuman.experiment.protocol.specs import CompletionCodesSpec, WebSpec
+from minihuman.experiment.protocol.web_spec import check_web
 from minihuman.experiment.words import LANGUAGES
 from minihuman.web.eligibility import (
     BrowserProperties,
@@ -15,7 +16,7 @@ from minihuman.web.eligibility import (
     get_page_texts,
     load_page_texts,
 )
-from minihuman.web.http_security import HEADERS, is_same_origin
+from minihuman.web.http_security import HEADERS, build_headers, is_same_origin
 from minihuman.web.traffic_limits import MESSAGE_BURST, MESSAGES_PER_S, RateLimit
 
 
@@ -61,6 +62,24 @@ def test_the_page_may_load_from_nowhere_else():
     assert headers["cross-origin-opener-policy"] == "same-origin"
     assert headers["cross-origin-embedder-policy"] == "require-corp"
     assert headers["cache-control"] == "no-store"
+
+
+def test_no_other_page_shows_the_study_in_a_frame_but_those_of_the_listed_hosts():
+    assert "frame-ancestors 'none'" in build_headers()["content-security-policy"]
+    assert build_headers()["x-frame-options"] == "DENY"
+    embedded = build_headers(["survey.example.org", "*.uni.example:8080"])
+    assert embedded["content-security-policy"].endswith("frame-ancestors survey.example.org *.uni.example:8080")
+    assert "x-frame-options" not in embedded
+    assert embedded["cross-origin-embedder-policy"] == "require-corp"
+
+
+@pytest.mark.parametrize(
+    "host", ["https://a.example", "a.example/x", "*", "'self'", "A.example", "a.example; script-src *"]
+)
+def test_what_is_no_host_is_refused_in_embed_in(host):
+    [(field, problem)] = check_web(WebSpec(embed_in=("survey.example.org", host)))
+    assert field == "$.web.embed_in[1]"
+    assert repr(host) in problem
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -10,7 +11,15 @@ import pytest
 from minihuman.display.drawing.play_screens import locate_picture
 from minihuman.display.drawing.screen import find_spot
 from minihuman.display.windows.blocking_window import TITLE
-from minihuman.experiment.machine.inputs import Input, KeyDown, PointerMoved, PointerPressed, PointerReleased, TextInput
+from minihuman.experiment.machine.inputs import (
+    Input,
+    KeyDown,
+    PointerMoved,
+    PointerPressed,
+    PointerReleased,
+    TextEdited,
+    TextInput,
+)
 from minihuman.experiment.machine.screens import (
     CanvasShape,
     OptionList,
@@ -173,3 +182,31 @@ def test_a_click_in_the_worlds_picture_says_where_in_it(desk: tuple[HostedWindow
         clicks = [one for one in hear(window) if isinstance(one, PointerPressed)]
         assert [one.target for one in clicks] == ["picture"] * takes_clicks
     assert (clicks[0].x, clicks[0].y) == pytest.approx((0.25, 0.75), abs=0.01)
+
+
+@pytest.mark.parametrize("is_long", [True, False])
+def test_a_text_is_edited_by_keys_and_mouse_and_arrives_whole(desk: tuple[HostedWindow, Typist], is_long: bool) -> None:
+    window, typist = desk
+    window.show(PLAIN)
+    window.show(replace(ENTRY, item=replace(ENTRY.item, long=is_long, native=True, name="what")))
+    hear(window)
+    typist.tap("a", "7", "a")
+    typist.press("Shift_L")
+    typist.tap("Left", "Left")
+    typist.release("Shift_L")
+    typist.tap("b")  # over what was selected
+    typist.press("Control_L")
+    typist.tap("a", "c")
+    typist.release("Control_L")
+    typist.tap("End")
+    typist.press("Control_L")
+    typist.tap("v", "z")
+    typist.release("Control_L")
+    typist.tap("Return" if is_long else "c")
+    heard = hear(window, quiet_ms=900)
+    [edited] = [one for one in heard if isinstance(one, TextEdited)]
+    assert edited.text == ("ab\n" if is_long else "abc")
+    assert set(edited.changes) == {"typed", "pasted", "undone"}
+    assert not [one for one in heard if isinstance(one, KeyDown | TextInput)]
+    typist.tap("Tab")
+    assert [one.key for one in hear(window) if isinstance(one, KeyDown)] == ["tab"]

@@ -208,7 +208,7 @@ def test_a_study_that_began_before_keeps_its_rule_unless_its_block_states_one() 
 
 def test_only_a_segment_whose_ends_an_older_reader_would_misread_has_the_new_schema() -> None:
     def schema(protocol: Protocol) -> int:
-        return find_schema_version(expand_protocol(protocol, enrol_participant(protocol, 0)))
+        return find_schema_version(expand_protocol(protocol, enrol_participant(protocol, 0)), {})
 
     grid: dict[str, Any] = {"actions": '["left"]'}
     assert schema(study("minihuman/MiniGrid-Empty-5x5-v0", **grid)) == 2

@@ -4,6 +4,7 @@ from typing import Any
 
 import msgspec
 
+from minihuman.activities.questions.free_text.draft import TEXT_RULES
 from minihuman.activities.questions.number.draft import NUMBER_RULES
 from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.activities.questions.question import (
@@ -15,8 +16,16 @@ from minihuman.activities.questions.question import (
 )
 from minihuman.activities.questions.screens import build_question_screen, build_wrong_answer_screen
 from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding
-from minihuman.experiment.machine.events import AnswerChanged, Answered, Noted
-from minihuman.experiment.machine.inputs import Input, KeyDown, PointerMoved, PointerPressed, ScreenShown, TextInput
+from minihuman.experiment.machine.events import AnswerChanged, Answered, Noted, TextChanged
+from minihuman.experiment.machine.inputs import (
+    Input,
+    KeyDown,
+    PointerMoved,
+    PointerPressed,
+    ScreenShown,
+    TextEdited,
+    TextInput,
+)
 from minihuman.experiment.machine.screens import QuestionScreen, TextScreen
 from minihuman.experiment.machine.transitions import Phase
 
@@ -39,7 +48,13 @@ class QuestionsActivity(Activity):
         words = self.context.words
         today = self.context.facts.get("number_rules", "1") == NUMBER_RULES
         language = words.language if today else None
-        self._drafts = [build_draft(question, rtl=words.rtl, language=language) for question in self._plan.items]
+        limit_note = ""
+        if self.context.facts.get("text_rules", "1") == TEXT_RULES:
+            limit_note = words["note.too_long"]
+        self._drafts = [
+            build_draft(question, rtl=words.rtl, language=language, limit_note=limit_note)
+            for question in self._plan.items
+        ]
         self._right: list[bool | None] = [None] * len(self._drafts)
         self._open(0)
 
@@ -63,6 +78,8 @@ class QuestionsActivity(Activity):
                 before = self._answer
                 self.draft.type_text(happened.text)
                 self._changed_from(before)
+            case TextEdited() if not self._wrong:
+                self._edit_text(happened)
             case PointerPressed(target="go_on"):
                 self._give()
             case PointerPressed(target="back"):
@@ -71,6 +88,21 @@ class QuestionsActivity(Activity):
                 before = self._answer
                 self.draft.point_at(happened.target, happened.along, down=isinstance(happened, PointerPressed))
                 self._changed_from(before)
+
+    def _edit_text(self, edited: TextEdited) -> None:
+        """Take the whole text of a native field, log it as it is, and say at once if it is too long."""
+        before = self._answer
+        name = self.draft.question.name
+        if edited.field not in ("", name) or not self.draft.put_text(edited.text):
+            return
+        now_ns = self.context.now_ns
+        began_ns = min(edited.began_ns or now_ns, now_ns)
+        waited_ns = now_ns - began_ns
+        self.context.emit(TextChanged(now_ns, self.number, name, edited.text, edited.changes, edited.keys, waited_ns))
+        self._first_ns = self._first_ns or began_ns
+        self._changed_from(before)
+        if (error := self.draft.error) is not None and error[0] == "note.too_long":
+            self._note = self.context.words.fill(error[0], **error[1])
 
     def _key(self, press: KeyDown) -> None:
         before = self._answer

@@ -29,4 +29,11 @@ ANSWER_CHANGES = (
     TableColumn("item", "text", "", "The question's name."),
     TableColumn("t_ns", "integer", "ns", "When, session time."),
     TableColumn("answer", "text", "", "What it was changed to, as JSON."),
+    TableColumn(
+        "how",
+        "text",
+        "",
+        "How a text in a field was changed: typed, pasted, dropped, composed, replaced, undone or script.",
+    ),
+    TableColumn("keys", "integer", "", "Keys pressed in the field for it; empty for other answers."),
 )

@@ -4,7 +4,8 @@ from typing import Literal
 
 import msgspec
 
-from minihuman.activities.questions.question import QuestionItemSpec
+from minihuman.activities.questions.question import QuestionItemSpec, find_question_kind
+from minihuman.errors import ProtocolError
 
 
 class QuestionsPlan(msgspec.Struct, frozen=True):
@@ -16,3 +17,15 @@ class QuestionsPlan(msgspec.Struct, frozen=True):
     wrong: str = ""  # shown after wrong answers while tries are left; "" says it in the interface's words
     back_to: int | None = None  # the part to which wrong answers lead; None asks again at once
     failed: Literal["go_on", "end"] = "go_on"  # after the last try
+
+    @property
+    def has_text_fields(self) -> bool:
+        """Whether a question of an installed kind is answered in a field."""
+        return any(_takes_text(question.kind) for question in self.items)
+
+
+def _takes_text(name: str) -> bool:
+    try:
+        return find_question_kind(name).takes_text
+    except ProtocolError:  # of a plug-in that is not installed here
+        return False

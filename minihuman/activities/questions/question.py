@@ -93,6 +93,8 @@ class AnswerDraft(abc.ABC):
         self.settings = settings
         self.rtl = rtl
         self.language = language
+        self.has_native_field = False  # the window edits the text, and sends it whole; `build_draft` sets it
+        self.limit_note = ""  # for a native field
 
     @abc.abstractmethod
     def key(self, press: KeyDown) -> bool:
@@ -100,6 +102,10 @@ class AnswerDraft(abc.ABC):
 
     def type_text(self, text: str) -> None:  # noqa: B027 - most kinds take no text
         """Handle typed text."""
+
+    def put_text(self, text: str) -> bool:
+        """Replace the text in a native field; return False if the draft has no such field."""
+        return False
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:  # noqa: B027 - a text field needs no click
         """Handle the pointer on a target: a press (``down``), or a move after one."""
@@ -195,10 +201,23 @@ def find_question_kind(name: str) -> QuestionKind:
     return kind
 
 
-def build_draft(question: QuestionItemSpec, *, rtl: bool, language: str | None = None) -> AnswerDraft:
-    """Build an empty answer to a question; ``language`` is defined as in `AnswerDraft`."""
+def build_draft(
+    question: QuestionItemSpec, *, rtl: bool, language: str | None = None, limit_note: str = ""
+) -> AnswerDraft:
+    """Build an empty answer to a question.
+
+    Args:
+        question: the question.
+        rtl: whether text runs from right to left.
+        language: the language in which numbers are written, as in `AnswerDraft`.
+        limit_note: what a native field says about a text that is too long, with ``{longest}``; "" if the session edits
+            texts by keys, as it did under the first text rules.
+    """
     kind = find_question_kind(question.kind)
-    return kind.draft(question, _read_settings(kind, question), rtl=rtl, language=language)
+    draft = kind.draft(question, _read_settings(kind, question), rtl=rtl, language=language)
+    draft.has_native_field = kind.takes_text and bool(limit_note)
+    draft.limit_note = limit_note
+    return draft
 
 
 def _read_settings(kind: QuestionKind, question: QuestionItemSpec) -> Any:

@@ -4,7 +4,7 @@ import json
 
 from minihuman.activities.questions.columns import ANSWER_CHANGES, ANSWERS
 from minihuman.dataset.activity_tables import ActivityTable, TableRow
-from minihuman.experiment.machine.events import AnswerChanged, Answered
+from minihuman.experiment.machine.events import AnswerChanged, Answered, TextChanged
 from minihuman.log import topics
 from minihuman.log.model.session_log import SessionLog
 
@@ -47,10 +47,21 @@ def _format_answer(answer: object) -> str:
 
 
 def _build_change_row(event: AnswerChanged, log: SessionLog) -> TableRow:
-    return {"part": event.part + 1, "item": event.item, "answer": event.value}
+    return {"part": event.part + 1, "item": event.item, "answer": event.value, "how": "", "keys": None}
+
+
+def _build_text_row(event: TextChanged, log: SessionLog) -> TableRow:
+    answer = json.dumps(event.text, ensure_ascii=False)
+    how = " ".join(event.changes)
+    return {"part": event.part + 1, "item": event.item, "answer": answer, "how": how, "keys": event.keys}
 
 
 QUESTION_TABLES = (
     ActivityTable("answers", ANSWERS, {Answered: _build_answer_row}, topics=(topics.ANSWER,)),
-    ActivityTable("answer_changes", ANSWER_CHANGES, {AnswerChanged: _build_change_row}, topics=(topics.ANSWER_CHANGE,)),
+    ActivityTable(
+        "answer_changes",
+        ANSWER_CHANGES,
+        {AnswerChanged: _build_change_row, TextChanged: _build_text_row},
+        topics=(topics.ANSWER_CHANGE, topics.ANSWER_TEXT),
+    ),
 )

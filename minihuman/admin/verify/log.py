@@ -142,7 +142,7 @@ def _compare_metadata(segment: LogSegment, index: int) -> Iterator[str]:
     if started is None:
         yield "its plan is missing"
         return
-    expected = build_segment_metadata(started.plan, int(segment.facts["started_unix_ns"]))
+    expected = build_segment_metadata(started, int(segment.facts["started_unix_ns"]))
     names = {*expected, *segment.facts} - {"minihuman", "schema_version"}  # of the software that wrote it
     for name in sorted(names):
         logged_fact = segment.facts.get(name)

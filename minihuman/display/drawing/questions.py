@@ -4,6 +4,7 @@ from PIL import ImageColor
 
 from minihuman.display.drawing import sheet as theme
 from minihuman.display.drawing.sheet import LINE_HEIGHT, MIN_TYPE_SIZE, Sheet, Size, Spot
+from minihuman.display.drawing.text_fields import draw_field
 from minihuman.display.text import style_lines
 from minihuman.experiment.machine.screens import (
     OptionList,
@@ -364,10 +365,15 @@ def _choose_ink(fill: str) -> theme.Colour:
     return (255, 255, 255)
 
 
+def field_type_px(sheet: Sheet) -> int:
+    """Return the size of type in a field."""
+    return round(sheet.high * _TYPE)
+
+
 def _draw_text_field(sheet: Sheet, item: TextField, box: tuple[float, float, float, float]) -> None:
-    """Draw a text field with its text and caret; of a long text, the last lines are visible."""
+    """Draw a text field with its text, caret and unit."""
     left, top, right, bottom = box
-    type_px = round(sheet.high * _TYPE)
+    type_px = field_type_px(sheet)
     pad = type_px * 0.6
     if item.long:
         tall = bottom - top
@@ -376,31 +382,6 @@ def _draw_text_field(sheet: Sheet, item: TextField, box: tuple[float, float, flo
         top += sheet.high * 0.06
     if item.unit:
         right = right - sheet.width_px(item.unit, type_px) - pad * 2
-    field = (left, top, right, top + tall)
-    sheet.draw.rounded_rectangle(
-        field, radius=type_px * 0.3, fill=theme.SURFACE, outline=theme.MUTED_INK, width=max(2, round(sheet.high / 360))
-    )
-    sheet.spots.append(Spot("field", *field))
-    before = item.text[: item.caret]
-    wide = right - left - 2 * pad
-    lines = _break_entry(sheet, item.text, type_px, wide)
-    room = max(1, int((tall - pad) / (type_px * LINE_HEIGHT)))
-    visible_lines = lines[-room:]
-    sheet.column(visible_lines, left + pad, right - pad, top + (tall - room * type_px * LINE_HEIGHT) / 2, type_px)
-    caret_lines = _break_entry(sheet, before, type_px, wide)
-    row = min(len(visible_lines) - 1, max(0, len(caret_lines) - 1 - (len(lines) - len(visible_lines))))
-    caret_line = caret_lines[-1]
-    if before.endswith(" "):
-        caret_line += " "
-    x = sheet.from_start(left + pad, right - pad, sheet.width_px(caret_line, type_px))
-    y = top + (tall - room * type_px * LINE_HEIGHT) / 2 + (row + 0.5) * type_px * LINE_HEIGHT
-    sheet.draw.line([(x, y - type_px * 0.55), (x, y + type_px * 0.55)], fill=theme.ACCENT, width=max(2, type_px // 12))
+    draw_field(sheet, item, (left, top, right, top + tall), type_px)
     if item.unit:
         sheet.put((right + pad, top + tall / 2), item.unit, type_px, theme.INK)
-
-
-def _break_entry(sheet: Sheet, text: str, type_px: int, wide: float) -> list[str]:
-    """Break the text of a field into lines; an empty text has one empty line."""
-    if not text:
-        return [""]
-    return sheet.wrap(text, type_px, wide)

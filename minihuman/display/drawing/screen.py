@@ -22,8 +22,9 @@ from minihuman.display.drawing.play_screens import (
     paint_picture,
     picture_size_px,
 )
-from minihuman.display.drawing.questions import draw_question
+from minihuman.display.drawing.questions import draw_question, field_type_px
 from minihuman.display.drawing.sheet import Sheet, Size
+from minihuman.display.drawing.text_fields import lay_out_field
 from minihuman.display.drawing.text_screens import draw_page, draw_text
 from minihuman.experiment.machine.screens import (
     ActivityScreen,
@@ -32,6 +33,7 @@ from minihuman.experiment.machine.screens import (
     PlayScreen,
     QuestionScreen,
     Screen,
+    TextField,
     TextScreen,
 )
 
@@ -40,6 +42,7 @@ __all__ = [
     "Size",
     "compose_screen",
     "find_spot",
+    "locate_in_field",
     "locate_in_picture",
     "measure_along_spot",
     "picture_size_px",
@@ -106,6 +109,15 @@ def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, f
             if spot.holds(x_px, y_px):
                 return spot.name, spot.along(x_px)
     return "", 0.0
+
+
+def locate_in_field(screen: QuestionScreen, size_px: Size, x: float, y: float) -> int:
+    """Return the position in the text of a question's field that is nearest to a point, in shares of the screen."""
+    page = _sheet(screen, size_px)
+    field = next(spot for spot in page.spots if spot.name == "field")
+    assert isinstance(screen.item, TextField)
+    layout = lay_out_field(page, screen.item, (field.left, field.top, field.right, field.bottom), field_type_px(page))
+    return layout.locate(page, screen.item.text, x * size_px[0], y * size_px[1])
 
 
 def locate_in_picture(screen: PlayScreen, size_px: Size, x: float, y: float) -> tuple[float, float] | None:

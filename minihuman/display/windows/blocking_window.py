@@ -6,6 +6,7 @@ on every toolkit and desktop), and the picture of a screen. Laboratories can reg
 """
 
 import abc
+import unicodedata
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -25,6 +26,7 @@ from minihuman.display.drawing.screen import (
     repaint_screen,
 )
 from minihuman.display.drawing.sheet import Size
+from minihuman.display.windows.desk_field import Clipboard, DeskField, OwnClipboard
 from minihuman.display.windows.window import Clock, Window
 from minihuman.errors import WindowError
 from minihuman.experiment.machine.inputs import (
@@ -146,6 +148,7 @@ class BlockingWindow(Window):
         self._flip_times_ns: deque[int] = deque(maxlen=_FLIPS)  # how long the latest flips of a kind's screens took
         self._awaits_flip = False  # of a frame that is drawn and not due yet
         self._early_inputs: list[Input] = []  # that arrived meanwhile
+        self._field = DeskField(self._open_clipboard())
 
     @property
     @abc.abstractmethod
@@ -174,6 +177,10 @@ class BlockingWindow(Window):
     def post_key(self, key: str) -> None:
         """Put a press and a release of a key into the toolkit's queue, to measure delays; any thread can call this."""
 
+    def _open_clipboard(self) -> Clipboard:
+        """Return the system's clipboard, or one of the window's own if the toolkit does not reach the system's."""
+        return OwnClipboard()
+
     @property
     def picture_px(self) -> Size:
         """The size of the largest world's picture that fits the window."""
@@ -198,7 +205,7 @@ class BlockingWindow(Window):
         self._moves_from_ns = self._clock()
         if self._moving is not None:
             return self._put(self._on_its_way(self._moving), await_log)
-        return self._put(screen, await_log)
+        return self._put(self._field.open(screen), await_log)
 
     def _on_its_way(self, moving: PlayScreen) -> PlayScreen:
         """Return a moving screen as it will look one frame from now; after the motion, the screen itself."""
@@ -277,22 +284,37 @@ class BlockingWindow(Window):
             self._early_inputs = []
             return arrived
         while True:
-            due_ns = min((t for t in (until_ns, self._repeater.next_repeat_ns) if t is not None), default=None)
+            if self._field.has_waiting and (waiting := self._edit_field(())):
+                return waiting
+            due_times = (until_ns, self._repeater.next_repeat_ns, self._field.due_ns)
+            due_ns = min((t for t in due_times if t is not None), default=None)
             timeout_ns = None
             if due_ns is not None:
                 timeout_ns = max(0, due_ns - self._clock())
             if self._moving is not None:
                 timeout_ns = _FRAME_NS // 2
-            arrived = self._arrived(timeout_ns)
+            arrived = self._edit_field(self._arrived(timeout_ns))
             if arrived:
                 return arrived
             if self._moving is not None:
                 self._put(self._on_its_way(self._moving), lambda: None)
             now_ns = self._clock()
-            if repeats := self._repeater.repeats(now_ns):
-                return list(repeats)
+            if repeats := self._edit_field(self._repeater.repeats(now_ns)):
+                return repeats
+            if self._field.due_ns is not None and now_ns >= self._field.due_ns:
+                return self._field.settle(now_ns)
             if until_ns is not None and now_ns >= until_ns:
                 return []
+
+    def _edit_field(self, arrived: Sequence[Input]) -> list[Input]:
+        """Let the field on the screen edit by inputs, and show it; return those that are the session's."""
+        remaining = self._field.take(arrived, self.size_px)
+        if not self._field.is_active:
+            return remaining
+        view = self._field.show_current()
+        if view != self._screen:
+            self._put(view, lambda: None)
+        return remaining
 
     def _key(self, down: bool, key: str, symbol: str, t_ns: int, cause: PressCause = "finger") -> list[Input]:
         """Convert a key event to inputs, at least a nanosecond later than the previous key event."""
@@ -312,8 +334,14 @@ class BlockingWindow(Window):
         return ()
 
     def _typed(self, text: str) -> list[Input]:
-        """Convert typed text to inputs; control characters are left out, since they arrive as keys."""
-        printable = "".join(letter for letter in text if letter.isprintable())
+        """Convert typed text to inputs; control characters are left out, since they arrive as keys.
+
+        A field that the window edits keeps joiners and no-break spaces, which are text, too.
+        """
+        if self._field.is_active:
+            printable = "".join(letter for letter in text if unicodedata.category(letter) != "Cc")
+        else:
+            printable = "".join(letter for letter in text if letter.isprintable())
         if printable and self._accepts[0]:
             return [TextInput(self._clock(), printable)]
         return []

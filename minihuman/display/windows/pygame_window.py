@@ -1,5 +1,6 @@
 """The window in pygame-ce (SDL 2), which identifies keys by position (scancode), independently of the layout."""
 
+import contextlib
 import os
 import sys
 import time
@@ -16,6 +17,7 @@ from pygame._sdl2 import controller
 from minihuman.display.drawing.play_screens import Box
 from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.blocking_window import DEFAULT_SIZE_PX, TITLE, BlockingWindow
+from minihuman.display.windows.desk_field import Clipboard
 from minihuman.display.windows.keyboard import key_from_scancode, key_to_scancode
 from minihuman.display.windows.window import Clock
 from minihuman.display.windows.x11_input import (
@@ -141,6 +143,7 @@ _MODIFIER_KEYS = frozenset(
     }
 )
 _POINTER = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEMOTION, pygame.MOUSEBUTTONUP)
+_TEXT = (pygame.TEXTINPUT, pygame.TEXTEDITING)
 _EVENTS = (
     *_KEYS,
     pygame.WINDOWFOCUSGAINED,
@@ -148,6 +151,22 @@ _EVENTS = (
     pygame.QUIT,
     *_TO_REPAINT,
 )
+
+
+class _SystemClipboard(Clipboard):
+    """The system's clipboard, as SDL reaches it."""
+
+    def read(self) -> str:
+        """Return its text; "" if it has none."""
+        try:
+            return pygame.scrap.get_text()
+        except pygame.error:
+            return ""
+
+    def write(self, text: str) -> None:
+        """Replace its text."""
+        with contextlib.suppress(pygame.error):  # the text stays selected
+            pygame.scrap.put_text(text)
 
 
 class PygameWindow(BlockingWindow):
@@ -196,6 +215,9 @@ class PygameWindow(BlockingWindow):
         pygame.key.stop_text_input()  # an input method would swallow keys
         pygame.event.set_blocked(None)
         pygame.event.set_allowed(_EVENTS)
+
+    def _open_clipboard(self) -> Clipboard:
+        return _SystemClipboard()
 
     @staticmethod
     def _open(size_px: Size, *, fullscreen: bool) -> None:
@@ -290,6 +312,8 @@ class PygameWindow(BlockingWindow):
                 return self._lose_focus(now_ns)
             case pygame.TEXTINPUT:
                 return self._typed(event.text)
+            case pygame.TEXTEDITING:
+                self._field.show_composition(event.text)
             case kind if kind in _POINTER:
                 return self._read_mouse(event, move, t_ns)
             case pygame.QUIT:
@@ -381,10 +405,10 @@ class PygameWindow(BlockingWindow):
     def _want(self, *, text: bool, pointer: bool) -> None:
         if text:
             pygame.key.start_text_input()
-            pygame.event.set_allowed(pygame.TEXTINPUT)
+            pygame.event.set_allowed(_TEXT)
         else:
             pygame.key.stop_text_input()  # an input method swallows keys
-            pygame.event.set_blocked(pygame.TEXTINPUT)
+            pygame.event.set_blocked(_TEXT)
         pygame.mouse.set_visible(pointer)
         if pointer:
             pygame.event.set_allowed(_POINTER)

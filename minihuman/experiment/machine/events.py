@@ -288,6 +288,18 @@ class TextTyped(TimedEvent):
 
 
 @dataclass(frozen=True, slots=True)
+class TextChanged(TimedEvent):
+    """The participant changed the text in a field: the whole text, code point for code point, once it settled."""
+
+    part: int
+    item: str  # the item's name
+    text: str
+    changes: tuple[str, ...] = ()  # how, as `TextChange` of the inputs has it
+    keys: int = 0  # pressed in the field for it; which ones is not recorded
+    waited_ns: int = 0  # the changes began so long before t_ns
+
+
+@dataclass(frozen=True, slots=True)
 class PointerUsed(TimedEvent):
     """A pointer went down, moved while down, or came up at ``t_ns - waited_ns``; x and y are 0 to 1 of the picture."""
 
@@ -465,6 +477,7 @@ Event = (
     | PartEnded
     | PageShown
     | TextTyped
+    | TextChanged
     | PointerUsed
     | AxisMoved
     | AnswerChanged

@@ -49,6 +49,29 @@ class TextInput(TimedInput):
     text: str
 
 
+MAX_FIELD_CHARACTERS = 4000  # of a text in a field, which a page sends in one message
+TextChange = Literal[
+    "typed",  # by the keyboard: inserted or deleted
+    "pasted",
+    "dropped",  # dragged into the field
+    "composed",  # by an input method
+    "replaced",  # by the browser's or the system's spelling correction
+    "undone",  # or done again
+    "script",  # by a program: a spelling extension, a dictation tool
+]
+
+
+@dataclass(frozen=True, slots=True)
+class TextEdited(TimedInput):
+    """The text in a field settled: its whole text after changes that began at ``began_ns``."""
+
+    text: str
+    changes: tuple[TextChange, ...] = ()  # how it was changed, each way once, in the order of `TextChange`
+    keys: int = 0  # pressed in the field since the last input of this type
+    began_ns: int = 0  # 0: at ``t_ns``
+    field: str = ""  # the field's name; the session may be elsewhere by now. "": whatever it shows
+
+
 @dataclass(frozen=True, slots=True)
 class PointerInput(TimedInput):
     """A mouse or finger at (x, y), each 0 to 1 of the drawn picture from its top left corner.
@@ -150,6 +173,7 @@ Input = (
     KeyDown
     | KeyUp
     | TextInput
+    | TextEdited
     | PointerInput
     | AxisChanged
     | Tick

@@ -165,12 +165,20 @@ class Slider:
 
 @dataclass(frozen=True, slots=True)
 class TextField:
-    """A field to type in; the target is "field"."""
+    """A field to type in; the target is "field".
+
+    A window has a field of its own for a native one: it alone knows caret and selection, and reports whole texts. For
+    any other, the session edits the text by keys, as sessions did that began under the first text rules.
+    """
 
     text: str
     caret: int  # characters before it
     long: bool
     unit: str = ""
+    native: bool = False
+    name: str = ""  # the item's name; "" where nothing tells two fields apart
+    longest: int = 0  # characters; 0: no limit
+    limit_note: str = ""  # what is said about a text that is longer
 
 
 @dataclass(frozen=True, slots=True)

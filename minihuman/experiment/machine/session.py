@@ -40,6 +40,7 @@ from minihuman.experiment.machine.inputs import (
     PointerReleased,
     ScreenShown,
     Stop,
+    TextEdited,
     TextInput,
     Tick,
 )
@@ -73,7 +74,7 @@ _OTHER_POINTER_CAUSES: dict[type[PointerInput], Literal["held_before_focus", "ca
     PointerPressed: "held_before_focus",
     PointerReleased: "cancelled",
 }
-_TIMELESS = (Stop, ScreenShown, TextInput, PointerInput)  # what is due by now is not done before these
+_TIMELESS = (Stop, ScreenShown, TextInput, TextEdited, PointerInput)  # what is due by now is not done before these
 
 
 class SessionMachine:
@@ -259,7 +260,7 @@ class SessionMachine:
                 self._context.emit(AxisMoved(self.now_ns, happened.axis, happened.value, self.now_ns - happened.t_ns))
             case ExperimenterCommand():
                 self._obey(happened)
-            case ScreenShown() | ActivityInput():
+            case ScreenShown() | TextEdited() | ActivityInput():
                 self._to_part(happened)
 
     def _stop(self, stop: Stop) -> None:

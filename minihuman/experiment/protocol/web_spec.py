@@ -12,6 +12,11 @@ Browser = Literal["chrome", "edge", "firefox", "safari"]
 RecruitmentPlatform = Literal["prolific", "sona", "mturk"]
 ImageEncoding = Literal["auto", "lossless", "jpeg"]
 
+# A host name of two labels or more, "*." before it for those below it, a port behind it; or this machine's own.
+_EMBEDDING_HOST = re.compile(
+    r"((\*\.)?([a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?\.)+[a-z][a-z0-9-]{1,62}|localhost)(:\d{1,5})?"
+)
+MAX_EMBEDDING_HOSTS = 20
 _CODE = re.compile(r"[A-Za-z0-9_-]{0,64}")
 CODE_RULE = "use letters, digits, '-' and '_', at most 64"
 
@@ -51,6 +56,7 @@ class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     max_concurrent_sessions: int = 200  # seats
     max_unconsented_per_address: int = 20  # of people without a link who played nothing; raise it for a lab
     require_signed_arrival: bool = False  # who comes from a platform needs a signature; see web/arrival_signature.py
+    embed_in: tuple[str, ...] = ()  # hosts whose pages may show the study in a frame; (): none may
     completion_codes: CompletionCodesSpec = CompletionCodesSpec()
     redirect: str = ""  # where the page leads at the end; {code} and {id}, the platform's id, are filled in
 
@@ -69,11 +75,23 @@ def check_web(web: WebSpec) -> Iterator[FieldError]:
         if not all(least <= side <= most for side in size_px):
             yield f"$.web.{field}", f"is {list(size_px)}; use {least} to {most} px a side"
     yield from check_bounds("$.web", web, _BOUNDS)
+    yield from _check_embedding_hosts(web.embed_in)
     yield from _check_completion_codes(web.completion_codes)
     if web.redirect and not web.redirect.startswith("https://"):
         yield "$.web.redirect", f"is {web.redirect!r}; it starts with https://"
     if set(re.findall(r"\{([^}]*)\}", web.redirect)) - {"code", "id"}:
         yield "$.web.redirect", "has a bad placeholder; use {code} and {id}"
+
+
+def _check_embedding_hosts(hosts: tuple[str, ...]) -> Iterator[FieldError]:
+    if len(hosts) > MAX_EMBEDDING_HOSTS:
+        yield "$.web.embed_in", f"has {len(hosts)} hosts; list at most {MAX_EMBEDDING_HOSTS}"
+    for number, host in enumerate(hosts):
+        if not _EMBEDDING_HOST.fullmatch(host):
+            yield (
+                f"$.web.embed_in[{number}]",
+                f'is {host!r}; write a host in lower case, without https:// or a path, such as "survey.example.org"',
+            )
 
 
 def _check_completion_codes(codes: CompletionCodesSpec) -> Iterator[FieldError]:

@@ -17,7 +17,7 @@ from minihuman.plugins import QUESTION_GROUP, list_plugin_names, read_plugin_fil
 ENGLISH = "en"
 LANGUAGES = ("en", "de", "fr", "es", "zh", "ja", "ar", "he")
 # studies in a language of their own were written before these: English stands in, and `check` names them
-LATER_WORDS = ("outcome.ended", "over.kept_in_part")
+LATER_WORDS = ("outcome.ended", "over.kept_in_part", "note.too_long")
 
 
 @cache

@@ -49,6 +49,7 @@ from minihuman.experiment.machine.events import (
     Resumed,
     Sampled,
     Scored,
+    TextChanged,
     TextTyped,
 )
 from minihuman.experiment.machine.transitions import Phase
@@ -74,6 +75,7 @@ PartEvent = (
     | AnswerChanged
     | Answered
     | TextTyped
+    | TextChanged
     | PointerUsed
     | AxisMoved
     | ActivityEvent

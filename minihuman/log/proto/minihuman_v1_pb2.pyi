@@ -513,6 +513,24 @@ class TextTyped(_message.Message):
     text: str
     def __init__(self, t_ns: _Optional[int] = ..., text: _Optional[str] = ...) -> None: ...
 
+class TextChanged(_message.Message):
+    __slots__ = ("t_ns", "part", "item", "text", "changes", "keys", "waited_ns")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
+    ITEM_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    CHANGES_FIELD_NUMBER: _ClassVar[int]
+    KEYS_FIELD_NUMBER: _ClassVar[int]
+    WAITED_NS_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    part: int
+    item: str
+    text: str
+    changes: _containers.RepeatedScalarFieldContainer[str]
+    keys: int
+    waited_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., item: _Optional[str] = ..., text: _Optional[str] = ..., changes: _Optional[_Iterable[str]] = ..., keys: _Optional[int] = ..., waited_ns: _Optional[int] = ...) -> None: ...
+
 class PointerUsed(_message.Message):
     __slots__ = ("t_ns", "what", "x", "y", "target", "along", "waited_ns")
     T_NS_FIELD_NUMBER: _ClassVar[int]

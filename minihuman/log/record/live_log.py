@@ -155,7 +155,7 @@ class LiveLogEncoder:
         started_ns = self._started_ns
         writer.start(profile=PROFILE, library=LIBRARY_NAME)
         head = [
-            Metadata(SEGMENT_METADATA, build_segment_metadata(event.plan, started_ns)),
+            Metadata(SEGMENT_METADATA, build_segment_metadata(event, started_ns)),
             Metadata(FACTS_METADATA, event.facts),
         ]
         for record in head:
@@ -246,11 +246,12 @@ class _DrainedStream:
         return content
 
 
-def build_segment_metadata(plan: SessionPlan, started_ns: int) -> dict[str, str]:
+def build_segment_metadata(event: SessionStarted, started_ns: int) -> dict[str, str]:
     """Build a segment's metadata; ``started_ns`` is the wall clock at the segment's time 0."""
+    plan = event.plan
     started = datetime.fromtimestamp(started_ns // 1_000_000_000, UTC)
     return {
-        "schema_version": str(find_schema_version(plan)),
+        "schema_version": str(find_schema_version(plan, event.facts)),
         "session_rules": str(MACHINE_VERSION),
         "segment": str(plan.segment),
         "started_at": f"{started:%Y-%m-%dT%H:%M:%S}.{started_ns % 1_000_000_000:09d}Z",

@@ -111,7 +111,7 @@ def _read_leftover(part: Path, fd: int) -> LeftoverSegment:
     channel_numbers = {channel.topic: number for number, channel in scan.channels.items()}
     rare = tuple(topic.name for topic in RARE_TOPICS if topic.name in channel_numbers)
     own_numbers = LiveLogEncoder.resume(first.plan, started_ns=0, messages=0, steps=0, rare=rare).channels
-    is_own_version = start["schema_version"] == str(find_schema_version(first.plan))
+    is_own_version = start["schema_version"] == str(find_schema_version(first.plan, first.facts))
     if not is_own_version or own_numbers != channel_numbers:
         raise LogError(f"{part} was written by another version of minihuman; run: minihuman recover {part}")
     return LeftoverSegment(part, fd, int(start["started_unix_ns"]), tuple(events), messages, steps, scan.crc, rare)

@@ -112,7 +112,7 @@ class LiveSession:
                 self._take_episode_event(event)
             case events.Linked():
                 self.link = event
-            case events.PointerUsed() | events.TextTyped() | events.AxisMoved():
+            case events.PointerUsed() | events.TextTyped() | events.TextChanged() | events.AxisMoved():
                 self.acted_ns = event.t_ns
             case events.KeyPressed(down=True):
                 self._take_press(event)

@@ -17,6 +17,7 @@ export async function collectBrowserFacts() {
     browser_version: known ? known.version : version,
     platform: (userAgentData?.platform ?? "").replace(/[^A-Za-z ]/g, ""),
     isolated: self.crossOriginIsolated === true,
+    framed: self !== top,
     timer_step_ms: measureTimerStep(),
     refresh_hz,
     ...trip,

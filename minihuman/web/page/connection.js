@@ -24,7 +24,7 @@ import { IncomingStream } from "./stream.js";
  * @property {(why: string, refusal: Refusal | null) => void} leave
  */
 
-const VERSION = 7;
+const VERSION = 8;
 const MIN_RETRY_MS = 200;
 const MAX_RETRY_MS = 3000;
 const HTTP_AFTER_MS = 3000; // without a welcome
@@ -40,6 +40,7 @@ export class Connection {
   #isReachable = true; // over HTTP, when that was tried last: the page itself came so
   #life = ""; // the server's numbering
   #gaveUpMs = -Infinity; // a socket that stayed silent
+  #closeCode = 0; // of the last socket that was closed
   #retryMs = MIN_RETRY_MS;
   /** @type {Refusal | null} */ #refusal = null;
   #incoming = new IncomingStream((heard) => { if (this.welcomed) this.#send({ t: "heard", n: heard }); });
@@ -65,6 +66,11 @@ export class Connection {
       this.#socket.send([...this.latency.joinBatch(), ...texts].join("\n"));
     };
   }
+
+  get wasWelcomed() { return this.#life !== ""; }
+
+  /** What a person without a welcome tells the researchers: how sockets ended, 0 for not at all, and whether HTTP works. */
+  get failureCode() { return `N-${this.#closeCode}-${this.#isReachable ? "H" : "X"}`; }
 
   /** @param {object} message */
   #send(message) { this.#socket?.send(JSON.stringify(message)); }
@@ -146,6 +152,7 @@ export class Connection {
   /** @param {number} code @param {string} reason */
   #retry(code, reason) {
     this.welcomed = false;
+    this.#closeCode = code;
     if (code === 4001 && performance.now() - this.#gaveUpMs < LATE_MS) this.#gaveUpMs = -Infinity; // its hello came, late
     else if (code === 4001) this.#leave(this.words.elsewhere);
     else if (code === 4002) this.#reload(reason);

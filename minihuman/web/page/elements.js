@@ -33,7 +33,7 @@ export const prose = (attributes, text) => (text ? el("p", attributes, text.repl
   .map((piece, number) => (number % 2 ? el("em", { text: piece }) : piece))) : null);
 
 /** @param {string} cap @param {string} above */
-export const capOf = (cap, above, pressed = false) => el("span", { class: pressed ? "cap pressed" : "cap" },
+export const capOf = (cap, above, pressed = false) => el("span", { class: pressed ? "cap pressed" : "cap", translate: "no" },
   above ? el("small", { text: above }) : null, el("span", { text: cap }));
 
 /** @param {import("./messages").ButtonValues[]} buttons */

@@ -1,10 +1,13 @@
 // Keys, the pointer and the window's focus, stamped and handed on; what they mean is not decided here.
 
+import { isSessionKey } from "./field.js";
+
 const REPEAT_DELAY_MS = 500;
 const REPEAT_PERIOD_MS = 33;
 const LEFT_TO_BROWSER = new Set(["F5", "F11"]);
 const MODIFIERS = /^(Control|Alt|Meta|OS|Shift)(Left|Right)$|^(CapsLock|NumLock)$/;
 
+/** @import { NativeField } from "./field.js" */
 /** @typedef {"finger" | "held_before_focus" | "shortcut"} PressCause as minihuman/experiment/machine/inputs.py has it */
 
 /**
@@ -12,6 +15,7 @@ const MODIFIERS = /^(Control|Alt|Meta|OS|Shift)(Left|Right)$|^(CapsLock|NumLock)
  * @property {() => boolean} isActive
  * @property {() => boolean} isTyping whether letters go into a field
  * @property {() => boolean} isChatting whether that field is for words to a partner
+ * @property {() => NativeField | null} nativeField that keys go into and the browser edits
  * @property {() => boolean} isScrollable whether arrows up and down are the browser's
  * @property {() => number} now
  * @property {(ms: number) => number} timeOf
@@ -52,6 +56,12 @@ export class Keyboard {
     const key = this.#nameOf(event.code);
     if (!this.listener.isActive()) { this.#passedOver.add(key); return; }
     const isTyping = this.listener.isTyping();
+    const field = this.listener.nativeField();
+    if (field && this.#isFieldKey(event, key, field)) {
+      this.#passedOver.add(key);
+      if (event.isTrusted) field.countKey();
+      return;
+    }
     const isChord = (event.ctrlKey || event.metaKey || event.altKey) && !event.getModifierState("AltGraph");
     const isShortcut = isChord && !MODIFIERS.test(event.code);
     const composes = event.isComposing || (isTyping && event.keyCode === 229); // Safari: the Enter that ends it, too
@@ -66,6 +76,13 @@ export class Keyboard {
     if (event.repeat && (this.#down.has(key) || this.#passedOver.has(key))) return;
     const cause = event.repeat ? "held_before_focus" : isShortcut ? "shortcut" : "finger";
     this.press(key, event.key.length === 1 ? event.key : "", event.timeStamp, event.isTrusted, cause);
+  }
+
+  // The browser's alone, and not in the log: with them, what was typed and taken back would be.
+  /** @param {KeyboardEvent} event @param {string} key @param {NativeField} field */
+  #isFieldKey(event, key, { item }) {
+    const isChord = event.ctrlKey || event.metaKey || event.altKey;
+    return isChord || event.isComposing || event.keyCode === 229 || !isSessionKey(key, item.long);
   }
 
   /**

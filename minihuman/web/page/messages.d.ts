@@ -3,7 +3,7 @@
 
 export type BrowserFacts = Record<string, boolean | number | string>;
 export type Texts = Record<string, string>;
-export type PageMessage = KeyMessage | DisplayedMessage | TickMessage | TextMessage | PointerMessage | AxisMessage | GamepadMessage | FocusMessage | RoundTripMessage | CommandEcho | LateInputMessage;
+export type PageMessage = KeyMessage | DisplayedMessage | TickMessage | TextMessage | FieldMessage | PointerMessage | AxisMessage | GamepadMessage | FocusMessage | RoundTripMessage | CommandEcho | LateInputMessage | PageAlteration;
 export type FromPage = Hello | NumberedMessage | PageAck | Ping | Farewell;
 export type UnnumberedMessage = Welcome | Refusal | ServerAck | Pong;
 export type ServerMessage = ScreenMessage | FilmFrame | ArraysMessage | EpisodeRules | StateCorrection | AgentControl | EpisodeState | LookAheadUpdate | ScreenPrefetch | CommandMessage | SessionOver;
@@ -47,6 +47,16 @@ export interface TickMessage {
 export interface TextMessage {
   t: "typed";
   text: string;
+}
+
+/** The whole text of a field, after changes that began at ``began``. */
+export interface FieldMessage {
+  t: "field";
+  text: string;
+  name: string;
+  changes?: ("typed" | "pasted" | "dropped" | "composed" | "replaced" | "undone" | "script")[];
+  keys?: number;
+  began?: number;
 }
 
 /** A press, movement or release of the mouse or a finger, with the event's own time as ``stamp``. */
@@ -103,6 +113,13 @@ export interface CommandEcho {
 export interface LateInputMessage {
   t: "unheard";
   text: string;
+}
+
+/** The report that a browser, an extension or a setting changed what the page shows, or how it is used. */
+export interface PageAlteration {
+  t: "altered";
+  what: "translation" | "text" | "zoom" | "forced_colors" | "font_size" | "pointer";
+  detail?: string;
 }
 
 /** The page's first message on every socket. */
@@ -424,6 +441,10 @@ export interface TextField {
   caret: number;
   long: boolean;
   unit: string;
+  native: boolean;
+  name: string;
+  longest: number;
+  limit_note: string;
 }
 
 /** A page of a text, with its picture above it if it has one. */

@@ -1,6 +1,7 @@
 // The page: it stamps and numbers what a person does, shows what the server says, and goes ahead of it in an episode.
 // It decides nothing: the session is the server's, and what is shown here in advance is compared with it at each step.
 
+import { AppearanceWatch } from "./appearance.js";
 import { collectBrowserFacts } from "./browser.js";
 import { EpisodeComputer } from "./computed.js";
 import { Connection } from "./connection.js";
@@ -13,6 +14,7 @@ import { TextEntry } from "./questions.js";
 import { ScreenView } from "./screens.js";
 import { MessageStore, openTabStorage, Outbox, randomBytes, UNTIMED } from "./stream.js";
 import { TouchKeys } from "./touch.js";
+import { watchForWelcome } from "./unreachable.js";
 
 /** @import { PageMessage, ScreenMessage, ServerMessage } from "./messages" */
 /** @import { Link } from "./connection.js" */
@@ -21,6 +23,8 @@ import { TouchKeys } from "./touch.js";
 // For so long messages that can wait do. Where the page computes and no time is due, nobody waits for them: the server
 // takes several keys together for little more than one.
 const WAIT_MS = 100, COMPUTED_WAIT_MS = 2000;
+
+const SETTLING = new Set(["key", "pointer", "focus", "axis"]);
 
 class Page {
   #main = /** @type {HTMLElement} */ (document.getElementById("screen"));
@@ -34,7 +38,10 @@ class Page {
     this.#outbox, this.#images, this.#flips, () => this.#schedule(), () => this.#connection.taken,
     () => this.#connection.latency.least);
   /** @type {ScreenMessage | null} what the server wants seen */ #screen = null;
-  #entry = new TextEntry(() => this.#screen, (text) => this.#type(text), (m) => this.#view.show(m));
+  #entry = new TextEntry(
+    () => this.#screen, (text) => this.#type(text), (what, beganMs) => this.#sendField(what, beganMs),
+    (m) => this.#view.show(m));
+  #appearance = new AppearanceWatch(this.#main, (what) => this.#isListening && this.#send(what) > 0);
   #view = new ScreenView(
     this.#main,
     { images: this.#images, flips: this.#flips, films: this.#films, entry: this.#entry, episode: this.#player.view },
@@ -43,11 +50,13 @@ class Page {
       touchTexts: () => (this.#touch.isTouched ? this.#touch.texts : null),
       isPending: (through) => this.#outbox.hasAfter(through),
       entered: (m, lasts, flip) => this.#enter(m, lasts, flip),
+      drew: (kind, language) => this.#appearance.drew(kind, language),
     });
   #keyboard = new Keyboard(globalThis, {
     isActive: () => this.#isListening,
     isTyping: () => this.#entry.isActive,
     isChatting: () => this.#entry.isActive && this.#screen?.screen.kind === "play",
+    nativeField: () => this.#entry.native,
     isScrollable: () => /^(page|text)$/.test(this.#screen?.screen.kind ?? ""),
     now: () => this.#outbox.now(),
     timeOf: (ms) => this.#outbox.timeOf(ms),
@@ -72,6 +81,7 @@ class Page {
       this.#gamepad.want(m.gamepad);
       if (this.#screen) this.#touch.show(this.#screen.screen);
       document.title = m.words.title;
+      this.#view.hideNotice();
     },
     reset: () => {
       this.#player.clear();
@@ -82,6 +92,7 @@ class Page {
       if (this.#outbox.state.last === 0) this.#send({ t: "tick" });
       if (fresh && this.#connection.taken > 0) this.#focused = null;
       this.#lookAtFocus();
+      this.#appearance.catchUp();
     },
     message: (m) => this.#receive(m),
     picture: (picture) => this.#images.add(picture),
@@ -114,7 +125,10 @@ class Page {
       this.#player.view.fit();
       this.#films.fit();
     });
-    addEventListener("pagehide", (event) => this.#connection.bidFarewell(event.persisted));
+    addEventListener("pagehide", (event) => {
+      this.#entry.settle();
+      this.#connection.bidFarewell(event.persisted);
+    });
     // Another link was put into the address: another person, of whom nothing that is kept here is true.
     addEventListener("hashchange", () => {
       this.#connection.close();
@@ -124,6 +138,9 @@ class Page {
   }
 
   async start() {
+    void watchForWelcome(
+      () => this.#connection.wasWelcomed || this.#connection.finished, () => this.#connection.failureCode,
+      (notice) => this.#view.showNotice(notice));
     const loading = EpisodeComputer.load();
     await this.#outbox.recover(await MessageStore.open(this.#connection.seat));
     this.#outbox.state.facts ??= await collectBrowserFacts();
@@ -137,6 +154,8 @@ class Page {
 
   /** @param {PageMessage} what @param {boolean} canWait @param {number} now @returns {number} the message's number */
   #send(what, canWait = this.#player.canWait(what), now = this.#outbox.nextTime()) {
+    // What is in a field comes before what is done next.
+    if (SETTLING.has(what.t) && this.#entry.settle()) return this.#send(what, canWait);
     const tick = what.t !== "tick" && !UNTIMED.has(what.t) && this.#outbox.hasTime ? this.#computeTick(now) : undefined;
     if (tick) { // a step that the session makes first; by then the next may be due
       this.#send({ t: "tick", digest: tick.digest }, !tick.ends, now);
@@ -291,7 +310,7 @@ class Page {
     if (messages.entry) this.#entry.edit(key);
     else if (key !== "enter" || isRepeat || !messages.writes) return false;
     else {
-      messages.entry = { text: "", caret: 0, long: false, unit: "" };
+      messages.entry = { text: "", caret: 0, long: false, unit: "", native: false, name: "", longest: 0, limit_note: "" };
       this.#view.show(m);
     }
     return true;
@@ -299,6 +318,9 @@ class Page {
 
   /** @param {string} text */
   #type(text) { this.#prefetch.unknown(this.#send({ t: "typed", text })); }
+
+  /** @param {Omit<import("./messages").FieldMessage, "t" | "began">} what @param {number} beganMs */
+  #sendField(what, beganMs) { this.#prefetch.unknown(this.#send({ t: "field", ...what, began: this.#outbox.timeOf(beganMs) })); }
 
   /** @param {Point} point */
   #point({ ms, ...point }) {

@@ -1,7 +1,9 @@
 // The widgets of answers, and the field for answers in words: typed letter by letter, or by an input method.
 
 import { el, words } from "./elements.js";
+import { NativeField } from "./field.js";
 
+/** @import { FieldMessage } from "./messages" */
 /** @import { AnswerWidget, CanvasShape, OptionList, RatingMatrix, RatingScale, ScreenMessage, ShapeCanvas, Slider, TextField } from "./messages" */
 
 const MAX_LETTERS = 1000; // in a message
@@ -41,7 +43,7 @@ const widgets = {
     { class: "options", role: item.many ? "group" : "radiogroup", "aria-labelledby": "ask" },
     item.options.map((label, index) => optionOf(label, index,
       { chosen: item.chosen.includes(index), at: index === item.cursor, many: item.many },
-      index < 9 ? el("span", { class: "number", "aria-hidden": "true", text: index + 1 }) : null))),
+      index < 9 ? el("span", { class: "number", "aria-hidden": "true", translate: "no", text: index + 1 }) : null))),
   RatingScale: (/** @type {RatingScale} */ item) => el("div", { class: "scale" },
     el("div", { class: "points", role: "radiogroup", "aria-labelledby": "ask" }, item.points.map((label, index) =>
       optionOf(label, index, { chosen: index === item.chosen, at: false, many: false }))),
@@ -67,7 +69,7 @@ const widgets = {
     { class: "shapes", role: "radiogroup", "aria-labelledby": "ask", style: { aspectRatio: String(item.aspect) } },
     item.shapes.map(shapeOf)),
   TextField: (/** @type {TextField} */ item, /** @type {TextEntry} */ entry) =>
-    el("div", { class: "entry" }, entry.open(item), words("span", "unit", item.unit)),
+    el("div", { class: "entry" }, entry.open(item), words("span", "unit", item.unit), entry.limitNote),
 };
 
 /** @param {AnswerWidget} item @param {TextEntry} entry @returns {HTMLElement} */
@@ -108,14 +110,18 @@ export class TextEntry {
   #late = null;
   /** @type {Draft} */ #draft = { text: "", caret: 0 };
   #drawn = "";
+  /** @type {NativeField | null} where the browser edits */ #native = null;
+  #nativeEntry = ""; // for which question
 
   /**
    * @param {() => ScreenMessage | null} current @param {(text: string) => void} type
+   * @param {(what: Omit<FieldMessage, "t" | "began">, beganMs: number) => void} send
    * @param {(m: ScreenMessage) => void} show
    */
-  constructor(current, type, show) {
+  constructor(current, type, send, show) {
     this.current = current;
     this.type = type;
+    this.send = send;
     this.show = show;
   }
 
@@ -127,8 +133,44 @@ export class TextEntry {
   }
   get isActive() { return this.#screen !== null; }
 
+  /** The field that the browser edits, if it is on the screen and keys go into it. */
+  get native() {
+    const native = this.#screen?.item.native ? this.#native : null;
+    return native && document.activeElement === native.element ? native : null;
+  }
+  get limitNote() { return this.#screen?.item.native ? this.#native?.note : null; }
+
+  /** Report what was typed and has not settled. @returns {boolean} whether there was something */
+  settle() {
+    if (!this.#screen?.item.native || !this.#native?.element.isConnected) return false;
+    return this.#native.settle();
+  }
+
+  /** One that another screen stood before goes on as it was. @param {TextField} item */
+  #openNative(item) {
+    if (!this.#native || this.#nativeEntry !== this.#entry || this.#native.reported !== item.text) {
+      this.#native = new NativeField(item, {
+        isCurrent: () => this.#entry === this.#nativeEntry,
+        send: this.send,
+        composed: () => {
+          const late = this.#late;
+          if (late === this.current() && late) this.show(late);
+        },
+      });
+      this.#nativeEntry = this.#entry;
+    }
+    this.#native.watch();
+    return this.#native.element;
+  }
+
+  get #entry() {
+    const s = this.#screen;
+    return s ? `${s.title}\n${s.question}\n${s.item.name}` : "";
+  }
+
   /** @param {TextField} item */
   open(item) {
+    if (item.native) return this.#openNative(item);
     const field = this.#field = el(item.long ? "textarea" : "input", {
       "data-target": "field", "aria-labelledby": "ask", autocomplete: "off", autocapitalize: "off", spellcheck: "false",
       type: item.long ? null : "text",
@@ -156,11 +198,14 @@ export class TextEntry {
   /**
    * Draw a screen around a field that is typed into, which stays the same element. @param {ScreenMessage} m
    * @param {() => boolean} isPending whether the server has not heard of what was typed last @param {() => void} draw
+   * @param {() => void} update draws what else may be new around a field that the browser edits: taken off the page, it
+   * would lose what can be undone
    * @returns {boolean} whether it was drawn; else it is, once the input method is done
    */
-  redraw(m, isPending, draw) {
+  redraw(m, isPending, draw, update) {
     const s = this.#screen;
-    const entry = s ? `${s.title}\n${s.question}` : "";
+    const entry = this.#entry;
+    if (s?.item.native) return this.#redrawNative(m, s.item, isPending, draw, update);
     const field = entry && entry === this.#drawn ? this.#field : null;
     if (field && field === this.#composed) {
       this.#late = m;
@@ -178,6 +223,29 @@ export class TextEntry {
     return true;
   }
 
+  /**
+   * @param {ScreenMessage} m @param {TextField} item @param {() => boolean} isPending @param {() => void} draw
+   * @param {() => void} update
+   */
+  #redrawNative(m, item, isPending, draw, update) {
+    const isSame = this.#nativeEntry === this.#entry && this.#native?.element.isConnected;
+    if (isSame && this.#native?.isComposing) {
+      this.#late = m;
+      return false;
+    }
+    this.#late = null;
+    this.#field = null;
+    if (isSame && this.#drawn === this.#entry) {
+      if (!isPending()) this.#native?.accept(item.text);
+      update();
+      return true;
+    }
+    draw();
+    this.#drawn = this.#entry;
+    this.#native?.element.focus();
+    return true;
+  }
+
   #opened() { return this.#field; }
 
   /** @param {string} input */
@@ -192,6 +260,7 @@ export class TextEntry {
 
   /** @param {string} key */
   edit(key) {
+    if (this.#screen?.item.native) return;
     const s = this.#screen;
     const edited = s && editDraft(this.#draft, key, { rtl: s.rtl, long: s.item.long });
     if (!edited) return;

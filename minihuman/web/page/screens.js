@@ -12,6 +12,9 @@ import { drawWidget } from "./questions.js";
 const LEAVING_S = 5;
 const RELOAD_MS = 1000;
 
+/** The field says by itself that a text is too long, and at once. @param {QuestionValues} s */
+const noteOf = ({ note, item }) => (item.form === "TextField" && note === item.limit_note ? "" : note);
+
 export class ScreenView {
   /**
    * @param {HTMLElement} main
@@ -20,6 +23,7 @@ export class ScreenView {
    * @param {() => Record<string, string> | null} page.touchTexts what the page says instead of keys, where fingers play
    * @param {(through: number) => boolean} page.isPending whether something after a message is not acknowledged
    * @param {(m: ScreenMessage, lasts: number | null, flip: number) => void} page.entered
+   * @param {(kind: string, language: string) => void} page.drew
    */
   constructor(main, parts, page) {
     this.main = main;
@@ -58,7 +62,7 @@ export class ScreenView {
       words("h1", "", s.title),
       prose({ class: "body", id: "ask" }, s.question),
       drawWidget(s.item, this.parts.entry),
-      el("p", { class: "note", role: "alert", text: s.note }),
+      el("p", { class: "note", role: "alert", text: noteOf(s) }),
       buttonsOf(s.buttons),
       words("p", "prompt", s.prompt),
       words("p", "progress", s.progress),
@@ -119,8 +123,14 @@ export class ScreenView {
       episode.reportHeld = null;
       films.close();
       this.main.replaceChildren(...flatten(/** @type {any} */ (this.#draw)[s.kind](s, m)).filter(Boolean));
+    }, () => {
+      for (const [name, text] of Object.entries({ note: s.kind === "question" ? noteOf(s) : "", progress: "progress" in s ? s.progress : "" })) {
+        const element = this.main.querySelector(`:scope > .${name}`);
+        if (element && element.textContent !== text) element.textContent = text;
+      }
     });
     if (!isDrawn) return;
+    this.page.drew(s.kind, s.language);
     if (!entry.isActive && document.activeElement !== this.main) this.main.focus({ preventScroll: true });
     const lasts = m.tick === null ? null : m.tick - m.at;
     if (films.isOpen) films.start();
@@ -146,6 +156,16 @@ export class ScreenView {
     }
   }
 
+  /** Say what is wrong before the server has said anything. @param {import("./unreachable.js").Notice} notice */
+  showNotice({ language, rtl, text }) {
+    document.documentElement.lang = language;
+    document.documentElement.dir = rtl ? "rtl" : "ltr";
+    this.main.className = "text";
+    this.main.replaceChildren(el("p", { class: "body short", role: "alert", id: "unwelcomed", text }));
+  }
+
+  hideNotice() { document.getElementById("unwelcomed")?.remove(); }
+
   /** @param {string} why @param {Refusal | null} refusal */
   showRefusal(why, refusal) {
     this.main.className = "text";
@@ -162,7 +182,7 @@ export class ScreenView {
     this.main.replaceChildren(...flatten([
       heading,
       el("p", { class: "body short", role: "status", text }),
-      code ? el("p", { class: "short" }, `${your_code}: `, el("strong", { class: "code", text: code })) : null,
+      code ? el("p", { class: "short" }, `${your_code}: `, el("strong", { class: "code", translate: "no", text: code })) : null,
       url ? el("p", { class: "short" }, el("a", { href: url, text: leave })) : null,
       url ? el("p", { class: "prompt", text: leaving.replace("{seconds}", String(LEAVING_S)) }) : null,
     ]));

@@ -8,7 +8,7 @@
  * token?: string }} StreamState
  */
 
-export const UNTIMED = new Set(["shown", "link", "unheard"]); // what does not tell the session the time
+export const UNTIMED = new Set(["shown", "link", "unheard", "altered"]); // what does not tell the session the time
 const MAX_UNSENT = 64; // messages that wait for what follows
 const MAX_UNREPORTED = 100; // the server looks less far ahead of a page that has more to report
 const RESTART_NS = 2e9;

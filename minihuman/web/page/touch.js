@@ -64,7 +64,7 @@ export class TouchKeys {
 
   /** @param {string} name @param {string} label */
   #button(name, label) {
-    const button = el("button", { type: "button", tabindex: "-1", class: name === "escape" ? "quit" : "", "data-key": name, text: label });
+    const button = el("button", { type: "button", tabindex: "-1", class: name === "escape" ? "quit" : "", "data-key": name, translate: "no", text: label });
     button.addEventListener("pointerdown", (event) => {
       event.preventDefault(); // the focus stays where it is
       this.#fingers.set(event.pointerId, name);

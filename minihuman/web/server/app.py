@@ -39,7 +39,7 @@ from minihuman.web.eligibility import (
     get_page_texts,
     get_session_code,
 )
-from minihuman.web.http_security import is_same_origin
+from minihuman.web.http_security import build_headers, is_same_origin
 from minihuman.web.message_codec import decode_page_message, encode_unnumbered
 from minihuman.web.page_protocol import PageProtocol
 from minihuman.web.server.metrics import PageCounts, answer_metrics
@@ -132,11 +132,12 @@ class WebServer:
             Route("/favicon.ico", _no_icon),
             Route("/healthz", self._health),
             Route("/metrics", self._metrics),
+            Route("/unwelcomed", self._counts.answer_unwelcomed),
             WebSocketRoute("/socket", self._socket),
             Route("/socket", self._polling.answer, methods=["POST"]),  # a proxy sends both to the same worker
             *self._routes,
         ]
-        return HeaderMiddleware(Starlette(routes=routes, lifespan=self._lifespan))
+        return HeaderMiddleware(Starlette(routes=routes, lifespan=self._lifespan), build_headers(self._web.embed_in))
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:

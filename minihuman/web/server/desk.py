@@ -41,6 +41,7 @@ from minihuman.log.paths import PART_SUFFIX, require_folder
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.runtime.http_guard import is_own_request, read_length
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
+from minihuman.web.http_security import build_headers
 from minihuman.web.server.page_routes import HeaderMiddleware
 from minihuman.web.server.process import HOST, open_listening_socket
 from minihuman.web.server.request_timeout import TimedHttpProtocol
@@ -256,8 +257,8 @@ class StartPage:
         reports = Router([Route("/{path:path}", self._report)])
         return Starlette(
             routes=[
-                Mount(self._reports_path, HeaderMiddleware(reports, policy=_REPORT_POLICY)),
-                Mount(self.path.rstrip("/"), HeaderMiddleware(pages, policy=_POLICY)),
+                Mount(self._reports_path, HeaderMiddleware(reports, build_headers(policy=_REPORT_POLICY))),
+                Mount(self.path.rstrip("/"), HeaderMiddleware(pages, build_headers(policy=_POLICY))),
             ],
             middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[HOST])],
         )

@@ -19,6 +19,12 @@ class PageCounts:
 
     http_pages: int = 0  # welcomed over HTTP, as no web socket got through
     too_slow_pages: int = 0  # sent away from a part in real time
+    unwelcomed_pages: int = 0  # that told their visitor that no connection came about, as far as they could report it
+
+    async def answer_unwelcomed(self, _: Request) -> Response:
+        """Count a page that no transport welcomed; anyone can send this request, so the count is a hint."""
+        self.unwelcomed_pages += 1
+        return Response(status_code=204)
 
 
 def answer_metrics(
@@ -42,7 +48,11 @@ def answer_metrics(
         "pages_connected_over_http": sum(connection.transport == "http" for connection in connected),
         "sockets_without_hello": n_silent,
     }
-    counters = {"http_pages_total": counts.http_pages, "too_slow_pages_total": counts.too_slow_pages}
+    counters = {
+        "http_pages_total": counts.http_pages,
+        "too_slow_pages_total": counts.too_slow_pages,
+        "unwelcomed_pages_total": counts.unwelcomed_pages,
+    }
     text = f"{_format_numbers('gauge', gauges)}{_format_numbers('counter', counters)}"
     return Response(text, media_type="text/plain; version=0.0.4")
 

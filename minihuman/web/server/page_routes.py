@@ -3,7 +3,8 @@
 The files are read when the server starts, so an update of the package does not change what a running server sends.
 """
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from starlette.requests import Request
@@ -11,7 +12,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from minihuman.web.http_security import HEADERS
+from minihuman.web.eligibility import load_page_texts
 from minihuman.web.page_modules import list_page_modules
 from minihuman.web.traffic_limits import MAX_TARGET_BYTES
 
@@ -23,15 +24,11 @@ class HeaderMiddleware:
 
     Args:
         app: the application.
-        policy: the content security policy; "" for that of the participants' page.
+        headers: the headers, as `build_headers` builds them.
     """
 
-    def __init__(self, app: ASGIApp, *, policy: str = "") -> None:
+    def __init__(self, app: ASGIApp, headers: Mapping[str, str]) -> None:
         self._app = app
-        if policy:
-            headers = {**dict(HEADERS), "content-security-policy": policy}
-        else:
-            headers = dict(HEADERS)
         self._headers = [(name.encode(), value.encode()) for name, value in headers.items()]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -57,6 +54,7 @@ class HeaderMiddleware:
         return [*((name, value) for name, value in headers if name.lower() not in names), *self._headers]
 
 
+UNREACHABLE_ADDRESS = "/static/unreachable.json"
 PAGE_FOLDER = Path(__file__).parents[1] / "page"
 _TYPES = {
     ".html": "text/html",
@@ -77,12 +75,21 @@ def build_page_routes() -> list[Route]:
                 address = "/"
             routes.append(_route(address, path))
     routes += [_route(address, path) for address, path in list_page_modules()]
+    routes.append(_serve(UNREACHABLE_ADDRESS, _encode_unreachable_texts(), _TYPES[".json"]))
     return routes
 
 
+def _encode_unreachable_texts() -> bytes:
+    """Encode by language what a page says that could not connect, so that the server cannot send its own words."""
+    texts = {language: page_texts["unreachable"] for language, page_texts in load_page_texts().items()}
+    return json.dumps(texts, ensure_ascii=False).encode()
+
+
 def _route(address: str, path: Path) -> Route:
-    content = path.read_bytes()
-    kind = _TYPES[path.suffix]
+    return _serve(address, path.read_bytes(), _TYPES[path.suffix])
+
+
+def _serve(address: str, content: bytes, kind: str) -> Route:
 
     async def answer(_: Request) -> Response:
         return Response(content, media_type=kind)

@@ -1,12 +1,21 @@
 """Questions: answered by keys, text and pointer; what was given is what is logged."""
 
 import json
+from types import MappingProxyType
 
 import pytest
 
+from minihuman.activities.questions.free_text.draft import TEXT_RULES
 from minihuman.display.drawing.screen import find_spot
-from minihuman.experiment.machine.events import AnswerChanged, Answered, EpisodesSkipped, PartEnded, SessionEnded
-from minihuman.experiment.machine.inputs import KeyDown, PointerMoved, PointerPressed, TextInput
+from minihuman.experiment.machine.events import (
+    AnswerChanged,
+    Answered,
+    EpisodesSkipped,
+    PartEnded,
+    SessionEnded,
+    TextChanged,
+)
+from minihuman.experiment.machine.inputs import KeyDown, PointerMoved, PointerPressed, TextEdited, TextInput
 from minihuman.experiment.machine.transitions import Phase
 from tests.study.sessions import Desk
 from tests.study.studies import plan_of
@@ -325,3 +334,77 @@ def test_a_question_is_skipped_where_an_earlier_answer_rules_it_out(smokes, item
     desk.press("enter", "1", "enter")
     assert list(dict.fromkeys(event.item for event in desk.of(Answered))) == items
     assert desk.of(SessionEnded)[0].reason == "complete"
+
+
+class FieldDesk(Desk):
+    """A desk whose session takes whole texts."""
+
+    facts = MappingProxyType({**Desk.facts, "text_rules": TEXT_RULES})
+
+
+def ask_in_field(kind: str, extra: str = "") -> FieldDesk:
+    item = f'[[questions.items]]\nname = "{kind}"\nask = "?"\n{ITEMS[kind]}\n{extra}\n'
+    return FieldDesk(plan_of(f'[[questions]]\nname = "q"\ntitle = "T"\n{item}', ["q"]))
+
+
+def edit(desk: Desk, text: str, *changes: str) -> None:
+    desk.now_ns += 10
+    desk.give(TextEdited(desk.now_ns, text, changes, len(text), desk.now_ns - 5))  # type: ignore[arg-type]
+
+
+def test_the_text_in_a_field_is_the_answer_code_point_for_code_point() -> None:
+    desk = ask_in_field("long_text")
+    text = " \u0645\u06cc\u200c\u062e\u00a0?\n "
+    edit(desk, "first", "typed")
+    edit(desk, text, "pasted", "script")
+    desk.press("tab")
+    value, given = answer(desk)
+    assert value == given.words == text
+    assert (given.changes, given.first_ns) == (2, desk.of(TextChanged)[0].t_ns - 5)
+    assert [(change.text, change.changes) for change in desk.of(TextChanged)] == [
+        ("first", ("typed",)),
+        (text, ("pasted", "script")),
+    ]
+
+
+def test_a_field_of_blanks_is_no_answer_and_a_number_is_one_with_blanks_around() -> None:
+    desk = ask_in_field("text")
+    edit(desk, "  ")
+    desk.press("enter")
+    assert desk.of(Answered) == []
+    desk = ask_in_field("number")
+    edit(desk, "2x")
+    desk.press("enter")
+    assert desk.of(Answered) == []
+    edit(desk, " 21 ")
+    desk.press("enter")
+    value, given = answer(desk)
+    assert (value, given.words) == (21, " 21 ")
+
+
+def test_a_text_that_is_too_long_is_said_to_be_so_at_once_and_cannot_be_given() -> None:
+    desk = ask_in_field("text", "longest = 3")
+    edit(desk, "four")
+    assert "3" in desk.session.screen.note
+    desk.press("enter")
+    assert desk.of(Answered) == []
+    edit(desk, "for")
+    desk.press("enter")
+    assert answer(desk)[0] == "for"
+
+
+def test_where_the_session_edits_by_keys_a_whole_text_does_nothing() -> None:
+    desk = asked("text")
+    edit(desk, "whole")
+    assert desk.of(TextChanged) == []
+    type_text(desk, " a\u00a0b ")
+    desk.press("enter")
+    assert answer(desk)[0] == "ab"
+
+
+def test_the_text_of_another_field_than_the_present_ones_does_nothing() -> None:
+    desk = ask_in_field("text")
+    desk.give(TextEdited(desk.now_ns + 1, "late", ("typed",), 4, 0, "another"))
+    assert desk.of(TextChanged) == []
+    desk.give(TextEdited(desk.now_ns + 2, "here", ("typed",), 4, 0, "text"))
+    assert [change.text for change in desk.of(TextChanged)] == ["here"]

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import Literal
 
 from minihuman.activities.team.events import InputLate, JointStepped, SeatTaken
 from minihuman.admin.verify.episodes import verify_teams
@@ -80,6 +81,7 @@ def play_together(
     name: str = "duet",
     answers_s: tuple[float, float] | None = None,
     moves_between: int = 5,
+    upgrades: Literal["passed", "closed"] = "passed",
 ) -> tuple[Played, Counter[str]]:
     """Play to the end of both sessions, through interruptions of the server, either connection and either page.
 
@@ -93,6 +95,7 @@ def play_together(
         name: the study's.
         answers_s: how long each takes, at least and at most, from seeing a step to their next key; None: both press on.
         moves_between: presses from one interruption to the next.
+        upgrades: what becomes of web sockets on both lines.
     """
     chance, happened = random.Random(seed), Counter[str]()
     with (
@@ -102,6 +105,8 @@ def play_together(
         browsing() as sit_down,
     ):
         wires = (first, second)
+        for wire in wires:
+            wire.upgrades = upgrades
         people = [
             sit_down(f"http://127.0.0.1:{wire.port}/#t={token}")
             for wire, token in zip(wires, served.tokens, strict=True)

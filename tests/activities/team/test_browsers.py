@@ -6,6 +6,7 @@ import pytest
 
 from minihuman.activities.team.events import InputLate, JointStepped, PictureCorrected
 from minihuman.experiment.machine.events import Stepped
+from minihuman.log.read.session_reader import read_log
 from tests.activities.team.browsers import play_together
 from tests.activities.team.study import team_study
 from tests.counts import count
@@ -40,4 +41,17 @@ def test_a_server_killed_and_connections_cut_lose_no_press_and_both_go_on(tmp_pa
     assert played.joint[0] == played.joint[1] != []
     assert played.lost == [[], []]
     assert played.count(InputLate) == [0, 0]
+    assert [good for _, good in played.teams] == [True]
+
+
+@pytest.mark.nightly
+@pytest.mark.program
+def test_two_people_whose_networks_block_sockets_play_in_ticks_over_http(tmp_path: Path) -> None:
+    ticks = 'pace = "real_time"\nstep_period_ms = 400'
+    protocol = team_study(tmp_path, episodes=1, max_steps=20, block=ticks)
+    played, _ = play_together(protocol, tmp_path, upgrades="closed")
+    assert [read_log(log).facts["transport"] for log in sorted((tmp_path / "duet").rglob("*.mcap"))] == ["http"] * 2
+    assert played.complaints == [[], []]
+    assert played.joint[0] == played.joint[1] != []
+    assert played.lost == [[], []]
     assert [good for _, good in played.teams] == [True]

@@ -11,13 +11,14 @@ let target = new EventTarget();
 let keyboard;
 
 beforeEach(() => {
-  Object.assign(state, { active: true, typing: false, scrollable: false });
+  Object.assign(state, { active: true, typing: false, scrollable: false, field: null });
   heard = [];
   target = new EventTarget();
   keyboard = new Keyboard(target, {
     isActive: () => state.active,
     isTyping: () => state.typing,
     isChatting: () => state.chatting ?? false,
+    nativeField: () => state.field ?? null,
     isScrollable: () => state.scrollable,
     now: () => 0,
     timeOf: (ms) => ms,
@@ -120,3 +121,20 @@ test("nothing is heard before the session's time is known, or after the end", ()
   send("keyup", "KeyA", "a");
   assert.deepEqual(heard, []);
 });
+
+for (const isLong of [false, true]) {
+  test(`of the keys in a field of ${isLong ? "several lines" : "one line"}, the session hears of those that are meant for it`, () => {
+    let counted = 0;
+    state.typing = true;
+    state.field = { item: { long: isLong }, countKey: () => { counted += 1; } };
+    keyboard.codes = { KeyA: "a", Enter: "enter", Tab: "tab", Escape: "escape" };
+    for (const [code, key, fields] of [["KeyA", "a", {}], ["KeyV", "v", { ctrlKey: true }], ["Enter", "Enter", { isComposing: true }],
+      ["Enter", "Enter", {}], ["Tab", "Tab", {}], ["Escape", "Escape", {}]]) {
+      send("keydown", code, key, fields);
+      send("keyup", code, key, fields);
+    }
+    const ends = isLong ? [] : ["press enter", "release enter"];
+    assert.deepEqual(heard, [...ends, "press tab", "release tab", "press escape", "release escape"]);
+    assert.equal(counted, 0, "a script's keys do not count");
+  });
+}

@@ -1,6 +1,7 @@
 """Questions of kind ``text`` and ``long_text``: type a text of one line or of several."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from minihuman.activities.questions.question import (
@@ -10,8 +11,12 @@ from minihuman.activities.questions.question import (
     QuestionKind,
     horizontal_step,
 )
-from minihuman.experiment.machine.inputs import KeyDown
+from minihuman.experiment.machine.inputs import MAX_FIELD_CHARACTERS, KeyDown
 from minihuman.experiment.machine.screens import TextField
+
+TEXT_RULES = (
+    "2"  # the fact "text_rules": a field's whole text is the answer as it is; before, keys edited and trimmed it
+)
 
 
 class TextDraft(AnswerDraft):
@@ -25,7 +30,10 @@ class TextDraft(AnswerDraft):
         self._caret = 0
 
     def key(self, press: KeyDown) -> bool:
-        """Move the caret or delete; the characters of other keys arrive through `type_text`."""
+        """Move the caret or delete; the characters of other keys arrive through `type_text`.
+
+        A window with a field of its own does so itself, and passes none of these keys on.
+        """
         before = self._text[: self._caret]
         after = self._text[self._caret :]
         match press.key:
@@ -49,8 +57,22 @@ class TextDraft(AnswerDraft):
     def type_text(self, text: str) -> None:
         """Insert the characters that the text accepts at the caret, as many as there is room for."""
         accepted = [c for c in text if self.accepts(c)]
-        room = max(0, self.question.longest - len(self._text))
+        room = max(0, self.longest - len(self._text))
         self._put(self._text[: self._caret] + "".join(accepted[:room]), self._text[self._caret :])
+
+    def put_text(self, text: str) -> bool:
+        """Replace the whole text; return False if the session edits it by keys."""
+        if not self.has_native_field:
+            return False
+        self._put(text, "")
+        return True
+
+    @property
+    def longest(self) -> int:
+        """The largest number of characters that the text may have."""
+        if self.has_native_field:
+            return min(self.question.longest, MAX_FIELD_CHARACTERS)
+        return self.question.longest
 
     def accepts(self, character: str) -> bool:
         """Tell whether the text accepts a character."""
@@ -62,17 +84,32 @@ class TextDraft(AnswerDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """The text without surrounding blanks; None if it is empty."""
-        return self.display_text or None
+        """The text; None if it is empty or blank."""
+        if not self._text.strip():
+            return None
+        return self.display_text
 
     @property
     def display_text(self) -> str:
-        """The text as typed."""
+        """The text as it is in a native field; else without surrounding blanks."""
+        if self.has_native_field:
+            return self._text
         return self._text.strip()
+
+    @property
+    def error(self) -> tuple[str, dict[str, Any]] | None:
+        """The note that the answer is missing or too long; None if it is valid."""
+        if self.has_native_field and len(self._text) > self.longest:
+            return "note.too_long", {"longest": self.longest}
+        return super().error
 
     def widget(self) -> TextField:
         """Build the text field."""
-        return TextField(self._text, self._caret, self.long, self.question.unit)
+        field = TextField(self._text, self._caret, self.long, self.question.unit)
+        if not self.has_native_field:
+            return field
+        note = self.limit_note.replace("{longest}", str(self.longest))
+        return replace(field, native=True, name=self.question.name, longest=self.longest, limit_note=note)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
         """Type a number that could be an age, as an answer to any question."""

@@ -108,7 +108,7 @@ class NumberDraft(TextDraft):
         """The note that the answer is missing, not a number, or out of range; None if it is valid."""
         question = self.question
         number = self.value
-        if not self.display_text:
+        if not self.display_text.strip():
             return super().error
         if number is None:
             return "note.whole_number" if question.whole else "note.number", {}

@@ -1,0 +1,211 @@
+"""A text while it is edited: caret, selection, composition and undo, as fields of desktop systems have them.
+
+It knows text and positions in it, counted in code points, and nothing of windows, type or the clipboard.
+"""
+
+import unicodedata
+from dataclasses import dataclass, replace
+from typing import get_args
+
+from minihuman.experiment.machine.inputs import TextChange
+
+_ORDER: tuple[TextChange, ...] = get_args(TextChange)
+_MAX_UNDO = 200
+_JOINER = "\N{ZERO WIDTH JOINER}"
+_LINE_FEED = "\n"
+
+
+@dataclass(frozen=True, slots=True)
+class EditedText:
+    """A text with its caret; the selection lies between caret and anchor."""
+
+    text: str = ""
+    caret: int = 0
+    anchor: int = 0
+
+    @property
+    def selection(self) -> tuple[int, int]:
+        """Where the selection begins and ends; both are the caret's position if nothing is selected."""
+        return min(self.caret, self.anchor), max(self.caret, self.anchor)
+
+    @property
+    def selected_text(self) -> str:
+        """The selected text."""
+        begin, end = self.selection
+        return self.text[begin:end]
+
+
+class TextEditor:
+    """Edits a text by keys, insertions and positions of a pointer.
+
+    Args:
+        text: the text to begin with; the caret is at its end.
+        is_long: whether the text can have several lines.
+        rtl: whether text runs from right to left, so that the left arrow key moves on.
+    """
+
+    def __init__(self, text: str, *, is_long: bool, rtl: bool) -> None:
+        self.edited = EditedText(text, len(text), len(text))
+        self.composition = ""  # of an input method, drawn at the caret and not part of the text yet
+        self.is_long = is_long
+        self.changes: set[TextChange] = set()  # since they were last taken
+        self._rtl = rtl
+        self._undo: list[EditedText] = []
+        self._redo: list[EditedText] = []
+        self._is_typing = False  # what is typed in one go is undone in one go
+
+    @property
+    def text(self) -> str:
+        """The text, without what an input method is composing."""
+        return self.edited.text
+
+    def take_changes(self) -> tuple[TextChange, ...]:
+        """Return how the text was changed since the last call."""
+        changes = tuple(change for change in _ORDER if change in self.changes)
+        self.changes.clear()
+        return changes
+
+    def insert(self, text: str, change: TextChange) -> None:
+        """Replace the selection with a text without control characters and, in a field of one line, line breaks."""
+        kept = "".join(letter for letter in text.replace("\r\n", _LINE_FEED) if self._can_hold(letter))
+        if not kept and not self.edited.selected_text:
+            return
+        begin, end = self.edited.selection
+        whole = self.edited.text[:begin] + kept + self.edited.text[end:]
+        self._change(EditedText(whole, begin + len(kept), begin + len(kept)), change)
+
+    def _can_hold(self, letter: str) -> bool:
+        if letter == _LINE_FEED:
+            return self.is_long
+        return letter == "\t" or unicodedata.category(letter) not in ("Cc", "Cs")
+
+    def press_key(self, key: str, *, is_shift: bool = False, is_word: bool = False) -> bool:
+        """Move the caret or delete; return False for a key that does neither.
+
+        Args:
+            key: our name of the key.
+            is_shift: whether the selection grows.
+            is_word: whether the key reaches over a word, as with Ctrl.
+        """
+        match key:
+            case "backspace" | "delete":
+                self._delete(self._reach(key == "delete", is_word=is_word))
+            case "left" | "right":
+                self._step((key == "right") != self._rtl, is_shift=is_shift, is_word=is_word)
+            case "home":
+                self.move_to(0 if is_word else self._line_begin(), is_shift=is_shift)
+            case "end":
+                self.move_to(len(self.text) if is_word else self._line_end(), is_shift=is_shift)
+            case "enter" | "kp_enter" if self.is_long:
+                self.insert(_LINE_FEED, "typed")
+            case _:
+                return False
+        return True
+
+    def _step(self, is_onward: bool, *, is_shift: bool, is_word: bool) -> None:
+        begin, end = self.edited.selection
+        if begin != end and not is_shift:
+            self.move_to(end if is_onward else begin)
+        else:
+            self.move_to(self._reach(is_onward, is_word=is_word), is_shift=is_shift)
+
+    def _reach(self, is_onward: bool, *, is_word: bool) -> int:
+        """Return the position to which a step from the caret leads."""
+        find = _find_next if is_onward else _find_previous
+        at = find(self.text, self.edited.caret)
+        while is_word and 0 < at < len(self.text) and _is_of_word(self.text[at if is_onward else at - 1]):
+            at = find(self.text, at)
+        return at
+
+    def _delete(self, to: int) -> None:
+        begin, end = self.edited.selection
+        if begin == end:
+            begin, end = sorted((self.edited.caret, to))
+        if begin != end:
+            self._change(EditedText(self.text[:begin] + self.text[end:], begin, begin), "typed")
+
+    def _line_begin(self) -> int:
+        return self.text.rfind(_LINE_FEED, 0, self.edited.caret) + 1
+
+    def _line_end(self) -> int:
+        end = self.text.find(_LINE_FEED, self.edited.caret)
+        return len(self.text) if end < 0 else end
+
+    def move_to(self, position: int, *, is_shift: bool = False) -> None:
+        """Move the caret; with ``is_shift`` the selection's other end stays."""
+        self._is_typing = False
+        anchor = self.edited.anchor if is_shift else position
+        self.edited = replace(self.edited, caret=position, anchor=anchor)
+
+    def select_all(self) -> None:
+        """Select the whole text."""
+        self._is_typing = False
+        self.edited = replace(self.edited, caret=len(self.text), anchor=0)
+
+    def select_word(self, position: int) -> None:
+        """Select the word at a position, as a double click does."""
+        begin = end = position
+        while begin > 0 and _is_of_word(self.text[begin - 1]):
+            begin -= 1
+        while end < len(self.text) and _is_of_word(self.text[end]):
+            end += 1
+        self._is_typing = False
+        self.edited = replace(self.edited, caret=end, anchor=begin)
+
+    def cut(self) -> str:
+        """Remove the selected text and return it."""
+        text = self.edited.selected_text
+        if text:
+            self._delete(self.edited.caret)
+        return text
+
+    def undo(self) -> None:
+        """Take the last change back."""
+        self._restore(self._undo, self._redo)
+
+    def redo(self) -> None:
+        """Make the change again that was taken back last."""
+        self._restore(self._redo, self._undo)
+
+    def _restore(self, source: list[EditedText], other: list[EditedText]) -> None:
+        if source:
+            other.append(self.edited)
+            self.edited = source.pop()
+            self.changes.add("undone")
+            self._is_typing = False
+
+    def _change(self, edited: EditedText, change: TextChange) -> None:
+        is_letter = change == "typed" and len(edited.text) == len(self.text) + 1
+        if not (is_letter and self._is_typing):
+            self._undo = [*self._undo[1 - _MAX_UNDO :], self.edited]
+        self._is_typing = is_letter and edited.text[edited.caret - 1] != _LINE_FEED
+        self._redo.clear()
+        self.changes.add(change)
+        self.edited = edited
+
+
+def _is_of_word(letter: str) -> bool:
+    return letter.isalnum() or letter == "_" or unicodedata.category(letter).startswith("M")
+
+
+def _extends(text: str, at: int) -> bool:
+    """Return whether the code point at a position belongs to the letter before it: a mark, or what is joined to it."""
+    letter = text[at]
+    is_mark = unicodedata.category(letter).startswith("M") or letter in (_JOINER, "\N{VARIATION SELECTOR-16}")
+    return is_mark or text[at - 1] == _JOINER
+
+
+def _find_next(text: str, at: int) -> int:
+    """Return the position behind the letter at a position, with its marks."""
+    at = min(len(text), at + 1)
+    while at < len(text) and _extends(text, at):
+        at += 1
+    return at
+
+
+def _find_previous(text: str, at: int) -> int:
+    """Return the position before the letter that ends at a position."""
+    at = max(0, at - 1)
+    while at > 0 and _extends(text, at):
+        at -= 1
+    return at
