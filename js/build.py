@@ -31,7 +31,7 @@ def build_package(folder: Path, *, with_types: bool = True) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     pack_worlds(folder, SEEDS, WORLDS)
     _drop_modules_without_simd(folder / "worlds")
-    for source in sorted((HERE / "src").iterdir()):
+    for source in (*sorted((HERE / "src").iterdir()), ROOT / "minihuman/web/page/episode_view.js"):
         shutil.copy(source, folder)
     shutil.copy(ROOT / "LICENSE", folder)
     shutil.copy(HERE / "README.md", folder)

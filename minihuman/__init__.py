@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from minihuman.dataset.selection import Selection as Selection
     from minihuman.errors import MinihumanError as MinihumanError
     from minihuman.log.model.session_log import Segment as Segment
+    from minihuman.notebook.widget import widget as widget
     from minihuman.recorded_study import (
         Episode as Episode,
         ReplayedStep as ReplayedStep,
@@ -75,6 +76,7 @@ _MODULES = {  # where each public name is; imported when it is asked for, so tha
     "simulate": "minihuman.api",
     "verify": "minihuman.api",
     "verify_actions": "minihuman.worlds.adapters.page_world",
+    "widget": "minihuman.notebook.widget",
 }
 __all__ = [*_MODULES, "__version__"]
 

@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -24,6 +24,9 @@ from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.page_scene import describe
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.pictures.drawing import atlas
+
+if TYPE_CHECKING:
+    from minihuman.worlds.grid.object_kinds import ObjectKind
 
 PACK_VERSION = 1
 _MOST_SEEDS = 1_000_000
@@ -70,19 +73,46 @@ def pack_worlds(folder: Path, seeds: range, names: Collection[str] = ()) -> Pack
         if not env.is_compiled:
             skipped.append(entry.name)
             continue
-        if isinstance(env, FirstPersonEnv):
-            starts = _write_scenes(folder, env, entry, seeds)
-        else:
-            starts = _write_rows(folder, env, entry, seeds)
+        starts = _write_starts(folder, env, entry, seeds)
         title = {"kind": kind, "title": f"{entry.name}: {entry.summary}", "name": entry.name, "options": options}
         seed_range = {"first_seed": seeds.start, "seeds": len(seeds)}
         packed.append(title | seed_range | {"actions": list(env.action_names)} | starts)
     if names and skipped:
         raise WorldError(f"{', '.join(skipped)}: the rules are Python, which no page computes; pack another world")
-    index = {"version": PACK_VERSION, "atlas": _write_atlas(folder), "worlds": packed}
-    (folder / "index.json").write_text(json.dumps(index), encoding="utf-8", newline="\n")
+    _write_index(folder, _write_atlas(folder), packed)
     size_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     return PackSummary(tuple(world["name"] for world in packed), tuple(skipped), size_bytes)
+
+
+def pack_world(folder: Path, env: Any, seeds: Sequence[int], *, name: str, summary: str) -> None:
+    """Pack one compiled world, which need not be of the catalogue, into a folder; seeds are numbered from 0 in it.
+
+    Args:
+        folder: the folder, which is created if necessary.
+        env: the world, unwrapped; a first-person world has the option `PAGE_SINE`.
+        seeds: the seeds whose first states are packed, in any order.
+        name: the name by which a page makes the world; a file has it.
+        summary: the mission of a world that has none.
+    """
+    (folder / "starts").mkdir(parents=True, exist_ok=True)
+    shutil.copytree(_PAGE / "worlds", folder / "worlds", dirs_exist_ok=True)
+    starts = _write_starts(folder, env, CatalogueEntry(name, "", summary=summary), seeds)
+    kinds: tuple[ObjectKind, ...] = ()
+    if isinstance(env, GridEngine):
+        kinds = env.kinds
+    about = {"kind": "", "title": summary, "name": name, "options": {}, "first_seed": 0, "seeds": len(seeds)}
+    _write_index(folder, _write_atlas(folder, kinds), [about | {"actions": list(env.action_names)} | starts])
+
+
+def _write_starts(folder: Path, env: Any, entry: CatalogueEntry, seeds: Sequence[int]) -> dict[str, Any]:
+    if isinstance(env, FirstPersonEnv):
+        return _write_scenes(folder, env, entry, seeds)
+    return _write_rows(folder, env, entry, seeds)
+
+
+def _write_index(folder: Path, tiles: dict[str, Any], packed: Sequence[dict[str, Any]]) -> None:
+    index = {"version": PACK_VERSION, "atlas": tiles, "worlds": packed}
+    (folder / "index.json").write_text(json.dumps(index), encoding="utf-8", newline="\n")
 
 
 def parse_seeds(text: str) -> range:
@@ -193,9 +223,9 @@ def _write_texture(folder: Path, pixels: bytes) -> str:
     return name
 
 
-def _write_atlas(folder: Path) -> dict[str, Any]:
-    """Pack the tiles; return the position of each of their arrays."""
-    tile_atlas = atlas(TILE_PX, "classic")
+def _write_atlas(folder: Path, kinds: "tuple[ObjectKind, ...]" = ()) -> dict[str, Any]:
+    """Pack the tiles, with those of a world's own object kinds; return the position of each of their arrays."""
+    tile_atlas = atlas(TILE_PX, "classic", kinds)
     content = b""
     arrays: dict[str, Any] = {}
     for name in ("number", "under", "tiles", "agents", "carried"):

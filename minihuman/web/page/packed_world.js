@@ -56,15 +56,28 @@ export class WorldPack {
   /** @type {Kernels[]} grid modules whose world was closed */ #idle = [];
   /** @type {Promise<Atlas> | null} */ #atlas = null;
 
-  /** @param {URL} folder @param {PackIndex} index @param {Manifest} manifest */
-  constructor(folder, index, manifest) {
+  /** @param {URL | string} folder @param {PackIndex} index @param {Manifest} manifest @param {(path: string) => Promise<ArrayBuffer>} readFile */
+  constructor(folder, index, manifest, readFile) {
     this.folder = folder;
     this.index = index;
     this.manifest = manifest;
+    this.readFile = readFile;
   }
 
-  /** @param {URL | string} folder its address; the page's own where it is relative @returns {Promise<WorldPack>} */
-  static open(folder) {
+  /** @param {Map<string, ArrayBuffer>} files a packed folder's, by path, for pages that cannot fetch any @returns {WorldPack} */
+  static ofFiles(files) {
+    /** @param {string} path */
+    const find = (path) => {
+      const content = files.get(path);
+      if (!content) throw new Error(`${path} is not among the pack's files`);
+      return content;
+    };
+    return new WorldPack("the pack", parse(find("index.json")), parse(find("worlds/manifest.json")), async (path) => find(path));
+  }
+
+  /** @param {URL | string | WorldPack} folder its address; the page's own where it is relative @returns {Promise<WorldPack>} */
+  static async open(folder) {
+    if (folder instanceof WorldPack) return folder;
     const base = typeof document === "undefined" ? import.meta.url : document.baseURI;
     const address = new URL(String(folder).replace(/\/?$/, "/"), base);
     const known = WorldPack.#packs.get(address.href);
@@ -80,7 +93,7 @@ export class WorldPack {
     const [index, manifest] = await Promise.all(
       ["index.json", "worlds/manifest.json"].map(async (name) => parse(await read(new URL(name, address)))));
     if (index.version !== INDEX_VERSION) throw new Error(`${address} is of pack version ${index.version}, not ${INDEX_VERSION}; pack it again`);
-    return new WorldPack(address, index, manifest);
+    return new WorldPack(address, index, manifest, (path) => read(new URL(path, address)));
   }
 
   /** @param {string} id with or without `minihuman/` @returns {PackedEntry} */
@@ -106,7 +119,7 @@ export class WorldPack {
   /** @param {string} name */
   async #compile(name) {
     const entry = this.manifest.modules[name];
-    return Kernels.compile(await read(new URL(`worlds/${chooseModule(entry, name).file}`, this.folder)), entry);
+    return Kernels.compile(await this.readFile(`worlds/${chooseModule(entry, name).file}`), entry);
   }
 
   /** Keep a grid module for the next world. @param {Kernels} kernels */
@@ -130,7 +143,7 @@ export class WorldPack {
   file(path) {
     let content = this.#files.get(path);
     if (!content) {
-      content = read(new URL(path, this.folder)).then(inflate);
+      content = this.readFile(path).then(inflate);
       this.#files.set(path, content);
     }
     return content;
@@ -329,7 +342,7 @@ export class World {
   /**
    * Make a world that is in a pack.
    * @param {string} id as Gymnasium has it, `minihuman/` may be left out
-   * @param {{ from?: URL | string, max_steps?: number }} [options] where `minihuman pack` wrote it; another step limit
+   * @param {{ from?: URL | string | WorldPack, max_steps?: number }} [options] where `minihuman pack` wrote it; another step limit
    */
   static async make(id, { from = new URL("./", import.meta.url), max_steps = 0 } = {}) {
     if (!Number.isInteger(max_steps) || max_steps < 0) throw new Error(`max_steps is ${max_steps}; it is 1 or more`);
