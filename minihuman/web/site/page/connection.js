@@ -112,7 +112,7 @@ export class Connection {
     const archive = this.#archive, follower = this.#follower;
     if (!archive || !follower || this.#isEnding) return;
     const messages = texts.map(readMessage), through = messages.at(-1)?.n ?? 0;
-    this.#kept = Promise.all([this.#kept, archive.add(texts.map((_, place) => JSON.stringify(messages[place])))]).then(() => {
+    this.#kept = Promise.all([this.#kept, archive.add(texts)]).then(() => {
       this.outbox.acknowledge(through);
       this.listener.acknowledged(through);
     });
