@@ -42,6 +42,7 @@ SITE_VERSION = 1
 _PAGE = Path(__file__).parents[1] / "page"
 _OWN = Path(__file__).parent / "page"
 _COLLECTORS = ("download", "datapipe", "jatos")
+JATOS_SCRIPT = '<script src="jatos.js"></script>\n'  # which JATOS serves beside a component's page
 _ENCODER = msgspec.json.Encoder()
 
 
@@ -90,7 +91,7 @@ def write_site(protocol: Protocol, folder: Path, *, collector: str = "download",
     if count > len(build_allocation_list(protocol)):
         raise SiteError(f"{count} slots are more than the study's {protocol.study.participants} participants")
     build = digest_build(protocol)
-    _copy_page(folder)
+    _copy_page(folder, JATOS_SCRIPT if collector == "jatos" else "")
     (folder / "study" / "arrays").mkdir(parents=True, exist_ok=True)
     screens = 0
     for index in range(count):
@@ -120,8 +121,13 @@ def _describe_site(protocol: Protocol, build: str, collector: str, slots: int) -
     }
 
 
-def _copy_page(folder: Path) -> None:
-    """Copy the page's files, with the site's own modules in the place of those that speak to a server."""
+def _copy_page(folder: Path, script: str) -> None:
+    """Copy the page's files, with the site's own modules in the place of those that speak to a server.
+
+    Args:
+        folder: the site's folder.
+        script: an element for the page's head; "" for none.
+    """
     static = folder / "static"
     shutil.rmtree(static, ignore_errors=True)
     shutil.copytree(_PAGE, static, ignore=shutil.ignore_patterns("*.html", "*.d.ts", "polling.js"))
@@ -129,6 +135,7 @@ def _copy_page(folder: Path) -> None:
         shutil.copy(module, static / module.name)
     page = (_PAGE / "page.html").read_text(encoding="utf-8").replace('"/static/', '"static/')
     page = page.replace('<link rel="modulepreload" href="static/polling.js">\n', "")
+    page = page.replace("</head>", f"{script}</head>")
     (folder / "index.html").write_text(page, encoding="utf-8", newline="\n")
 
 

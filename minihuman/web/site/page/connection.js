@@ -135,6 +135,7 @@ export class Connection {
     if (m.end === "declined") await archive.erase();
     else if (!await saver.finish()) this.listener.status(this.words.reconnecting);
     this.listener.message(m);
+    if (m.end !== "declined") saver.collector.finish?.();
   }
 
   /** @param {string} why */
