@@ -106,6 +106,11 @@ class Outbox:
         """Return the stream of messages to the page; a restart replaces it."""
         return self._page.outgoing
 
+    @property
+    def screen_name(self) -> int:
+        """Return the page's name of the session's current screen."""
+        return self._page.screen_name
+
     def is_present(self, message: messages.DisplayedMessage) -> bool:
         """Return whether a displayed screen is the session's current screen."""
         if message.name:

@@ -11,14 +11,17 @@ from pathlib import Path
 from minihuman.admin.enrolment_entries import SlotTaken, open_enrolment_log
 from minihuman.admin.manifest import record_log_end
 from minihuman.errors import MinihumanError
+from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import Stop
 from minihuman.experiment.machine.running_episode import NS_PER_MS
 from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.participant_codes import format_participant_code
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.evidence import COLLECTED, PAGE
 from minihuman.log.paths import SegmentPath
+from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
@@ -159,6 +162,7 @@ class SiteSessionRun:
         self._files: list[McapRecorder] = []
         self._screens = 0
         self._differences: list[str] = []
+        self._recent: list[int] = []  # the names of the screens since the last one that the page reported
         settings = site_page_settings(protocol)
         session = build_session(
             plan, PageWorld, self._collect_facts(plan), picture_px=settings.picture_px, renders_steps=False
@@ -203,6 +207,7 @@ class SiteSessionRun:
             self._host.close()
         if log is not None:
             record_log_end(log)
+            self._differences += _list_page_notes(log)
         return ImportedRecord(self._record.id, log, self._screens, tuple(self._differences), tuple(notes))
 
     def _receive_all(self) -> None:
@@ -212,11 +217,28 @@ class SiteSessionRun:
                 continue
             self._compare_screen(message)
             self._host.receive(message.n, message.at, message.what)
+            name = self._host.outbox.screen_name
+            if self._recent[-1:] != [name]:
+                self._recent.append(name)
 
     def _compare_screen(self, message: messages.NumberedMessage) -> None:
+        """Compare a screen that the page showed with those of the session since the page's last report.
+
+        A report may come late: a screen that was on its way to the display when the session went on.
+        """
         what = message.what
         if not isinstance(what, messages.DisplayedMessage) or what.step >= 0:
             return
         self._screens += 1
-        if not self._host.outbox.is_present(what):
-            self._differences.append(f"message {message.n}: the page showed screen {what.name}, the session another")
+        if what.name in self._recent:
+            self._recent = self._recent[self._recent.index(what.name) :]
+        else:
+            self._differences.append(
+                f"message {message.n}: the page showed screen {what.name}, the session {self._host.outbox.screen_name}"
+            )
+
+
+def _list_page_notes(log: Path) -> list[str]:
+    """Return what the session host noted of the page: steps that it computed otherwise, keys that a script pressed."""
+    notes = read_log(log).notes
+    return [note.text for note in notes if isinstance(note, Noted) and note.kind == BROWSER_NOTE]

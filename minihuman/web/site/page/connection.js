@@ -50,7 +50,10 @@ export class Connection {
     this.words = site.words;
     const archive = this.#archive = await Archive.open(site.study);
     this.#saver = new Saver(archive, chooseCollector(site.collector));
-    if (archive.head?.complete) return this.#leave(site.words.finished);
+    if (archive.head?.complete) {
+      if (archive.texts.length) await this.#saver.finish(); // what did not arrive, or a file that was lost
+      return this.#leave(site.words.finished);
+    }
     if (archive.head && archive.head.build !== site.build) return this.#leave(site.words.closed);
     const computer = this.kernels === site.sources ? await EpisodeComputer.load() : null;
     if (!computer) return this.#leave(site.words.browser.replace("{browsers}", "Chrome, Edge, Firefox, Safari"));
@@ -133,7 +136,8 @@ export class Connection {
     await this.#kept;
     await archive.change({ complete: true });
     if (m.end === "declined") await archive.erase();
-    else if (!await saver.finish()) this.listener.status(this.words.reconnecting);
+    else while (!await saver.finish()) this.listener.status(this.words.reconnecting); // "saved" is said when it is
+    this.listener.status("");
     this.listener.message(m);
     if (m.end !== "declined") saver.collector.finish?.();
   }
