@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from minihuman.experiment.protocol.protocol import Protocol
     from minihuman.recorded_study import Session, Study
     from minihuman.web.page_data.imports import ImportedFile
-    from minihuman.web.site.build import SiteSummary
-    from minihuman.web.site.imports import ImportedRecord
+    from minihuman.web.site.record_import import ImportedRecord
+    from minihuman.web.site.site_folder import SiteSummary
 
 Listener = Callable[[str], None]
 
@@ -361,7 +361,7 @@ def write_site(
     """
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.experiment.plan.dry_run import check_worlds
-    from minihuman.web.site.build import write_site as write
+    from minihuman.web.site.site_folder import write_site as write
 
     study = read_protocol(Path(protocol), trust=trust)
     check_worlds(study, str(protocol))
@@ -390,7 +390,7 @@ def import_site_data(
     """
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.web.page_data.page_episodes import list_data_files
-    from minihuman.web.site.imports import import_records
+    from minihuman.web.site.record_import import import_records
 
     files = [file for path in paths for file in list_data_files(Path(path))]
     yield from import_records(files, Path(study), read_protocol(Path(protocol), trust=trust))

@@ -80,7 +80,9 @@ def pack_cell_world(
     Raises:
         WorldError: if there is no such world or action, or no page can compute the world.
     """
-    world_id = world if "/" in world or ":" in world else f"minihuman/{world}"
+    world_id = world
+    if "/" not in world and ":" not in world:
+        world_id = f"minihuman/{world}"
     chosen = dict(options or {})
     env = _make_world(world_id, chosen)
     if isinstance(env, FirstPersonEnv) and not env.trig:
@@ -89,7 +91,9 @@ def pack_cell_world(
     _require_computable(env, world_id, view)
     if not seeds or min(seeds) < 0:
         raise WorldError(f"seeds are {list(seeds)}; give one or more, each 0 or more")
-    key_map = _check_keys(dict(keys), env, world_id) if keys is not None else choose_keys(env.action_names)
+    if keys is None:
+        keys = choose_keys(env.action_names)
+    key_map = _check_keys(dict(keys), env, world_id)
     with tempfile.TemporaryDirectory() as folder:
         pack_world(Path(folder), env, seeds, name=_PACKED_NAME, summary=world_id.rpartition("/")[2])
         pack = _join_files(Path(folder))
@@ -119,11 +123,11 @@ def _require_computable(env: Any, world_id: str, view: str) -> None:
 def choose_keys(actions: Sequence[str]) -> dict[str, str]:
     """Return a key for each action: the usual one if the action has one that is free, or else the next of a list."""
     keys: dict[str, str] = {}
-    others = iter(_OTHER_KEYS)
+    spare_keys = iter(_OTHER_KEYS)
     for action in actions:
         key = _USUAL_KEYS.get(action, "")
         if not key or key in keys:
-            key = next(others)
+            key = next(spare_keys)
         keys[key] = action
     return keys
 

@@ -100,14 +100,14 @@ def pack_world(folder: Path, env: Any, seeds: Sequence[int], *, name: str, summa
     kinds: tuple[ObjectKind, ...] = ()
     if isinstance(env, GridEngine):
         kinds = env.kinds
-    about = {"kind": "", "title": summary, "name": name, "options": {}, "first_seed": 0, "seeds": len(seeds)}
-    _write_index(folder, _write_atlas(folder, kinds), [about | {"actions": list(env.action_names)} | starts])
+    description = {"kind": "", "title": summary, "name": name, "options": {}, "first_seed": 0, "seeds": len(seeds)}
+    _write_index(folder, _write_atlas(folder, kinds), [description | {"actions": list(env.action_names)} | starts])
 
 
-def _write_starts(folder: Path, env: Any, entry: CatalogueEntry, seeds: Sequence[int]) -> dict[str, Any]:
+def _write_starts(folder: Path, env: Any, catalogued: CatalogueEntry, seeds: Sequence[int]) -> dict[str, Any]:
     if isinstance(env, FirstPersonEnv):
-        return _write_scenes(folder, env, entry, seeds)
-    return _write_rows(folder, env, entry, seeds)
+        return _write_scenes(folder, env, catalogued, seeds)
+    return _write_rows(folder, env, catalogued, seeds)
 
 
 def _write_index(folder: Path, tiles: dict[str, Any], packed: Sequence[dict[str, Any]]) -> None:

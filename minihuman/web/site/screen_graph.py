@@ -25,7 +25,7 @@ from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.session_copy import copy_session
 from minihuman.web.computed import PageWorld, can_compute
 from minihuman.web.prefetch import describe_screen
-from minihuman.web.site.errors import SiteError
+from minihuman.web.site.site_error import SiteError
 
 BODY = "\x00body\x00"  # in the place of a text that depends on the episode
 MAX_NODES = 20_000
@@ -88,8 +88,8 @@ class EndingWorld:
 
     def step(self, action: Any) -> Any:
         """Step the world, and change how the step ended."""
-        result = self._world.step(action)
-        return replace(result, reward=self._reward, terminated=self._terminated, truncated=not self._terminated)
+        stepped = self._world.step(action)
+        return replace(stepped, reward=self._reward, terminated=self._terminated, truncated=not self._terminated)
 
 
 _ENDINGS = {
@@ -198,7 +198,8 @@ class ScreenGraph:
         return "".join(map("".join, _fill_known(text, known)))
 
     def _encode_looks(self, session: SessionMachine, values: dict[str, Any]) -> str:
-        looks = {key: value for key, value in values.items() if key != "picture"} | {"body": BODY}
+        looks = values | {"body": BODY}
+        looks.pop("picture", None)
         position = (session.part.number, session.phase, session.next_episode)
         return msgspec.json.encode((looks, position)).decode()
 
@@ -264,12 +265,12 @@ class ScreenGraph:
 
     def _find_ending(self, node: ScreenNode, session: SessionMachine) -> None:
         """Find where Escape leads that is held over the question whether to end the session."""
-        asked = self._copy(session, shown=False)
-        asked.receive(KeyDown(asked.now_ns + _LOOK_NS, "escape", "escape"))
-        due_ns = asked.next_tick_ns
+        questioned = self._copy(session, shown=False)
+        questioned.receive(KeyDown(questioned.now_ns + _LOOK_NS, "escape", "escape"))
+        due_ns = questioned.next_tick_ns
         assert due_ns is not None, "it is held"
-        asked.receive(Tick(due_ns))
-        node.overlays["ending"] = self._visit(asked, "")
+        questioned.receive(Tick(due_ns))
+        node.overlays["ending"] = self._visit(questioned, "")
 
     def _look_from_episode(self, node: ScreenNode, session: SessionMachine, play: RunningEpisode) -> None:
         if not can_compute(play):
@@ -305,7 +306,9 @@ def _check_field(name: str, form: str) -> str:
     """Return a field of an episode, if the page can format it as Python does."""
     if form and (name != "reward" or not _FIXED_POINT.fullmatch(form)):
         raise SiteError(f"a feedback has {{{name}:{form}}}; a site formats {{steps}}, {{reward}} and {{reward:.2f}}")
-    return f"{{{name}:{form}}}" if form else f"{{{name}}}"
+    if form:
+        return f"{{{name}:{form}}}"
+    return f"{{{name}}}"
 
 
 def _find_group(session: SessionMachine) -> str:
@@ -339,10 +342,10 @@ def _list_inputs(session: SessionMachine) -> Iterator[tuple[str, Callable[[int],
 _KEYS_OF_PAGES = ("key:enter", "key:right", "key:left", "key:space", "key:page_down", "key:page_up")
 
 
-def _list_answers(item: object) -> list[str]:
+def _list_answers(widget: object) -> list[str]:
     keys = ["up", "down", "left", "right", "space"]
     count = 0
-    match item:
+    match widget:
         case OptionList(options=options):
             count = len(options)
         case RatingScale(points=points):

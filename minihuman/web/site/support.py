@@ -8,7 +8,7 @@ import msgspec
 from minihuman.experiment.plan.session_plan import PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.strata import build_strata
-from minihuman.web.site.errors import SiteError
+from minihuman.web.site.site_error import SiteError
 
 _KINDS = ("page", "keyboard_check", "questions", "play")
 _QUESTION_KINDS = ("choice", "choices", "likert")
@@ -50,14 +50,14 @@ def _list_plan_obstacles(plan: SessionPlan) -> Iterator[str]:
 
 
 def _list_question_obstacles(part: PlannedPart) -> Iterator[str]:
-    items: tuple[Any, ...] = part.plan.items  # type: ignore[attr-defined]
-    for item in items:
-        place = f"question {item.name!r} of {part.name!r}"
-        if item.kind not in _QUESTION_KINDS:
-            yield f"{place} is of kind {item.kind!r}; a site asks {', '.join(_QUESTION_KINDS)}"
-        if item.only_if:
+    questions: tuple[Any, ...] = part.plan.items  # type: ignore[attr-defined]
+    for question in questions:
+        place = f"question {question.name!r} of {part.name!r}"
+        if question.kind not in _QUESTION_KINDS:
+            yield f"{place} is of kind {question.kind!r}; a site asks {', '.join(_QUESTION_KINDS)}"
+        if question.only_if:
             yield f"{place} depends on an earlier answer (only_if)"
-        if item.right is not None:
+        if question.right is not None:
             yield f"{place} has a correct answer, which the page would have to hold"
 
 

@@ -9,9 +9,9 @@ import pytest
 
 import minihuman
 from minihuman.admin.protocol_file import read_protocol
-from minihuman.web.site.build import plan_site_session, write_site
-from minihuman.web.site.errors import SiteError
-from minihuman.web.site.imports import ImportedRecord, import_records
+from minihuman.web.site.record_import import ImportedRecord, import_records
+from minihuman.web.site.site_error import SiteError
+from minihuman.web.site.site_folder import plan_site_session, write_site
 from minihuman.web.site.support import require_site_support
 from tests.machine import needs
 from tests.web.browser import browsing

@@ -31,9 +31,9 @@ from minihuman.web.computed import PageWorld
 from minihuman.web.eligibility import collect_browser_facts
 from minihuman.web.message_streams import IncomingStream
 from minihuman.web.session_host import SessionHost
-from minihuman.web.site.build import digest_build, plan_site_session, site_page_settings
-from minihuman.web.site.errors import SiteError
-from minihuman.web.site.records import SiteRecord, read_records
+from minihuman.web.site.site_error import SiteError
+from minihuman.web.site.site_folder import digest_build, plan_site_session, site_page_settings
+from minihuman.web.site.site_records import SiteRecord, read_records
 from minihuman.worlds.source_digest import kernels_digest
 
 _IMPORTED = "imported from a site, record "  # why a slot was taken, before the record's digest
@@ -95,11 +95,13 @@ def _import_record(record: SiteRecord, study: Path, protocol: Protocol) -> Impor
     study.mkdir(parents=True, exist_ok=True)
     notes = []
     with open_enrolment_log(study).hold() as register:
-        taken = [line for line in register.lines if isinstance(line, SlotTaken)]
-        _require_imported(taken, study)
-        known = next((line for line in taken if line.reason == _IMPORTED + record.digest), None)
-        before = sum(line.index == record.slot for line in taken)
-        code = format_participant_code(record.slot, before) if known is None else known.participant
+        taken_slots = [line for line in register.lines if isinstance(line, SlotTaken)]
+        _require_imported(taken_slots, study)
+        known = next((line for line in taken_slots if line.reason == _IMPORTED + record.digest), None)
+        before = sum(line.index == record.slot for line in taken_slots)
+        code = format_participant_code(record.slot, before)
+        if known is not None:
+            code = known.participant
         plan = plan_site_session(protocol, record.slot, code)
         if SegmentPath.of_plan(study.parent, plan).log.exists():
             return ImportedRecord(record.id, None, notes=("imported before",))
@@ -123,8 +125,8 @@ def _require_build(record: SiteRecord, protocol: Protocol) -> None:
         raise SiteError(f"slot {record.slot + 1} is none of the study's {protocol.study.participants}")
 
 
-def _require_imported(taken: Sequence[SlotTaken], study: Path) -> None:
-    for line in taken:
+def _require_imported(taken_slots: Sequence[SlotTaken], study: Path) -> None:
+    for line in taken_slots:
         if not line.reason.startswith(_IMPORTED):
             raise SiteError(
                 f"{study} has {line.participant}, whose session was run here; import into a folder of its own"
@@ -152,13 +154,13 @@ class SiteSessionRun:
     Args:
         record: the record.
         plan: the plan of its participant's session.
-        data: the data folder.
+        folder: the data folder.
         protocol: the study.
     """
 
-    def __init__(self, record: SiteRecord, plan: SessionPlan, data: Path, protocol: Protocol) -> None:
+    def __init__(self, record: SiteRecord, plan: SessionPlan, folder: Path, protocol: Protocol) -> None:
         self._record = record
-        self._data = data
+        self._folder = folder
         self._files: list[McapRecorder] = []
         self._screens = 0
         self._differences: list[str] = []
@@ -185,7 +187,7 @@ class SiteSessionRun:
 
     def _open_recorder(self) -> Recorder:
         started_ns = self._record.started_unix_ms * NS_PER_MS
-        self._files.append(McapRecorder(self._data, self._host.session.plan, started_ns=started_ns))
+        self._files.append(McapRecorder(self._folder, self._host.session.plan, started_ns=started_ns))
         return self._files[0]
 
     def write(self, notes: Sequence[str]) -> ImportedRecord:
@@ -226,15 +228,16 @@ class SiteSessionRun:
 
         A report may come late: a screen that was on its way to the display when the session went on.
         """
-        what = message.what
-        if not isinstance(what, messages.DisplayedMessage) or what.step >= 0:
+        display = message.what
+        if not isinstance(display, messages.DisplayedMessage) or display.step >= 0:
             return
         self._screens += 1
-        if what.name in self._recent:
-            self._recent = self._recent[self._recent.index(what.name) :]
+        if display.name in self._recent:
+            self._recent = self._recent[self._recent.index(display.name) :]
         else:
+            present = self._host.outbox.screen_name
             self._differences.append(
-                f"message {message.n}: the page showed screen {what.name}, the session {self._host.outbox.screen_name}"
+                f"message {message.n}: the page showed screen {display.name}, the session {present}"
             )
 
 

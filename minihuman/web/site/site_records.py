@@ -15,7 +15,7 @@ from msgspec import Meta
 
 from minihuman.web.message_codec import decode_page_message
 from minihuman.web.messages import BrowserFacts, MessageError, NumberedMessage
-from minihuman.web.site.errors import SiteError
+from minihuman.web.site.site_error import SiteError
 
 FORMAT = "minihuman-site"
 RECORD_VERSION = 1

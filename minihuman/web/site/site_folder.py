@@ -33,8 +33,8 @@ from minihuman.web.eligibility import build_completion, classify_ending, get_pag
 from minihuman.web.key_codes import KEY_CODES
 from minihuman.web.outbox import PageSettings, build_rules
 from minihuman.web.screen_values import ImageCache
-from minihuman.web.site.errors import SiteError
 from minihuman.web.site.screen_graph import ScreenGraph, ScreenNode
+from minihuman.web.site.site_error import SiteError
 from minihuman.web.site.support import require_site_support
 from minihuman.worlds.source_digest import kernels_digest
 
@@ -91,7 +91,10 @@ def write_site(protocol: Protocol, folder: Path, *, collector: str = "download",
     if count > len(build_allocation_list(protocol)):
         raise SiteError(f"{count} slots are more than the study's {protocol.study.participants} participants")
     build = digest_build(protocol)
-    _copy_page(folder, JATOS_SCRIPT if collector == "jatos" else "")
+    script = ""
+    if collector == "jatos":
+        script = JATOS_SCRIPT
+    _copy_page(folder, script)
     (folder / "study" / "arrays").mkdir(parents=True, exist_ok=True)
     screens = 0
     for index in range(count):
@@ -210,10 +213,12 @@ class SlotScript:
 
 
 def _describe_picture(picture: messages.PictureMessage) -> dict[str, Any]:
-    data = base64.b64encode(picture.data).decode()
-    return {"number": picture.number, "encoding": picture.encoding, "width": picture.width} | {
+    return {
+        "number": picture.number,
+        "encoding": picture.encoding,
+        "width": picture.width,
         "height": picture.height,
-        "data": data,
+        "data": base64.b64encode(picture.data).decode(),
     }
 
 
