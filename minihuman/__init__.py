@@ -29,14 +29,12 @@ if TYPE_CHECKING:
         VerificationLine as VerificationLine,
         export as export,
         import_page_data as import_page_data,
-        import_site_data as import_site_data,
         open_session as open_session,
         open_study as open_study,
         report as report,
         run as run,
         simulate as simulate,
         verify as verify,
-        write_site as write_site,
     )
     from minihuman.dataset.selection import Selection as Selection
     from minihuman.errors import MinihumanError as MinihumanError
@@ -48,6 +46,7 @@ if TYPE_CHECKING:
         Session as Session,
         Study as Study,
     )
+    from minihuman.study_site import import_site_data as import_site_data, write_site as write_site
     from minihuman.worlds.adapters.page_world import verify_actions as verify_actions
     from minihuman.worlds.adapters.pettingzoo import parallel_env as parallel_env
     from minihuman.worlds.grid.layout import observation_to_text as observation_to_text
@@ -68,7 +67,7 @@ _MODULES = {  # where each public name is; imported when it is asked for, so tha
     "VerificationLine": "minihuman.api",
     "export": "minihuman.api",
     "import_page_data": "minihuman.api",
-    "import_site_data": "minihuman.api",
+    "import_site_data": "minihuman.study_site",
     "make_team": "minihuman.worlds.team",
     "observation_to_text": "minihuman.worlds.grid.layout",
     "open_session": "minihuman.api",
@@ -80,7 +79,7 @@ _MODULES = {  # where each public name is; imported when it is asked for, so tha
     "verify": "minihuman.api",
     "verify_actions": "minihuman.worlds.adapters.page_world",
     "widget": "minihuman.notebook.widget",
-    "write_site": "minihuman.api",
+    "write_site": "minihuman.study_site",
 }
 __all__ = [*_MODULES, "__version__"]
 

@@ -209,7 +209,7 @@ def replace(code: Code, study: StudyOption, reason: ReasonOption = "", experimen
 
 def _import_site(files: list[Path], study: Path, protocol: Path, *, json: bool) -> int:
     """Import a site's records; return the exit status."""
-    from minihuman.api import import_site_data
+    from minihuman.study_site import import_site_data
 
     code = 0
     for imported in import_site_data(*files, study=study, protocol=protocol):

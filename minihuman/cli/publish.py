@@ -276,7 +276,7 @@ def site(
 
     Example: minihuman site protocols/fourrooms-transfer.toml --out site --slots 2
     """
-    from minihuman.api import write_site
+    from minihuman.study_site import write_site
 
     written = write_site(protocol, out, collector=collector, slots=slots)
     print(f"{written.slots} slots, {written.screens} screens each, {written.size_bytes / 1e6:.1f} MB in {out}")
