@@ -241,10 +241,9 @@ def import_(
 ) -> None:
     """Import what web pages recorded without a server.
 
-    Each file is one participant's session. Its episodes are replayed from their seeds and actions; a file that differs
-    is refused. With `--protocol`, the data are records of a site: the session runs again by the page's messages, and
-    every difference is reported. The logs say that they are consistent, not witnessed. The exit status is 1 if a file
-    was refused.
+    Each file is a participant's session. Its episodes are replayed, and a file that differs is refused. With
+    `--protocol`, data are records of a site: the session runs again by the page's messages, and differences are
+    reported. The logs say that they are consistent, not witnessed. The exit status is 1 if a file was refused.
 
     Example: minihuman import data/ --study sessions/online-maze
     """

@@ -262,7 +262,7 @@ def pack(
 
 
 def site(
-    protocol: Annotated[Path, Argument("The protocol, a .toml file.")],
+    protocol: ProtocolFile,
     out: Annotated[Path, Option(help="The folder to write to; files of an earlier site in it are replaced.")],
     collector: Annotated[
         str, Option(help="Where pages send their records: download, jatos, datapipe:EXPERIMENT_ID, or an address.")

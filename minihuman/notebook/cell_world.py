@@ -117,7 +117,7 @@ def _require_computable(env: Any, world_id: str, view: str) -> None:
     if view not in ("partial", "full"):
         raise WorldError(f"view is {view!r}; it is 'partial' or 'full'")
     if view == "full" and isinstance(env, FirstPersonEnv):
-        raise WorldError(f"{world_id}: a page draws a first-person world by what the agent sees; leave out view='full'")
+        raise WorldError(f"{world_id}: a page draws a first-person world by what the agent sees; remove view='full'")
 
 
 def choose_keys(actions: Sequence[str]) -> dict[str, str]:

@@ -27,7 +27,7 @@ from minihuman.web.computed import PageWorld, can_compute
 from minihuman.web.prefetch import describe_screen
 from minihuman.web.site.site_error import SiteError
 
-BODY = "\x00body\x00"  # in the place of a text that depends on the episode
+BODY_MARK = "\x00body\x00"  # in the place of a text that depends on the episode
 MAX_NODES = 20_000
 MAX_GROUP_NODES = 2_000  # of one question
 OUTCOMES = ("goal", "failure", "timeout")
@@ -51,7 +51,7 @@ class ScreenNode:
             it gives consent.
         group: the question that the screen belongs to, to which a participant may return; "" for none.
         template: the text of an episode's feedback, with the fields that depend on the episode; "" for none.
-        looks: what the screen's digest is of, as JSON with `BODY` in the place of that text.
+        looks: what the screen's digest is of, as JSON with `BODY_MARK` in the place of that text.
         episode: the index of the episode that is played here; -1 for none.
         ends: the node that follows each outcome of the episode.
         keeps_picture: whether the last picture of an episode stays on the display.
@@ -182,7 +182,7 @@ class ScreenGraph:
         """Return the present feedback's text if it has fields of the episode, with its other fields filled in."""
         if session.phase is not Phase.FEEDBACK or session.over:
             return ""
-        text: str = session.part.part.plan.feedback[outcome]  # type: ignore[attr-defined]
+        text: str = session.part.part.plan.feedback[outcome]
         fields = {str(name) for _, name, _, _ in string.Formatter().parse(text) if name is not None}
         if unknown := fields.difference(_FIXED_FIELDS, _EPISODE_FIELDS):
             raise SiteError(f"a feedback has the field {{{min(unknown)}}}, which no page fills in without a server")
@@ -198,7 +198,7 @@ class ScreenGraph:
         return "".join(map("".join, _fill_known(text, known)))
 
     def _encode_looks(self, session: SessionMachine, values: dict[str, Any]) -> str:
-        looks = values | {"body": BODY}
+        looks = values | {"body": BODY_MARK}
         looks.pop("picture", None)
         position = (session.part.number, session.phase, session.next_episode)
         return msgspec.json.encode((looks, position)).decode()
@@ -281,11 +281,11 @@ class ScreenGraph:
         node.episode = play.plan.episode
         play.world.reset(play.plan.seed)  # other copies have played in it
         self._describe_episode(session, play)
-        for outcome, ending in _ENDINGS.items():
+        for outcome, forced_end in _ENDINGS.items():
             copied = self._copy(session, shown=True)
             assert copied.play is not None, "the copy plays the episode, too"
             copied.play.world.reset(play.plan.seed)
-            copied.play.world = EndingWorld(copied.play.world, **ending)  # type: ignore[assignment,arg-type]
+            copied.play.world = EndingWorld(copied.play.world, **forced_end)  # type: ignore[assignment,arg-type]
             key = next(iter(play.plan.key_map.keys))
             copied.receive(KeyDown(copied.now_ns + _LOOK_NS, key, key))
             node.ends[outcome] = self._visit(copied, outcome)

@@ -50,7 +50,7 @@ def _list_plan_obstacles(plan: SessionPlan) -> Iterator[str]:
 
 
 def _list_question_obstacles(part: PlannedPart) -> Iterator[str]:
-    questions: tuple[Any, ...] = part.plan.items  # type: ignore[attr-defined]
+    questions: tuple[Any, ...] = part.plan.items
     for question in questions:
         place = f"question {question.name!r} of {part.name!r}"
         if question.kind not in _QUESTION_KINDS:
