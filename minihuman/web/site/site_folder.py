@@ -91,10 +91,10 @@ def write_site(protocol: Protocol, folder: Path, *, collector: str = "download",
     if count > len(build_allocation_list(protocol)):
         raise SiteError(f"{count} slots are more than the study's {protocol.study.participants} participants")
     build = digest_build(protocol)
-    script = ""
+    jatos_script = ""
     if collector == "jatos":
-        script = JATOS_SCRIPT
-    _copy_page(folder, script)
+        jatos_script = JATOS_SCRIPT
+    _copy_page(folder, jatos_script)
     (folder / "study" / "arrays").mkdir(parents=True, exist_ok=True)
     screens = 0
     for index in range(count):
