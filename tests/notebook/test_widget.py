@@ -1,6 +1,9 @@
 """A world in a notebook's cell: played by real keys in Chromium, and back in Python as an episode that was replayed."""
 
 import json
+import re
+from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium
 import pytest
@@ -15,6 +18,8 @@ from minihuman.worlds.grid.object_kinds import ObjectKind, door, goal, key
 from tests.machine import needs
 from tests.notebook.cell_page import list_errors, play_actions, read_played, show_cell
 from tests.web.browser import browsing
+
+PAGE = Path(__file__).parents[2] / "docs" / "play.md"
 
 MUD = ObjectKind(
     "mud", "M", stepped_on=True, draw=lambda canvas, colour, state: canvas.fill(canvas.box(0, 0, 1, 1), colour)
@@ -49,6 +54,16 @@ def find_solution(world) -> list[str]:
     return [env.action_names[action] for action in env.shortest_path()]
 
 
+def draw_docs_figure(episode) -> None:
+    """Draw the person beside the policy, as the docs do."""
+    (block,) = re.findall(r"```\n(import gymnasium\n\nperson = .*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    names = {"cell": SimpleNamespace(episode=episode, save=lambda study: None)}
+    exec(block, names)
+    *_, policy = names["figure"].axes[0].lines
+    assert len(policy.get_xdata()) == episode.steps + 1
+    assert policy.get_xdata()[-1] == episode.path[-1][0]
+
+
 @needs("chromium")
 @pytest.mark.program
 def test_an_episode_played_in_a_cell_comes_back_replayed(tmp_path):
@@ -71,6 +86,7 @@ def test_an_episode_played_in_a_cell_comes_back_replayed(tmp_path):
     assert (episode.outcome, episode.world, episode.seed) == ("goal", "minihuman/MiniGrid-DoorKey-5x5-v0", 5)
     assert len(episode.frames()) == episode.steps + 1
     assert (episode.reaction_ms >= 0).all()
+    draw_docs_figure(episode)
     log = cell.save(tmp_path / "mine")
     assert all(line.ok for line in minihuman.verify(tmp_path / "mine"))
     assert "imported from a page: consistent, not witnessed" in {line.text for line in minihuman.verify(log)}
