@@ -29,7 +29,7 @@ def build_package(folder: Path, *, with_types: bool = True) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     worlds = [entry.name for entry in (*GRID_WORLDS, *BABYAI_WORLDS) if is_compiled_grid(entry.id, {})]
     pack_worlds(folder, SEEDS, worlds)
-    for source in sorted((HERE / "src").iterdir()):
+    for source in (*sorted((HERE / "src").iterdir()), ROOT / "minihuman/web/page/episode_view.js"):
         shutil.copy(source, folder)
     shutil.copy(ROOT / "LICENSE", folder)
     shutil.copy(HERE / "README.md", folder)

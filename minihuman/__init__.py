@@ -39,12 +39,14 @@ if TYPE_CHECKING:
     from minihuman.dataset.selection import Selection as Selection
     from minihuman.errors import MinihumanError as MinihumanError
     from minihuman.log.model.session_log import Segment as Segment
+    from minihuman.notebook.widget import widget as widget
     from minihuman.recorded_study import (
         Episode as Episode,
         ReplayedStep as ReplayedStep,
         Session as Session,
         Study as Study,
     )
+    from minihuman.study_site import import_site_data as import_site_data, write_site as write_site
     from minihuman.worlds.adapters.page_world import verify_actions as verify_actions
     from minihuman.worlds.adapters.pettingzoo import parallel_env as parallel_env
     from minihuman.worlds.grid.layout import observation_to_text as observation_to_text
@@ -65,6 +67,7 @@ _MODULES = {  # where each public name is; imported when it is asked for, so tha
     "VerificationLine": "minihuman.api",
     "export": "minihuman.api",
     "import_page_data": "minihuman.api",
+    "import_site_data": "minihuman.study_site",
     "make_team": "minihuman.worlds.team",
     "observation_to_text": "minihuman.worlds.grid.layout",
     "open_session": "minihuman.api",
@@ -75,6 +78,8 @@ _MODULES = {  # where each public name is; imported when it is asked for, so tha
     "simulate": "minihuman.api",
     "verify": "minihuman.api",
     "verify_actions": "minihuman.worlds.adapters.page_world",
+    "widget": "minihuman.notebook.widget",
+    "write_site": "minihuman.study_site",
 }
 __all__ = [*_MODULES, "__version__"]
 

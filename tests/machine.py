@@ -92,6 +92,13 @@ REQUIREMENTS = {
         _find_package("torch", "stable_baselines3"),
         in_ci=False,
     ),
+    "anywidget": Requirement("anywidget", 'pip install -e ".[notebook]"', _find_package("anywidget"), in_ci=False),
+    "notebooks": Requirement(
+        "JupyterLab and marimo",
+        "pip install anywidget jupyterlab marimo",
+        _find_package("anywidget", "jupyterlab", "marimo"),
+        in_ci=False,
+    ),
     "mkdocs": Requirement("MkDocs", 'pip install -e ".[docs]"', _find_package("mkdocs"), in_ci=False),
     "r": Requirement(
         "R with lme4 and glmmTMB",

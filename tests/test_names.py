@@ -79,7 +79,7 @@ SAME_FILE = {  # a name that several packages share, for the same role in each
     "world": "a world as a session needs it, and the class to write one with",
 }
 
-FROM_LIBRARIES = {"freetype.Face", "harfbuzz.Face"}  # what a library calls a thing, where we use it
+FROM_LIBRARIES = {"freetype.Face", "harfbuzz.Face", "traitlets.Bytes"}  # what a library calls a thing, where we use it
 
 
 def _modules() -> list[Path]:

@@ -59,6 +59,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of 
         "score": "Score people, policies and models on the same levels.",
         "payments": "Print the payment for each session as CSV.",
         "pack": "Pack worlds for web pages that run without a server.",
+        "site": "Write a static folder that runs a study on any web host.",
     },
     "agents": {
         "learn": "Train agents, on people's data or without.",

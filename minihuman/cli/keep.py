@@ -207,20 +207,50 @@ def replace(code: Code, study: StudyOption, reason: ReasonOption = "", experimen
     print(f"the next `minihuman run` offers {code}'s slot")
 
 
+def _import_site(files: list[Path], study: Path, protocol: Path, *, json: bool) -> int:
+    """Import a site's records; return the exit status."""
+    from minihuman.study_site import import_site_data
+
+    code = 0
+    for imported in import_site_data(*files, study=study, protocol=protocol):
+        if imported.error:
+            code = max(code, imported.error.exit_code)
+        if json:
+            print_json(
+                {
+                    "record": imported.id,
+                    "log": imported.log,
+                    "screens": imported.screens,
+                    "differences": imported.differences,
+                    "refused": imported.error is not None,
+                    "said": imported.text,
+                }
+            )
+        else:
+            print(escape_control_characters(imported.text), flush=True)
+    return code
+
+
 def import_(
     files: Annotated[list[Path], Argument("Files of a page's data (.json, .csv), or folders of them.", "DATA...")],
     study: Annotated[Path, Option("--study", help="The study's folder; it is made if it does not exist.")],
+    protocol: Annotated[
+        Path | None, Option("--protocol", help="The protocol of the site that recorded the data (`minihuman site`).")
+    ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Import episodes that a web page recorded without a server.
+    """Import what web pages recorded without a server.
 
-    Each file is one participant's session. Its episodes are replayed from their seeds and actions; a file that differs
-    is refused. The logs say that they are consistent, not witnessed. The exit status is 1 if a file was refused.
+    Each file is a participant's session. Its episodes are replayed, and a file that differs is refused. With
+    `--protocol`, data are records of a site: the session runs again by the page's messages, and differences are
+    reported. The logs say that they are consistent, not witnessed. The exit status is 1 if a file was refused.
 
     Example: minihuman import data/ --study sessions/online-maze
     """
     from minihuman.api import import_page_data
 
+    if protocol is not None:
+        raise SystemExit(_import_site(files, study, protocol, json=json))
     code = 0
     for imported in import_page_data(*files, study=study):
         if imported.error:

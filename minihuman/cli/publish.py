@@ -262,3 +262,24 @@ def pack(
     print(f"{len(packed.worlds)} worlds, {packed.size_bytes / 1e6:.1f} MB in {out}")
     if packed.packed_states:
         print(f"seeds {seeds} alone: {', '.join(packed.packed_states)}")
+
+
+def site(
+    protocol: ProtocolFile,
+    out: Annotated[Path, Option(help="The folder to write to; files of an earlier site in it are replaced.")],
+    collector: Annotated[
+        str, Option(help="Where pages send their records: download, jatos, datapipe:EXPERIMENT_ID, or an address.")
+    ] = "download",
+    slots: Annotated[int, Option(min=0, help="How many allocation slots to write; 0: the study's.")] = 0,
+) -> None:
+    """Write a static folder that runs a study on any web host.
+
+    Pages record what a served page would send. `minihuman import` runs it through the session again and writes the
+    logs, which say that they are consistent, not witnessed.
+
+    Example: minihuman site protocols/fourrooms-transfer.toml --out site --slots 2
+    """
+    from minihuman.study_site import write_site
+
+    written = write_site(protocol, out, collector=collector, slots=slots)
+    print(f"{written.slots} slots, {written.screens} screens each, {written.size_bytes / 1e6:.1f} MB in {out}")

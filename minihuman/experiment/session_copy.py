@@ -49,6 +49,7 @@ class _LentContext(SessionContext):
         lent = self._lend(world_id, options)
         if lent is None:
             raise WorldError(f"the copied session has no world {world_id} to replay in")
+        self._world = ((world_id, options), lent)  # as the session would have it open from then on
         return lent
 
     def close(self) -> None:

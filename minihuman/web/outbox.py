@@ -39,6 +39,45 @@ _WITHOUT_EFFECT = (
 )
 
 
+def build_rules(
+    play: RunningEpisode, part_plan: object, *, computed: messages.WorldState | None, keep: int
+) -> messages.EpisodeRules:
+    """Build the message of an episode's rules.
+
+    Args:
+        play: the episode.
+        part_plan: the plan of its part.
+        computed: the world's state if the page computes the episode.
+        keep: the number of the first picture that the page needs.
+    """
+    plan = play.plan
+    most_steps = plan.max_steps
+    if play.world.step_limit is not None:
+        most_steps = min(most_steps, play.world.step_limit)
+    noop = None
+    if plan.noop is not None:
+        noop = play.world.action_names.index(plan.noop)
+    team: messages.JointPace = ""
+    if play.is_joint and play.real_time:
+        team = "ticks"
+    elif play.is_joint:
+        team = "turns"
+    return messages.EpisodeRules(
+        episode=plan.episode,
+        actions={key: play.world.action_names.index(name) for key, name in plan.key_map.keys.items()},
+        real_time=plan.pace == "real_time" and not play.is_joint,
+        period=max(1, round(plan.step_period_ms * 1e6)),
+        noop=noop,
+        auto_repeat=plan.auto_repeat,
+        most_steps=most_steps,
+        team=team,
+        held=getattr(part_plan, "hold_ms", 0.0) > 0,
+        keep=keep,
+        motion=getattr(part_plan, "motion_ms", None) or 0.0,
+        computed=computed,
+    )
+
+
 class Outbox:
     """Sends a page the state of its session.
 
@@ -71,6 +110,11 @@ class Outbox:
     def outgoing(self) -> OutgoingStream[messages.ServerMessage | messages.PictureMessage]:
         """Return the stream of messages to the page; a restart replaces it."""
         return self._page.outgoing
+
+    @property
+    def screen_name(self) -> int:
+        """Return the page's name of the session's current screen."""
+        return self._page.screen_name
 
     def is_present(self, message: messages.DisplayedMessage) -> bool:
         """Return whether a displayed screen is the session's current screen."""
@@ -148,49 +192,21 @@ class Outbox:
             return
         self.send_prefetched()  # as long as its pictures are known
         self.steps.begin(play)
-        actions = {key: play.world.action_names.index(name) for key, name in plan.key_map.keys.items()}
-        possible = list(actions.values())
-        noop = None
+        possible = [play.world.action_names.index(name) for name in plan.key_map.keys.values()]
         if plan.noop is not None:
-            noop = play.world.action_names.index(plan.noop)
-            possible.append(noop)
+            possible.append(play.world.action_names.index(plan.noop))
         self._page.images.forget()
         keep = self._page.images.next
         scene = self._ahead.begin(play, possible, self._page.images, computes=self._computes(play))
         self.steps.place(play, scene)
-        self._send_rules(play, actions, noop, keep)
+        self._send_rules(play, keep)
         self._page.send_scenes(self._ahead.graph)
 
-    def _send_rules(self, play: RunningEpisode, actions: dict[str, int], noop: int | None, keep: int) -> None:
-        plan = play.plan
-        part_plan = self._session.part.part.plan
-        most_steps = plan.max_steps
-        if play.world.step_limit is not None:
-            most_steps = min(most_steps, play.world.step_limit)
-        team: messages.JointPace = ""
-        if play.is_joint and play.real_time:
-            team = "ticks"
-        elif play.is_joint:
-            team = "turns"
+    def _send_rules(self, play: RunningEpisode, keep: int) -> None:
         world_state = None
         if self._ahead.computed is not None:
             world_state = self._page.send_world_state(self._ahead.computed)
-        self.outgoing.add(
-            messages.EpisodeRules(
-                episode=plan.episode,
-                actions=actions,
-                real_time=plan.pace == "real_time" and not play.is_joint,
-                period=max(1, round(plan.step_period_ms * 1e6)),
-                noop=noop,
-                auto_repeat=plan.auto_repeat,
-                most_steps=most_steps,
-                team=team,
-                held=getattr(part_plan, "hold_ms", 0.0) > 0,
-                keep=keep,
-                motion=getattr(part_plan, "motion_ms", None) or 0.0,
-                computed=world_state,
-            )
-        )
+        self.outgoing.add(build_rules(play, self._session.part.part.plan, computed=world_state, keep=keep))
 
     def _computes(self, play: RunningEpisode) -> bool:
         """Return whether the page computes an episode."""

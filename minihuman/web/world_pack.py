@@ -14,7 +14,7 @@ import zlib
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -27,6 +27,9 @@ from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.page_scene import describe
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.pictures.drawing import atlas
+
+if TYPE_CHECKING:
+    from minihuman.worlds.grid.object_kinds import ObjectKind
 
 PACK_VERSION = 2
 _MOST_SEEDS = 1_000_000
@@ -79,6 +82,22 @@ def pack_worlds(folder: Path, seeds: range, names: Collection[str] = ()) -> Pack
     return PackSummary(worlds, tuple(writer.skipped), packed_states, size_bytes)
 
 
+def pack_world(folder: Path, env: Any, seeds: Sequence[int], *, name: str, summary: str) -> None:
+    """Pack one compiled world, which need not be of the catalogue, into a folder; seeds are numbered from 0 in it.
+
+    Args:
+        folder: the folder, which is created if necessary.
+        env: the world, unwrapped; a first-person world has the option `PAGE_SINE`.
+        seeds: the seeds whose first states are packed, in any order.
+        name: the name by which a page makes the world; a file has it.
+        summary: the mission of a world that has none.
+    """
+    (folder / "starts").mkdir(parents=True, exist_ok=True)
+    writer = _PackWriter(folder, range(len(seeds)))
+    writer.add_states(env, CatalogueEntry(name, "", summary=summary), seeds)
+    writer.write_index()
+
+
 class _PackWriter:
     """Writes worlds into a folder, then the index of what is there."""
 
@@ -91,6 +110,7 @@ class _PackWriter:
         self._manifest = json.loads((_PAGE / "worlds/manifest.json").read_text(encoding="utf-8"))
         self._layout_modules = read_layout_modules()
         self._modules = {"grid"}  # that the worlds need, by name
+        self._kinds: tuple[ObjectKind, ...] = ()  # a world's own
 
     def add_world(self, kind: str, world: CatalogueEntry) -> None:
         """Write a world's first states, or note how a page lays it out; skip it if its rules are Python."""
@@ -103,6 +123,18 @@ class _PackWriter:
             return
         title = {"kind": kind, "title": f"{world.name}: {world.summary}", "name": world.name, "options": options}
         self.worlds.append(title | {"actions": list(env.action_names)} | self._write_starts(env, world))
+
+    def add_states(self, env: Any, world: CatalogueEntry, seeds: Sequence[int]) -> None:
+        """Write the first states of a world for some seeds, which are numbered from 0."""
+        if isinstance(env, FirstPersonEnv):
+            self._modules.add("first_person")
+            starts = _write_scenes(self.folder, env, world, seeds)
+        else:
+            self._kinds = env.kinds
+            starts = _write_rows(self.folder, env, world, seeds)
+        title = {"kind": "", "title": world.summary, "name": world.name, "options": {}}
+        packed_seeds = {"first_seed": 0, "seeds": len(seeds)}
+        self.worlds.append(title | packed_seeds | {"actions": list(env.action_names)} | starts)
 
     def _write_starts(self, env: Any, world: CatalogueEntry) -> dict[str, Any]:
         packed_seeds = {"first_seed": self.seeds.start, "seeds": len(self.seeds)}
@@ -126,7 +158,7 @@ class _PackWriter:
         if self.layouts:
             _write_deflated(self.folder / "layouts.z", {"worlds": self.layouts, "language": describe_language()})
         manifest = {"sources": self._manifest["sources"], "modules": needed}
-        index = {"version": PACK_VERSION, "atlas": _write_atlas(self.folder), "manifest": manifest}
+        index = {"version": PACK_VERSION, "atlas": _write_atlas(self.folder, self._kinds), "manifest": manifest}
         _write_deflated(self.folder / "index.z", index | {"worlds": self.worlds})
 
 
@@ -257,9 +289,9 @@ def _write_texture(folder: Path, pixels: bytes) -> str:
     return name
 
 
-def _write_atlas(folder: Path) -> dict[str, Any]:
-    """Pack the tiles; return the position of each of their arrays."""
-    tile_atlas = atlas(TILE_PX, "classic")
+def _write_atlas(folder: Path, kinds: "tuple[ObjectKind, ...]") -> dict[str, Any]:
+    """Pack the tiles, with those of a world's own object kinds; return the position of each of their arrays."""
+    tile_atlas = atlas(TILE_PX, "classic", kinds)
     content = b""
     arrays: dict[str, Any] = {}
     for name in ("number", "under", "tiles", "agents", "carried"):

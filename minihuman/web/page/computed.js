@@ -13,7 +13,7 @@ import { FirstPersonWorld, GridWorld, Kernels, Scene } from "./world.js";
 /** @typedef {GridWorld | FirstPersonWorld} World */
 /** @typedef {ReturnType<GridWorld["save"]> | ReturnType<FirstPersonWorld["save"]>} Saved */
 
-const FOLDER = "/static/worlds";
+const FOLDER = new URL("worlds", import.meta.url).href;
 const TERMINATED = 1, TRUNCATED = 2;
 const AGENT = 1, CARRIED = 2, COLUMNS = 9, MOVING = 4; // of a first-person state: rows, and what of one moves
 /** @type {Record<string, any>} by NumPy's names */
@@ -107,6 +107,8 @@ export class EpisodeComputer {
  * @property {any} saved
  * @property {number} step
  * @property {string} digest of the step that led to it
+ * @property {number} reward of that step
+ * @property {number} ends whether the episode is over: 1 where the world ended it, 2 where a limit did
  * @property {number} picture none of the server's
  * @property {{ get(action: number | null | undefined): [scene: number, ends: boolean] | undefined, has(): boolean }} edges
  */
@@ -127,7 +129,7 @@ export class ComputedScenes {
 
   /** Go on from where the server is. @param {WorldPosition} state */
   place(state) {
-    this.start = { step: state.step, scene: this.#add(decodeState(state), state.step, "") };
+    this.start = { step: state.step, scene: this.#add(decodeState(state), state.step, { digest: "", reward: 0, ends: 0 }) };
   }
 
   /** @param {number} name */
@@ -149,12 +151,12 @@ export class ComputedScenes {
     return this.artist.draw();
   }
 
-  /** @param {any} saved @param {number} step @param {string} digest */
-  #add(saved, step, digest) {
+  /** @param {any} saved @param {number} step @param {{ digest: string, reward: number, ends: number }} outcome */
+  #add(saved, step, outcome) {
     const name = this.#next++;
     /** @type {Map<number, [number, boolean]>} */ const edges = new Map();
     /** @type {ComputedScene} */
-    const scene = { saved, step, digest, picture: -1, edges: {
+    const scene = { saved, step, ...outcome, picture: -1, edges: {
       get: (action) => {
         if (typeof action !== "number") return undefined;
         const edge = edges.get(action) ?? this.#step(scene, action);
@@ -176,7 +178,8 @@ export class ComputedScenes {
     const step = scene.step + 1;
     const isTruncated = status & TRUNCATED || step >= this.mostSteps;
     const ends = status & TERMINATED ? TERMINATED : isTruncated ? TRUNCATED : 0;
-    return [this.#add(world.save(), step, world.digest(reward, ends)), ends > 0];
+    const outcome = { digest: world.digest(reward, ends), reward, ends };
+    return [this.#add(world.save(), step, outcome), ends > 0];
   }
 }
 

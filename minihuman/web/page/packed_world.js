@@ -60,15 +60,28 @@ export class WorldPack {
   /** @type {Promise<Atlas> | null} */ #atlas = null;
   /** @type {Promise<LayoutTable> | null} */ #layouts = null;
 
-  /** @param {URL} folder @param {PackIndex} index */
-  constructor(folder, index) {
+  /** @param {URL | string} folder @param {PackIndex} index @param {(path: string) => Promise<ArrayBuffer>} readFile */
+  constructor(folder, index, readFile) {
     this.folder = folder;
     this.index = index;
     this.manifest = index.manifest;
+    this.readFile = readFile;
   }
 
-  /** @param {URL | string} folder its address; the page's own where it is relative @returns {Promise<WorldPack>} */
-  static open(folder) {
+  /** @param {Map<string, ArrayBuffer>} files a packed folder's, by path, for pages that cannot fetch any @returns {Promise<WorldPack>} */
+  static async ofFiles(files) {
+    /** @param {string} path */
+    const find = (path) => {
+      const content = files.get(path);
+      if (!content) throw new Error(`${path} is not among the pack's files`);
+      return content;
+    };
+    return new WorldPack("the pack", parse(await inflate(find("index.z"))), async (path) => find(path));
+  }
+
+  /** @param {URL | string | WorldPack} folder its address; the page's own where it is relative @returns {Promise<WorldPack>} */
+  static async open(folder) {
+    if (folder instanceof WorldPack) return folder;
     const base = typeof document === "undefined" ? import.meta.url : document.baseURI;
     const address = new URL(String(folder).replace(/\/?$/, "/"), base);
     const known = WorldPack.#packs.get(address.href);
@@ -83,7 +96,7 @@ export class WorldPack {
   static async #open(address) {
     /** @type {PackIndex} */ const index = parse(await inflate(await read(new URL("index.z", address))));
     if (index.version !== INDEX_VERSION) throw new Error(`${address} is of pack version ${index.version}, not ${INDEX_VERSION}; pack it again`);
-    return new WorldPack(address, index);
+    return new WorldPack(address, index, (path) => read(new URL(path, address)));
   }
 
   /** @param {string} id with or without `minihuman/` @returns {PackedEntry} */
@@ -139,7 +152,7 @@ export class WorldPack {
   file(path) {
     let content = this.#files.get(path);
     if (!content) {
-      content = read(new URL(path, this.folder)).then(inflate);
+      content = this.readFile(path).then(inflate);
       this.#files.set(path, content);
     }
     return content;
@@ -356,7 +369,7 @@ export class World {
   /**
    * Make a world that is in a pack.
    * @param {string} id as Gymnasium has it, `minihuman/` may be left out
-   * @param {{ from?: URL | string, max_steps?: number }} [options] where `minihuman pack` wrote it; another step limit
+   * @param {{ from?: URL | string | WorldPack, max_steps?: number }} [options] where `minihuman pack` wrote it; another step limit
    */
   static async make(id, { from = new URL("./", import.meta.url), max_steps = 0 } = {}) {
     if (!Number.isInteger(max_steps) || max_steps < 0) throw new Error(`max_steps is ${max_steps}; it is 1 or more`);

@@ -15,6 +15,7 @@ from minihuman.web.page_data.page_episodes import (
     describe_difference,
     list_data_files,
     read_page_data,
+    require_consistent,
     verify_episode,
 )
 
@@ -63,7 +64,7 @@ def _import_file(file: Path, study: Path) -> ImportedFile:
         episodes = _read_verified(file)
         log = write_session(episodes, study.absolute())
         if log is not None:
-            _require_same_steps(log, episodes)
+            require_same_steps(log, episodes)
     except MinihumanError as error:
         return ImportedFile(file, None, 0, 0, error)
     return ImportedFile(file, log, len(episodes), sum(len(episode.actions) for episode in episodes))
@@ -71,16 +72,16 @@ def _import_file(file: Path, study: Path) -> ImportedFile:
 
 def _read_verified(file: Path) -> list[PageEpisode]:
     episodes = read_page_data(file)
-    for number, episode in enumerate(episodes, 1):
-        if difference := describe_difference(episode, verify_episode(episode)):
-            raise PageDataError(f"{file}: episode {number} ({episode.name}): {difference}")
-    if wrong := check_session_order(episodes):
-        raise PageDataError(f"{file}: {wrong}")
+    require_consistent(episodes, file)
     return episodes
 
 
-def _require_same_steps(log: Path, episodes: Sequence[PageEpisode]) -> None:
-    """Require that the recorded session has the same actions and rewards as the page's data."""
+def require_same_steps(log: Path, episodes: Sequence[PageEpisode]) -> None:
+    """Require that the recorded session has the same actions and rewards as the page's data.
+
+    Raises:
+        PageDataError: if it has not.
+    """
     recorded = read_log(log).episodes
     for number, (episode, played) in enumerate(zip(episodes, recorded, strict=False), 1):
         if tuple(played.actions) != episode.actions or tuple(played.rewards) != episode.rewards:

@@ -195,8 +195,30 @@ def _convert(row: Mapping[str, Any], place: str) -> PageEpisode:
         raise PageDataError(f"{place}: {error}") from error
 
 
-def verify_episode(episode: PageEpisode) -> ActionsVerification:
+def require_consistent(episodes: Sequence[PageEpisode], place: object, *, checks_world: bool = True) -> None:
+    """Require that a session's episodes replay as the page recorded them, and can follow each other.
+
+    Args:
+        episodes: the session's episodes.
+        place: where they came from, for errors.
+        checks_world: as for `verify_episode`.
+
+    Raises:
+        PageDataError: at the first difference.
+    """
+    for number, episode in enumerate(episodes, 1):
+        if difference := describe_difference(episode, verify_episode(episode, checks_world=checks_world)):
+            raise PageDataError(f"{place}: episode {number} ({episode.name}): {difference}")
+    if wrong := check_session_order(episodes):
+        raise PageDataError(f"{place}: {wrong}")
+
+
+def verify_episode(episode: PageEpisode, *, checks_world: bool = True) -> ActionsVerification:
     """Check an episode's columns, replay its actions and compare each step.
+
+    Args:
+        episode: the episode.
+        checks_world: whether a page chose the world and its options; else the caller did, and may run their code.
 
     Returns:
         The verification of the replayed steps.
@@ -205,6 +227,8 @@ def verify_episode(episode: PageEpisode) -> ActionsVerification:
         PageDataError: if a column is malformed, or the page used other rules than those installed here.
     """
     try:
+        if checks_world:
+            _require_catalogued(episode)
         for difference in _list_malformed_columns(episode):
             raise PageDataError(f"{episode.name}: {difference}")
         return verify_actions(
@@ -228,11 +252,15 @@ def describe_difference(episode: PageEpisode, verification: ActionsVerification)
     return next(_list_differences(episode, verification), "")
 
 
+def _require_catalogued(episode: PageEpisode) -> None:
+    if episode.world not in _WORLDS:
+        raise PageDataError(f"world {episode.world!r} is none that a page computes; `minihuman worlds` lists them")
+    for wrong in _list_wrong_options(episode.options):
+        raise PageDataError(f"{episode.name}: {wrong}")
+
+
 def _list_malformed_columns(episode: PageEpisode) -> Iterator[str]:
     steps = len(episode.actions)
-    if episode.world not in _WORLDS:
-        yield f"world {episode.world!r} is none that a page computes; `minihuman worlds` lists them"
-    yield from _list_wrong_options(episode.options)
     if episode.sources != kernels_digest():
         yield (
             f"played by rules {episode.sources!r}, checked by rules {kernels_digest()!r}; "

@@ -1,0 +1,159 @@
+"""A world for a notebook's cell: its rules, first states and pictures as one block of bytes, and the keys to play it.
+
+The cell plays by the page's own modules; it fetches nothing, as a notebook may be far from this process's files.
+"""
+
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+
+from minihuman.errors import WorldError
+from minihuman.web.key_codes import KEY_CODES
+from minihuman.web.page_data.page_episodes import name_key
+from minihuman.web.world_pack import PAGE_SINE, pack_world
+from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.registration import register_with_gymnasium as _register
+
+_PAGE = Path(__file__).parents[1] / "web" / "page"
+# each imports earlier ones
+_MODULES = ("row.js", "world.js", "layouts.js", "packed_world.js", "episode_record.js", "episode_view.js")
+_PACKED_NAME = "world"
+_USUAL_KEYS: Mapping[str, str] = {
+    "left": "ArrowLeft",
+    "turn_left": "ArrowLeft",
+    "right": "ArrowRight",
+    "turn_right": "ArrowRight",
+    "forward": "ArrowUp",
+    "move_forward": "ArrowUp",
+    "move_back": "ArrowDown",
+    "toggle": " ",
+    "pickup": "p",
+    "drop": "d",
+}
+_OTHER_KEYS = "123456789abcefghijklmnoqrstuvwxyz"  # of other actions, in order
+
+
+@dataclass(frozen=True, slots=True)
+class CellWorld:
+    """A world to play in a cell.
+
+    Attributes:
+        id: the Gymnasium id.
+        options: the keyword arguments of ``gymnasium.make``.
+        seeds: the seeds of the episodes, in order.
+        view: "partial" for what the agent sees, or "full".
+        keys: the action of each key, by `KeyboardEvent.key`.
+        pack: the files of the packed world.
+    """
+
+    id: str
+    options: dict[str, Any]
+    seeds: tuple[int, ...]
+    view: str
+    keys: dict[str, str]
+    pack: bytes
+
+
+def pack_cell_world(
+    world: str,
+    seeds: Sequence[int],
+    *,
+    view: str = "partial",
+    keys: Mapping[str, str] | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> CellWorld:
+    """Pack a world for a cell.
+
+    Args:
+        world: a Gymnasium id; the prefix ``minihuman/`` is optional.
+        seeds: the seeds of the episodes, in order.
+        view: "partial" for what the agent sees, or "full" for all of a grid.
+        keys: the action of each key, by `KeyboardEvent.key`; None for the usual keys.
+        options: the keyword arguments of ``gymnasium.make``.
+
+    Raises:
+        WorldError: if there is no such world or action, or no page can compute the world.
+    """
+    world_id = world
+    if "/" not in world and ":" not in world:
+        world_id = f"minihuman/{world}"
+    chosen = dict(options or {})
+    env = _make_world(world_id, chosen)
+    if isinstance(env, FirstPersonEnv) and not env.trig:
+        chosen |= PAGE_SINE
+        env = _make_world(world_id, chosen)
+    _require_computable(env, world_id, view)
+    if not seeds or min(seeds) < 0:
+        raise WorldError(f"seeds are {list(seeds)}; give one or more, each 0 or more")
+    if keys is None:
+        keys = choose_keys(env.action_names)
+    key_map = _check_keys(dict(keys), env, world_id)
+    with tempfile.TemporaryDirectory() as folder:
+        pack_world(Path(folder), env, seeds, name=_PACKED_NAME, summary=world_id.rpartition("/")[2])
+        pack = _join_files(Path(folder))
+    env.close()
+    return CellWorld(world_id, chosen, tuple(seeds), view, key_map, pack)
+
+
+def _make_world(world_id: str, options: dict[str, Any]) -> Any:
+    _register()
+    try:
+        return gymnasium.make(world_id, disable_env_checker=True, **options).unwrapped
+    except gymnasium.error.Error as error:
+        raise WorldError(f"{world_id}: {error}") from error
+
+
+def _require_computable(env: Any, world_id: str, view: str) -> None:
+    if not isinstance(env, GridEngine | FirstPersonEnv) or not env.is_compiled:
+        raise WorldError(
+            f"{world_id}: its rules or pictures are not compiled, so no page computes it; play it with: minihuman play"
+        )
+    if view not in ("partial", "full"):
+        raise WorldError(f"view is {view!r}; it is 'partial' or 'full'")
+    if view == "full" and isinstance(env, FirstPersonEnv):
+        raise WorldError(f"{world_id}: a page draws a first-person world by what the agent sees; remove view='full'")
+
+
+def choose_keys(actions: Sequence[str]) -> dict[str, str]:
+    """Return a key for each action: the usual one if the action has one that is free, or else the next of a list."""
+    keys: dict[str, str] = {}
+    spare_keys = iter(_OTHER_KEYS)
+    for action in actions:
+        key = _USUAL_KEYS.get(action, "")
+        if not key or key in keys:
+            key = next(spare_keys)
+        keys[key] = action
+    return keys
+
+
+def _check_keys(keys: dict[str, str], env: Any, world_id: str) -> dict[str, str]:
+    for key, action in keys.items():
+        if action not in env.action_names:
+            raise WorldError(f"key {key!r} has action {action!r}; {world_id} has {', '.join(env.action_names)}")
+        if not name_key(key):
+            raise WorldError(
+                f"key {key!r} is none that a log can hold; use a letter, a digit or one of {', '.join(KEY_CODES)}"
+            )
+    return keys
+
+
+def _join_files(folder: Path) -> bytes:
+    """Join a folder's files: the length of the header, the header with each file's path and size, the files."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    contents = [path.read_bytes() for path in files]
+    extents = [
+        (path.relative_to(folder).as_posix(), len(content)) for path, content in zip(files, contents, strict=True)
+    ]
+    header = json.dumps(extents).encode()
+    return len(header).to_bytes(4, "little") + header + b"".join(contents)
+
+
+def read_modules() -> list[tuple[str, str]]:
+    """Return the name and text of each of the page's modules that a cell plays by, in the order of their imports."""
+    return [(name, (_PAGE / name).read_text(encoding="utf-8")) for name in _MODULES]

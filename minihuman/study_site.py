@@ -1,0 +1,67 @@
+"""Studies without a server: write a protocol's static folder, and import what its pages recorded.
+
+Modules that only one of both needs are imported when it is called.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from minihuman.trust import Permission
+
+if TYPE_CHECKING:
+    from minihuman.web.site.record_import import ImportedRecord
+    from minihuman.web.site.site_folder import SiteSummary
+
+
+def write_site(
+    protocol: Path | str, out: Path | str, *, collector: str = "download", slots: int = 0, trust: Permission = False
+) -> "SiteSummary":
+    """Write a static folder that runs a protocol on any web host, without a server.
+
+    Args:
+        protocol: the protocol's TOML file.
+        out: the folder; files of an earlier site in it are replaced.
+        collector: where the page sends its record: "download", "jatos", "datapipe:EXPERIMENT_ID", or an address.
+        slots: the number of allocation slots to write; 0 for all participants of the study.
+        trust: as for ``run``.
+
+    Raises:
+        ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
+        MinihumanError: if a part of it needs a server, or there is no such collector.
+    """
+    from minihuman.admin.protocol_file import read_protocol
+    from minihuman.experiment.plan.dry_run import check_worlds
+    from minihuman.web.site.site_folder import write_site as write
+
+    study = read_protocol(Path(protocol), trust=trust)
+    check_worlds(study, str(protocol))
+    return write(study, Path(out), collector=collector, slots=slots)
+
+
+def import_site_data(
+    *paths: Path | str, study: Path | str, protocol: Path | str, trust: Permission = False
+) -> Iterator["ImportedRecord"]:
+    """Import the records of a site's pages: each runs through the session machine again, which writes its log.
+
+    The log is marked as consistent, not witnessed. What the page showed and computed is compared with the session
+    machine, and every difference is reported. Records that were imported before are skipped.
+
+    Args:
+        paths: files of records or of their parts, or folders of them.
+        study: the study's folder, named as the protocol's study; it is created if it does not exist.
+        protocol: the protocol that the site was made of.
+        trust: as for ``run``.
+
+    Yields:
+        The result for each record. ``error`` explains why a record was refused; the others are still imported.
+
+    Raises:
+        MinihumanError: if a path has no records, or the folder has another study's name.
+    """
+    from minihuman.admin.protocol_file import read_protocol
+    from minihuman.web.page_data.page_episodes import list_data_files
+    from minihuman.web.site.record_import import import_records
+
+    files = [file for path in paths for file in list_data_files(Path(path))]
+    yield from import_records(files, Path(study), read_protocol(Path(protocol), trust=trust))

@@ -1,0 +1,362 @@
+"""The graph of a session's screens, found by running copies of the real session machine on every input that leads on.
+
+A node is a screen that the page shows, with the time at which the session goes on by itself and the nodes to which
+inputs lead. An episode is one node: whatever is done in it, the session goes on by how it ended, so that each end is
+tried once, in a world that is made to end so.
+"""
+
+import json
+import re
+import string
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import msgspec
+from numpy.typing import NDArray
+
+from minihuman.experiment.machine.events import Event, Noted
+from minihuman.experiment.machine.inputs import FocusChanged, Input, KeyDown, PointerPressed, ScreenShown, Tick
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import OptionList, PageScreen, QuestionScreen, RatingScale, TextScreen
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.session_copy import copy_session
+from minihuman.web.computed import PageWorld, can_compute
+from minihuman.web.prefetch import describe_screen
+from minihuman.web.site.site_error import SiteError
+
+BODY_MARK = "\x00body\x00"  # in the place of a text that depends on the episode
+MAX_NODES = 20_000
+MAX_GROUP_NODES = 2_000  # of one question
+OUTCOMES = ("goal", "failure", "timeout")
+_LOOK_NS = 1_000
+_FLIP_NS = 16_000_000
+_FIXED_POINT = re.compile(r"\.\df")
+_FIXED_FIELDS = ("outcome", "episode", "episodes")  # of a feedback, known for each of its nodes
+_EPISODE_FIELDS = ("steps", "reward")
+
+
+@dataclass(slots=True)
+class ScreenNode:
+    """A screen of the session and what it leads to.
+
+    Attributes:
+        name: the page's name of the screen: its digest, which the page reports when it was shown.
+        screen: its values for the page.
+        due_ns: when the session goes on by itself, after the screen was entered or shown; None if it does not.
+        due_from: "entered" or "shown".
+        edges: the node to which an input leads, whether it does so before the screen is on the display, and whether
+            it gives consent.
+        group: the question that the screen belongs to, to which a participant may return; "" for none.
+        template: the text of an episode's feedback, with the fields that depend on the episode; "" for none.
+        looks: what the screen's digest is of, as JSON with `BODY_MARK` in the place of that text.
+        episode: the index of the episode that is played here; -1 for none.
+        ends: the node that follows each outcome of the episode.
+        keeps_picture: whether the last picture of an episode stays on the display.
+        overlays: the node of the screen over this one when the focus is lost, the session is paused, or Escape asks
+            whether to end it.
+        reason: why the session has ended here; "" if it has not.
+    """
+
+    name: int
+    screen: dict[str, Any]
+    due_ns: int | None = None
+    due_from: str = "entered"
+    edges: dict[str, tuple[int, bool, bool]] = field(default_factory=dict)
+    group: str = ""
+    template: str = ""
+    looks: str = ""
+    episode: int = -1
+    ends: dict[str, int] = field(default_factory=dict)
+    keeps_picture: bool = False
+    overlays: dict[str, int] = field(default_factory=dict)
+    reason: str = ""
+
+
+class EndingWorld:
+    """A world whose next step ends the episode in a given way; all else is the world's own."""
+
+    def __init__(self, world: Any, *, reward: float, terminated: bool) -> None:
+        self._world = world
+        self._reward = reward
+        self._terminated = terminated
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._world, name)
+
+    def step(self, action: Any) -> Any:
+        """Step the world, and change how the step ended."""
+        stepped = self._world.step(action)
+        return replace(stepped, reward=self._reward, terminated=self._terminated, truncated=not self._terminated)
+
+
+_ENDINGS = {
+    "goal": {"reward": 1.0, "terminated": True},
+    "failure": {"reward": -1.0, "terminated": True},
+    "timeout": {"reward": 0.0, "terminated": False},
+}
+
+
+class ScreenGraph:
+    """Finds all screens of a session from its first one on.
+
+    Args:
+        session: the session after its first tick; it is not changed.
+        number: gives a picture its number.
+        describe_episode: called with each episode, once its world is reset.
+    """
+
+    def __init__(
+        self,
+        session: SessionMachine,
+        number: Callable[[NDArray[Any]], int],
+        describe_episode: Callable[[SessionMachine, RunningEpisode], None],
+    ) -> None:
+        self.nodes: list[ScreenNode] = []
+        self._number = number
+        self._describe_episode = describe_episode
+        self._worlds: dict[str, PageWorld] = {}
+        self._known: dict[object, int] = {}
+        self._group_sizes: dict[str, int] = {}
+        self._to_do: deque[tuple[int, SessionMachine, str]] = deque()
+        self.start = self._visit(session, "")
+        while self._to_do:
+            self._look_from(*self._to_do.popleft())
+
+    def close(self) -> None:
+        """Close the worlds in which episodes were tried."""
+        for world in self._worlds.values():
+            world.close()
+
+    def _lend(self, world_id: str, options: dict[str, Any]) -> PageWorld:
+        key = json.dumps([world_id, options], sort_keys=True, default=str)
+        if key not in self._worlds:
+            self._worlds[key] = PageWorld(world_id, options)
+        return self._worlds[key]
+
+    def _copy(self, session: SessionMachine, *, shown: bool) -> SessionMachine:
+        copied = copy_session(session, self._lend)
+        if shown:
+            flip_ns = copied.now_ns + _FLIP_NS
+            copied.receive(ScreenShown(flip_ns, flip_ns, flip_ns))
+        return copied
+
+    # Nodes
+
+    def _visit(self, session: SessionMachine, outcome: str) -> int:
+        """Return the node of a session's present screen, which is looked from later if it is new."""
+        if session.phase not in (Phase.HOLD, Phase.FEEDBACK):
+            outcome = ""
+        values, name = describe_screen(session, self._number)
+        template = self._find_template(session, outcome)
+        key: object = (name, session.play is not None, outcome)
+        if template:
+            key = (template, session.part.number, session.next_episode)
+        if key in self._known:
+            return self._known[key]
+        node = ScreenNode(name, values, template=template, group=_find_group(session))
+        self._known[key] = len(self.nodes)
+        self.nodes.append(node)
+        self._require_few(node)
+        if template:
+            node.looks = self._encode_looks(session, values)
+        if session.over:
+            node.reason = str(session.end_reason)
+        else:
+            self._to_do.append((len(self.nodes) - 1, session, outcome))
+        return len(self.nodes) - 1
+
+    def _require_few(self, node: ScreenNode) -> None:
+        self._group_sizes[node.group] = self._group_sizes.get(node.group, 0) + 1
+        if node.group and self._group_sizes[node.group] > MAX_GROUP_NODES:
+            raise SiteError(
+                f"question {node.screen['question']!r} has more than {MAX_GROUP_NODES} answers, each of which a site "
+                "holds as a screen; ask it as several questions, or serve the study with: minihuman serve"
+            )
+        if len(self.nodes) > MAX_NODES:
+            raise SiteError(f"the session has more than {MAX_NODES} screens; serve the study with: minihuman serve")
+
+    def _find_template(self, session: SessionMachine, outcome: str) -> str:
+        """Return the present feedback's text if it has fields of the episode, with its other fields filled in."""
+        if session.phase is not Phase.FEEDBACK or session.over:
+            return ""
+        text: str = session.part.part.plan.feedback[outcome]
+        fields = {str(name) for _, name, _, _ in string.Formatter().parse(text) if name is not None}
+        if unknown := fields.difference(_FIXED_FIELDS, _EPISODE_FIELDS):
+            raise SiteError(f"a feedback has the field {{{min(unknown)}}}, which no page fills in without a server")
+        if fields.isdisjoint(_EPISODE_FIELDS):
+            return ""
+        episode = session.plan.episodes[session.next_episode - 1]
+        words = session._context.words  # of the study, which a part's screens are made of
+        known = {
+            "outcome": words[f"outcome.{outcome}"],
+            "episode": str(episode.episode_in_block + 1),
+            "episodes": str(episode.episodes_in_block),
+        }
+        return "".join(map("".join, _fill_known(text, known)))
+
+    def _encode_looks(self, session: SessionMachine, values: dict[str, Any]) -> str:
+        looks = values | {"body": BODY_MARK}
+        looks.pop("picture", None)
+        position = (session.part.number, session.phase, session.next_episode)
+        return msgspec.json.encode((looks, position)).decode()
+
+    # What leads on
+
+    def _look_from(self, number: int, session: SessionMachine, outcome: str) -> None:
+        node = self.nodes[number]
+        if session.phase in (Phase.UNFOCUSED, Phase.PAUSED, Phase.QUIT_QUESTION):
+            return
+        self._find_overlays(node, session)
+        if session.play is not None:
+            self._look_from_episode(node, session, session.play)
+            return
+        node.keeps_picture = node.screen["kind"] == "play"
+        self._find_due(number, node, session, outcome)
+        for name, make_input in _list_inputs(session):
+            self._try(number, node, session, outcome, name, make_input)
+
+    def _try(
+        self,
+        number: int,
+        node: ScreenNode,
+        session: SessionMachine,
+        outcome: str,
+        name: str,
+        make_input: Callable[[int], Input],
+    ) -> None:
+        copied = self._copy(session, shown=True)
+        events = copied.receive(make_input(copied.now_ns + _LOOK_NS))
+        to = self._visit(copied, outcome)
+        if to == number:
+            return
+        early = self._copy(session, shown=False)
+        early.receive(make_input(early.now_ns + _LOOK_NS))
+        node.edges[name] = (to, self._visit(early, outcome) == to, _gives_consent(events))
+
+    def _find_due(self, number: int, node: ScreenNode, session: SessionMachine, outcome: str) -> None:
+        entered_due_ns = session.next_tick_ns
+        copied = self._copy(session, shown=True)
+        due_ns = copied.next_tick_ns
+        if due_ns is None:
+            return
+        node.due_ns = due_ns - copied.now_ns
+        node.due_from = "shown"
+        if due_ns == entered_due_ns:
+            node.due_ns = due_ns - session.now_ns
+            node.due_from = "entered"
+        copied.receive(Tick(max(due_ns, copied.now_ns)))
+        node.edges["tick"] = (self._visit(copied, outcome), True, False)
+
+    def _find_overlays(self, node: ScreenNode, session: SessionMachine) -> None:
+        for name, make_input in (
+            ("unfocused", lambda t_ns: FocusChanged(t_ns, focused=False)),
+            ("paused", lambda t_ns: KeyDown(t_ns, "f8", "f8")),
+            ("quit", lambda t_ns: KeyDown(t_ns, "escape", "escape")),
+        ):
+            copied = self._copy(session, shown=True)
+            copied.receive(make_input(copied.now_ns + _LOOK_NS))
+            if copied.phase in (Phase.UNFOCUSED, Phase.PAUSED, Phase.QUIT_QUESTION):
+                node.overlays[name] = self._visit(copied, "")
+            if copied.phase is Phase.QUIT_QUESTION:
+                self._find_ending(node, copied)
+
+    def _find_ending(self, node: ScreenNode, session: SessionMachine) -> None:
+        """Find where Escape leads that is held over the question whether to end the session."""
+        questioned = self._copy(session, shown=False)
+        questioned.receive(KeyDown(questioned.now_ns + _LOOK_NS, "escape", "escape"))
+        due_ns = questioned.next_tick_ns
+        assert due_ns is not None, "it is held"
+        questioned.receive(Tick(due_ns))
+        node.overlays["ending"] = self._visit(questioned, "")
+
+    def _look_from_episode(self, node: ScreenNode, session: SessionMachine, play: RunningEpisode) -> None:
+        if not can_compute(play):
+            raise SiteError(
+                f"block {play.plan.block_name!r}: no page computes {play.plan.world}; "
+                "serve the study with: minihuman serve"
+            )
+        node.episode = play.plan.episode
+        play.world.reset(play.plan.seed)  # other copies have played in it
+        self._describe_episode(session, play)
+        for outcome, forced_end in _ENDINGS.items():
+            copied = self._copy(session, shown=True)
+            assert copied.play is not None, "the copy plays the episode, too"
+            copied.play.world.reset(play.plan.seed)
+            copied.play.world = EndingWorld(copied.play.world, **forced_end)  # type: ignore[assignment,arg-type]
+            key = next(iter(play.plan.key_map.keys))
+            copied.receive(KeyDown(copied.now_ns + _LOOK_NS, key, key))
+            node.ends[outcome] = self._visit(copied, outcome)
+
+
+def _fill_known(text: str, known: dict[str, str]) -> Iterator[tuple[str, str]]:
+    """Yield a template's literal texts, with braces doubled, and its fields, filled in where they are known."""
+    for literal, name, form, _ in string.Formatter().parse(text):
+        filled = ""
+        if name in known:
+            filled = format(known[name], form or "").replace("{", "{{").replace("}", "}}")
+        elif name is not None:
+            filled = _check_field(name, form or "")
+        yield literal.replace("{", "{{").replace("}", "}}"), filled
+
+
+def _check_field(name: str, form: str) -> str:
+    """Return a field of an episode, if the page can format it as Python does."""
+    if form and (name != "reward" or not _FIXED_POINT.fullmatch(form)):
+        raise SiteError(f"a feedback has {{{name}:{form}}}; a site formats {{steps}}, {{reward}} and {{reward:.2f}}")
+    if form:
+        return f"{{{name}:{form}}}"
+    return f"{{{name}}}"
+
+
+def _find_group(session: SessionMachine) -> str:
+    screen = session.screen
+    if isinstance(screen, QuestionScreen):
+        return json.dumps([session.part.number, screen.progress, screen.question])
+    return ""
+
+
+def _gives_consent(events: list[Event]) -> bool:
+    return any(isinstance(event, Noted) and event.kind == "consent" for event in events)
+
+
+def _list_inputs(session: SessionMachine) -> Iterator[tuple[str, Callable[[int], Input]]]:
+    """Yield the inputs that may lead on from a screen, by name, and how each is made."""
+    names: list[str] = []
+    match session.screen:
+        case TextScreen(keys=keys):
+            names = ["key:enter", *(f"key:{key}" for key, _ in keys)]
+        case PageScreen(buttons=buttons):
+            names = [*_KEYS_OF_PAGES, *(f"point:{button.name}" for button in buttons)]
+        case QuestionScreen(item=item, buttons=buttons):
+            names = ["key:enter", "key:tab", "key:page_up", *(f"point:{button.name}" for button in buttons)]
+            names += _list_answers(item)
+    for name in names:
+        yield name, _maker(name)
+        if name == "key:enter":
+            yield "key:kp_enter", _maker("key:kp_enter")
+
+
+_KEYS_OF_PAGES = ("key:enter", "key:right", "key:left", "key:space", "key:page_down", "key:page_up")
+
+
+def _list_answers(widget: object) -> list[str]:
+    keys = ["up", "down", "left", "right", "space"]
+    count = 0
+    match widget:
+        case OptionList(options=options):
+            count = len(options)
+        case RatingScale(points=points):
+            count = len(points)
+    digits = range(1, min(9, count) + 1)
+    pointed = [f"point:option:{number}" for number in range(count)]
+    return [*(f"key:{key}" for key in keys), *(f"key:{n}" for n in digits), *(f"key:kp_{n}" for n in digits), *pointed]
+
+
+def _maker(name: str) -> Callable[[int], Input]:
+    kind, _, target = name.partition(":")
+    if kind == "point":
+        return lambda t_ns: PointerPressed(t_ns, 0.5, 0.5, target, 0.5)
+    return lambda t_ns: KeyDown(t_ns, target, target)

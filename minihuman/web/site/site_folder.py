@@ -1,0 +1,241 @@
+"""Writes a site: the page's own modules and rules, and for each allocation slot the script of its session.
+
+A script holds the graph of the session's screens, the first state of each episode, and what the page needs to show
+them. It is made by the real session machine; the page follows it where a served page follows its server.
+"""
+
+import base64
+import hashlib
+import json
+import shutil
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import msgspec
+
+from minihuman.experiment.machine.events import EndReason
+from minihuman.experiment.machine.inputs import Tick
+from minihuman.experiment.machine.part_sequence import asks_consent_before_play
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.session import CONSENT_RULES, KEY_RULES, SessionMachine
+from minihuman.experiment.pending_session import build_session
+from minihuman.experiment.plan.allocation import build_allocation_list
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.experiment.words import InterfaceWords
+from minihuman.runtime.machine import collect_machine_facts
+from minihuman.web import messages
+from minihuman.web.computed import ComputedEpisode, PageWorld
+from minihuman.web.eligibility import build_completion, classify_ending, get_page_texts, list_touch_keys
+from minihuman.web.key_codes import KEY_CODES
+from minihuman.web.outbox import PageSettings, build_rules
+from minihuman.web.screen_values import ImageCache
+from minihuman.web.site.screen_graph import ScreenGraph, ScreenNode
+from minihuman.web.site.site_error import SiteError
+from minihuman.web.site.support import require_site_support
+from minihuman.worlds.source_digest import kernels_digest
+
+SITE_VERSION = 1
+_PAGE = Path(__file__).parents[1] / "page"
+_OWN = Path(__file__).parent / "page"
+_COLLECTORS = ("download", "datapipe", "jatos")
+JATOS_SCRIPT = '<script src="jatos.js"></script>\n'  # which JATOS serves beside a component's page
+_ENCODER = msgspec.json.Encoder()
+
+
+@dataclass(frozen=True, slots=True)
+class SiteSummary:
+    """The contents of a site's folder."""
+
+    slots: int
+    screens: int  # of the first slot
+    size_bytes: int
+    build: str
+
+
+def digest_build(protocol: Protocol) -> str:
+    """Return the digest by which data of another protocol, or of other rules, are recognised."""
+    parts = (SITE_VERSION, messages.MESSAGE_VERSION, protocol.sha256, kernels_digest(), CONSENT_RULES, KEY_RULES)
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
+
+
+def check_collector(collector: str) -> str:
+    """Return a collector: its name, or an address.
+
+    Raises:
+        SiteError: if it is neither.
+    """
+    name = collector.partition(":")[0]
+    if name in _COLLECTORS or urlsplit(collector).scheme in ("https", "http"):
+        return collector
+    raise SiteError(f"collector {collector!r} is none; use download, datapipe:EXPERIMENT_ID, jatos, or an address")
+
+
+def write_site(protocol: Protocol, folder: Path, *, collector: str = "download", slots: int = 0) -> SiteSummary:
+    """Write a site into a folder.
+
+    Args:
+        protocol: the study.
+        folder: the folder, which is created if necessary; files of an earlier site in it are replaced.
+        collector: where the page sends its record: download, jatos, datapipe:EXPERIMENT_ID or an address.
+        slots: the number of allocation slots; 0 for the study's.
+
+    Raises:
+        SiteError: if a part of the protocol needs a server, or the collector is unknown.
+    """
+    check_collector(collector)
+    count = slots or protocol.study.participants
+    if count > len(build_allocation_list(protocol)):
+        raise SiteError(f"{count} slots are more than the study's {protocol.study.participants} participants")
+    build = digest_build(protocol)
+    jatos_script = ""
+    if collector == "jatos":
+        jatos_script = JATOS_SCRIPT
+    _copy_page(folder, jatos_script)
+    (folder / "study" / "arrays").mkdir(parents=True, exist_ok=True)
+    screens = 0
+    for index in range(count):
+        script = SlotScript(protocol, index)
+        screens = screens or len(script.graph.nodes)
+        _write(folder / "study" / f"slot-{index}.json", script.content(build))
+        for arrays in script.arrays.values():
+            _write(folder / "study" / "arrays" / f"{arrays.name}.json", arrays)
+    _write(folder / "study" / "site.json", _describe_site(protocol, build, collector, count))
+    size_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    return SiteSummary(count, screens, size_bytes, build)
+
+
+def _write(path: Path, content: Any) -> None:
+    path.write_bytes(_ENCODER.encode(content))
+
+
+def _describe_site(protocol: Protocol, build: str, collector: str, slots: int) -> dict[str, Any]:
+    return {
+        "version": SITE_VERSION,
+        "study": protocol.study.name,
+        "build": build,
+        "collector": collector,
+        "slots": slots,
+        "sources": kernels_digest(),
+        "words": get_page_texts(protocol.study.language),
+    }
+
+
+def _copy_page(folder: Path, script: str) -> None:
+    """Copy the page's files, with the site's own modules in the place of those that speak to a server.
+
+    Args:
+        folder: the site's folder.
+        script: an element for the page's head; "" for none.
+    """
+    static = folder / "static"
+    shutil.rmtree(static, ignore_errors=True)
+    shutil.copytree(_PAGE, static, ignore=shutil.ignore_patterns("*.html", "*.d.ts", "polling.js"))
+    for module in sorted(_OWN.glob("*.js")):
+        shutil.copy(module, static / module.name)
+    page = (_PAGE / "page.html").read_text(encoding="utf-8").replace('"/static/', '"static/')
+    page = page.replace('<link rel="modulepreload" href="static/polling.js">\n', "")
+    page = page.replace("</head>", f"{script}</head>")
+    (folder / "index.html").write_text(page, encoding="utf-8", newline="\n")
+
+
+class SlotScript:
+    """The script of the session of one allocation slot.
+
+    Args:
+        protocol: the study.
+        index: the slot.
+
+    Raises:
+        SiteError: if a part of the session needs a server.
+    """
+
+    def __init__(self, protocol: Protocol, index: int) -> None:
+        self.arrays: dict[str, messages.ArraysMessage] = {}  # by name, which is their digest
+        self._protocol = protocol
+        self._plan = plan_site_session(protocol, index)
+        self._settings = site_page_settings(protocol)
+        self._images = ImageCache(self._settings.encoding)
+        self._pictures: list[messages.PictureMessage] = []
+        self._episodes: dict[int, dict[str, Any]] = {}
+        require_site_support(protocol, self._plan)
+        session = build_session(
+            self._plan, PageWorld, collect_machine_facts(), picture_px=self._settings.picture_px, renders_steps=False
+        )
+        session.receive(Tick(1))
+        self.graph = ScreenGraph(session, self._images.number, self._describe_episode)
+        self._pictures = list(self._images.take_new())
+        self.graph.close()
+        session.close()
+
+    def content(self, build: str) -> dict[str, Any]:
+        """Return the script as JSON values."""
+        plan = self._plan
+        words = get_page_texts(plan.language)
+        quit_title = InterfaceWords(plan.language, plan.words)["quit.title"]
+        nodes = [self._describe_node(node) for node in self.graph.nodes]
+        return {
+            "build": build,
+            "slot": plan.participant.index,
+            "start": self.graph.start,
+            "agreed": not asks_consent_before_play(plan),
+            "nodes": nodes,
+            "episodes": self._episodes,
+            "pictures": [_describe_picture(picture) for picture in self._pictures],
+            "keys": dict(KEY_CODES),
+            "touch": list_touch_keys(plan),
+            "words": words | {"quit_title": quit_title},
+        }
+
+    def _describe_episode(self, session: SessionMachine, play: RunningEpisode) -> None:
+        computed = ComputedEpisode(play, self._settings.picture_px)
+        self.arrays |= {arrays.name: arrays for arrays in computed.arrays}
+        part_plan = session.part.part.plan
+        rules = build_rules(play, part_plan, computed=computed.state(), keep=0)
+        names = [arrays.name for arrays in computed.arrays]
+        self._episodes[play.plan.episode] = {"rules": rules, "arrays": names}
+
+    def _describe_node(self, node: ScreenNode) -> dict[str, Any]:
+        described = asdict(node)
+        if node.reason:
+            described["over"] = self._describe_end(node)
+        return described
+
+    def _describe_end(self, node: ScreenNode) -> messages.SessionOver:
+        reason: EndReason = node.reason  # type: ignore[assignment]
+        end = classify_ending(reason, agreed=reason != "declined")
+        completion = build_completion(self._protocol.web, end)
+        words = get_page_texts(self._plan.language)
+        return messages.SessionOver(end, words[end], words["code"], completion.code, words["leave"], completion.url)
+
+
+def _describe_picture(picture: messages.PictureMessage) -> dict[str, Any]:
+    return {
+        "number": picture.number,
+        "encoding": picture.encoding,
+        "width": picture.width,
+        "height": picture.height,
+        "data": base64.b64encode(picture.data).decode(),
+    }
+
+
+def plan_site_session(protocol: Protocol, index: int, code: str = "") -> SessionPlan:
+    """Plan the session of a slot, as the site shows it and the import runs it again.
+
+    Args:
+        protocol: the study.
+        index: the slot.
+        code: the participant's code; "" for the slot's first participant.
+    """
+    participant = enrol_participant(protocol, index)
+    if code:
+        participant = msgspec.structs.replace(participant, id=code)
+    return expand_protocol(protocol, participant)
+
+
+def site_page_settings(protocol: Protocol) -> PageSettings:
+    """Return the settings of the site's page."""
+    return PageSettings(protocol.web.image_size_px, protocol.web.image_encoding)
