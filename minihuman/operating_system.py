@@ -326,9 +326,7 @@ def lower_process_priority() -> None:
 def lower_thread_priority() -> None:
     """Lower this thread's priority below the user's other threads; only Linux has priorities of threads."""
     if sys.platform == "linux":
-        thread = threading.get_native_id()
-        niceness = os.getpriority(os.PRIO_PROCESS, thread)
-        os.setpriority(os.PRIO_PROCESS, thread, niceness + LOWER_PRIORITY)
+        os.nice(LOWER_PRIORITY)  # which Linux changes for the calling thread alone
 
 
 @contextlib.contextmanager
