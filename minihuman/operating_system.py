@@ -293,8 +293,6 @@ def raise_file_limit(needed: int) -> int:
     """
     if sys.platform == "win32":  # there is none for sockets
         return needed
-    import resource  # of Unix alone
-
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft == resource.RLIM_INFINITY:
         return needed
