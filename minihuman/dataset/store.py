@@ -34,7 +34,7 @@ _MAX_OPENINGS = 5  # to check, to write and to read; another command may write i
 
 
 class _Damage(NamedTuple):
-    """The parts of a file that differ from what was written."""
+    """The parts of a file whose rows no longer have the digests with which they were written."""
 
     changed: set[int]  # numbers of sessions with changed rows or log lines, and of rows without a session
     doubled: set[str]  # keys of logs that the file holds more than once

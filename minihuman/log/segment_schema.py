@@ -10,7 +10,7 @@ from minihuman.worlds.outcomes import LAST_REWARD
 
 
 def find_schema_version(plan: SessionPlan) -> int:
-    """Return the schema version of a segment; each rule names what a reader of version 2 would misread."""
+    """Return the schema version of a segment, which depends on what a reader of version 2 would misread in it."""
     if has_outcome_rules(plan):
         return SCHEMA_VERSION
     return PLAIN_SCHEMA_VERSION

@@ -283,7 +283,7 @@ def _plan_feedback(block: BlockSpec) -> dict[str, str]:
 
 
 def _computed_by(block: BlockSpec) -> ComputedBy:
-    """Return who computes a block in a browser: what the protocol says, or a default.
+    """Return whether the page or the server computes a block in a browser.
 
     The default is the page for an ordinary block in a built-in world, and the server for any other block.
     """
