@@ -169,8 +169,8 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         is_damaged = bool(damage.changed or damage.doubled)
         if not is_damaged:
             self._compared |= self._read_tables
-        is_complete = fresh.keys() == logs.keys() == self._known.keys()
-        if self.tables.read_only and (is_damaged or not is_complete):
+        all_fresh = fresh.keys() == logs.keys() == self._known.keys()
+        if self.tables.read_only and (is_damaged or not all_fresh):
             return False
         writer = RowWriter(self.tables, self._sessions, with_shortest=self._with_shortest)
         fresh |= writer.plan_paths(without_shortest)
