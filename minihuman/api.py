@@ -31,7 +31,7 @@ def _ignore(_: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class ExportSummary:
-    """A summary of what an export wrote.
+    """A summary of an export: its folder, the numbers of episodes and steps, and notes.
 
     Attributes:
         out: the export's folder; its README.md describes the contents.

@@ -96,14 +96,14 @@ def load_plugin(group: str, name: str, error: Callable[[str], MinihumanError], *
     if len(candidates) > 1:
         owners = " and ".join(f"{entry.value} ({_package(entry)})" for entry in candidates)
         raise error(f"{noun} {name!r} is registered twice, by {owners}; uninstall or rename one")
-    (entry,) = candidates
+    (entry_point,) = candidates
     try:
-        return entry.load()
+        return entry_point.load()
     except ImportError as failed:
-        remedy = _find_remedy(failed) or f"repair {_package(entry)}"
-        raise error(f"{noun} {name!r} ({entry.value}) cannot be imported: {failed}; {remedy}") from failed
+        remedy = _find_remedy(failed) or f"repair {_package(entry_point)}"
+        raise error(f"{noun} {name!r} ({entry_point.value}) cannot be imported: {failed}; {remedy}") from failed
     except AttributeError as failed:
-        raise error(f"{noun} {name!r}: {entry.value} does not exist; repair {_package(entry)}") from failed
+        raise error(f"{noun} {name!r}: {entry_point.value} does not exist; repair {_package(entry_point)}") from failed
 
 
 def _find_remedy(error: ImportError) -> str:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeClip:
-    """A sequence of an episode's steps, with what recreates it.
+    """A sequence of an episode's steps, with the world, seed and actions that recreate it.
 
     The world, its seed and every action up to the clip's last step recreate the pictures.
     """

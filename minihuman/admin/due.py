@@ -54,7 +54,7 @@ class DueSession(msgspec.Struct, frozen=True):
         return f"{self.participant:12} {self.group:16} {self.session:7}  {self.words()}{hint}"
 
     def words(self) -> str:
-        """Describe in words what is expected."""
+        """Describe in words the session that is expected and when."""
         until = f" until {self.latest}" if self.latest else ""
         return _STATES[self.state][0].format(self, until=until)
 

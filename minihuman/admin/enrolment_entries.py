@@ -103,7 +103,7 @@ class ParticipantReplaced(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class SlotFreed(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A participant took a slot and left no data: slot and code are free, as if the participant had never come."""
+    """Records that a participant left no data, so that the slot and the code are free again."""
 
     freed: str  # the code, which the next participant gets
     at: str  # ISO 8601 UTC

@@ -284,7 +284,7 @@ def _trace_session(number: int, person: _Person) -> Iterator[str]:
 
 
 def _went_through(session: int, person: _Person) -> bool:
-    """Tell whether a participant, whose last session so far this is, finished it and can go on."""
+    """Tell whether a participant finished their last session so far and can begin the next one."""
     if session == 0:
         return True
     return not person.is_withdrawn and person.states.get(session) == "complete"

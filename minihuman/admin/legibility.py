@@ -41,7 +41,7 @@ def require_legible(protocol: Protocol, source: str) -> None:
 
 
 def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
-    """Yield what is illegible in any session of any group."""
+    """Yield the texts that cannot be read on the screen, in any session of any group."""
     first_slots: dict[str, AllocationSlot] = {}
     for slot in build_allocation_list(protocol):
         first_slots.setdefault(slot.group, slot)
@@ -53,7 +53,7 @@ def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
 
 
 def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
-    """Yield what is illegible in a session and how to fix it, one sentence each."""
+    """Yield the texts of a session that cannot be read on the screen, each in a sentence that says how to fix it."""
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
     faces = select_typefaces(plan.language, fonts=plan.fonts)
     for name in plan.fonts:

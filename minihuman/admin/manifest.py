@@ -68,13 +68,13 @@ def find_unrecorded_logs(study: Path) -> list[Path]:
     """Find the finished logs with a chain head missing from the enrolment log, as after a server was killed."""
     lines = open_enrolment_log(study).read()
     known = {(line.sealed, line.segment) for line in lines if isinstance(line, ChainHeadRecorded)}
-    unrecorded = []
+    logs = []
     for folder, names in find_log_folders(study):
         for log, files in group_sessions(folder, names).items():
             is_finished = log in files
             if is_finished and any((head.sealed, head.segment) not in known for head in _read_chain_heads(log)):
-                unrecorded.append(log)
-    return unrecorded
+                logs.append(log)
+    return logs
 
 
 def _read_chain_heads(log: Path) -> list[ChainHeadRecorded]:

@@ -135,7 +135,7 @@ def compare_index(study: Path) -> Iterator[str]:
 
 
 def _measure_prefix(study: Path) -> int:
-    """Return the length of what the paths of all files in a study's folder begin with."""
+    """Return the number of characters by which a path in the study is longer than its path within the study."""
     return len(os.fspath(study / "_")) - len("_")
 
 
@@ -205,7 +205,7 @@ def _refresh_rows(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple
 
 
 def _store_rows(own: Path, rows: _Rows, fresh: Sequence[str], gone: Sequence[str], storing: _Storing) -> None:
-    """Write what changed into the study's file in one transaction, unless another process has the file open."""
+    """Write new and changed rows into the study's file in one transaction, unless another process has the file open."""
     if storing == "never":
         return
     try:
@@ -238,7 +238,7 @@ def _write_rows(
 
 
 def _create_index(connection: "duckdb.DuckDBPyConnection") -> None:
-    """Create an empty index in place of what was there."""
+    """Create an empty index; an existing one is deleted."""
     columns = ", ".join(f"{name} {kind}" for name, kind in _COLUMNS.items())
     connection.execute(f"DROP SCHEMA IF EXISTS {INDEX_SCHEMA} CASCADE")
     connection.execute(f"CREATE SCHEMA {INDEX_SCHEMA}")

@@ -103,7 +103,7 @@ def withdraw_participant(
 
 
 def _erase_everywhere(study_dir: Path, code: str) -> int | None:
-    """Erase a participant's data in every place, whatever goes wrong in another.
+    """Erase a participant's data in every place, even if erasing them in another place fails.
 
     Returns:
         The number of table files removed from their remote store; None if there is none.

@@ -34,7 +34,7 @@ _MAX_OPENINGS = 5  # to check, to write and to read; another command may write i
 
 
 class _Damage(NamedTuple):
-    """The parts of a file that differ from what was written."""
+    """The parts of a file whose rows no longer have the digests with which they were written."""
 
     changed: set[int]  # numbers of sessions with changed rows or log lines, and of rows without a session
     doubled: set[str]  # keys of logs that the file holds more than once
@@ -169,8 +169,8 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         is_damaged = bool(damage.changed or damage.doubled)
         if not is_damaged:
             self._compared |= self._read_tables
-        is_complete = fresh.keys() == logs.keys() == self._known.keys()
-        if self.tables.read_only and (is_damaged or not is_complete):
+        all_fresh = fresh.keys() == logs.keys() == self._known.keys()
+        if self.tables.read_only and (is_damaged or not all_fresh):
             return False
         writer = RowWriter(self.tables, self._sessions, with_shortest=self._with_shortest)
         fresh |= writer.plan_paths(without_shortest)

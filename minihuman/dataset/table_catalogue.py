@@ -61,11 +61,11 @@ EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "sample
 
 def build_data_dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:
     """Build the data dictionary without some columns: table, then column, then its type, unit and meaning."""
-    dictionary = {}
+    descriptions = {}
     for table, columns in TABLES.items():
         described = [column for column in columns if column.name not in without]
-        dictionary[table] = describe_columns(described)
-    return dictionary
+        descriptions[table] = describe_columns(described)
+    return descriptions
 
 
 def describe_columns(columns: Iterable[TableColumn]) -> dict[str, dict[str, str]]:

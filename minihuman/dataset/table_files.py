@@ -90,13 +90,13 @@ def write_tables(
     folder.mkdir(parents=True, exist_ok=True)
     names = [name for name in (TABLES if names is None else names) if empty or tables.count(name)]
     infos = {name: list_info_columns(tables.connection, name) for name in names}
-    dictionary = {}
+    described = {}
     for name, columns in build_data_dictionary(without=without).items():
         if name in names:
-            dictionary[name] = columns | describe_columns(infos[name].values())
+            described[name] = columns | describe_columns(infos[name].values())
     resources = [(name, folder / f"{name}.{kinds[0]}") for name in names]  # the same rows twice are one resource
     descriptions = {
-        folder / "dictionary.json": dictionary,
+        folder / "dictionary.json": described,
         folder / "datapackage.json": build_data_package("minihuman-tables", resources, without=without, infos=infos),
     }
     for path, content in descriptions.items():

@@ -45,7 +45,7 @@ class PlacedGlyph:
 
 @dataclass(frozen=True, slots=True, eq=False)  # equal if the same: comparing glyphs would cost more than shaping
 class ShapedLine:
-    """The glyphs of a line from left to right, as they are drawn."""
+    """The glyphs of a line in visual order, from left to right."""
 
     glyphs: tuple[PlacedGlyph, ...]
     width_64: int

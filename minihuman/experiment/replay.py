@@ -402,7 +402,7 @@ def _comes_too_soon(event: Event, phase: str) -> TypeGuard[KeyPressed]:
 
 
 def _finds_phase(event: Event, phase: str) -> bool:
-    """Tell whether an event shows that a phase had not ended yet.
+    """Tell whether an event shows that a phase had not ended before it.
 
     If the phase had ended, the events of its end would have come first.
     """

@@ -60,10 +60,10 @@ class Demonstrations:
 
     def first(self, count: int) -> "Demonstrations":
         """Return the first ``count`` demonstrations, taking one of each participant in turn."""
-        by_participant: dict[str, list[Demonstration]] = {participant: [] for participant in self.participants}
+        queues: dict[str, list[Demonstration]] = {participant: [] for participant in self.participants}
         for episode in self.episodes:
-            by_participant[episode.participant].append(episode)
-        in_turn = chain.from_iterable(zip_longest(*by_participant.values()))
+            queues[episode.participant].append(episode)
+        in_turn = chain.from_iterable(zip_longest(*queues.values()))
         episodes = [episode for episode in in_turn if episode is not None]
         return replace(self, episodes=tuple(episodes[:count]))
 

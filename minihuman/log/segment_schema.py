@@ -13,7 +13,7 @@ from minihuman.worlds.outcomes import LAST_REWARD
 
 
 def find_schema_version(plan: SessionPlan, facts: Mapping[str, str]) -> int:
-    """Return the schema version of a segment; each rule names what a reader of version 2 would misread."""
+    """Return the schema version of a segment, which depends on what a reader of version 2 would misread in it."""
     if has_outcome_rules(plan) or has_timelines(plan) or records_whole_texts(plan, facts):
         return SCHEMA_VERSION
     return PLAIN_SCHEMA_VERSION

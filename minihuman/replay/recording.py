@@ -164,7 +164,7 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
 
 
 def _finish_recording(recording: rr.RecordingStream, path: Path) -> None:
-    """Write what is left of a recording and close its file; remove a file that cannot be completed.
+    """Write the remaining data of a recording and close its file; remove a file that cannot be completed.
 
     Raises:
         OSError: if the file cannot be written.

@@ -348,7 +348,7 @@ def _send_rewards(recording: rr.RecordingStream, path: str, log: SessionLog, mom
 
 
 def _send_returns(recording: rr.RecordingStream, path: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Send each return beside the one before it, so that the line goes on level, then changes at once."""
+    """Send the return at each step as a staircase: level until the step, then a jump."""
     style = rr.SeriesLines(names="return", colors=PATH, widths=2)
     times_ns = []
     pairs = []

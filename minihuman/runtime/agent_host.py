@@ -229,7 +229,7 @@ class AgentHost(RequestHandler):
         return Advice(t_ns, want.step, chances)
 
     def _agent(self, policy: str) -> BaseAgent:
-        """Return the agent of a policy, loading it again if another policy or another program had its place.
+        """Return the agent of a policy, loading it again if another policy has been loaded in its place.
 
         Raises:
             MinihumanError: if it cannot be loaded.

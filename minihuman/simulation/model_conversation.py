@@ -211,7 +211,7 @@ def _find_question_rule(item: Any) -> AnswerRule:
 
 
 def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
-    """Return the inputs that an answer stands for, in order of time; each leaves one event in the log."""
+    """Return the inputs that carry out an answer, in order of time; each leaves one event in the log."""
     action, _, argument = reading.partition(" ")
     match action:
         case "key":
@@ -255,7 +255,7 @@ def _click(t_ns: int, target: str, along: float = 0.5) -> list[Input]:
 
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """The messages of a request, and what the log holds of them."""
+    """The messages of a request, with the digests and token counts that the log records."""
 
     messages: list[dict[str, Any]]
     sha256: str

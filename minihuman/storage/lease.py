@@ -40,7 +40,7 @@ class LeaseGrant:
 
 @dataclass(frozen=True, slots=True)
 class LogPiece:
-    """The bytes of a live log from a position on."""
+    """The bytes of a live log from a given position onwards."""
 
     file: str
     start: int

@@ -272,7 +272,7 @@ def _situation(world: World, observation_hash: int) -> Hashable:
 
 
 def _own_attributes(world: World) -> dict[str, bytes]:
-    """Return the pickled values of the attributes that a world's class adds to ours, by name."""
+    """Return the pickled values of the attributes that a world's class adds to minihuman's base classes, by name."""
     env = getattr(world.unwrapped, "team", world.unwrapped)
     if not isinstance(env, NativeWorld | TeamWorld):
         return {}

@@ -192,7 +192,7 @@ class Completion:
 
 
 def classify_ending(reason: EndReason, *, agreed: bool, part_kind: str = "") -> WebEnding:
-    """Return the kind of ending that a participant is told.
+    """Return the kind of ending that the participant's last page shows.
 
     Args:
         reason: the reason for which the session ended.

@@ -13,7 +13,7 @@ UNKNOWN_SCENE = -1
 
 
 class EpisodeSteps:
-    """Keeps the scene that each step of the latest episode led to.
+    """Keeps the scene after each step of the latest episode.
 
     Args:
         logged: the events of the log that the session is resumed from.

@@ -260,7 +260,7 @@ class Outbox:
             self.send_state()
 
     def send_state(self) -> None:
-        """Send the page what it does not know yet of the session's state."""
+        """Send the page every change of the session's state since the last call."""
         play = self._present_play
         tick_ns = self._next_tick_ns
         computed = self._ahead.computed

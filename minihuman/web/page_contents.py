@@ -15,7 +15,7 @@ from minihuman.web.screen_values import ImageCache, ImageEncoding
 
 
 class PageContents:
-    """Tracks what a page has, and what is on its way to it.
+    """Tracks the pictures and screens that a page has received or is about to receive.
 
     Args:
         encoding: the encoding of pictures.

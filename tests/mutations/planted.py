@@ -48,8 +48,8 @@ PLANTED = (
     Mutant(
         "no space is kept for finishing a log",
         "log/record/disk.py",
-        "needed = RESERVE_BYTES + min(",
-        "needed = min(",
+        "needed_bytes = RESERVE_BYTES + min(",
+        "needed_bytes = min(",
         ("tests/log/record", "tests/promises/test_faults.py"),
     ),
     Mutant(

@@ -31,7 +31,7 @@ class EpisodeLookedAt(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class NothingToCorrect(ActivityEvent):
-    """The session host had no other episode to review."""
+    """Records that no other episode was available for review."""
 
     part: int
     number: int

@@ -83,7 +83,7 @@ class PagesActivity(Activity):
                 self.ended = PartEnding("failed", reason="declined", detail="the participant did not agree")
 
     def _turn(self, by: int, *, by_enter: bool) -> bool:
-        """Turn pages and return whether that had an effect.
+        """Turn pages; return False if there was no page to turn to.
 
         Only Enter or its button leaves the last page; an arrow key does not.
         """

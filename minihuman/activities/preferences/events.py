@@ -35,7 +35,7 @@ class StretchShown(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class NothingToCompare(ActivityEvent):
-    """The session host had no two clips that differ, which ends the part."""
+    """Records that no two different clips were available, so the part ends."""
 
     part: int
     pair: int

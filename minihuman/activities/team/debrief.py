@@ -41,7 +41,7 @@ class DebriefActivity(Activity):
                 self.ended = PartEnding()
 
     def screen(self) -> Screen:
-        """Build the screen that says what the partners were."""
+        """Build the screen that says whether each partner was a person or a program."""
         words = self.context.words
         were = [words[f"team.was_{holder}"] for holder in ("person", "agent") if holder in self.context.partners]
         body = "\n\n".join((*(were or [words["team.was_either"]]), words["team.withdraw"]))

@@ -14,7 +14,7 @@ GoneReason = Literal["no_partner", "partner_left", "replaced", "declined"]
 
 @dataclass(frozen=True, slots=True)
 class TeamFormed(ActivityEvent):
-    """The team of a block is complete, which resolves what the plan left open."""
+    """Records that the team of a block is complete, with the seats and roles that the plan left open."""
 
     part: int
     team: str
@@ -48,7 +48,7 @@ class JointStepped(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class InputLate(ActivityEvent):
-    """This seat's input came after its step was closed and had no effect."""
+    """Records an input of this seat that arrived after its step was closed, and so had no effect."""
 
     episode: int
     step: int

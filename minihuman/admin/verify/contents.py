@@ -79,7 +79,7 @@ class LogContents:
 
 
 def read_log_contents(path: Path) -> LogContents:
-    """Read everything in a log, and note what is wrong with single records.
+    """Read everything in a log, and note the mistakes in single records.
 
     Raises:
         LogError: if the log cannot be read.
@@ -195,7 +195,7 @@ class _ContentsReader:
         return self._verifier
 
     def _finish_messages(self) -> None:
-        """Note what is wrong at the end of the latest segment's messages."""
+        """Note the mistakes at the end of the latest segment's messages."""
         if self._verifier is not None:
             self._contents.differences += self._verifier.finish()
             self._verifier = None

@@ -95,7 +95,7 @@ class MessageVerifier:
 
 
 def _is_as_written(again: Message, logged: bytes) -> bool:
-    """Tell whether a message is as minihuman writes it, or wrote it before parts of a plan had their latest fields."""
+    """Tell whether a message has the bytes that this version of minihuman, or an earlier one, writes for it."""
     if again.SerializeToString(deterministic=True) == logged:
         return True
     if not isinstance(again, v1.SessionPlan):

@@ -112,7 +112,7 @@ class Sheet:
 
     @property
     def high(self) -> float:
-        """The height of which lengths are fractions; in a window narrower than 4:3, less than the window's height."""
+        """The height to which lengths are relative; in a window narrower than 4:3, less than the window's height."""
         width, height = self.size_px
         return min(float(height), width * 3 / 4)
 

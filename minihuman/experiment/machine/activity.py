@@ -242,7 +242,7 @@ class Activity(abc.ABC):
 
 @dataclass(frozen=True, slots=True)
 class ActivityKind:
-    """A kind of activity, as it is registered.
+    """A kind of activity with everything that is registered for it: plan, activity, log rows, tables and drawing.
 
     What logs, tables, windows, the page and the report need of a kind is named as "module:attribute" and loaded on
     demand, so that a session imports none of it. Built-in kinds use no more than plug-ins can use.

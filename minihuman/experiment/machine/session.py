@@ -277,7 +277,7 @@ class SessionMachine:
                 self._follow_part()
 
     def _let_time_pass(self, t_ns: int) -> None:
-        """Process what is due by now, before a later input.
+        """Process everything that is due before a later input.
 
         The time for which Escape is held is measured by the inputs' own times: a machine that stalled during a short
         press must not end the session.
@@ -347,7 +347,7 @@ class SessionMachine:
     # Keys
 
     def _key_down(self, press: KeyDown) -> None:
-        """Give a key press to what it concerns: a session-wide command, the part, or the screen over the part."""
+        """Handle a key press: as a command to the session, as an input to the part, or on the screen over the part."""
         if self._judges_causes and press.cause != "finger":
             self._context.emit_key(press, press.cause, self.phase)
             return

@@ -245,7 +245,7 @@ def _draw_positions(protocol: Protocol, draw: str, groups: list[int]) -> list[tu
 
 
 def _zero_uses(n_actions: int, n_keys: int) -> list[list[int]]:
-    """Return counts of how often each action had each key, all 0; one row per action."""
+    """Return a table of zeros, with a row for each action and a column for each key."""
     return [[0] * n_keys for _ in range(n_actions)]
 
 

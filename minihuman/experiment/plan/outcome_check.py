@@ -106,10 +106,10 @@ def _describe_info(block: BlockSpec, rule: StatedRule, tried: TriedWorld) -> Ite
         if not can_keep(content):
             yield f"{place}: info[{key!r}] is {_describe(content)}, of which a log keeps null"
     recorded = {key.partition(".")[0] for key in block.record_info}
-    unrecorded = [key for key in tried.values if key not in recorded]
-    if unrecorded:
-        example = msgspec.json.encode(unrecorded[:3]).decode()
-        yield (f"{place}: not kept of the world's info: {', '.join(unrecorded)}; record_info = {example} keeps them")
+    left_out = [key for key in tried.values if key not in recorded]
+    if left_out:
+        example = msgspec.json.encode(left_out[:3]).decode()
+        yield (f"{place}: not kept of the world's info: {', '.join(left_out)}; record_info = {example} keeps them")
 
 
 def _list_keys(tried: TriedWorld) -> str:

@@ -229,6 +229,13 @@ def _plan_block(
     return plan
 
 
+def _find_fixed_interval_ms(block: BlockSpec) -> float:
+    """Return the interval between a block's episodes; 0 if it is drawn, as the rules of trials then have it."""
+    if isinstance(block.inter_trial_interval_ms, tuple):
+        return 0.0
+    return block.inter_trial_interval_ms
+
+
 def _plan_play(
     protocol: Protocol,
     blocks: Sequence[BlockSpec],
@@ -244,9 +251,6 @@ def _plan_play(
     if number + 1 < count:
         rest_text = block.rest_text
         rest_s = protocol.study.min_rest_s
-    interval_ms = 0.0  # drawn intervals are in the rules of trials
-    if not isinstance(block.inter_trial_interval_ms, tuple):
-        interval_ms = block.inter_trial_interval_ms
     instruction = paginate_text(block.instructions) if block.instructions else ()
     return PlayPlan(
         block=number,
@@ -258,7 +262,7 @@ def _plan_play(
         feedback=_plan_feedback(block),
         rest=rest_text,
         rest_s=rest_s,
-        interval_ms=interval_ms,
+        interval_ms=_find_fixed_interval_ms(block),
         fixation_ms=block.fixation_ms,
         hold_ms=block.final_frame_ms,
         marks=block.show_outcome,
@@ -288,7 +292,7 @@ def _plan_feedback(block: BlockSpec) -> dict[str, str]:
 
 
 def _computed_by(block: BlockSpec) -> ComputedBy:
-    """Return who computes a block in a browser: what the protocol says, or a default.
+    """Return whether the page or the server computes a block in a browser.
 
     The default is the page for an ordinary block in a built-in world, and the server for any other block.
     """

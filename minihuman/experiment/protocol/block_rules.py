@@ -175,7 +175,7 @@ def _require_short_placeholders(text: str) -> None:
 
 
 def _check_kind(block: BlockSpec, pool: tuple[str, ...]) -> Iterator[FieldError]:
-    """Check that a block's kind is a kind of block, and that the block meets the kind's requirements."""
+    """Check that a block's kind exists and is for blocks, and that the block meets the kind's requirements."""
     try:
         kind = find_kind(block.kind)
     except ProtocolError as error:

@@ -266,9 +266,9 @@ def write_motion(
         recordings.append(write_tsv(folder / f"{name}_motion.tsv", columns, rows, header=False))
         lasted_s = rows[-1]["latency"] - rows[0]["latency"]
         write_json(folder / f"{name}_motion.json", task | _facts(system, _mean_rate_hz(len(rows), lasted_s), lasted_s))
-        write_tsv(folder / f"{name}_name_channels.tsv", _CHANNEL_COLUMNS, _describe_channels(unit))
+        write_tsv(folder / f"{name}_channels.tsv", _CHANNEL_COLUMNS, _describe_channels(unit))
         frame = {"Description": "What positions and headings are told in.", "Levels": {"world": _FRAME}}
-        write_json(folder / f"{name}_name_channels.json", {"reference_frame": frame})
+        write_json(folder / f"{name}_channels.json", {"reference_frame": frame})
     return recordings
 
 

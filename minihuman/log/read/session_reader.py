@@ -181,9 +181,8 @@ class SessionAssembler:
         steps = [rows.steps.between(span.begin, span.end) for span in self._spans]
         of_states = build_state_columns(starts, [step_rows.start for step_rows in steps], rows.steps.column)
         of_steps = build_step_columns(rows.steps.column)
-        episode_numbers, step_numbers, step_keys = (
-            rows.steps.column(name).values for name in ("episode", "step", "key")
-        )
+        episode_numbers = rows.steps.column("episode").values
+        step_numbers = rows.steps.column("step").values
         vectors = rows.steps.column("action_vector").values
         nexts = [*(span.begin for span in self._spans[1:]), None]
         attempts: Counter[int] = Counter()
@@ -201,7 +200,7 @@ class SessionAssembler:
                 start=start,
                 **state_columns,
                 **{name: column[step_rows] for name, column in of_steps.items()},
-                step_keys=step_keys[step_rows],
+                step_keys=rows.steps.column("key").values[step_rows],
                 action_vectors=vectors[step_rows][:, used] if used.any() else None,  # its actions are numbers
                 successes=read_successes(start.plan, rows.steps.column, step_rows),
                 infos=read_infos(start.plan, rows.steps.column, step_rows),

@@ -276,12 +276,12 @@ def archive_log(log: Path, folder: Path) -> Path:
 
 def find_leftovers(folder: Path) -> list[Path]:
     """Return the cut-off logs anywhere below a folder, without those still being written and other programs' files."""
-    leftovers = []
+    unfinished = []
     for part in sorted(folder.rglob(f"*{PART_SUFFIX}")):
         is_foreign = is_companion_file(part) or is_system_companion(part.name)
         if not is_foreign and not is_being_recorded(part):
-            leftovers.append(part)
-    return leftovers
+            unfinished.append(part)
+    return unfinished
 
 
 def _write_finished_log(

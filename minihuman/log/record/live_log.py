@@ -100,7 +100,7 @@ class LiveLogEncoder:
     def resume(
         cls, plan: SessionPlan, *, started_ns: int, messages: int, steps: int, rare: Iterable[str] = ()
     ) -> "LiveLogEncoder":
-        """Return an encoder of what is appended to a file that a killed program left.
+        """Return an encoder that continues the file of a killed program.
 
         Args:
             plan: the session's plan.

@@ -220,7 +220,7 @@ class McapRecorder(Recorder):
             os.close(self._fd)
 
     def close(self) -> Path | None:
-        """Write what is left, finish the log and return its path. A second call only returns the path.
+        """Write the remaining messages, finish the log and return its path. A second call only returns the path.
 
         Raises:
             LogError: if something could not be written; the rest is kept, and the message says where.

@@ -183,7 +183,7 @@ class SessionLeases:
             self.release(lease)
 
     def renew(self, leases: Sequence[Lease]) -> None:
-        """Renew leases, and copy what was recorded since the last renewal.
+        """Renew leases, and copy everything recorded since the last renewal.
 
         Raises:
             OSError: if the database cannot be reached.

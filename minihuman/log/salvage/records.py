@@ -235,7 +235,7 @@ def _decompress_chunk(data: bytes, size: int) -> bytes:
 
 
 def find_next_record(view: mmap.mmap, begin: int) -> int | None:
-    """Return the position of the next intact record from a byte on; None if none is found soon."""
+    """Return the position of the next intact record at or after a byte; None if none is found soon."""
     tries = 0
     while (candidate := _RECORD_START.search(view, begin)) is not None and tries < MAX_CANDIDATES:
         begin = candidate.start()

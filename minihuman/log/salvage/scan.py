@@ -260,7 +260,7 @@ class LogScanner:
         return []
 
     def _follow_segments(self, metadata: Metadata) -> None:
-        """Note where a segment begins, what it lacks at its end, and which messages are declared missing."""
+        """Note where a segment begins, which messages it lacks at its end, and which messages are declared missing."""
         facts = metadata.metadata
         if metadata.name == SEGMENT_METADATA:
             self._segment = _number(facts.get("segment", ""))

@@ -159,7 +159,7 @@ def _text(content: bytes, at: int) -> tuple[str, int]:
 
 
 def _list_records(data: bytes, at: int, *, among: Container[int]) -> Iterator[tuple[int, bytes]]:
-    """Yield the kind and content of every whole record from a byte on that has one of the given kinds."""
+    """Yield the kind and content of every whole record of the given kinds, starting at a byte."""
     size = len(data)
     while at + _HEAD.size <= size:
         kind, length = _HEAD.unpack_from(data, at)
