@@ -49,7 +49,7 @@ def conditions_table(within: WithinResults) -> Table | None:
 
 
 def crossover_table(within: WithinResults) -> Table | None:
-    """Tabulate the effects of condition, position and carry-over; None if all participants have the same order."""
+    """Tabulate the effects of position and carry-over; None if all participants have the same order."""
     rows = [
         (
             label_measure(term.measure),
