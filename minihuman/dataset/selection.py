@@ -30,9 +30,8 @@ from minihuman.dataset.session_measures import (
 )
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODES, PARTICIPANTS
 from minihuman.errors import ReportError
-from minihuman.experiment.machine.events import EpisodesSkipped, Event, Noted
-from minihuman.experiment.machine.page_alterations import read_alteration
-from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.machine.events import EpisodesSkipped, Noted
+from minihuman.experiment.machine.page_alterations import list_page_alterations
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_protocol
 from minihuman.experiment.protocol.specs import apply_overrides
@@ -463,20 +462,6 @@ class Selection:
                 return AGENT_FAILED
             return NOT_FINISHED
         return ""
-
-
-def list_page_alterations(notes: Iterable[Event]) -> list[str]:
-    """List how a browser's page was altered, each way once, in alphabetical order; the consent text is named apart."""
-    alterations = set()
-    phase = ""
-    for note in notes:
-        if isinstance(note, Noted) and note.kind == "phase":
-            phase = note.text
-        elif isinstance(note, Noted) and (alteration := read_alteration(note)):
-            alterations.add(alteration)
-            if phase == Phase.CONSENT and alteration.startswith(("text", "translation")):
-                alterations.add("consent text")
-    return sorted(alterations)
 
 
 def summarize_session(log: SessionLog) -> MeasureRow:

@@ -6,7 +6,7 @@ misread. A segment that cannot contain any of that stays at version 2, so that o
 
 from collections.abc import Mapping
 
-from minihuman.activities.questions.free_text.draft import TEXT_RULES
+from minihuman.experiment.machine.inputs import TEXT_RULES
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.names import PLAIN_SCHEMA_VERSION, SCHEMA_VERSION
 from minihuman.worlds.outcomes import LAST_REWARD

@@ -30,10 +30,10 @@ class WorldWidget(anywidget.AnyWidget):
 
     _esm = _HERE / "cell.js"
     _css = _HERE / "cell.css"
-    modules = traitlets.List().tag(sync=True)
+    modules: traitlets.List[Any] = traitlets.List().tag(sync=True)
     pack = traitlets.Bytes().tag(sync=True)
     settings = traitlets.Dict().tag(sync=True)
-    played = traitlets.List().tag(sync=True)  # the columns of each episode that is over
+    played: traitlets.List[Any] = traitlets.List().tag(sync=True)  # the columns of each episode that is over
 
     def __init__(self, world: CellWorld) -> None:
         settings = {"name": world.id, "seeds": list(map(str, world.seeds)), "view": world.view, "keys": world.keys}

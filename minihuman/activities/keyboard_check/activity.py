@@ -3,7 +3,7 @@
 from minihuman.activities.keyboard_check.early_plans import find_early_check
 from minihuman.activities.keyboard_check.plan import KeyboardCheckPlan
 from minihuman.activities.keyboard_check.screens import build_keyboard_check_screen
-from minihuman.experiment.machine.activity import Activity, ActivityKind, PartEnding
+from minihuman.experiment.machine.activity import Activity, ActivityKind, PartEnding, needs_no_server
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import Input, KeyDown
 from minihuman.experiment.machine.screens import TextScreen
@@ -46,5 +46,6 @@ KEYBOARD_CHECK = ActivityKind(
     KeyboardCheckPlan,
     KeyboardCheckActivity,
     find_early_parts=find_early_check,
+    find_server_needs=needs_no_server,
     is_for_players=True,
 )

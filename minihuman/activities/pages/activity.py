@@ -11,7 +11,14 @@ from minihuman.activities.pages.early_plans import find_early_pages
 from minihuman.activities.pages.page_reader import BACK_KEYS, FORWARD_KEYS, PageReader, build_page_shown
 from minihuman.activities.pages.plan import ExampleSpec, PagePlan
 from minihuman.activities.pages.screens import build_page_screen
-from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
+from minihuman.experiment.machine.activity import (
+    ENTER_KEYS,
+    Activity,
+    ActivityKind,
+    PartEnding,
+    SessionContext,
+    needs_no_server,
+)
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown
 from minihuman.experiment.machine.points import fill_score_fields
@@ -160,5 +167,6 @@ PAGE = ActivityKind(
     PagesActivity,
     tables="minihuman.activities.pages.tables:PAGE_TABLES",
     find_early_parts=find_early_pages,
+    find_server_needs=needs_no_server,
     is_for_players=True,
 )

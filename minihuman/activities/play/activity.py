@@ -13,6 +13,7 @@ from minihuman.activities.play.early_plans import find_early_blocks
 from minihuman.activities.play.episode_sequence import EpisodeSequence
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.play.screens import BlockScreens
+from minihuman.activities.play.server_needs import find_server_needs
 from minihuman.activities.play.text_keys import TextKeys
 from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, SessionContext
 from minihuman.experiment.machine.events import (
@@ -415,6 +416,7 @@ PLAY = ActivityKind(
     PlayActivity,
     tables="minihuman.activities.play.tables:PLAY_TABLES",
     find_early_parts=find_early_blocks,
+    find_server_needs=find_server_needs,
     is_played_alone=True,
     is_plain_play=True,
     is_for_players=True,

@@ -4,7 +4,6 @@ from typing import Any
 
 import msgspec
 
-from minihuman.activities.questions.free_text.draft import TEXT_RULES
 from minihuman.activities.questions.number.draft import NUMBER_RULES
 from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.activities.questions.question import (
@@ -15,9 +14,11 @@ from minihuman.activities.questions.question import (
     is_correct,
 )
 from minihuman.activities.questions.screens import build_question_screen, build_wrong_answer_screen
+from minihuman.activities.questions.server_needs import find_server_needs
 from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding
 from minihuman.experiment.machine.events import AnswerChanged, Answered, Noted, TextChanged
 from minihuman.experiment.machine.inputs import (
+    TEXT_RULES,
     Input,
     KeyDown,
     PointerMoved,
@@ -244,6 +245,7 @@ QUESTIONS = ActivityKind(
     QuestionsActivity,
     tables="minihuman.activities.questions.tables:QUESTION_TABLES",
     simulator="minihuman.activities.questions.simulation:QuestionsSimulator",
+    find_server_needs=find_server_needs,
     is_for_players=True,
     is_check=True,
 )

@@ -267,6 +267,8 @@ class ActivityKind:
             message; its arguments are the block and the keys that may have an action.
         find_early_parts: a function that yields the kind's parts in a plan that was recorded before plans had parts,
             each with its position: 0 consent, 1 keyboard check, 2 blocks, 3 closing text.
+        find_server_needs: a function that yields what in a part of the kind needs a server, each as a clause about the
+            part; None if every part does.
         is_played_alone: whether only the participant acts in a block's worlds, so that a touch screen's buttons, axes
             and clicks can play it and its actions may be of any space.
         is_plain_play: whether a block consists of nothing but its worlds' steps by one person's keys, so that a page
@@ -292,6 +294,7 @@ class ActivityKind:
     find_early_parts: Callable[[SessionPlan], Iterable[tuple[int, PlannedPart]]] | None = field(
         default=None, kw_only=True
     )
+    find_server_needs: Callable[[PlannedPart], Iterable[str]] | None = field(default=None, kw_only=True)
     is_played_alone: bool = field(default=False, kw_only=True)
     is_plain_play: bool = field(default=False, kw_only=True)
     is_for_players: bool = field(default=False, kw_only=True)
@@ -347,3 +350,8 @@ def list_kinds(condition: Callable[[ActivityKind], bool]) -> tuple[str, ...]:
 def build_activity(number: int, part: PlannedPart, context: SessionContext) -> Activity:
     """Build the activity of a part."""
     return find_kind(part.kind).activity(number, part, context)
+
+
+def needs_no_server(part: PlannedPart) -> Iterable[str]:
+    """Yield nothing, for a kind whose parts a page runs alone."""
+    return ()

@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from typing import Literal
 
+# the fact "text_rules" of a session: a field's whole text is the answer as it is; before, keys edited and trimmed it
+TEXT_RULES = "2"
+
 PressCause = Literal[
     "finger",  # or what stands for one: a screen reader's click, a simulated participant
     "held_before_focus",  # it was down before this window had the focus

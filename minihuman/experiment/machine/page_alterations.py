@@ -1,8 +1,10 @@
 """Notes that a browser, an extension or a setting changed what a session's page shows, or how it is used."""
 
+from collections.abc import Iterable
 from typing import Literal
 
-from minihuman.experiment.machine.events import Noted
+from minihuman.experiment.machine.events import Event, Noted
+from minihuman.experiment.machine.transitions import Phase
 
 _BEGINNING = "the page was altered: "
 AlterationKind = Literal[
@@ -22,6 +24,21 @@ def format_alteration(kind: AlterationKind, detail: str) -> str:
 
 def read_alteration(note: Noted) -> str:
     """Return the kind and detail of the alteration that a note is about; "" if it is about something else."""
-    if note.kind == "page" and note.text.startswith(_BEGINNING):
-        return note.text.removeprefix(_BEGINNING)
+    match note:
+        case Noted(kind="page", text=text) if text.startswith(_BEGINNING):
+            return text.removeprefix(_BEGINNING)
     return ""
+
+
+def list_page_alterations(notes: Iterable[Event]) -> list[str]:
+    """List how a browser's page was altered, each way once, in alphabetical order; the consent text is named apart."""
+    alterations = set()
+    phase = ""
+    for note in notes:
+        if isinstance(note, Noted) and note.kind == "phase":
+            phase = note.text
+        elif isinstance(note, Noted) and (alteration := read_alteration(note)):
+            alterations.add(alteration)
+            if phase == Phase.CONSENT and alteration.startswith(("text", "translation")):
+                alterations.add("consent text")
+    return sorted(alterations)

@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 from minihuman.experiment.machine.events import Event, Noted
 from minihuman.experiment.machine.inputs import FocusChanged, Input, KeyDown, PointerPressed, ScreenShown, Tick
 from minihuman.experiment.machine.running_episode import RunningEpisode
-from minihuman.experiment.machine.screens import OptionList, PageScreen, QuestionScreen, RatingScale, TextScreen
+from minihuman.experiment.machine.screens import (
+    OptionList,
+    PageScreen,
+    PlayScreen,
+    QuestionScreen,
+    RatingScale,
+    TextScreen,
+)
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.session_copy import copy_session
@@ -213,7 +220,7 @@ class ScreenGraph:
         if session.play is not None:
             self._look_from_episode(node, session, session.play)
             return
-        node.keeps_picture = node.screen["kind"] == "play"
+        node.keeps_picture = isinstance(session.screen, PlayScreen)
         self._find_due(number, node, session, outcome)
         for name, make_input in _list_inputs(session):
             self._try(number, node, session, outcome, name, make_input)

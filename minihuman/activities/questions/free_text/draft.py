@@ -14,10 +14,6 @@ from minihuman.activities.questions.question import (
 from minihuman.experiment.machine.inputs import MAX_FIELD_CHARACTERS, KeyDown
 from minihuman.experiment.machine.screens import TextField
 
-TEXT_RULES = (
-    "2"  # the fact "text_rules": a field's whole text is the answer as it is; before, keys edited and trimmed it
-)
-
 
 class TextDraft(AnswerDraft):
     """A draft answer of one line of text."""
