@@ -62,6 +62,7 @@ SAME_FILE = {  # a name that several packages share, for the same role in each
     "drawing": "the pictures of a kind of world",
     "design": "the design of a block, and the study designs",
     "early_plans": "a kind's parts in plans that were recorded before plans had parts",
+    "server_needs": "what in a kind's part a page cannot run alone",
     "env": "the Gymnasium environment of a kind of world",
     "machine": "commands about this machine, and what a log says of it",
     "go_to_obj": "GoToObj: its grid world, its 3D world, and what the two share",

@@ -296,33 +296,33 @@ def _draw_end_texts(sheet: Sheet, low: str, high: str, sides: tuple[float, float
             sheet.put((x, y + small * (row * LINE_HEIGHT + 0.5)), line, small, theme.INK, anchor)
 
 
-def _draw_slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) -> None:
+def _draw_slider(sheet: Sheet, slider: Slider, box: tuple[float, float, float, float]) -> None:
     """Draw a line with ticks, and a mark on it once the slider has been set."""
     left, top, right, _ = box
     y = top + sheet.high * 0.12
     stroke = max(2, round(sheet.high / 300))
     sheet.draw.line([(left, y), (right, y)], fill=theme.MUTED_INK, width=stroke)
-    for tick in range(item.ticks + 1):
-        x = left + (right - left) * tick / item.ticks
-        is_long = tick in (0, item.ticks) or tick * 2 == item.ticks
+    for tick in range(slider.ticks + 1):
+        x = left + (right - left) * tick / slider.ticks
+        is_long = tick in (0, slider.ticks) or tick * 2 == slider.ticks
         tall = sheet.high * (0.022 if is_long else 0.012)
         sheet.draw.line([(x, y - tall), (x, y + tall)], fill=theme.MUTED_INK, width=stroke)
     rtl = sheet.locale.rtl
-    if item.position is not None:
-        share = 1 - item.position if rtl else item.position
-        _draw_slider_mark(sheet, item, left + (right - left) * share, y, stroke)
+    if slider.position is not None:
+        share = 1 - slider.position if rtl else slider.position
+        _draw_slider_mark(sheet, slider, left + (right - left) * share, y, stroke)
     reach = sheet.high * 0.06
     sheet.spots.append(Spot("slider", left, y - reach, right, y + reach, rtl))
-    _draw_end_texts(sheet, item.low, item.high, (left, right), y + sheet.high * 0.05)
+    _draw_end_texts(sheet, slider.low, slider.high, (left, right), y + sheet.high * 0.05)
 
 
-def _draw_slider_mark(sheet: Sheet, item: Slider, x: float, y: float, stroke: int) -> None:
+def _draw_slider_mark(sheet: Sheet, slider: Slider, x: float, y: float, stroke: int) -> None:
     """Draw the mark of a slider that has been set, with its value above."""
     reach = sheet.high * 0.022
     circle = (x - reach, y - reach, x + reach, y + reach)
     sheet.draw.ellipse(circle, fill=theme.HIGHLIGHT, outline=theme.INK, width=stroke)
-    if item.value:
-        sheet.put((x, y - reach * 2.4), item.value, round(sheet.high / 30), theme.INK, "m")
+    if slider.value:
+        sheet.put((x, y - reach * 2.4), slider.value, round(sheet.high / 30), theme.INK, "m")
 
 
 def _draw_shapes(sheet: Sheet, item: ShapeCanvas, box: tuple[float, float, float, float]) -> None:
