@@ -4,6 +4,7 @@
 the number of the report's test, and why. A study is some of the pool's participants as two groups.
 """
 
+import argparse
 import csv
 from collections.abc import Iterator
 from pathlib import Path
@@ -99,7 +100,9 @@ def _format(bounds: tuple[float, float]) -> str:
 
 def main() -> None:
     """Write the table."""
-    with (FOLDER / "changed_statistics.csv").open("w", newline="", encoding="utf-8") as file:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=FOLDER / "changed_statistics.csv")
+    with parser.parse_args().out.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(COLUMNS)
         for sizes in SIZES:

@@ -46,7 +46,6 @@ if TYPE_CHECKING:
         Session as Session,
         Study as Study,
     )
-    from minihuman.study_site import import_site_data as import_site_data, write_site as write_site
     from minihuman.worlds.adapters.page_world import verify_actions as verify_actions
     from minihuman.worlds.adapters.pettingzoo import parallel_env as parallel_env
     from minihuman.worlds.grid.layout import observation_to_text as observation_to_text
@@ -67,7 +66,6 @@ _MODULES = {  # where each public name is; imported when it is asked for, so tha
     "VerificationLine": "minihuman.api",
     "export": "minihuman.api",
     "import_page_data": "minihuman.api",
-    "import_site_data": "minihuman.study_site",
     "make_team": "minihuman.worlds.team",
     "observation_to_text": "minihuman.worlds.grid.layout",
     "open_session": "minihuman.api",
@@ -79,7 +77,6 @@ _MODULES = {  # where each public name is; imported when it is asked for, so tha
     "verify": "minihuman.api",
     "verify_actions": "minihuman.worlds.adapters.page_world",
     "widget": "minihuman.notebook.widget",
-    "write_site": "minihuman.study_site",
 }
 __all__ = [*_MODULES, "__version__"]
 

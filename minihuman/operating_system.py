@@ -217,6 +217,11 @@ def sync_file_system(fd: int) -> None:
         raise OSError(number, os.strerror(number))
 
 
+def is_owned_by_user(status: os.stat_result) -> bool:
+    """Return whether this process's user owns a file; always true on Windows, whose files have no owner's number."""
+    return sys.platform == "win32" or status.st_uid == os.geteuid()
+
+
 def replace_file(source: Path, target: Path) -> None:
     """Replace a file by another in one step; on Windows this also works while the replaced file is open.
 
@@ -359,10 +364,7 @@ def limit_memory(share: float) -> None:
 
 
 def limit_memory_bytes(limit: int) -> None:
-    """Limit this process's memory to a number of bytes, with the restrictions of ``limit_memory``.
-
-    It is also the first process to be killed when memory is short.
-    """
+    """Limit this process's memory to a number of bytes, as ``limit_memory`` does."""
     if sys.platform != "win32":
         with contextlib.suppress(OSError):
             Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii", newline="\n")
@@ -400,10 +402,7 @@ def name_signal(number: int) -> str:
 
 
 def lead_own_group() -> None:
-    """Make this process the leader of a process group that Ctrl-C in the terminal does not reach.
-
-    Windows has no such groups.
-    """
+    """Make this process the leader of a group that Ctrl-C in the terminal does not reach; not on Windows."""
     if sys.platform != "win32":
         os.setsid()
 

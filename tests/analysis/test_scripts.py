@@ -96,6 +96,11 @@ def test_curves_of_trainings_are_compared_with_intervals_over_seeds(tmp_path, mo
     assert (tmp_path / "curves.svg").stat().st_size > 5_000
 
 
+def test_the_list_of_changed_numbers_is_what_the_tests_give_now(tmp_path, monkeypatch):
+    run(monkeypatch, "changed_statistics.py", "--out", tmp_path / "changes.csv")
+    assert (tmp_path / "changes.csv").read_text() == (SCRIPTS / "changed_statistics.csv").read_text()
+
+
 @pytest.mark.nightly
 def test_the_papers_design_is_put_to_simulated_people(tmp_path, monkeypatch, capsys):
     run(monkeypatch, "ten_people.py", tmp_path, "--people", 4, "--studies", 2, "--processes", 1)

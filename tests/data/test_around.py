@@ -61,8 +61,9 @@ def test_every_topic_of_the_log_is_in_a_table_or_an_export():
         {preference_rows.NO_PREFERENCE_TOPIC, correction_rows.NO_CORRECTION_TOPIC},
     )
     said = {"/team/typed", "/team/message"}  # between people: in their logs alone
+    planned = {"/trial"}  # a trial's times before it begins; `trial_stimuli` has those of all that was shown
     # arrays; when something was seen; that there was nothing to see; what people wrote to each other
-    left_out = {topics.OBSERVATION} | seen | none | said
+    left_out = {topics.OBSERVATION} | seen | none | said | planned
     tables_of_topics = find_tables_of_topics()
     assert set(tables_of_topics) == truths - left_out
     assert {name for names in tables_of_topics.values() for name in names} <= set(TABLES)

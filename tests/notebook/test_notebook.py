@@ -163,7 +163,7 @@ def test_no_public_function_is_hidden_by_a_package_of_its_name():
 
 
 def test_every_public_name_is_there_and_explained():
-    assert len(minihuman.__all__) < 24
+    assert len(minihuman.__all__) <= 24
     for name in set(minihuman.__all__) - {"__version__"}:
         thing = getattr(minihuman, name)
         assert thing.__doc__

@@ -51,6 +51,7 @@ CTYPES = {  # a library of C, each at home in one module
     "display/windows/x11_input.py": "X11's input extension",
     "display/windows/pyglet_native.py": "OpenGL",
     "worlds/kernels.py": "the compiled kernels",
+    "worlds/grid/own/library.py": "the compiled rules of a laboratory's worlds",
 }
 
 

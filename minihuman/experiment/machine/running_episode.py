@@ -23,8 +23,8 @@ from minihuman.experiment.machine.events import (
 )
 from minihuman.experiment.machine.inputs import ScreenShown
 from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.worlds.action_names import join_action_names
 from minihuman.worlds.adapters.foreign_code import WorldCodeError
-from minihuman.worlds.adapters.spaces import join_action_names
 from minihuman.worlds.outcomes import OutcomeJudge
 from minihuman.worlds.picture_hash import hash_picture
 from minihuman.worlds.pose import Pose

@@ -28,7 +28,8 @@ from minihuman.experiment.protocol.specs import list_question_kinds
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.protocol.validation_errors import build_protocol_error
 from minihuman.experiment.words import LANGUAGES, LATER_WORDS, flatten_words, list_missing_kind_words
-from minihuman.worlds.adapters.spaces import VectorActions, join_action_names
+from minihuman.worlds.action_names import join_action_names
+from minihuman.worlds.adapters.spaces import VectorActions
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
 from minihuman.worlds.conformance import ConformanceReport, Rehearsal, examine_world

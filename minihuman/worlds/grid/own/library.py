@@ -18,6 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from minihuman.operating_system import is_owned_by_user, replace_file
 from minihuman.worlds.grid.own.source_names import TranslationError
 from minihuman.worlds.library_manifest import source_digest
 from minihuman.worlds.source_digest import import_closure
@@ -175,7 +176,7 @@ def _write(key: str, code: bytes) -> None:
             new = Path(scratch, "new")
             new.touch(mode=0o600)
             new.write_bytes(hashlib.sha256(code).hexdigest().encode() + b"\n" + code)
-            os.replace(new, folder / f"{key}.o")
+            replace_file(new, folder / f"{key}.o")
         files = sorted(folder.glob("*.o"), key=lambda path: path.stat().st_mtime)
         for path in files[:-MOST_FILES]:
             path.unlink(missing_ok=True)
@@ -189,4 +190,5 @@ def _is_private(path: Path) -> bool:
         return False
     if stat.S_ISLNK(status.st_mode):
         return False
-    return sys.platform == "win32" or (status.st_uid == os.geteuid() and not status.st_mode & _WRITABLE_BY_OTHERS)
+    is_writable_by_others = sys.platform != "win32" and bool(status.st_mode & _WRITABLE_BY_OTHERS)
+    return is_owned_by_user(status) and not is_writable_by_others
