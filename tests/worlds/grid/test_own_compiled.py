@@ -3,6 +3,8 @@
 import inspect
 import logging
 import math
+import platform
+import struct
 import subprocess
 import sys
 
@@ -21,6 +23,8 @@ from minihuman.worlds.grid.own.team_batch import OwnTeamBatch
 from minihuman.worlds.team import TeamBatch
 from tests.worlds.grid import own_world_examples as examples
 
+RELOCATIONS = 4  # SHT_RELA
+R_X86_64_64 = 1  # an address of 64 bits
 SINGLE = ("Patrol", "Corridor", "Touch", "Bog", "Garden", "Sokoban", "Errand")
 
 
@@ -166,6 +170,28 @@ class CallsItself(Undeclared):
 class OwnObservation(Undeclared):
     def observation(self):
         return super().observation()
+
+
+def list_relocation_kinds(code):
+    """The kinds of the addresses that a loader fills into an ELF object file."""
+    (sections_at,) = struct.unpack_from("<Q", code, 0x28)
+    section_size, n_sections = struct.unpack_from("<HH", code, 0x3A)
+    kinds = set()
+    for number in range(n_sections):
+        header = sections_at + number * section_size
+        (section_kind,) = struct.unpack_from("<I", code, header + 4)
+        start, size = struct.unpack_from("<QQ", code, header + 0x18)
+        if section_kind == RELOCATIONS:
+            kinds |= {struct.unpack_from("<Q", code, at + 8)[0] & 0xFFFFFFFF for at in range(start, start + size, 24)}
+    return kinds
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64" or sys.platform != "linux", reason="the kinds are of ELF on x86-64")
+def test_compiled_rules_work_wherever_their_sections_lie_in_memory():
+    """With addresses of 32 bits, a process whose memory was taken could not load them: LLVM ended it."""
+    make_batch(examples.Patrol, num_envs=2)
+    code = library._read(library._digest(programs.translate_rules(examples.Patrol()).text))
+    assert list_relocation_kinds(code) == {R_X86_64_64}
 
 
 @pytest.mark.parametrize(

@@ -90,9 +90,10 @@ def _emit(codes: list[str]) -> bytes:
 
 
 def _machine() -> Any:
+    # "large": the loader puts code and constants wherever there is memory, and near addresses have 32 bits
     features = llvm.get_host_cpu_features()
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=features.flatten(), opt=2, reloc="pic", codemodel="default"
+        cpu=llvm.get_host_cpu_name(), features=features.flatten(), opt=2, reloc="static", codemodel="large"
     )
 
 
