@@ -43,7 +43,7 @@ RESPONSE_COLUMNS = (
     PART_COLUMN,
     *_EPISODE_AND_ATTEMPT,
     TableColumn("number", "integer", "", "Which response of the trial, 1 for the first."),
-    TableColumn("key", "text", "", "The physical key."),
+    TableColumn("key", "key", "", "The physical key."),
     TableColumn("pressed_ns", "integer", "ns", "When it went down, session time."),
     TableColumn("response_ms", "number", "ms", "That minus the flip of the trial's target.", 2),
 )

@@ -43,9 +43,7 @@ def _build_trial_row(episode: EpisodeLog) -> TableRow | None:
 
 def _count_attempts(event: StimuliShown | ResponseTaken, log: SessionLog) -> int:
     """Return how often the event's episode had begun by then: a void trial's rows are told from its repetition's."""
-    return sum(
-        episode.plan.episode == event.episode and episode.start.t_ns <= event.t_ns for episode in log.episodes
-    )
+    return sum(episode.plan.episode == event.episode and episode.start.t_ns <= event.t_ns for episode in log.episodes)
 
 
 def _build_stimulus_row(event: StimuliShown, log: SessionLog) -> TableRow:
