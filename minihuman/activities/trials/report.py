@@ -153,6 +153,8 @@ def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
 def _tabulate_stop_signals(trials: pd.DataFrame) -> list[CaptionedTable]:
     """Build the table of stop-signal reaction times; none without stop signals."""
     estimates = list(estimate_people(trials))
+    places = {of_group: place for place, of_group in enumerate(dict.fromkeys(estimate[:2] for estimate in estimates))}
+    estimates.sort(key=lambda estimate: places[estimate[:2]])  # participants come as allocated, groups in turn
     rows: list[tuple[str, ...]] = []
     for place, (block, group, participant, estimate) in enumerate(estimates):
         rows.append((block, group, participant, *_format_stop_estimate(estimate)))
