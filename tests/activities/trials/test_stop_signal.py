@@ -83,7 +83,7 @@ def test_participants_whose_groups_come_in_turn_have_one_row_each_and_one_for_ea
             for delay_ms, correct in ((200, "left"), (200, "none"))
         ]
     )
-    [table] = _tabulate_stop_signals(trials)
+    table, remarks = _tabulate_stop_signals(trials)
     assert [row[1:3] for row in table.table.rows] == [
         ("old", "sub-0"),
         ("old", "sub-2"),
@@ -91,6 +91,9 @@ def test_participants_whose_groups_come_in_turn_have_one_row_each_and_one_for_ea
         ("young", "sub-1"),
         ("young", "sub-3"),
         ("young", "all with an SSRT: 0 of 2"),
+    ]
+    assert [row[2:] for row in remarks.table.rows] == [
+        (participant, "fewer than 50 stop trials") for participant in ("sub-0", "sub-2", "sub-1", "sub-3")
     ]
 
 
