@@ -112,6 +112,8 @@ def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
     for episode, begin, turns in zip(episodes, begins[:-1].tolist(), n_turns.tolist(), strict=True):
         n_strides = len(episode.poses) - 1
         length = float(strides[begin : begin + n_strides].sum())
+        if math.isnan(episode.poses[0, 0]):  # without a step there is no stride that says so
+            length = math.nan
         if length > _STILL:
             efficiency = net_displacement(episode) / length
         else:

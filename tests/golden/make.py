@@ -184,7 +184,7 @@ class Hand(SimulatedWindow):
         self._steps, self._last = 0, 0
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        play = self._session_seen.play
+        play = self._session_seen.play or getattr(self._session_seen.part, "running_trial", None)
         if play is not None:
             self._steps += play.steps > self._last
             self._last = play.steps
@@ -455,6 +455,67 @@ def make_outcomes(data: Path) -> None:
     segment(data, _lakes("outcomes", lakes), "random")
 
 
+TIMELINES = (
+    ADAPTIVE.partition("[allocation.design]")[0].replace("adaptive", "timelines")
+    + """
+[[groups]]
+name = "all"
+blocks = ["primes", "letters"]
+[[blocks]]
+name = "primes"
+kind = "trials"
+world = "minihuman/Stimulus-v0"
+stimuli = { file = "primes.csv", balanced_by = ["congruent"] }
+timeline.stimuli = [
+  { name = "fixation", text = "+", size = 0.08, duration_ms = [400, 700] },
+  { name = "prime", text = "{prime}", colour = "#e8503c", x = "{prime_side}", duration_ms = 33 },
+  { name = "mask", image = "mask.png", layer = 1, since = "prime", onset_ms = "{soa}", duration_ms = 67 },
+  { name = "target", shape = "{target}", until = "response" },
+]
+episodes = 8
+actions = ["left", "right"]
+noop_action = "none"
+response_deadline_ms = 1500
+max_steps = 1
+ready = "first"
+inter_trial_interval_ms = [300, 500]
+[[blocks]]
+name = "letters"
+kind = "trials"
+world = "minihuman/Stimulus-v0"
+stimuli = { rows = [{ letters = "K T X", correct = "left" }, { letters = "M P", correct = "none" }], order = "fixed" }
+timeline.ends = "time"
+timeline.soa_ms = 2000
+timeline.target = "letters"
+timeline.opens_ms = 100
+timeline.responses = 2
+timeline.stimuli = [
+  { name = "ring", text = "+ + + +", layout = "ring", size = 0.06, onset_ms = 0, until = "end" },
+  { name = "letters", text = "{letters}", each_ms = 100, onset_ms = 200 },
+]
+episodes = 4
+actions = ["left", "right"]
+noop_action = "none"
+response_deadline_ms = 1200
+max_steps = 1
+ready = "none"
+"""
+)
+
+
+def make_timelines(data: Path) -> None:
+    """Respond to trials with a time course, the first of which a pause voids; then to streams at a rhythm."""
+    Image.new("RGB", (8, 8), "white").save(picture := io.BytesIO(), "PNG")
+    table = (
+        b"prime,prime_side,soa,target,correct,congruent\n"
+        b"<<,left,50,circle,left,yes\n>>,right,50,circle,left,no\n"
+        b">>,right,100,square,right,yes\n,left,100,square,right,no\n"
+    )
+    protocol = decode_protocol(TIMELINES.encode())
+    protocol = msgspec.structs.replace(protocol, files={"primes.csv": table, "mask.png": picture.getvalue()})
+    record_log_end(segment(data, protocol, "human-like", after_steps=0, key="f8"))
+
+
 if __name__ == "__main__":
     make(Path(sys.argv[1]))
     make_everything_new(Path(sys.argv[1]), "last-of-v1")
@@ -465,3 +526,4 @@ if __name__ == "__main__":
     make_outcomes(Path(sys.argv[1]))
     make_typed(Path(sys.argv[1]))
     make_fields(Path(sys.argv[1]))
+    make_timelines(Path(sys.argv[1]))

@@ -13,6 +13,7 @@ from minihuman.activities.agent_blocks.events import ControlChanged, ControlReas
 from minihuman.activities.correction.events import CorrectionEnded
 from minihuman.activities.preferences.events import Preferred
 from minihuman.activities.rating.events import Rated
+from minihuman.activities.trials.events import ResponseTaken, StimuliShown, TrialResolved
 from minihuman.admin.verify.episodes import EpisodeVerification, verify_episodes
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.annotations import read_annotations
@@ -66,6 +67,7 @@ HELD = {
     "v2/typed/sub-01": ("", [], "complete"),
     "v2/unruled/sub-01": ("failure goal failure failure", [2, 4, 1, 7], "complete"),
     "v3/fields/sub-01": ("", [], "complete"),
+    "v3/timelines/sub-01": ("abandoned" + " goal" * 12, [0] + [1] * 12, "complete"),
     "v3/outcomes/sub-01": (
         "failure goal goal goal ended ended goal goal ended ended timeout timeout",
         [2, 4, 1, 7, 3, 7, 1, 2, 1, 2, 1, 1],
@@ -149,7 +151,8 @@ def test_every_kind_of_part_is_among_them():
     assert {episode.plan.pace for log in logs for episode in log.episodes} == set(get_args(PacePolicy))
     assert {event.reason for event in happened if isinstance(event, ControlChanged)} == set(get_args(ControlReason))
     assert {event.value for event in happened if isinstance(event, Rated)} == {1.0, -1.0}
-    assert {LearnerAsked, CorrectionEnded, Preferred} <= {type(event) for event in happened}
+    frozen = {type(event) for event in happened}
+    assert {LearnerAsked, CorrectionEnded, Preferred, TrialResolved, StimuliShown, ResponseTaken} <= frozen
 
 
 def test_they_are_small():

@@ -149,3 +149,5 @@ def test_a_world_without_poses_has_no_path_but_its_times():
     blind = made(plan(), [(math.nan,) * 4] * 3, [2, 2], None)
     assert math.isnan(measure_paths([blind])[0].length)
     assert np.isfinite(playing_s(blind))
+    unplayed = made(plan(), [(math.nan,) * 4], [], "abandoned")
+    assert math.isnan(measure_paths([unplayed])[0].length)

@@ -7,7 +7,7 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from click.testing import CliRunner
 
+from minihuman.activities.trials.screens import TrialScreen
 from minihuman.admin.enrolment_entries import AuditNote
 from minihuman.admin.enrolment_log import free_slot
 from minihuman.admin.manifest import record_log_end
@@ -109,7 +110,7 @@ class _Window(SimulatedWindow):
             spot = (t_ns, 0.5, 0.5, "decline")
             return [PointerPressed(*spot), PointerReleased(*spot)]
         inputs = super().wait(until_ns)
-        self._taken += bool(inputs) and isinstance(self._page, PlayScreen)
+        self._taken += bool(inputs) and isinstance(self._page, PlayScreen | TrialScreen)
         if self._taken == self.kill_after:
             aside = self.folder.with_name(f"{self.folder.name}.aside")
             shutil.copytree(self.folder, aside)
@@ -151,10 +152,9 @@ def _play(
 
 
 def _play_session(
-    protocol: Protocol, data: Path, code: str | None, session: int, course: Course, place: int
+    protocol: Protocol, data: Path, code: str | None, session: int, course: Course, place: int, person: str
 ) -> tuple[str, str]:
     """Play a session to its end, however often it is killed before; return the code and the end's reason."""
-    person = PLAYERS[place % len(PLAYERS)]
     rng = np.random.default_rng([place, session])
     started_ns = MONDAY_NS + place * HOUR_NS + (session - 1) * DAY_NS
     kills = [after for number, after in course.kills if number == session]
@@ -175,8 +175,8 @@ def _play_session(
     raise AssertionError("the last turn ends")
 
 
-def play_study(toml: Path, data: Path, people: int) -> Path:
-    """Play a protocol with so many people; return the study's folder."""
+def play_study(toml: Path, data: Path, people: int, players: Sequence[str] = PLAYERS) -> Path:
+    """Play a protocol with so many people, simulated by players in turn; return the study's folder."""
     protocol = read_protocol(toml)
     study = data / protocol.study.name
     sessions = max(len(protocol.sessions), 1)
@@ -184,7 +184,7 @@ def play_study(toml: Path, data: Path, people: int) -> Path:
         course = COURSES[place % len(COURSES)]
         code, reason = None, "complete"
         for session in range(1, min(sessions, course.sessions) + 1):
-            code, reason = _play_session(protocol, data, code, session, course, place)
+            code, reason = _play_session(protocol, data, code, session, course, place, players[place % len(players)])
             if course.withdraws_after == session:
                 withdraw_participant(study, code, seal=None, note=AuditNote("asked for it", "e1"))
                 reason = "withdrawn"

@@ -1,8 +1,9 @@
 """A study's logs read, and the rows of its tables recomputed from them, without importing minihuman.
 
 Messages are decoded by the schemas that each log itself holds. The definitions are those of the data dictionary,
-written down a second time: rows of the tables steps, presses, keys, episodes, blocks, participants and answers. The
-fewest steps of a grid are found on the floor plan in the log; those of a first-person world only the world can tell.
+written down a second time: rows of the tables steps, presses, keys, episodes, blocks, participants and answers, and of
+trial_stimuli and trial_responses. The fewest steps of a grid are found on the floor plan in the log; those of a
+first-person world only the world can tell.
 """
 
 import csv
@@ -25,7 +26,8 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
 Row = dict[str, Any]
-TABLES = ("steps", "presses", "keys", "episodes", "blocks", "participants", "answers")
+TRIAL_TABLES = ("trial_stimuli", "trial_responses")
+TABLES = ("steps", "presses", "keys", "episodes", "blocks", "participants", "answers", *TRIAL_TABLES)
 NOISE = 1e-9
 FIRST_EPISODES = 5
 
@@ -41,6 +43,7 @@ class Episode:
     steps: list[Any] = field(default_factory=list)
     keys: list[Any] = field(default_factory=list)
     frames: list[Any] = field(default_factory=list)
+    trial: Any = None  # its resolved times, of a trial with a time course
     outcome: str = "cut_off"
     pauses: list[tuple[int, int]] = field(default_factory=list)
 
@@ -84,6 +87,8 @@ class Session:
     skipped: int
     tags: dict[int | None, set[str]]
     answers: list[tuple[int, int, Any]]  # segment, its begin in session time, the message
+    pictures: list[tuple[Episode, Any]]  # of trials with a time course, each with its attempt
+    trial_responses: list[tuple[Episode, Any]]
     keys: list[tuple[int, Any]]  # all of the session's, with their segment
     notes: list[Any]
     pauses: list[tuple[int, int]]
@@ -175,6 +180,8 @@ def read_session(paths: Sequence[Path]) -> "Session":
     pauses: dict[int, list[tuple[int, int]]] = defaultdict(list)
     attempts: Counter[int] = Counter()
     answers: list[tuple[int, int, Any]] = []
+    pictures: list[tuple[Episode, Any]] = []
+    trial_responses: list[tuple[Episode, Any]] = []
     keys: list[tuple[int, Any]] = []
     notes: list[Any] = []
     offsets: list[int] = []
@@ -209,6 +216,12 @@ def read_session(paths: Sequence[Path]) -> "Session":
                 skipped += message.count
             case "/session/note":
                 notes.append(message)
+            case "/trial" if current is not None:
+                current.trial = message
+            case "/trial/stimuli":
+                pictures.append((episodes[-1], message))
+            case "/trial/response":
+                trial_responses.append((episodes[-1], message))
             case "/answer":
                 answers.append((segment, offset_ns, message))
             case "/session/pause":
@@ -225,7 +238,8 @@ def read_session(paths: Sequence[Path]) -> "Session":
         episode.pauses = pauses[episode.segment]
     return Session(
         path, plan, tomllib.loads(protocol.decode()), metadata, episodes, segment, end_reason, skipped,
-        read_tags(path), answers, keys, notes, [pause for each in pauses.values() for pause in each], offsets,
+        read_tags(path), answers, pictures, trial_responses, keys, notes,
+        [pause for each in pauses.values() for pause in each], offsets,
     )  # fmt: skip
 
 
@@ -347,6 +361,88 @@ def answer_rows(session: Session) -> Iterator[Row]:
             "first_ms": (one.first_ns - one.shown_ns) / 1e6 if one.first_ns and one.shown_ns else None,
             "answer_ms": (one.t_ns - one.shown_ns) / 1e6 if one.shown_ns else None,
             "changes": one.changes,
+        }
+
+
+def trial_place(session: Session, episode: Episode, message: Any) -> Row:
+    """What the rows of trials with a time course have in common."""
+    if message.episode + 1 != episode.number:
+        raise ValueError(f"{session.path.name}: episode {message.episode + 1} while {episode.number} was played")
+    return {
+        **session.who,
+        "segment": episode.segment,
+        "t_ns": message.t_ns + episode.offset_ns,
+        "part": message.part + 1,
+        "episode": episode.number,
+        "attempt": episode.attempt,
+    }
+
+
+def picture_rows(session: Session) -> Iterator[Row]:
+    """Each picture of a trial: its stimuli and when it was to be there, by the trial's times and its first flip."""
+    firsts: dict[tuple[int, int], int] = {}
+    seen: set[tuple[int, int, int]] = set()
+    for episode, picture in session.pictures:
+        key = episode.number, episode.attempt
+        schedule = json.loads(episode.trial.schedule_json)
+        due_ns = episode.trial.start_ns or None
+        if picture.frame:
+            due_ns = firsts[key] + change_times(schedule)[picture.frame]
+        if (*key, picture.frame) in seen:  # what remains after a response is shown at once
+            due_ns = None
+        seen.add((*key, picture.frame))
+        firsts.setdefault(key, picture.flip_ns)
+        yield {
+            **trial_place(session, episode, picture),
+            "picture": picture.frame + 1,
+            "stimuli": json.dumps(visible_names(session, episode, picture), ensure_ascii=False),
+            "due_ns": None if due_ns is None else due_ns + episode.offset_ns,
+            "flip_ns": picture.flip_ns + episode.offset_ns,
+            "late_ms": None if due_ns is None else (picture.flip_ns - due_ns) / 1e6,
+        }
+
+
+def change_times(schedule: Mapping[str, Any]) -> list[int]:
+    """The times since a trial's first picture at which what is visible changes, or the target begins."""
+    spans = [(one["onset_ns"], one["end_ns"] or math.inf, one["name"]) for one in schedule["stimuli"]]
+    last_ns = schedule["end_ns"] or math.inf
+    times = sorted({0, *(time for begin, end, _ in spans for time in (begin, end) if time < last_ns)})
+    kept, before = [], None
+    for time in times:
+        visible = {name for begin, end, name in spans if begin <= time < end}
+        if not kept or visible != before or time == schedule["target_ns"]:
+            kept.append(time)
+            before = visible
+    return kept
+
+
+def visible_names(session: Session, episode: Episode, picture: Any) -> list[str]:
+    """The names of a picture's stimuli, the front one last; a response removes those that stay until it."""
+    schedule = json.loads(episode.trial.schedule_json)
+    time = change_times(schedule)[picture.frame]
+    answered = any(one is episode and taken.t_ns < picture.t_ns for one, taken in session.trial_responses)
+    visible = [
+        one
+        for one in schedule["stimuli"]
+        if one["onset_ns"] <= time < (one["end_ns"] or math.inf) and not (answered and one["until_response"])
+    ]
+    return [one["name"] for one in sorted(visible, key=lambda one: one["layer"])]
+
+
+def trial_response_rows(session: Session) -> Iterator[Row]:
+    """Each response of a trial, timed from the flip of the picture in which its target begins."""
+    numbers: Counter[tuple[int, int]] = Counter()
+    for episode, taken in session.trial_responses:
+        schedule = json.loads(episode.trial.schedule_json)
+        target = change_times(schedule).index(schedule["target_ns"])
+        flip_ns = next(one.flip_ns for its, one in session.pictures if its is episode and one.frame == target)
+        numbers[episode.number, episode.attempt] += 1
+        yield {
+            **trial_place(session, episode, taken),
+            "number": numbers[episode.number, episode.attempt],
+            "key": key_name(taken.key),
+            "pressed_ns": taken.pressed_ns + episode.offset_ns,
+            "response_ms": (taken.pressed_ns - flip_ns) / 1e6,
         }
 
 
@@ -515,6 +611,19 @@ def episode_row(episode: Episode, told: int | None = None) -> Row:
     }
 
 
+def label_cells(episode: Episode) -> Row:
+    """The cells of an episode's labels, each a column of the files."""
+    labels = json.loads(episode.start.plan.labels_json or "{}")
+    return {f"label_{name}": read_label(label) for name, label in labels.items()}
+
+
+def read_label(label: str | int | float | bool) -> str | float | bool | None:
+    """A label as a cell has it: numbers of one kind, nothing for an empty text."""
+    if isinstance(label, bool | str):
+        return label or None
+    return float(label)
+
+
 def mean(values: Sequence[float | None]) -> float | None:
     there = [value for value in values if value is not None]
     return statistics.fmean(there) if there else None
@@ -635,6 +744,7 @@ def recompute(sessions: Sequence[Session], told: Mapping[Place, int] | None = No
         if why := broken_rule(session, "participant", row):
             against[session.who["participant"]].append((session.plan.session, why))
     tables: dict[str, list[Row]] = {name: [] for name in TABLES}
+    no_label = dict.fromkeys(name for session in sessions for one in session.episodes for name in label_cells(one))
     for session in sessions:
         who = session.who
         of_person = min(against[who["participant"]], default=(0, None))[1]
@@ -644,9 +754,12 @@ def recompute(sessions: Sequence[Session], told: Mapping[Place, int] | None = No
             tables["steps"] += step_rows(session, episode)
             tables["presses"] += press_rows(session, episode)
             tags = " ".join(sorted(session.tags[episode.number] | session.tags[None])) or None
-            tables["episodes"].append(who | row | {"tags": tags, "exclusion_reason": of_person or reason})
+            row = who | row | no_label | label_cells(episode)
+            tables["episodes"].append(row | {"tags": tags, "exclusion_reason": of_person or reason})
         tables["keys"] += key_rows(session)
         tables["answers"] += answer_rows(session)
+        tables["trial_stimuli"] += picture_rows(session)
+        tables["trial_responses"] += trial_response_rows(session)
         for block in dict.fromkeys(row["block"] for row in rows):
             its = [at for at in included(session, rows, why, analysed=False) if rows[at]["block"] == block]
             row = over(session, [rows[at] for at in its], [session.episodes[at] for at in its])

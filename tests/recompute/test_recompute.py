@@ -6,10 +6,12 @@ from pathlib import Path
 import pytest
 
 from tests.recompute.play import OUTPUTS, PROTOCOLS, play_study, recompute_outputs, write_outputs
-from tests.recompute.tables import Tally
+from tests.recompute.tables import Tally, read_csv
 
 pytestmark = pytest.mark.program  # whole studies are simulated
 
+TRIALS = Path(__file__).parent / "trials" / "timeline.toml"
+FILES = ("csv", "parquet")
 SMALL = next(path for path in PROTOCOLS if path.stem == "kadur")
 
 
@@ -30,6 +32,15 @@ def check(study: Path, outputs: Path) -> dict[str, list[int]]:
 
 def test_every_number_of_a_small_study_is_what_its_logs_say(small: tuple[Path, Path]) -> None:
     assert all(compared > 500 for compared, _ in check(*small).values())
+
+
+def test_every_number_of_trials_with_a_time_course_is_what_their_logs_say(tmp_path: Path) -> None:
+    study = play_study(TRIALS, tmp_path, 6, players=("human-like", "random"))
+    write_outputs(study, tmp_path / "outputs", FILES)
+    counts, told = recompute_outputs(study, tmp_path / "outputs", FILES)
+    assert {name for name, (compared, wrong) in counts.items() if compared > 10_000 and not wrong} == {*FILES}, told
+    pictures = read_csv(tmp_path / "outputs" / "csv" / "trial_stimuli.csv")
+    assert {(row["attempt"], row["segment"]) for row in pictures} > {("1", "1"), ("2", "2")}  # voided and resumed
 
 
 EDITS = {

@@ -1,8 +1,11 @@
 """Trials with a time course in a real browser: the page shows them by its clock, and the log is proven."""
 
+import io
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from minihuman.activities.trials.events import ResponseTaken, StimuliShown
 from minihuman.admin.verify.log import find_log_differences
@@ -25,14 +28,18 @@ def test_twenty_trials_in_the_browser_are_a_log_that_verifies(tmp_path: Path, na
     (tmp_path / f"{name}.csv").write_bytes((_SHIPPED / f"{name}.csv").read_bytes())
     with serving(tmp_path / f"{name}.toml", tmp_path) as served, browsing() as sit_down:
         somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
+        picture = b""
         while not somebody.page.evaluate("minihuman.state.finished"):
             if somebody.page.evaluate("minihuman.state.kind") == "trial":
+                picture = picture or somebody.page.screenshot()
                 somebody.press(key)
                 somebody.page.wait_for_timeout(150)
             else:
                 somebody.press("enter")
                 somebody.page.wait_for_timeout(50)
         assert somebody.errors == []
+    brightness = np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).max(axis=-1)
+    assert brightness.min() > 0, "a black frame around the pictures would come and go with each trial"
     [path] = tmp_path.rglob("*.mcap")
     log = read_log(path)
     assert len(log.episodes) == 20

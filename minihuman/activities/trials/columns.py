@@ -23,13 +23,13 @@ TRIAL_COLUMNS = (
     TableColumn("response_ms", "number", "ms", "The first response minus the onset of the stimulus; empty without.", 2),
     TableColumn("reward", "number", "", "What the trial earned."),
 )
-_EPISODE = TableColumn("episode", "integer", "", "The episode of the session, 1 for the first.")
+_EPISODE_AND_ATTEMPT = EPISODE_COLUMNS[1:]  # the segment stands before
 STIMULUS_COLUMNS = (
     *SESSION_COLUMNS,
     *SEGMENT_COLUMN,
     TIME_COLUMN,
     PART_COLUMN,
-    _EPISODE,
+    *_EPISODE_AND_ATTEMPT,
     TableColumn("picture", "integer", "", "The picture of the trial, 1 for the first."),
     TableColumn("stimuli", "text", "JSON", "The names of the stimuli in it, the front one last."),
     TableColumn("due_ns", "integer", "ns", "When it was to be on the display, session time; empty: at once."),
@@ -41,9 +41,9 @@ RESPONSE_COLUMNS = (
     *SEGMENT_COLUMN,
     TIME_COLUMN,
     PART_COLUMN,
-    _EPISODE,
+    *_EPISODE_AND_ATTEMPT,
     TableColumn("number", "integer", "", "Which response of the trial, 1 for the first."),
-    TableColumn("key", "text", "", "The physical key."),
+    TableColumn("key", "key", "", "The physical key."),
     TableColumn("pressed_ns", "integer", "ns", "When it went down, session time."),
     TableColumn("response_ms", "number", "ms", "That minus the flip of the trial's target.", 2),
 )

@@ -52,8 +52,9 @@ _HEADS = {
 
 _STOP_HEADS = (
     "block", "group", "participant", "go trials", "go accuracy", "go omissions", "go RT (ms)", "stop trials",
-    "p(respond | signal)", "delay (ms)", "failed stop RT (ms)", "SSRT (ms)", "remark",
+    "p(respond | signal)", "delay (ms)", "failed stop RT (ms)", "SSRT (ms)",
 )  # fmt: skip
+_REMARK_HEADS = ("block", "group", "participant", "remark")
 _STOP_CAPTION = (
     "Stop signals: go RT, mean of all go responses; delay, mean of the presented ones; failed stop RT, mean of "
     "responses in stop trials; SSRT, by integration with go omissions replaced by the slowest go response, wrong and "
@@ -61,6 +62,7 @@ _STOP_CAPTION = (
     "trials, or where failed stops are not faster than go responses. Last row of a group: mean (standard deviation) "
     "over participants."
 )
+_REMARK_CAPTION = "Stop signals: why a participant has no SSRT, or one that is unreliable."
 
 
 def build_section(source: SectionSource) -> ReportSection | None:
@@ -151,8 +153,10 @@ def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_stop_signals(trials: pd.DataFrame) -> list[CaptionedTable]:
-    """Build the table of stop-signal reaction times; none without stop signals."""
+    """Build the table of stop-signal reaction times, and one of what speaks against them; none without stop signals."""
     estimates = list(estimate_people(trials))
+    places = {of_group: place for place, of_group in enumerate(dict.fromkeys(estimate[:2] for estimate in estimates))}
+    estimates.sort(key=lambda estimate: places[estimate[:2]])  # participants come as allocated, groups in turn
     rows: list[tuple[str, ...]] = []
     for place, (block, group, participant, estimate) in enumerate(estimates):
         rows.append((block, group, participant, *_format_stop_estimate(estimate)))
@@ -160,9 +164,13 @@ def _tabulate_stop_signals(trials: pd.DataFrame) -> list[CaptionedTable]:
         if is_last:
             of_group = [other[3] for other in estimates if other[:2] == (block, group)]
             rows.append(_summarise_stop_signals(block, group, of_group))
-    if rows:
-        return [CaptionedTable(Table(_STOP_HEADS, rows, words=3), _STOP_CAPTION)]
-    return []
+    if not rows:
+        return []
+    tables = [CaptionedTable(Table(_STOP_HEADS, rows, words=3), _STOP_CAPTION)]
+    remarks = [(*of_person, estimate.remark) for *of_person, estimate in estimates if estimate.remark]
+    if remarks:
+        tables.append(CaptionedTable(Table(_REMARK_HEADS, remarks, words=4), _REMARK_CAPTION))
+    return tables
 
 
 def _format_stop_estimate(estimate: StopSignalEstimate) -> tuple[str, ...]:
@@ -176,7 +184,6 @@ def _format_stop_estimate(estimate: StopSignalEstimate) -> tuple[str, ...]:
         _format_known(estimate.mean_delay_ms, 0),
         _format_known(estimate.failed_stop_ms, 0),
         _format_known(estimate.ssrt_ms, 0),
-        estimate.remark,
     )
 
 
@@ -185,7 +192,7 @@ def _summarise_stop_signals(block: str, group: str, estimates: list[StopSignalEs
     summary = "n/a"
     if len(times):
         summary = format_mean_sd(float(times.mean()), float(times.std()))
-    return (block, group, f"all with an SSRT: {len(times)} of {len(estimates)}", *[""] * 8, summary, "")
+    return (block, group, f"all with an SSRT: {len(times)} of {len(estimates)}", *[""] * 8, summary)
 
 
 def _format_known(value: float, digits: int) -> str:

@@ -41,11 +41,17 @@ def _build_trial_row(episode: EpisodeLog) -> TableRow | None:
     }
 
 
+def _count_attempts(event: StimuliShown | ResponseTaken, log: SessionLog) -> int:
+    """Return how often the event's episode had begun by then: a void trial's rows are told from its repetition's."""
+    return sum(episode.plan.episode == event.episode and episode.start.t_ns <= event.t_ns for episode in log.episodes)
+
+
 def _build_stimulus_row(event: StimuliShown, log: SessionLog) -> TableRow:
     has_due_time = bool(event.due_ns)
     return {
         "part": event.part + 1,
         "episode": event.episode + 1,
+        "attempt": _count_attempts(event, log),
         "picture": event.frame + 1,
         "stimuli": json.dumps(event.stimuli, ensure_ascii=False),
         "due_ns": event.due_ns if has_due_time else None,
@@ -58,6 +64,7 @@ def _build_response_row(event: ResponseTaken, log: SessionLog) -> TableRow:
     return {
         "part": event.part + 1,
         "episode": event.episode + 1,
+        "attempt": _count_attempts(event, log),
         "number": event.number,
         "key": event.key,
         "pressed_ns": event.pressed_ns,

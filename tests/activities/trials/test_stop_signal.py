@@ -5,8 +5,10 @@ import math
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from minihuman.activities.trials.report import _tabulate_stop_signals
 from minihuman.activities.trials.stop_signal import estimate_stop_signal
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.log import verify_session
@@ -70,6 +72,29 @@ def test_a_planted_race_is_recovered():
     estimate = estimate_stop_signal(go_ms, np.ones(20_000, bool), stop_ms, np.full(20_000, 250.0))
     assert estimate.response_rate == pytest.approx(0.45, abs=0.1)
     assert estimate.ssrt_ms == pytest.approx(220, abs=2)
+
+
+def test_participants_whose_groups_come_in_turn_have_one_row_each_and_one_for_each_group():
+    trials = pd.DataFrame(
+        [
+            {"block": "b", "group": group, "participant": f"sub-{number}", "response_ms": 400.0, "is_correct": True}
+            | {"stimulus": f'{{"delay_ms": {delay_ms}}}', "correct": correct}
+            for number, group in enumerate(("old", "young", "old", "young"))
+            for delay_ms, correct in ((200, "left"), (200, "none"))
+        ]
+    )
+    table, remarks = _tabulate_stop_signals(trials)
+    assert [row[1:3] for row in table.table.rows] == [
+        ("old", "sub-0"),
+        ("old", "sub-2"),
+        ("old", "all with an SSRT: 0 of 2"),
+        ("young", "sub-1"),
+        ("young", "sub-3"),
+        ("young", "all with an SSRT: 0 of 2"),
+    ]
+    assert [row[2:] for row in remarks.table.rows] == [
+        (participant, "fewer than 50 stop trials") for participant in ("sub-0", "sub-2", "sub-1", "sub-3")
+    ]
 
 
 @pytest.mark.program

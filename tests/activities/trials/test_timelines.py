@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from minihuman.activities.trials.events import ResponseTaken, StimuliShown, TrialResolved
-from minihuman.activities.trials.plan import TimelineSpec
+from minihuman.activities.trials.plan import TimelineSpec, TimelineStimulus
 from minihuman.activities.trials.schedule import TrialSchedule, resolve_trial
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.log import verify_session
@@ -389,6 +389,55 @@ def test_the_methods_say_what_a_trial_showed_and_when():
     assert responses == (
         "response times count from the onset of 'star'; responses were taken after it, at most 1500 ms"
     )
+
+
+DOCS = (SHIPPED.parents[1] / "docs" / "trials.md").read_text(encoding="utf-8")
+FIELDS = re.findall(r"^\| `(\w+)` \| `([^|]*=[^|]*)` \|", DOCS, re.MULTILINE)
+CUE = '{ name = "cue", text = "<", duration_ms = 100 }'
+
+
+def test_the_docs_explain_each_field_of_a_timeline():
+    names = [*TimelineStimulus.__struct_fields__, *TimelineSpec.__struct_fields__]
+    assert sorted(name for name, _ in FIELDS) == sorted(names)
+
+
+@pytest.mark.parametrize(("name", "example"), FIELDS)
+def test_each_example_of_the_docs_is_a_timeline_that_can_be_shown(name, example, tmp_path):
+    rows = 'stimuli = { rows = [{ word = "<", ink = "red", side = "left", soa = 250 }] }'
+    timeline = f"timeline = {{ stimuli = [{CUE}], {example} }}"
+    if name == "stimuli":
+        timeline = f"timeline = {{ {example} }}"
+    elif name in TimelineStimulus.__struct_fields__:
+        named = "" if name == "name" else 'name = "field", '
+        shown = "" if name in ("text", "shape", "image") else 'text = "A B", '
+        ends = "" if name in ("duration_ms", "each_ms", "until") else ', until = "end"'
+        timeline = f"timeline = {{ stimuli = [{CUE}, {{ {named}{shown}{example}{ends} }}] }}"
+    write_picture(tmp_path / "face.png")
+    protocol = decode(timeline, rows, **{"face.png": (tmp_path / "face.png").read_bytes()})
+    check_worlds(protocol, "p.toml")
+
+
+def test_the_practice_of_the_docs_ends_at_nine_right_of_the_last_ten():
+    [block] = re.findall(r"(\[\[blocks\]\]\nname = .practice.*?)```", DOCS, re.DOTALL)
+    head = TOML.partition("[[blocks]]")[0].replace('["words"]', '["practice"]')
+    protocol = decode_protocol((head + block).encode())
+    plan = expand_protocol(protocol, enrol_participant(protocol, 0))
+    desk = Desk(plan)
+    desk.press("enter")
+    for _ in range(400):
+        if desk.session.over:
+            break
+        desk.show()
+        if desk.session.phase is Phase.PLAYING:
+            episode = plan.episodes[len(desk.of(EpisodeEnded))]
+            keys = {action: key for key, action in episode.key_map.keys.items()}
+            desk.pass_ms(300)
+            desk.press(keys[episode.options["correct"]])
+        elif desk.session.next_tick_ns is not None:
+            desk.pass_ms(max(0, desk.session.next_tick_ns - desk.now_ns) / MS)
+        else:
+            desk.press("enter")
+    assert [event.outcome for event in desk.of(EpisodeEnded)] == ["goal"] * 9
 
 
 MUTABLE = """

@@ -255,7 +255,7 @@ def test_a_shipped_classic_runs_is_logged_and_replays(name, tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["flanker", "go-no-go", "n-back", "posner", "priming", "rsvp", "simon", "stop-signal", "visual-search"],
+    ["flanker", "go-no-go", "n-back", "posner", "priming", "rsvp", "simon", "stop-signal", "stroop", "visual-search"],
 )
 def test_a_classic_is_25_lines_of_toml(name):
     lines = [line for line in (SHIPPED / f"{name}.toml").read_text().splitlines() if not line.startswith("#")]
