@@ -68,6 +68,7 @@ class SilentElement {
   append(...children) { this.children.push(...children); }
   replaceChildren(...children) { this.children = children; }
   replaceWith() {}
+  remove() {}
   setAttribute(name, text) { if (name.startsWith("data-")) this.dataset[name.slice(5)] = text; }
   addEventListener() {}
   focus() {}
@@ -120,7 +121,10 @@ class VirtualBrowser {
     define("location", { hash: "#t=virtual", search: "", protocol: "http:", host: "virtual", reload() {} });
     define("history", { replaceState() {} });
     define("navigator", { getGamepads: () => [], userAgent: "", language: "en", maxTouchPoints: 0 });
-    define("matchMedia", () => ({ matches: false }));
+    define("matchMedia", () => ({ matches: false, addEventListener: () => {} }));
+    define("devicePixelRatio", 1);
+    define("MutationObserver", class { observe() {} });
+    define("getComputedStyle", () => ({ fontSize: "16px" }));
     define("innerWidth", 1000);
     define("innerHeight", 800);
     define("ImageData", class { constructor(_, width, height) { Object.assign(this, { width, height }); } });
