@@ -219,6 +219,17 @@ class QuestionsActivity(Activity):
         else:
             self._ask_all()
 
+    @property
+    def depends_on_answers(self) -> bool:
+        """Whether what follows a question depends on earlier answers: on which are given, or on which are correct."""
+        return any(question.only_if or question.right is not None for question in self._plan.items)
+
+    @property
+    def answers_so_far(self) -> tuple[tuple[str, bool | None], ...]:
+        """The answers of all drafts, as JSON, and which of those given are correct."""
+        values = (msgspec.json.encode((draft.value, draft.display_text)).decode() for draft in self._drafts)
+        return tuple(zip(values, self._right, strict=True))
+
     def screen(self) -> QuestionScreen | TextScreen:
         """Build the screen of the present question, or of the note that an answer was wrong."""
         words = self.context.words
