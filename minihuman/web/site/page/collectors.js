@@ -76,20 +76,17 @@ export const makeDataPipe = (experimentID, address = DATAPIPE) => ({
 const jatosCollector = {
   isWhole: false,
   period_ms: PERIOD_MS,
-  open: () => new Promise((resolve) => { findJatos().onLoad(() => resolve(findJatos().urlQueryParameters)); }),
+  open: () => new Promise((resolve) => { jatos.onLoad(() => resolve(jatos.urlQueryParameters)); }),
   async save(part) {
     try {
-      await findJatos().appendResultData(`${JSON.stringify(part)}\n`);
+      await jatos.appendResultData(`${JSON.stringify(part)}\n`);
     } catch (error) { throw new RefusedError(String(error)); } // it has tried again itself
   },
   finish(end) {
-    if (end === "declined") findJatos().abortStudy(end, false);
-    else findJatos().endStudy(end === "complete", end, false);
+    if (end === "declined") jatos.abortStudy(end, false);
+    else jatos.endStudy(end === "complete", end, false);
   },
 };
-
-/** @returns {any} */
-const findJatos = () => /** @type {any} */ (globalThis).jatos;
 
 /** @param {string} name as `minihuman site --collector` took it @returns {Collector} */
 export function chooseCollector(name) {
