@@ -204,7 +204,12 @@ class ScreenGraph:
         if key in self._known:
             return self._known[key]
         node = ScreenNode(
-            name, values, part=session.part.number, group=_find_group(session), text_field=field_state, template=template
+            name,
+            values,
+            part=session.part.number,
+            group=_find_group(session),
+            text_field=field_state,
+            template=template,
         )
         node.looks = looks
         self._known[key] = len(self.nodes)

@@ -60,6 +60,12 @@ options = ["a square", "a ball"]
 """
 
 
+READ_ARCHIVE = """import("./static/archive.js").then(async ({ Archive }) => {
+  const { makePart } = await import("./static/collectors.js");
+  return makePart(await Archive.open("thin"), 0);
+})"""
+
+
 def write_protocol(folder: Path, *, world: str = "MiniGrid-Empty-5x5-v0", block: str = "", check: bool = False) -> Path:
     """Write a study with a consent, two episodes and two questions."""
     actions = '"turn_left", "turn_right", "move_forward"' if "MiniWorld" in world else '"left", "right", "forward"'

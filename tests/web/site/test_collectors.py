@@ -11,7 +11,9 @@ from minihuman.web.site.site_folder import write_site
 from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.site.collectors import EXPERIMENT, running_datapipe, running_jatos
-from tests.web.site.static_site import hosting
+from tests.web.site.static_site import READ_ARCHIVE, hosting
+
+ONLINE = Path(__file__).parents[3] / "protocols" / "online.toml"
 
 PROTOCOL = """
 [study]
@@ -158,3 +160,28 @@ def test_a_component_of_jatos_takes_the_record_and_ends(tmp_path):
     imported, answers = import_answers(folder, tmp_path, protocol)
     assert answers["age"] == "35"
     assert "sub-03" in str(imported.log)
+
+
+@needs("chromium")
+@pytest.mark.program
+@pytest.mark.nightly
+def test_the_online_study_asks_about_its_participants_without_a_server(tmp_path):
+    protocol = ONLINE
+    write_site(read_protocol(protocol), tmp_path / "site", slots=1)
+    with hosting(tmp_path / "site") as host, browsing() as sit_down:
+        person = sit_down(host.address)
+        answerer = Answerer(person)
+        answerer.answer("red box", "Enter")
+        answerer.answer("How old are you?", "Enter", text="5")
+        answerer.answer("18 to 120", "Enter", text="41")
+        for words, key in (("gender", "1"), ("hand", "2"), ("video games", "3"), ("vision", "1")):
+            answerer.answer(words, key, "Enter")
+        person.until_seen("!document.querySelector('#screen').innerText.includes('vision')")
+        assert not person.errors
+        host.posted.append(person.page.evaluate(READ_ARCHIVE.replace("thin", "online")))
+        folder = host.write_posted(tmp_path / "parts")
+    (imported,) = minihuman.import_site_data(folder, study=tmp_path / "online", protocol=protocol)
+    assert (imported.error, imported.differences) == (None, ())
+    answers = minihuman.open_study(tmp_path / "online").table("answers", with_excluded=True)
+    given = answers.groupby("item").answer.last().to_dict()
+    assert given == {"age": "41", "gender": "woman", "handedness": "left", "gaming": "weekly", "vision": "normal"}

@@ -18,12 +18,8 @@ from minihuman.web.site.support import require_site_support
 from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.serving import Serving
-from tests.web.site.static_site import Visitor, hosting, write_protocol
+from tests.web.site.static_site import READ_ARCHIVE, Visitor, hosting, write_protocol
 
-READ_ARCHIVE = """import("./static/archive.js").then(async ({ Archive }) => {
-  const { makePart } = await import("./static/collectors.js");
-  return makePart(await Archive.open("thin"), 0);
-})"""
 TO_THE_GOAL = (2, 2, 1, 2, 2)  # forward, forward, right, ... in Empty-5x5
 
 
