@@ -228,9 +228,9 @@ class ScreenGraph:
         self._group_sizes[group] = self._group_sizes.get(group, 0) + 1
         if group and self._group_sizes[group] > MAX_GROUP_NODES:
             raise SiteError(
-                f"question {node.screen['question']!r} has more than {MAX_GROUP_NODES} answers (with those before it that "
-                "others depend on), each of which a site holds as a screen; ask it as several questions, or serve the "
-                "study with: minihuman serve"
+                f"part {session.part.part.name!r} has a question with more than {MAX_GROUP_NODES} answers (with "
+                "those before it that others depend on), each of which a site holds as a screen; ask it as several questions, or "
+                "serve the study with: minihuman serve"
             )
         if len(self.nodes) > MAX_NODES:
             raise SiteError(f"the session has more than {MAX_NODES} screens; serve the study with: minihuman serve")

@@ -1,7 +1,7 @@
 """Stand-ins of the collectors DataPipe and JATOS, written from what they publish of themselves (29 November 2026).
 
-DataPipe: https://pipe.jspsych.org/api-docs, its FAQ and the source of its function `apiData`. JATOS: the jatos.js reference
-(https://www.jatos.org/jatos.js-Reference.html) and the page of its configuration.
+DataPipe: its API page and the source of its function `apiData` (github.com/jspsych/datapipe, October 2025), its FAQ on
+sizes (April 2026). JATOS: the jatos.js reference and the configuration page of its documentation (JATOS 3.9).
 """
 
 import functools

@@ -101,7 +101,7 @@ def test_what_depends_on_a_typed_answer_is_refused_by_name(tmp_path):
 
 def test_a_quiz_with_too_many_answers_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("minihuman.web.site.screen_graph.MAX_GROUP_NODES", 20)
-    with pytest.raises(SiteError, match="question 'Why nowhere\\?' has more than 20 answers"):
+    with pytest.raises(SiteError, match="part 'quiz' has a question with more than 20 answers"):
         write_site(read_protocol(write_short(tmp_path)), tmp_path / "site", slots=1)
 
 

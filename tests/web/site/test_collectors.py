@@ -165,6 +165,40 @@ def test_a_component_of_jatos_takes_the_record_and_ends(tmp_path):
 @needs("chromium")
 @pytest.mark.program
 @pytest.mark.nightly
+def test_a_collector_that_refuses_leaves_the_record_with_the_participant(tmp_path):
+    protocol, site = make_site(tmp_path, f"datapipe:{EXPERIMENT}")
+    script = site / "static" / "collectors.js"
+    with running_datapipe(max_sessions=0) as pipe, hosting(site) as host, browsing() as sit_down:
+        script.write_text(script.read_text().replace("https://pipe.jspsych.org/api/data/", pipe.address))
+        person = sit_down(host.address)
+        with person.page.expect_download() as download:
+            Answerer(person).answer_all()
+        person.until("s.finished")
+        assert "C0DE" in person.page.locator("body").inner_text()
+        (tmp_path / "files").mkdir()
+        download.value.save_as(tmp_path / "files" / "record.json")
+    assert set(pipe.answers) == {"SESSION_LIMIT_REACHED"}
+    _, answers = import_answers(tmp_path / "files", tmp_path, protocol)
+    assert answers["why"] == "2"
+
+
+@needs("chromium")
+@pytest.mark.program
+@pytest.mark.nightly
+def test_who_declines_leaves_nothing_with_jatos(tmp_path):
+    _, site = make_site(tmp_path, "jatos")
+    with running_jatos(site) as run, browsing() as sit_down:
+        person = sit_down(run.address)
+        Answerer(person).answer("a few questions")
+        person.page.locator("[data-target=decline]").click()
+        person.until("s.finished")
+        person.page.wait_for_timeout(500)
+    assert (run.state, run.result_data) == ("aborted", "")
+
+
+@needs("chromium")
+@pytest.mark.program
+@pytest.mark.nightly
 def test_the_online_study_asks_about_its_participants_without_a_server(tmp_path):
     protocol = ONLINE
     write_site(read_protocol(protocol), tmp_path / "site", slots=1)

@@ -183,8 +183,8 @@ def test_nothing_is_sent_before_the_consent_and_a_left_session_is_kept_in_part(t
 def test_what_no_page_runs_alone_is_refused_by_name(tmp_path):
     for block, error in [
         ('pace = "real_time"\nstep_period_ms = 200', "block 'rooms' has pace 'real_time'"),
-        ("max_episode_s = 20", "block 'rooms' limits an episode's time"),
-        ("points = { goal = 1 }", "block 'rooms' gives points"),
+        ("max_episode_s = 20", "part 'rooms' limits an episode's time"),
+        ("points = { goal = 1 }", "part 'rooms' gives points"),
     ]:
         protocol = read_protocol(write_protocol(tmp_path, block=block))
         with pytest.raises(SiteError, match=f"thin: {error}.*serve the study with: minihuman serve"):

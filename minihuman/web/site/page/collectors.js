@@ -16,7 +16,7 @@ const FORMAT = "minihuman-site", VERSION = 1;
 const PERIOD_MS = 5_000, DATAPIPE_PERIOD_MS = 60_000; // DataPipe makes a file of each part
 const LAST_TRIES = 8, RETRY_MS = 1_500;
 const PART_CHARACTERS = 1_000_000; // of a part's messages: requests have limits, DataPipe's of 32 MB
-// Its API's page and source (read 29 November 2026): a POST of experimentID, filename and data; each file has a name of its
+// Its API's page and source (of October 2025, read 29 November 2026): a POST of experimentID, filename and data; each file has a name of its
 // own, and counts as a session.
 const DATAPIPE = "https://pipe.jspsych.org/api/data/";
 
