@@ -228,9 +228,9 @@ class ScreenGraph:
         self._group_sizes[group] = self._group_sizes.get(group, 0) + 1
         if group and self._group_sizes[group] > MAX_GROUP_NODES:
             raise SiteError(
-                f"part {session.part.part.name!r} has a question with more than {MAX_GROUP_NODES} answers (with "
-                "those before it that others depend on), each of which a site holds as a screen; ask it as several questions, or "
-                "serve the study with: minihuman serve"
+                f"part {session.part.part.name!r} has a question with more than {MAX_GROUP_NODES} answers (with those "
+                "before it that others depend on), each of which a site holds as a screen; ask it as several "
+                "questions, or serve the study with: minihuman serve"
             )
         if len(self.nodes) > MAX_NODES:
             raise SiteError(f"the session has more than {MAX_NODES} screens; serve the study with: minihuman serve")
@@ -294,7 +294,8 @@ class ScreenGraph:
         """Find where texts in the field lead: those of one judgement to one node."""
         for judgement, text in list_examples(session.part.draft).items():
             copied = self._copy(session, shown=True)
-            copied.receive(TextEdited(copied.now_ns + _LOOK_NS, text, field=session.part.draft.question.name))
+            for edited in ("", text):  # by way of another text: one that stays the same changes no note
+                copied.receive(TextEdited(copied.now_ns + _LOOK_NS, edited))
             node.texts[judgement] = self._visit(copied, "")
 
     def _find_return(self, node: ScreenNode, session: SessionMachine) -> None:

@@ -13,13 +13,20 @@ from minihuman.activities.questions.field_rules import describe_rules, judge_tex
 from minihuman.activities.questions.question import QuestionItemSpec, build_draft
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.cli import make_command_line
+from minihuman.experiment.machine.inputs import KeyDown, KeyUp, ScreenShown, TextEdited, Tick
+from minihuman.experiment.pending_session import build_session
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.runtime.machine import collect_machine_facts
+from minihuman.web.computed import PageWorld
+from minihuman.web.prefetch import describe_screen
 from minihuman.web.site.site_error import SiteError
 from minihuman.web.site.site_folder import digest_build, plan_site_session, write_site
 from minihuman.web.site.support import require_site_support
+from tests.counts import count
 from tests.machine import needs
 from tests.web.site.test_collectors import PROTOCOL
 
-ANSWERS = Path(minihuman.web.site.__file__).parent / "page" / "answers.js"
+PAGE = Path(minihuman.web.site.__file__).parent / "page"
 LETTERS = "0123456789.,-  \u2212\uff0c\u0663\u06f4\u066b\u066cx\U0001d7d9\u3000\ufeff"
 NUMBERS = ("1,000", "1.000", "1.234,5", "12.345.678", "3.5", "019", " 42 ", "1,000,", "-2.", "9" * 400)
 JUDGE = """
@@ -54,21 +61,100 @@ def draw_judgements(count: int) -> list[tuple[dict[str, Any], str, str]]:
     return drawn
 
 
+def run_module(program: str, module: str, given: Any) -> Any:
+    """Run a program in Node that uses one of the site's modules; return what it prints."""
+    address = json.dumps((PAGE / module).as_uri())
+    words = ["node", "--input-type=module", "-e", program.replace("ADDRESS", address)]
+    done = subprocess.run(words, input=json.dumps(given), capture_output=True, text=True, check=True, timeout=120)
+    return json.loads(done.stdout)
+
+
 @needs("node")
 @pytest.mark.program
 def test_the_page_judges_typed_answers_as_python_does():
     drawn = draw_judgements(4_000)
-    judged = subprocess.run(
-        ["node", "--input-type=module", "-e", JUDGE.replace("ADDRESS", json.dumps(ANSWERS.as_uri()))],
-        input=json.dumps([(rules, text) for rules, text, _ in drawn]),
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=60,
-    )
+    judged = run_module(JUDGE, "answers.js", [(rules, text) for rules, text, _ in drawn])
     expected = [judgement for _, _, judgement in drawn]
-    assert json.loads(judged.stdout) == expected
+    assert judged == expected
     assert len(set(expected)) == 7
+
+
+FOLLOW = """
+import { Follower } from ADDRESS;
+let text = "";
+for await (const chunk of process.stdin) text += chunk;
+const { script, walks } = JSON.parse(text);
+const names = walks.map((walk) => {
+  let name = 0, n = 0, at = 1;
+  const message = (m) => { if (m.t === "screen") name = m.name; };
+  const follower = new Follower(script, null, { message, agreed() {}, picture() {} });
+  const receive = (what) => {
+    at += 20e6;
+    follower.receive({ n: ++n, at, what: { ...what, stamp: at, flip: at, submit: at } });
+  };
+  return walk.map((what) => {
+    receive(what);
+    receive({ t: "shown", name, step: -1, episode: -1 });
+    return name;
+  });
+});
+console.log(JSON.stringify(names));
+"""
+KEYS = ("enter", "enter", "enter", "enter", "enter", "tab", "page_up", "1", "2", "3", "down", "escape")
+TEXTS = ("", " ", "17", "34", "35", "36", "40", "x", "a text that is longer than twenty", '"\u53a8" \\')
+
+
+def draw_walk(rng: random.Random) -> list[dict[str, Any]]:
+    """Draw keys, and texts of either field, from the consent on."""
+    enter = [{"t": "key", "key": "enter", "down": down} for down in (True, False)]
+    walk: list[dict[str, Any]] = [*enter]
+    if rng.random() < 0.7:
+        walk += [{"t": "field", "text": "34", "name": "age"}, *enter, *enter]  # to the quiz
+    for _ in range(60):
+        if rng.random() < 0.4:
+            walk.append({"t": "field", "text": rng.choice(TEXTS), "name": rng.choice(("age", "work", "job"))})
+        else:
+            key = rng.choice(KEYS)
+            walk += [{"t": "key", "key": key, "down": True}, {"t": "key", "key": key, "down": False}]
+    return walk
+
+
+def name_screens(protocol: Protocol, walk: list[dict[str, Any]]) -> list[int]:
+    """Walk through the real session; return the name of the screen after each input."""
+    session = build_session(plan_site_session(protocol, 0), PageWorld, collect_machine_facts(), picture_px=(96, 96))
+    session.receive(Tick(1))
+    at_ns = 1
+    names = []
+    for what in walk:
+        at_ns += 20_000_000
+        if what["t"] == "key":
+            press = KeyDown(at_ns, what["key"], "") if what["down"] else KeyUp(at_ns, what["key"])
+            session.receive(press)
+        else:
+            session.receive(TextEdited(at_ns, what["text"], field=what["name"]))
+        names.append(describe_screen(session, lambda _: 0)[1])
+        at_ns += 20_000_000
+        session.receive(ScreenShown(at_ns, at_ns, at_ns))
+    session.close()
+    return names
+
+
+@needs("node")
+@pytest.mark.program
+@pytest.mark.parametrize("quiz", [True, False])
+def test_drawn_walks_through_questions_show_the_sessions_screens(tmp_path, quiz):
+    path = write_short(tmp_path)
+    if not quiz:
+        path.write_text(path.read_text().replace("right = 1", "").replace("only_if = { goal = [3] }", ""))
+    protocol = read_protocol(path)
+    write_site(protocol, tmp_path / "site", slots=1)
+    script = json.loads((tmp_path / "site/study/slot-0.json").read_text())
+    rng = random.Random(11)
+    walks = [draw_walk(rng) for _ in range(count(40, 1_000))]
+    followed = run_module(FOLLOW, "follower.js", {"script": script, "walks": walks})
+    for walk, names in zip(walks, followed, strict=True):
+        assert names == name_screens(protocol, walk)
+    assert len({name for names in followed for name in names}) > 30
 
 
 def test_a_number_has_an_example_of_each_judgement():

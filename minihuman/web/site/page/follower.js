@@ -190,9 +190,12 @@ export class Follower {
 
   /** @param {FieldMessage} what */
   #takeText({ text, name }) {
-    const node = this.#node, to = node?.text_field ? node.texts[judgeText(node.text_field.rules, text)] : undefined;
-    if (!node?.text_field || to === undefined || this.#overlays.length || (name && name !== node.screen.item.name)) return;
-    this.#texts.set(node.text_field.key, text);
+    const node = this.#node, field = node?.text_field;
+    if (!field || this.#overlays.length || (name && name !== node.screen.item.name)) return;
+    const judgement = judgeText(field.rules, text), to = node.texts[judgement];
+    const isSame = text === (this.#texts.get(field.key) ?? "") && judgement !== "note.too_long"; // its note stays
+    if (to === undefined || isSame) return;
+    this.#texts.set(field.key, text);
     this.#enter(to, this.#at);
   }
 
