@@ -5,9 +5,15 @@ from collections.abc import Iterator
 from typing import Any
 
 from minihuman.activities.questions.free_text.draft import TextDraft
+from minihuman.experiment.machine.activity import TypedField
 
 EMPTY = "empty"
 FINE = "fine"
+
+
+def describe_field(draft: TextDraft) -> TypedField:
+    """Describe the field of a draft."""
+    return TypedField(draft.question.name, judge_text(draft), describe_rules(draft), list_examples(draft))
 
 
 def judge_text(draft: TextDraft) -> str:

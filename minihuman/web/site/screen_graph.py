@@ -9,16 +9,13 @@ import json
 import re
 import string
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import msgspec
 from numpy.typing import NDArray
 
-from minihuman.activities.questions.activity import QuestionsActivity
-from minihuman.activities.questions.field_rules import describe_rules, judge_text, list_examples
-from minihuman.activities.questions.free_text.draft import TextDraft
 from minihuman.experiment.machine.events import Event, Noted
 from minihuman.experiment.machine.inputs import (
     FocusChanged,
@@ -65,7 +62,7 @@ class FieldState:
 
     key: str  # by which the page keeps its text
     judgement: str
-    rules: dict[str, Any]
+    rules: Mapping[str, Any]
 
 
 @dataclass(slots=True)
@@ -223,7 +220,7 @@ class ScreenGraph:
 
     def _require_few(self, node: ScreenNode, session: SessionMachine) -> None:
         group = node.group
-        if _depends_on_answers(session):
+        if session.part.history:
             group = f"part {session.part.number}"
         self._group_sizes[group] = self._group_sizes.get(group, 0) + 1
         if group and self._group_sizes[group] > MAX_GROUP_NODES:
@@ -292,7 +289,9 @@ class ScreenGraph:
 
     def _find_texts(self, node: ScreenNode, session: SessionMachine) -> None:
         """Find where texts in the field lead: those of one judgement to one node."""
-        for judgement, text in list_examples(session.part.draft).items():
+        typed = session.part.typed_field
+        assert typed is not None, "the node has a field"
+        for judgement, text in typed.examples.items():
             copied = self._copy(session, shown=True)
             for edited in ("", text):  # by way of another text: one that stays the same changes no note
                 copied.receive(TextEdited(copied.now_ns + _LOOK_NS, edited))
@@ -388,38 +387,28 @@ def _encode_looks(session: SessionMachine, looks: dict[str, Any]) -> str:
     return msgspec.json.encode(({name: looks[name] for name in looks if name != "picture"}, position)).decode()
 
 
-def _depends_on_answers(session: SessionMachine) -> bool:
-    return isinstance(session.part, QuestionsActivity) and session.part.depends_on_answers
-
-
 def _find_group(session: SessionMachine) -> str:
     screen = session.screen
-    if isinstance(screen, QuestionScreen) and not _depends_on_answers(session):
+    if isinstance(screen, QuestionScreen) and not session.part.history:
         return json.dumps([session.part.number, screen.progress, screen.question])
     return ""
 
 
 def _find_field(session: SessionMachine) -> FieldState | None:
     """Return the field that is typed in on a session's present screen; None if there is none."""
-    part = session.part
-    if not isinstance(session.screen, QuestionScreen) or not isinstance(part, QuestionsActivity):
+    typed = session.part.typed_field
+    if typed is None or not isinstance(session.screen, QuestionScreen):
         return None
-    draft = part.draft
-    if not isinstance(draft, TextDraft):
-        return None
-    key = json.dumps([part.number, draft.question.name])
-    return FieldState(key, judge_text(draft), describe_rules(draft))
+    key = json.dumps([session.part.number, typed.name])
+    return FieldState(key, typed.judgement, typed.rules)
 
 
 def _list_history(session: SessionMachine) -> tuple[object, ...]:
     """Return what a session's future depends on and its screen does not show: answers, and tries of quizzes."""
-    answers: tuple[object, ...] = ()
-    if isinstance(session.part, QuestionsActivity) and session.part.depends_on_answers:
-        answers = session.part.answers_so_far
     following = {part.name for part in session.plan.parts[session.part.number :]}
     returns = any(getattr(part.plan, "back_to", None) is not None for part in session.plan.parts)
     tries = session._context.tries  # of a quiz that is over, only those count that it may be returned to
-    return (*answers, *sorted((name, tries[name]) for name in tries if returns or name in following))
+    return (*session.part.history, *sorted((name, tries[name]) for name in tries if returns or name in following))
 
 
 def _gives_consent(events: list[Event]) -> bool:
