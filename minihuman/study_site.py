@@ -65,3 +65,21 @@ def import_site_data(
 
     files = [file for path in paths for file in list_data_files(Path(path))]
     yield from import_records(files, Path(study), read_protocol(Path(protocol), trust=trust))
+
+
+def describe_site_slots(study: Path | str, protocol: Path | str, *, trust: Permission = False) -> str:
+    """Describe in one line how evenly the imported records of a site are over its slots and groups.
+
+    Args:
+        study: the study's folder.
+        protocol: the protocol that the site was made of.
+        trust: as for ``run``.
+
+    Raises:
+        ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
+        LogError: if the study's enrolment log cannot be read.
+    """
+    from minihuman.admin.protocol_file import read_protocol
+    from minihuman.web.site.slot_balance import describe_slots
+
+    return describe_slots(Path(study), read_protocol(Path(protocol), trust=trust))

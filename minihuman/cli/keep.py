@@ -209,7 +209,7 @@ def replace(code: Code, study: StudyOption, reason: ReasonOption = "", experimen
 
 def _import_site(files: list[Path], study: Path, protocol: Path, *, json: bool) -> int:
     """Import a site's records; return the exit status."""
-    from minihuman.study_site import import_site_data
+    from minihuman.study_site import describe_site_slots, import_site_data
 
     code = 0
     for imported in import_site_data(*files, study=study, protocol=protocol):
@@ -228,6 +228,8 @@ def _import_site(files: list[Path], study: Path, protocol: Path, *, json: bool) 
             )
         else:
             print(escape_control_characters(imported.text), flush=True)
+    if not json:
+        print(describe_site_slots(study, protocol))
     return code
 
 

@@ -4,6 +4,8 @@ from typing import Any
 
 import msgspec
 
+from minihuman.activities.questions.field_rules import describe_field
+from minihuman.activities.questions.free_text.draft import TextDraft
 from minihuman.activities.questions.number.draft import NUMBER_RULES
 from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.activities.questions.question import (
@@ -15,7 +17,7 @@ from minihuman.activities.questions.question import (
 )
 from minihuman.activities.questions.screens import build_question_screen, build_wrong_answer_screen
 from minihuman.activities.questions.server_needs import find_server_needs
-from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, TypedField
 from minihuman.experiment.machine.events import AnswerChanged, Answered, Noted, TextChanged
 from minihuman.experiment.machine.inputs import (
     TEXT_RULES,
@@ -218,6 +220,21 @@ class QuestionsActivity(Activity):
             self.ended = PartEnding("again", back_to=self._plan.back_to)
         else:
             self._ask_all()
+
+    @property
+    def history(self) -> tuple[object, ...]:
+        """The answers of all drafts and which are correct, if what is asked or what follows depends on any."""
+        if not any(question.only_if or question.right is not None for question in self._plan.items):
+            return ()
+        values = (msgspec.json.encode((draft.value, draft.display_text)).decode() for draft in self._drafts)
+        return tuple(zip(values, self._right, strict=True))
+
+    @property
+    def typed_field(self) -> TypedField | None:
+        """The present question's field; None if it has none, or the note of a wrong answer covers it."""
+        if self._wrong or not isinstance(self.draft, TextDraft):
+            return None
+        return describe_field(self.draft)
 
     def screen(self) -> QuestionScreen | TextScreen:
         """Build the screen of the present question, or of the note that an answer was wrong."""

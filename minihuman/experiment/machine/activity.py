@@ -170,6 +170,23 @@ class RequestHandler(abc.ABC):
         """Stop the processes that compute answers."""
 
 
+@dataclass(frozen=True, slots=True)
+class TypedField:
+    """A field on the screen as a page without a server judges it.
+
+    Attributes:
+        name: the field's name.
+        judgement: the judgement of its present text.
+        rules: the rules of judgement, as JSON values.
+        examples: a text for each judgement; what follows a text depends on its judgement alone.
+    """
+
+    name: str
+    judgement: str
+    rules: Mapping[str, Any]
+    examples: Mapping[str, str]
+
+
 class Activity(abc.ABC):
     """One part of a session while it runs.
 
@@ -215,6 +232,16 @@ class Activity(abc.ABC):
     def describe_steering(self, play: RunningEpisode) -> Steering | None:
         """Return who controls a running episode; None if no agent plays."""
         return None
+
+    @property
+    def typed_field(self) -> TypedField | None:
+        """The field to type in on the present screen; None if there is none, or no page can judge it alone."""
+        return None
+
+    @property
+    def history(self) -> tuple[object, ...]:
+        """What the part's future depends on, and its screen and earlier texts do not show; empty for nothing."""
+        return ()
 
     def suspend(self, reason: PauseReason) -> None:  # noqa: B027 - most kinds have nothing to stop
         """Stop all clocks until ``resume``, because a pause, a question or another window covers the part."""

@@ -9,7 +9,7 @@ import json
 import re
 import string
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,13 +17,22 @@ import msgspec
 from numpy.typing import NDArray
 
 from minihuman.experiment.machine.events import Event, Noted
-from minihuman.experiment.machine.inputs import FocusChanged, Input, KeyDown, PointerPressed, ScreenShown, Tick
+from minihuman.experiment.machine.inputs import (
+    FocusChanged,
+    Input,
+    KeyDown,
+    PointerPressed,
+    ScreenShown,
+    TextEdited,
+    Tick,
+)
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import (
     OptionList,
     PageScreen,
     PlayScreen,
     QuestionScreen,
+    RatingMatrix,
     RatingScale,
     TextScreen,
 )
@@ -35,14 +44,25 @@ from minihuman.web.prefetch import describe_screen
 from minihuman.web.site.site_error import SiteError
 
 BODY_MARK = "\x00body\x00"  # in the place of a text that depends on the episode
+TEXT_MARK = "\x00text\x00"  # in the place of what is typed in a field
+CARET_MARK = "\x00caret\x00"
 MAX_NODES = 20_000
-MAX_GROUP_NODES = 2_000  # of one question
+MAX_GROUP_NODES = 2_000  # of one question, or of a part whose questions depend on answers
 OUTCOMES = ("goal", "failure", "timeout")
 _LOOK_NS = 1_000
 _FLIP_NS = 16_000_000
 _FIXED_POINT = re.compile(r"\.\df")
 _FIXED_FIELDS = ("outcome", "episode", "episodes")  # of a feedback, known for each of its nodes
 _EPISODE_FIELDS = ("steps", "reward")
+
+
+@dataclass(frozen=True, slots=True)
+class FieldState:
+    """A field to type in: the judgement that all texts of its node have in common, and the rules of judgement."""
+
+    key: str  # by which the page keeps its text
+    judgement: str
+    rules: Mapping[str, Any]
 
 
 @dataclass(slots=True)
@@ -56,9 +76,14 @@ class ScreenNode:
         due_from: "entered" or "shown".
         edges: the node to which an input leads, whether it does so before the screen is on the display, and whether
             it gives consent.
-        group: the question that the screen belongs to, to which a participant may return; "" for none.
+        part: the number of the session's part.
+        group: the question that the screen belongs to, to which a participant may return with the answer of before; ""
+            for none, and where each answer leads to nodes of its own.
+        returns: the node to which a participant returns who leaves this one with a note on it; -1 for none.
+        text_field: the field that is typed in; None for none.
+        texts: the node to which a text in the field leads, by its judgement.
         template: the text of an episode's feedback, with the fields that depend on the episode; "" for none.
-        looks: what the screen's digest is of, as JSON with `BODY_MARK` in the place of that text.
+        looks: what the screen's digest is of, as JSON with marks in the place of that text, or of the typed one.
         episode: the index of the episode that is played here; -1 for none.
         ends: the node that follows each outcome of the episode.
         keeps_picture: whether the last picture of an episode stays on the display.
@@ -72,7 +97,11 @@ class ScreenNode:
     due_ns: int | None = None
     due_from: str = "entered"
     edges: dict[str, tuple[int, bool, bool]] = field(default_factory=dict)
+    part: int = 0
     group: str = ""
+    returns: int = -1
+    text_field: FieldState | None = None
+    texts: dict[str, int] = field(default_factory=dict)
     template: str = ""
     looks: str = ""
     episode: int = -1
@@ -158,29 +187,47 @@ class ScreenGraph:
             outcome = ""
         values, name = describe_screen(session, self._number)
         template = self._find_template(session, outcome)
-        key: object = (name, session.play is not None, outcome)
+        field_state = _find_field(session)
+        history = _list_history(session)
+        looks = ""
+        key: object = (name, session.play is not None, outcome, history)
         if template:
-            key = (template, session.part.number, session.next_episode)
+            looks = _encode_looks(session, values | {"body": BODY_MARK})
+            key = (template, session.part.number, session.next_episode, history)
+        elif field_state is not None:
+            marked = values["item"] | {"text": TEXT_MARK, "caret": CARET_MARK}
+            looks = _encode_looks(session, values | {"item": marked})
+            key = (looks, field_state.judgement, history)
         if key in self._known:
             return self._known[key]
-        node = ScreenNode(name, values, template=template, group=_find_group(session))
+        node = ScreenNode(
+            name,
+            values,
+            part=session.part.number,
+            group=_find_group(session),
+            text_field=field_state,
+            template=template,
+        )
+        node.looks = looks
         self._known[key] = len(self.nodes)
         self.nodes.append(node)
-        self._require_few(node)
-        if template:
-            node.looks = self._encode_looks(session, values)
+        self._require_few(node, session)
         if session.over:
             node.reason = str(session.end_reason)
         else:
             self._to_do.append((len(self.nodes) - 1, session, outcome))
         return len(self.nodes) - 1
 
-    def _require_few(self, node: ScreenNode) -> None:
-        self._group_sizes[node.group] = self._group_sizes.get(node.group, 0) + 1
-        if node.group and self._group_sizes[node.group] > MAX_GROUP_NODES:
+    def _require_few(self, node: ScreenNode, session: SessionMachine) -> None:
+        group = node.group
+        if session.part.history:
+            group = f"part {session.part.number}"
+        self._group_sizes[group] = self._group_sizes.get(group, 0) + 1
+        if group and self._group_sizes[group] > MAX_GROUP_NODES:
             raise SiteError(
-                f"question {node.screen['question']!r} has more than {MAX_GROUP_NODES} answers, each of which a site "
-                "holds as a screen; ask it as several questions, or serve the study with: minihuman serve"
+                f"part {session.part.part.name!r} has a question with more than {MAX_GROUP_NODES} answers (with those "
+                "before it that others depend on), each of which a site holds as a screen; ask it as several "
+                "questions, or serve the study with: minihuman serve"
             )
         if len(self.nodes) > MAX_NODES:
             raise SiteError(f"the session has more than {MAX_NODES} screens; serve the study with: minihuman serve")
@@ -204,12 +251,6 @@ class ScreenGraph:
         }
         return "".join(map("".join, _fill_known(text, known)))
 
-    def _encode_looks(self, session: SessionMachine, values: dict[str, Any]) -> str:
-        looks = values | {"body": BODY_MARK}
-        looks.pop("picture", None)
-        position = (session.part.number, session.phase, session.next_episode)
-        return msgspec.json.encode((looks, position)).decode()
-
     # What leads on
 
     def _look_from(self, number: int, session: SessionMachine, outcome: str) -> None:
@@ -222,6 +263,9 @@ class ScreenGraph:
             return
         node.keeps_picture = isinstance(session.screen, PlayScreen)
         self._find_due(number, node, session, outcome)
+        if node.text_field is not None:
+            self._find_texts(node, session)
+        self._find_return(node, session)
         for name, make_input in _list_inputs(session):
             self._try(number, node, session, outcome, name, make_input)
 
@@ -242,6 +286,26 @@ class ScreenGraph:
         early = self._copy(session, shown=False)
         early.receive(make_input(early.now_ns + _LOOK_NS))
         node.edges[name] = (to, self._visit(early, outcome) == to, _gives_consent(events))
+
+    def _find_texts(self, node: ScreenNode, session: SessionMachine) -> None:
+        """Find where texts in the field lead: those of one judgement to one node."""
+        typed = session.part.typed_field
+        assert typed is not None, "the node has a field"
+        for judgement, text in typed.examples.items():
+            copied = self._copy(session, shown=True)
+            for edited in ("", text):  # by way of another text: one that stays the same changes no note
+                copied.receive(TextEdited(copied.now_ns + _LOOK_NS, edited))
+            node.texts[judgement] = self._visit(copied, "")
+
+    def _find_return(self, node: ScreenNode, session: SessionMachine) -> None:
+        """Find where a participant is who steps back from a question with a note, and then on again."""
+        if not node.group or not node.screen["note"]:
+            return
+        copied = self._copy(session, shown=True)
+        for key in ("page_up", "enter"):
+            copied.receive(KeyDown(copied.now_ns + _LOOK_NS, key, key))
+        if _find_group(copied) == node.group and not copied.screen.note:  # type: ignore[union-attr]
+            node.returns = self._visit(copied, "")
 
     def _find_due(self, number: int, node: ScreenNode, session: SessionMachine, outcome: str) -> None:
         entered_due_ns = session.next_tick_ns
@@ -318,11 +382,33 @@ def _check_field(name: str, form: str) -> str:
     return f"{{{name}}}"
 
 
+def _encode_looks(session: SessionMachine, looks: dict[str, Any]) -> str:
+    position = (session.part.number, session.phase, session.next_episode)
+    return msgspec.json.encode(({name: looks[name] for name in looks if name != "picture"}, position)).decode()
+
+
 def _find_group(session: SessionMachine) -> str:
     screen = session.screen
-    if isinstance(screen, QuestionScreen):
+    if isinstance(screen, QuestionScreen) and not session.part.history:
         return json.dumps([session.part.number, screen.progress, screen.question])
     return ""
+
+
+def _find_field(session: SessionMachine) -> FieldState | None:
+    """Return the field that is typed in on a session's present screen; None if there is none."""
+    typed = session.part.typed_field
+    if typed is None or not isinstance(session.screen, QuestionScreen):
+        return None
+    key = json.dumps([session.part.number, typed.name])
+    return FieldState(key, typed.judgement, typed.rules)
+
+
+def _list_history(session: SessionMachine) -> tuple[object, ...]:
+    """Return what a session's future depends on and its screen does not show: answers, and tries of quizzes."""
+    following = {part.name for part in session.plan.parts[session.part.number :]}
+    returns = any(getattr(part.plan, "back_to", None) is not None for part in session.plan.parts)
+    tries = session._context.tries  # of a quiz that is over, only those count that it may be returned to
+    return (*session.part.history, *sorted((name, tries[name]) for name in tries if returns or name in following))
 
 
 def _gives_consent(events: list[Event]) -> bool:
@@ -357,6 +443,8 @@ def _list_answers(widget: object) -> list[str]:
             count = len(options)
         case RatingScale(points=points):
             count = len(points)
+        case RatingMatrix(rows=rows, points=points):
+            count = len(rows) * len(points)
     digits = range(1, min(9, count) + 1)
     pointed = [f"point:option:{number}" for number in range(count)]
     return [*(f"key:{key}" for key in keys), *(f"key:{n}" for n in digits), *(f"key:kp_{n}" for n in digits), *pointed]

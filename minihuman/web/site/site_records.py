@@ -107,6 +107,7 @@ def _join(parts: Sequence[RecordPart]) -> SiteRecord:
     missing = ""
     if len(texts) < count:
         missing = f"messages from {len(texts) + 1} on, as the part that holds the next ones did not arrive"
+    facts = next((part.facts for part in parts if part.facts), {})  # which only the first part has
     digest = hashlib.sha256(json.dumps([newest.id, newest.slot, texts]).encode()).hexdigest()
     return SiteRecord(
         newest.id,
@@ -114,7 +115,7 @@ def _join(parts: Sequence[RecordPart]) -> SiteRecord:
         newest.build,
         newest.slot,
         newest.started_unix_ms,
-        dict(newest.facts or {}),
+        dict(facts),
         digest,
         tuple(_decode(text, newest.id) for text in texts),
         missing,

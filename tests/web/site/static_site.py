@@ -3,10 +3,10 @@
 import functools
 import json
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,12 @@ options = ["a square", "a ball"]
 """
 
 
+READ_ARCHIVE = """import("./static/archive.js").then(async ({ Archive }) => {
+  const { makePart } = await import("./static/collectors.js");
+  return makePart(await Archive.open("thin"), 0);
+})"""
+
+
 def write_protocol(folder: Path, *, world: str = "MiniGrid-Empty-5x5-v0", block: str = "", check: bool = False) -> Path:
     """Write a study with a consent, two episodes and two questions."""
     actions = '"turn_left", "turn_right", "move_forward"' if "MiniWorld" in world else '"left", "right", "forward"'
@@ -99,11 +105,17 @@ def hosting(folder: Path) -> Iterator[StaticHost]:
             self.send_response(204)
             self.end_headers()
 
-    server = ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=str(folder)))
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    host.address = f"http://127.0.0.1:{server.server_address[1]}/"
-    try:
+    with listening(functools.partial(Handler, directory=str(folder))) as host.address:
         yield host
+
+
+@contextmanager
+def listening(handler: Callable[..., BaseHTTPRequestHandler]) -> Iterator[str]:
+    """Serve on a free port of this machine; yields the address."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield f"http://127.0.0.1:{server.server_address[1]}/"
     finally:
         server.shutdown()
         server.server_close()

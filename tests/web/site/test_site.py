@@ -18,12 +18,8 @@ from minihuman.web.site.support import require_site_support
 from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.serving import Serving
-from tests.web.site.static_site import Visitor, hosting, write_protocol
+from tests.web.site.static_site import READ_ARCHIVE, Visitor, hosting, write_protocol
 
-READ_ARCHIVE = """import("./static/archive.js").then(async ({ Archive }) => {
-  const { makePart } = await import("./static/collectors.js");
-  return makePart(await Archive.open("thin"), 0);
-})"""
 TO_THE_GOAL = (2, 2, 1, 2, 2)  # forward, forward, right, ... in Empty-5x5
 
 
@@ -187,8 +183,8 @@ def test_nothing_is_sent_before_the_consent_and_a_left_session_is_kept_in_part(t
 def test_what_no_page_runs_alone_is_refused_by_name(tmp_path):
     for block, error in [
         ('pace = "real_time"\nstep_period_ms = 200', "block 'rooms' has pace 'real_time'"),
-        ("max_episode_s = 20", "block 'rooms' limits an episode's time"),
-        ("points = { goal = 1 }", "block 'rooms' gives points"),
+        ("max_episode_s = 20", "part 'rooms' limits an episode's time"),
+        ("points = { goal = 1 }", "part 'rooms' gives points"),
     ]:
         protocol = read_protocol(write_protocol(tmp_path, block=block))
         with pytest.raises(SiteError, match=f"thin: {error}.*serve the study with: minihuman serve"):

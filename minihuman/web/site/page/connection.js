@@ -49,7 +49,8 @@ export class Connection {
     /** @type {Site} */ const site = await read("site.json");
     this.words = site.words;
     const archive = this.#archive = await Archive.open(site.study);
-    this.#saver = new Saver(archive, chooseCollector(site.collector));
+    const collector = chooseCollector(site.collector), parameters = { ...this.link.platform, ...await collector.open?.() };
+    this.#saver = new Saver(archive, collector);
     if (archive.head?.complete) {
       if (archive.texts.length) await this.#saver.finish(); // what did not arrive, or a file that was lost
       return this.#leave(site.words.finished);
@@ -57,7 +58,7 @@ export class Connection {
     if (archive.head && archive.head.build !== site.build) return this.#leave(site.words.closed);
     const computer = this.kernels === site.sources ? await EpisodeComputer.load() : null;
     if (!computer) return this.#leave(site.words.browser.replace("{browsers}", "Chrome, Edge, Firefox, Safari"));
-    const slot = archive.head?.slot ?? this.#chooseSlot(site.slots);
+    const slot = archive.head?.slot ?? this.#chooseSlot(site.slots, parameters.slot);
     /** @type {SlotScript} */ const script = await read(`slot-${slot}.json`);
     const names = new Set(Object.values(script.episodes).flatMap(({ arrays }) => arrays));
     const arrays = await Promise.all([...names].map((name) => read(`arrays/${name}.json`)));
@@ -66,9 +67,9 @@ export class Connection {
     this.#welcome(script, computer, arrays);
   }
 
-  /** By the link, or drawn. @param {number} slots */
-  #chooseSlot(slots) {
-    const asked = Number(this.link.platform.slot ?? NaN);
+  /** By the link, or drawn. @param {number} slots @param {string | undefined} number as the link has it */
+  #chooseSlot(slots, number) {
+    const asked = Number(number ?? NaN);
     if (Number.isInteger(asked) && asked >= 1 && asked <= slots) return asked - 1;
     return crypto.getRandomValues(new Uint32Array(1))[0] % slots;
   }
@@ -139,7 +140,7 @@ export class Connection {
     else while (!await saver.finish()) this.listener.status(this.words.reconnecting); // "saved" is said when it is
     this.listener.status("");
     this.listener.message(m);
-    if (m.end !== "declined") saver.collector.finish?.();
+    saver.collector.finish?.(m.end);
   }
 
   /** @param {string} why */

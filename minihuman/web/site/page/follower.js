@@ -1,17 +1,20 @@
 // Where a session is, in a page without a server: it follows the graph of screens that the real session machine made,
 // by the same messages that a server would get, and says what a server would say. Python runs the messages again.
 
+import { judgeText } from "./answers.js";
 import { digestText } from "./blake2.js";
 import { fillTemplate } from "./templates.js";
 
+/** @import { FieldRules } from "./answers.js" */
 /** @import { EpisodeComputer, ComputedScenes } from "./computed.js" */
 /** @import { Message } from "./stream.js" */
-/** @import { EpisodeRules, KeyMessage, PageMessage, ServerMessage, SessionOver } from "./messages" */
+/** @import { EpisodeRules, FieldMessage, KeyMessage, PageMessage, ServerMessage, SessionOver } from "./messages" */
 /** @import { Picture } from "./pictures.js" */
 /** @typedef {[to: number, early: boolean, agrees: boolean]} Edge */
 /**
  * @typedef {{ name: number, screen: any, due_ns: number | null, due_from: "entered" | "shown", edges: Record<string, Edge>,
- * group: string, template: string, looks: string, episode: number, ends: Record<string, number>, keeps_picture: boolean,
+ * part: number, group: string, returns: number, text_field: { key: string, judgement: string, rules: FieldRules } | null,
+ * texts: Record<string, number>, template: string, looks: string, episode: number, ends: Record<string, number>, keeps_picture: boolean,
  * overlays: Record<string, number>, reason: string, over?: SessionOver }} ScreenNode
  * @typedef {{ build: string, slot: number, start: number, agreed: boolean, nodes: ScreenNode[],
  * episodes: Record<string, { rules: EpisodeRules, arrays: string[] }>, pictures: any[], keys: Record<string, string>,
@@ -21,12 +24,12 @@ import { fillTemplate } from "./templates.js";
  * @typedef {{ message(m: ServerMessage): void, picture(picture: Picture): void, agreed(): void }} Listener
  */
 
-const BODY = JSON.stringify("\0body\0");
+const [BODY, TEXT, CARET] = ["\0body\0", "\0text\0", "\0caret\0"].map((mark) => JSON.stringify(mark));
 const NAME_BITS = (1n << 52n) - 1n; // of a screen's digest: what a page's numbers hold
 const HOLD_TO_END_NS = 2_000_000_000;
 const ENTER = new Set(["enter", "kp_enter"]);
 const NOT_REPEATED = new Set(["enter", "kp_enter", "tab", "page_up", "space"]); // of the keys of a question
-const UNTIMED = new Set(["shown", "link", "unheard", "pointer", "typed"]); // before these nothing that is due is done
+const UNTIMED = new Set(["shown", "link", "unheard", "pointer", "typed", "field"]); // before these nothing that is due is done
 const LIMITED = 2; // how a scene ended
 const NO_PICTURE = 1_000_000_000; // pictures of the page's own have numbers from here on
 
@@ -36,6 +39,7 @@ export class Follower {
   /** @type {number | null} when the screen was there */ #flip = null;
   /** @type {Overlay[]} screens over it, the topmost last */ #overlays = [];
   /** @type {Map<string, number>} the node in which a question was left */ #answers = new Map();
+  /** @type {Map<string, string>} what is typed in each field */ #texts = new Map();
   /** @type {FollowedEpisode | null} the present or last one */ #play = null;
   #screenId = 0;
   #pictures = NO_PICTURE;
@@ -77,6 +81,7 @@ export class Follower {
     if (!UNTIMED.has(what.t) && this.#passTime(at)) return;
     if (what.t === "shown") this.#takeFlip(what, at);
     else if (what.t === "focus") this.#changeFocus(what.focused);
+    else if (what.t === "field") this.#takeText(what);
     else if (what.t === "key" && (what.cause ?? "finger") === "finger") (what.down ? this.#press(what) : this.#release(what.key));
     else if (what.t === "pointer" && what.what === "pressed" && (what.cause ?? "finger") === "finger") this.#follow(`point:${what.target}`, at);
   }
@@ -133,7 +138,7 @@ export class Follower {
       if (!repeat && ENTER.has(key)) this.#uncover();
     } else if (this.#isPlaying) {
       this.#step(key, repeat, digest);
-    } else if (!repeat || (this.#node?.group && !NOT_REPEATED.has(key))) {
+    } else if (!repeat || (this.#node?.screen.kind === "question" && !NOT_REPEATED.has(key))) {
       this.#follow(`key:${key}`, t);
     }
   }
@@ -183,15 +188,28 @@ export class Follower {
     this.#enter(to, this.#at);
   }
 
+  /** @param {FieldMessage} what */
+  #takeText({ text, name }) {
+    const node = this.#node, field = node?.text_field;
+    if (!field || this.#overlays.length || (name && name !== node.screen.item.name)) return;
+    const judgement = judgeText(field.rules, text), to = node.texts[judgement];
+    const isSame = text === (this.#texts.get(field.key) ?? "") && judgement !== "note.too_long"; // its note stays
+    if (to === undefined || isSame) return;
+    this.#texts.set(field.key, text);
+    this.#enter(to, this.#at);
+  }
+
   // ---- where it goes
 
   /** @param {number} number @param {number} at */
   #enter(number, at) {
-    const { group } = this.script.nodes[number];
+    const { group, part } = this.script.nodes[number];
+    if (part !== this.#node?.part) this.#answers.clear(); // who comes to a part again finds it new
     const isReturn = group && group !== this.#node?.group;
     const to = isReturn ? this.#answers.get(group) ?? number : number;
     const node = this.#node = this.script.nodes[to];
-    if (group && !node.screen.note) this.#answers.set(group, to);
+    if (group && (!node.screen.note || node.returns >= 0)) this.#answers.set(group, node.screen.note ? node.returns : to);
+    if (node.text_field?.judgement === "empty") this.#texts.set(node.text_field.key, "");
     this.#entered = at;
     this.#flip = null;
     if (node.episode >= 0) this.#begin(node.episode);
@@ -227,10 +245,17 @@ export class Follower {
 
   /** A screen, with what an episode led to filled in. @param {ScreenNode} node @returns {{ name: number, screen: any }} */
   #describe(node) {
+    if (node.text_field) return this.#describeField(node, this.#texts.get(node.text_field.key) ?? "");
     if (!node.template || !this.#play) return node;
     const { steps, reward } = this.#play, body = fillTemplate(node.template, { steps, reward }, node.screen.rtl);
     const looks = node.looks.replace(BODY, () => JSON.stringify(body));
     return { name: Number(digestText(looks) & NAME_BITS), screen: { ...node.screen, body } };
+  }
+
+  /** A screen with a field, and what is typed in it. @param {ScreenNode} node @param {string} text */
+  #describeField({ looks, screen }, text) {
+    const caret = [...text].length, filled = looks.replace(CARET, String(caret)).replace(TEXT, () => JSON.stringify(text));
+    return { name: Number(digestText(filled) & NAME_BITS), screen: { ...screen, item: { ...screen.item, text, caret } } };
   }
 
   #show() {

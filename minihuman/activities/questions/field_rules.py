@@ -1,0 +1,59 @@
+"""The rules by which a page without a server judges a typed answer, and an example of a text for each judgement."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from minihuman.activities.questions.free_text.draft import TextDraft
+from minihuman.experiment.machine.activity import TypedField
+
+EMPTY = "empty"
+FINE = "fine"
+
+
+def describe_field(draft: TextDraft) -> TypedField:
+    """Describe the field of a draft."""
+    return TypedField(draft.question.name, judge_text(draft), describe_rules(draft), list_examples(draft))
+
+
+def judge_text(draft: TextDraft) -> str:
+    """Return the judgement of a draft's text: `EMPTY`, `FINE`, or the key of the note that is shown for it."""
+    if draft.display_text == "":
+        return EMPTY
+    if draft.error is None:
+        return FINE
+    return draft.error[0]
+
+
+def describe_rules(draft: TextDraft) -> dict[str, Any]:
+    """Return what `judge_text` goes by, as JSON values; the page's ``answers.js`` judges by them alike."""
+    question = draft.question
+    return {
+        "is_number": question.kind == "number",
+        "language": draft.language,
+        "longest": draft.longest,
+        "required": question.required,
+        "whole": question.whole,
+        "minimum": question.minimum,
+        "maximum": question.maximum,
+    }
+
+
+def list_examples(draft: TextDraft) -> dict[str, str]:
+    """Return a text for each judgement that a draft's question has; the draft's own text is kept."""
+    kept = draft.display_text
+    examples: dict[str, str] = {}
+    for text in _list_candidates(draft):
+        draft.put_text(text)
+        examples.setdefault(judge_text(draft), text)
+    draft.put_text(kept)
+    return examples
+
+
+def _list_candidates(draft: TextDraft) -> Iterator[str]:
+    low = draft.question.minimum
+    high = draft.question.maximum
+    yield from ("", " ", "x", " " * (draft.longest + 1), "x" * (draft.longest + 1))
+    for number in (math.ceil(low), math.floor(high), math.ceil(low) - 1, math.floor(high) + 1):
+        yield str(number)
+    yield from (repr(low), repr(high))
