@@ -130,19 +130,25 @@ def _draw_selection(
     *,
     is_underline: bool,
 ) -> None:
-    begin = max(line[0], selection[0])
-    end = min(line[1], selection[1])
+    """Draw the part of a selection that lies in a line, as an underline if an input method is composing it."""
+    line_begin, line_end = line
+    selection_begin, selection_end = selection
+    begin = max(line_begin, selection_begin)
+    end = min(line_end, selection_end)
     if begin >= end:
         return
-    near = sheet.from_start(layout.left, layout.right, sheet.width_px(text[line[0] : begin], layout.type_px))
-    far = sheet.from_start(layout.left, layout.right, sheet.width_px(text[line[0] : end], layout.type_px))
+    text_before_px = sheet.width_px(text[line_begin:begin], layout.type_px)
+    text_through_px = sheet.width_px(text[line_begin:end], layout.type_px)
+    near = sheet.from_start(layout.left, layout.right, text_before_px)
+    far = sheet.from_start(layout.left, layout.right, text_through_px)
+    line_px = layout.type_px * LINE_HEIGHT
     top = layout.top + row * layout.type_px * LINE_HEIGHT
-    bottom = top + layout.type_px * LINE_HEIGHT
+    bottom = top + line_px
+    fill = theme.EDGE
     if is_underline:
         top = bottom - max(2, layout.type_px // 12)
-    sheet.draw.rectangle(
-        (min(near, far), top, max(near, far), bottom), fill=theme.ACCENT if is_underline else theme.EDGE
-    )
+        fill = theme.ACCENT
+    sheet.draw.rectangle((min(near, far), top, max(near, far), bottom), fill=fill)
 
 
 def _draw_caret(sheet: Sheet, field: TextField, layout: FieldLayout) -> None:
